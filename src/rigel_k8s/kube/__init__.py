@@ -1,0 +1,1 @@
+"""The Kubernetes API on plain dicts; the one room that speaks HTTP to a cluster."""

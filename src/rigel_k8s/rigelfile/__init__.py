@@ -1,0 +1,1 @@
+"""Rigelfiles: text with places, templates, the model, and structuring into option classes."""

@@ -1,0 +1,102 @@
+"""The Rigelfile as data: Rigel 0.3's grammar, with every part still knowing its place.
+
+It knows no plugin: a job's `with` stays a Node until a job type's options are asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import attrs
+
+from rigel_k8s.problems import Path
+from rigel_k8s.rigelfile.source import Node, Source
+from rigel_k8s.settings import Application
+
+__all__ = [
+    "ComponentSpec",
+    "Concurrent",
+    "JobUse",
+    "Parallel",
+    "Rigelfile",
+    "SequenceSpec",
+    "Sequential",
+    "Stage",
+]
+
+
+@attrs.frozen
+class ComponentSpec:
+    """A job or a provider: `jobs.NAME` or `providers.NAME`.
+
+    Attributes:
+        plugin: the import path or short name as written.
+        options: the `with` mapping; vars are substituted, `{{ data.x }}` is still a hole.
+        path: where the component stands (`("jobs", "deploy")`).
+    """
+
+    name: str
+    plugin: str
+    options: Node
+    path: Path
+
+
+@attrs.frozen
+class JobUse:
+    """One entry of a stage's jobs: a name, perhaps with a `with` that overrides the job's keys."""
+
+    name: str
+    overrides: Node | None = None
+    path: Path = ()
+
+
+@attrs.frozen
+class Sequential:
+    """Jobs one after the other."""
+
+    jobs: tuple[JobUse, ...]
+    description: str | None = None
+
+
+@attrs.frozen
+class Concurrent:
+    """Jobs side by side; dependencies are started first and stopped when the jobs have ended."""
+
+    jobs: tuple[JobUse, ...]
+    dependencies: tuple[JobUse, ...] = ()
+    description: str | None = None
+
+
+@attrs.frozen
+class Parallel:
+    """Inner stages once for each combination of the matrix, side by side, each with its own data."""
+
+    stages: tuple[Sequential | Concurrent, ...]
+    matrix: Node | None = None
+    description: str | None = None
+
+
+Stage: TypeAlias = Sequential | Concurrent | Parallel
+
+
+@attrs.frozen
+class SequenceSpec:
+    """`sequences.NAME`; its own matrix runs all stages once for each combination."""
+
+    name: str
+    stages: tuple[Stage, ...]
+    matrix: Node | None = None
+    description: str | None = None
+
+
+@attrs.frozen
+class Rigelfile:
+    """A whole Rigelfile, checked against the grammar, vars substituted."""
+
+    source: Source
+    root: Node
+    application: Application
+    jobs: Mapping[str, ComponentSpec]
+    providers: Mapping[str, ComponentSpec]
+    sequences: Mapping[str, SequenceSpec]

@@ -1,0 +1,91 @@
+"""The seam between a sequence and what its jobs do; it knows no job type."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, MutableMapping, Sequence
+from typing import Any, ClassVar, Protocol, TypeVar
+
+import attrs
+
+from rigel_k8s.problems import Problem
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["JobContext", "JobType", "ProviderType", "Reporter"]
+
+O = TypeVar("O")  # noqa: E741 - the options of a job type
+
+
+class Reporter(Protocol):
+    """Where a job tells how it goes. The command line implements it; jobs never print.
+
+    All methods may be called from several threads at once.
+    """
+
+    def line(self, text: str) -> None:
+        """Tell something that stays on the screen."""
+
+    def warn(self, text: str) -> None:
+        """Tell something that the user should look at; it stays on the screen."""
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Tell the present state of one thing: a live row in a terminal, a line per change elsewhere."""
+
+    def child(self, name: str) -> Reporter:
+        """Return a reporter for a part (a job, a parallel branch) that runs beside others."""
+
+
+@attrs.frozen
+class JobContext:
+    """What a running job may use.
+
+    Attributes:
+        name: the job's key in the Rigelfile.
+        application: the Rigelfile's application.
+        data: what earlier jobs of the sequence stored (`{{ data.x }}`), and where this one stores.
+        providers: connections of the Rigelfile's providers, by key.
+        report: where to tell how it goes.
+        cancel: set when the job must stop: end soon, leave nothing half done without a word.
+        settings: the command line's global options.
+        raw: the job's `with` as plain data, templates rendered, before it became options.
+    """
+
+    name: str
+    application: Application
+    report: Reporter
+    settings: Settings = attrs.field(factory=Settings)
+    data: MutableMapping[str, Any] = attrs.field(factory=dict)
+    providers: Mapping[str, Any] = attrs.field(factory=dict)
+    cancel: threading.Event = attrs.field(factory=threading.Event)
+    raw: Mapping[str, Any] = attrs.field(factory=dict)
+
+
+class JobType(Protocol[O]):
+    """One kind of job. `options` is an attrs class; unknown keys are refused by its fields' names.
+
+    `run` returns when the work is done and raises a RigelK8sError where it fails. A job that serves
+    others (a dependency of a concurrent stage) runs until `job.cancel` is set.
+    """
+
+    options: ClassVar[type[Any]]
+
+    def check(self, options: O, application: Application) -> Sequence[Problem]:
+        """Return what is wrong with the options beyond their types; pure."""
+
+    def run(self, options: O, job: JobContext) -> None:
+        """Do the work."""
+
+
+class ProviderType(Protocol[O]):
+    """One kind of provider: something connected before a sequence and disconnected after it."""
+
+    options: ClassVar[type[Any]]
+
+    def check(self, options: O, application: Application) -> Sequence[Problem]:
+        """Return what is wrong with the options beyond their types; pure."""
+
+    def connect(self, options: O, name: str, report: Reporter) -> Any:
+        """Connect and return what jobs get as `job.providers[name]`."""
+
+    def disconnect(self, connection: Any) -> None:
+        """Undo connect; called on success, failure and interruption."""

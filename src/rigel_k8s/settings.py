@@ -1,0 +1,38 @@
+"""What is said once for all jobs of a run; plain data that every room may read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import attrs
+
+__all__ = ["Application", "Settings"]
+
+
+@attrs.frozen
+class Application:
+    """The Rigelfile's `application`, with `dir` resolved against the Rigelfile's own directory."""
+
+    distro: str
+    dir: Path = Path()
+
+
+@attrs.frozen
+class Settings:
+    """The command line's global options.
+
+    Attributes:
+        rigelfile: the Rigelfile's path.
+        context: a context of the kubeconfig; None is its current one.
+        kubeconfig: a kubeconfig file; None is $KUBECONFIG, then ~/.kube/config, then in-cluster.
+        namespace: wins over the Rigelfile's and the context's; None leaves it to them.
+        timeout: seconds that a roll-out may take; None is the job's own or the default.
+        adopt: take over fields that another field manager owns.
+    """
+
+    rigelfile: Path = Path("Rigelfile")
+    context: str | None = None
+    kubeconfig: Path | None = None
+    namespace: str | None = None
+    timeout: float | None = None
+    adopt: bool = False

@@ -1,0 +1,86 @@
+"""A real cluster for the tests: RIGEL_TEST_CONTEXT, or a local one of our own named `test`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.settings import Settings
+
+Rigel = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def run_rigel(
+    *words: str, check: bool = True, cwd: Path | None = None, timeout: float = 600
+) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own, as a user does; a failure shows its output."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rigel_k8s", *words],
+        check=False,
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
+    if check and done.returncode != 0:
+        raise AssertionError(
+            f"rigel {' '.join(words)} exited {done.returncode}\n{done.stdout}\n{done.stderr}"
+        )
+    return done
+
+
+@pytest.fixture(scope="session")
+def context() -> Iterator[str]:
+    """The name of a context that leads to a real cluster of at least two nodes."""
+    given = os.environ.get("RIGEL_TEST_CONTEXT")
+    if given:
+        yield given
+        return
+    if os.geteuid() != 0:
+        pytest.skip("the local cluster needs root; name a cluster with RIGEL_TEST_CONTEXT instead")
+    run_rigel("cluster", "up", "--name", "test", "--nodes", "2", timeout=3600)
+    yield "rigel-test"
+    if os.environ.get("RIGEL_TEST_KEEP") != "1":
+        run_rigel("cluster", "down", "--name", "test")
+
+
+@pytest.fixture(scope="session")
+def cluster(context: str) -> Any:
+    """A connection to the cluster of `context`."""
+    from rigel_k8s.kube import connect
+
+    return connect(Settings(context=context))
+
+
+@pytest.fixture
+def namespace(cluster: Any, request: pytest.FixtureRequest) -> Iterator[str]:
+    """A namespace for one test, deleted after it."""
+    from rigel_k8s.deploy.types import ObjectRef
+
+    name = f"t-{uuid.uuid4().hex[:8]}"
+    cluster.create(
+        {
+            "apiVersion": "v1",
+            "kind": "Namespace",
+            "metadata": {"name": name, "annotations": {"test": request.node.name}},
+        }
+    )
+    yield name
+    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+
+
+@pytest.fixture
+def rigel(context: str) -> Rigel:
+    """Run `rigel` against the test cluster: rigel("status", "-o", "json", cwd=tmp_path)."""
+
+    def call(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
+        return run_rigel("--context", context, *words, **options)
+
+    return call

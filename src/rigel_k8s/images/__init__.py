@@ -1,0 +1,1 @@
+"""Dockerfile texts, docker and podman, registries; nothing here knows Kubernetes."""

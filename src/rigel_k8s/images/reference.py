@@ -1,0 +1,112 @@
+"""Image references as docker reads them; text only, no registry is asked.
+
+The rules are those of github.com/distribution/reference: a first component with a dot, a colon, an
+upper-case letter, or `localhost`, is a registry; anything else lives on docker.io, there below
+`library/` if it has one component.
+"""
+
+from __future__ import annotations
+
+import re
+
+import attrs
+
+from rigel_k8s.errors import UserError
+
+__all__ = ["DOCKER_HUB", "TAG", "Reference", "parse_reference"]
+
+DOCKER_HUB = "docker.io"
+TAG = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
+
+_COMPONENT = re.compile(r"[a-z0-9]+(?:(?:\.|_|__|-+)[a-z0-9]+)*")
+_DOMAIN_PART = r"[a-zA-Z0-9](?:[a-zA-Z0-9-]*[a-zA-Z0-9])?"
+_REGISTRY = re.compile(rf"(?:{_DOMAIN_PART}(?:\.{_DOMAIN_PART})*|\[[a-fA-F0-9:]+\])(?::[0-9]+)?")
+_DIGEST = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_+.][A-Za-z][A-Za-z0-9]*)*:[0-9a-fA-F]{32,}")
+_LONGEST_NAME = 255
+
+
+@attrs.frozen
+class Reference:
+    """An image's full name.
+
+    Attributes:
+        registry: host and port, `docker.io` where none was written.
+        repository: the path on the registry, with `library/` where docker adds it.
+        tag: as written; None where none was.
+        digest: as written (`sha256:...`); None where none was.
+    """
+
+    registry: str
+    repository: str
+    tag: str | None = None
+    digest: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Registry and repository, without tag and digest."""
+        return f"{self.registry}/{self.repository}"
+
+    @property
+    def version(self) -> str:
+        """What a registry is asked for: the digest, else the tag, else `latest`."""
+        return self.digest or self.tag or "latest"
+
+    def __str__(self) -> str:
+        tag = f":{self.tag}" if self.tag else ""
+        digest = f"@{self.digest}" if self.digest else ""
+        return f"{self.name}{tag}{digest}"
+
+
+def parse_reference(text: str) -> Reference:
+    """Return the parts of an image reference; UserError says what docker would refuse."""
+    rest, at, digest = text.partition("@")
+    if at and not _DIGEST.fullmatch(digest):
+        raise _refused(text, f'"{digest}" is no digest (sha256: and 64 hexadecimal digits)')
+    rest, tag = _split_tag(rest)
+    if tag is not None and not TAG.fullmatch(tag):
+        raise _refused(text, f'"{tag}" is no tag (letters, digits, ".", "_" and "-", at most 128)')
+    registry, repository = _split_registry(rest)
+    _check_name(text, registry, repository)
+    return Reference(registry, repository, tag, digest or None)
+
+
+def _split_tag(text: str) -> tuple[str, str | None]:
+    head, colon, tag = text.rpartition(":")
+    if not colon or "/" in tag:
+        return text, None
+    return head, tag
+
+
+def _split_registry(name: str) -> tuple[str, str]:
+    first, slash, path = name.partition("/")
+    known = first == "localhost" or "." in first or ":" in first or first != first.lower()
+    if slash and known:
+        registry, repository = first, path
+    else:
+        registry, repository = DOCKER_HUB, name
+    if registry == f"index.{DOCKER_HUB}":
+        registry = DOCKER_HUB
+    if registry == DOCKER_HUB and "/" not in repository:
+        repository = f"library/{repository}"
+    return registry, repository
+
+
+def _check_name(text: str, registry: str, repository: str) -> None:
+    if not _REGISTRY.fullmatch(registry):
+        raise _refused(text, f'"{registry}" is no registry (host, or host:port)')
+    for component in repository.split("/"):
+        if _COMPONENT.fullmatch(component):
+            continue
+        if _COMPONENT.fullmatch(component.lower()):
+            raise _refused(
+                text, f'"{component}" has upper-case letters, write "{component.lower()}"'
+            )
+        raise _refused(text, f'"{component}" is no part of an image name')
+    if len(f"{registry}/{repository}") > _LONGEST_NAME:
+        raise _refused(text, f"the name is longer than {_LONGEST_NAME} characters")
+
+
+def _refused(text: str, why: str) -> UserError:
+    return UserError(
+        f'"{text}" is no image reference: {why}', hint="write it as [REGISTRY/]NAME[:TAG][@DIGEST]"
+    )

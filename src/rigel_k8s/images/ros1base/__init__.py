@@ -1,0 +1,22 @@
+"""A ROS 1 base image for machines that cannot pull `ros:noetic`, from Debian's ROS packages.
+
+It exists because ROS 1 ended and its images and packages vanish from more and more mirrors, while
+Debian ships ROS 1 in its own archive. The image is used exactly as the official one is: the same
+entry point, /opt/ros/noetic/setup.bash, ROS_DISTRO, `python`, the same commands. It knows nothing
+of Kubernetes, Rigelfiles or what is built on it.
+
+packages.py   which Debian packages make a ROS 1
+overlay.py    what Debian's file layout lacks to look like the official image
+bootstrap.py  mmdebstrap: packages to a root file system
+archive.py    layers to an archive that podman, docker and containerd load
+build.py      the way from nothing to the archive, with its cache
+engine.py     the archive into podman or docker
+"""
+
+from __future__ import annotations
+
+from rigel_k8s.images.ros1base.build import BaseImage, build
+from rigel_k8s.images.ros1base.engine import load
+from rigel_k8s.images.ros1base.packages import REFERENCES, Variant
+
+__all__ = ["REFERENCES", "BaseImage", "Variant", "build", "load"]

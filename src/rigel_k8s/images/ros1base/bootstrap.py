@@ -1,0 +1,102 @@
+"""Debian packages to a root file system, by mmdebstrap; knows nothing of ROS or of images."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+
+from rigel_k8s.errors import CommandFailed, RigelK8sError
+from rigel_k8s.sequences.job import Reporter
+
+__all__ = ["bootstrap", "ensure_mmdebstrap"]
+
+_KEY = "root file system"
+
+#: Manuals and translations: 80 MB that no container reads.
+_LEAVE_OUT = (
+    "/usr/share/doc/*",
+    "/usr/share/info/*",
+    "/usr/share/locale/*",
+    "/usr/share/man/*",
+    "/usr/share/cmake-*/Help/*",
+)
+
+
+def bootstrap(
+    suite: str, packages: Sequence[str], target: Path, report: Reporter, *, mtime: int
+) -> None:
+    """Write a Debian root file system with these packages to `target`, an uncompressed tar.
+
+    Raises:
+        CommandFailed: mmdebstrap failed; carries its last lines.
+    """
+    ensure_mmdebstrap(report)
+    command = _command(suite, packages, target)
+    last: deque[str] = deque(maxlen=15)
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": str(mtime), "LC_ALL": "C.UTF-8"}
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            last.append(line.rstrip())
+            if line.startswith("I: "):  # mmdebstrap's own words; the rest is apt's
+                report.progress(_KEY, line[3:].strip())
+    if process.returncode:
+        target.unlink(missing_ok=True)
+        raise CommandFailed(
+            f"mmdebstrap could not build the root file system (exit code {process.returncode})",
+            hint="check that Debian's archive can be reached (http_proxy is honoured) and retry",
+            details=tuple(last),
+        )
+    report.progress(_KEY, "done", done=True)
+
+
+def ensure_mmdebstrap(report: Reporter) -> None:
+    """Install Debian's mmdebstrap where it is missing.
+
+    Raises:
+        RigelK8sError: it is missing and cannot be installed here.
+    """
+    if shutil.which("mmdebstrap"):
+        return
+    if os.geteuid() != 0 or not shutil.which("apt-get"):
+        raise RigelK8sError(
+            "mmdebstrap, which builds the ROS 1 base image, is not installed",
+            hint="install it (Debian, Ubuntu: sudo apt-get install mmdebstrap) and retry",
+        )
+    report.line("installing the Debian package mmdebstrap (builds the root file system)")
+    _apt("update", "-q")
+    _apt("install", "-q", "-y", "--no-install-recommends", "mmdebstrap", "debian-archive-keyring")
+
+
+def _command(suite: str, packages: Sequence[str], target: Path) -> list[str]:
+    return [
+        "mmdebstrap",
+        "--variant=minbase",
+        # Links /bin to /usr/bin before the first package, for usr-is-merged.
+        "--hook-dir=/usr/share/mmdebstrap/hooks/merged-usr",
+        *(f"--dpkgopt=path-exclude={pattern}" for pattern in _LEAVE_OUT),
+        "--dpkgopt=path-include=/usr/share/doc/*/copyright",
+        f"--include={','.join(packages)}",
+        suite,
+        str(target),
+    ]
+
+
+def _apt(*args: str) -> None:
+    command = ["apt-get", "-o", "DPkg::Lock::Timeout=300", *args]
+    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=environment, check=False, timeout=900
+    )
+    if done.returncode:
+        raise CommandFailed(
+            f"{' '.join(command)} failed (exit code {done.returncode})",
+            hint="run it by hand to see why, then retry",
+            details=tuple((done.stdout + done.stderr).splitlines()[-15:]),
+        )

@@ -1,0 +1,2 @@
+# The ROS 1 environment for zsh.
+. /opt/ros/noetic/setup.sh

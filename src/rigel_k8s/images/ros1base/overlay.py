@@ -1,0 +1,135 @@
+"""What Debian's file layout lacks to look like the official ROS image: one small layer, pure.
+
+Debian has ROS in /usr; the official image has it in /opt/ros/noetic. Links make both true, so that
+Dockerfiles, launch files and Rigelfiles which name the official paths work.
+"""
+
+from __future__ import annotations
+
+import io
+import tarfile
+from importlib.resources import files
+
+import attrs
+
+from rigel_k8s.images.ros1base.packages import UNDESCRIBED, Variant
+
+__all__ = ["CONFIG", "Entry", "entries", "layer"]
+
+PREFIX = "opt/ros/noetic"
+
+#: The image's own configuration; LANG as in the official image, so that Python writes UTF-8.
+CONFIG = {
+    "Entrypoint": ["/ros_entrypoint.sh"],
+    "Cmd": ["bash"],
+    "Env": [
+        "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
+        "LANG=C.UTF-8",
+        "LC_ALL=C.UTF-8",
+        "ROS_DISTRO=noetic",
+    ],
+}
+
+_COMMANDS = (
+    "catkin_find",
+    "catkin_init_workspace",
+    "catkin_make",
+    "catkin_make_isolated",
+    "catkin_test_results",
+    "catkin_topological_order",
+    "rosbag",
+    "rosclean",
+    "roscore",
+    "rosgraph",
+    "roslaunch",
+    "rosmaster",
+    "rosmsg",
+    "rosnode",
+    "rospack",
+    "rosparam",
+    "rosrun",
+    "rosservice",
+    "rossrv",
+    "rosstack",
+    "rostopic",
+    "rosversion",
+)
+
+
+@attrs.frozen
+class Entry:
+    """One file or symbolic link of the layer; `link` is the target of a link."""
+
+    path: str
+    content: bytes = b""
+    link: str = ""
+    mode: int = 0o644
+
+
+def entries(variant: Variant) -> tuple[Entry, ...]:
+    """Return all files and links of the layer, sorted by path."""
+    described = _descriptions() if variant == "core" else ()
+    return tuple(sorted((*_scripts(), *_links(), *described), key=lambda e: e.path))
+
+
+def layer(variant: Variant, *, mtime: int) -> bytes:
+    """Return the layer as an uncompressed tar; the same input gives the same bytes."""
+    out = io.BytesIO()
+    with tarfile.open(fileobj=out, mode="w", format=tarfile.PAX_FORMAT) as tar:
+        for entry in entries(variant):
+            tar.addfile(_member(entry, mtime), io.BytesIO(entry.content))
+    return out.getvalue()
+
+
+def _member(entry: Entry, mtime: int) -> tarfile.TarInfo:
+    info = tarfile.TarInfo(entry.path)
+    info.mtime = mtime
+    info.mode = entry.mode
+    info.size = len(entry.content)
+    if entry.link:
+        info.type, info.linkname, info.mode = tarfile.SYMTYPE, entry.link, 0o777
+    return info
+
+
+def _scripts() -> tuple[Entry, ...]:
+    own = files("rigel_k8s.images.ros1base") / "files"
+    return (
+        Entry("ros_entrypoint.sh", (own / "ros_entrypoint.sh").read_bytes(), mode=0o755),
+        Entry(f"{PREFIX}/.catkin"),
+        Entry(f"{PREFIX}/env.sh", (own / "env.sh").read_bytes(), mode=0o755),
+        *(
+            Entry(f"{PREFIX}/setup.{shell}", (own / f"setup.{shell}").read_bytes())
+            for shell in ("bash", "sh", "zsh")
+        ),
+    )
+
+
+def _links() -> tuple[Entry, ...]:
+    """Only ROS's commands go to bin: all of /usr/bin would come before /usr/local/bin in PATH."""
+    return (
+        Entry(f"{PREFIX}/etc/ros", link="/etc/ros"),
+        Entry(f"{PREFIX}/include", link="/usr/include"),
+        Entry(f"{PREFIX}/lib", link="/usr/lib"),
+        Entry(f"{PREFIX}/share", link="/usr/share"),
+        *(Entry(f"{PREFIX}/bin/{name}", link=f"/usr/bin/{name}") for name in _COMMANDS),
+    )
+
+
+def _descriptions() -> tuple[Entry, ...]:
+    return tuple(
+        Entry(f"usr/share/{name}/package.xml", _package_xml(name, text).encode())
+        for name, text in UNDESCRIBED.items()
+    )
+
+
+def _package_xml(name: str, description: str) -> str:
+    return (
+        '<package format="2">\n'
+        f"  <name>{name}</name>\n"
+        "  <version>1.15.15</version>\n"
+        f"  <description>{description} (Debian's build).</description>\n"
+        '  <maintainer email="debian-science-maintainers@lists.alioth.debian.org">'
+        "Debian Science Maintainers</maintainer>\n"
+        "  <license>BSD</license>\n"
+        "</package>\n"
+    )

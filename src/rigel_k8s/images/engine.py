@@ -1,0 +1,97 @@
+"""What a container engine does for a build, whichever it is."""
+
+from __future__ import annotations
+
+import platform
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import attrs
+
+from rigel_k8s.images.credentials import Credentials
+
+__all__ = ["Build", "Engine", "Session", "host_platform"]
+
+_MACHINES = {
+    "x86_64": "linux/amd64",
+    "amd64": "linux/amd64",
+    "aarch64": "linux/arm64",
+    "arm64": "linux/arm64",
+    "armv7l": "linux/arm/v7",
+    "armv6l": "linux/arm/v6",
+    "i386": "linux/386",
+    "i686": "linux/386",
+}
+
+
+@attrs.frozen
+class Build:
+    """One image to build.
+
+    Attributes:
+        names: all names that the image gets, each with its tag.
+        context: the directory that COPY reads.
+        dockerfile: the Dockerfile's path.
+        buildargs: values of ARG, by name.
+        platforms: `linux/arm64` and the like; none: this machine's.
+    """
+
+    names: tuple[str, ...]
+    context: Path
+    dockerfile: Path
+    buildargs: Mapping[str, str] = attrs.field(factory=dict)
+    platforms: tuple[str, ...] = ()
+
+
+@attrs.frozen
+class Session:
+    """What an engine works with during one job.
+
+    Attributes:
+        directory: for its own files; removed after the job.
+        environ: the environment that its programs start from.
+        cancel: ends its programs when set.
+        tell: gets the state of a long step.
+        credentials: for the registries that it pulls from and pushes to.
+        insecure: registries that are asked over plain HTTP, or without looking at certificates.
+    """
+
+    directory: Path
+    environ: Mapping[str, str]
+    cancel: threading.Event = attrs.field(factory=threading.Event)
+    tell: Callable[[str], None] = lambda _: None
+    credentials: tuple[Credentials, ...] = ()
+    insecure: frozenset[str] = frozenset()
+
+
+class Engine(Protocol):
+    """docker or podman, found and able to build."""
+
+    @property
+    def name(self) -> str:
+        """`docker` or `podman`."""
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What the user should know of how it is used here."""
+
+    @property
+    def more_platforms(self) -> str:
+        """How to make it build for other platforms."""
+
+    def platforms(self) -> Sequence[str]:
+        """Return the platforms it can build for, this machine's first."""
+
+    def build(self, build: Build, session: Session, *, load: bool, push: bool) -> dict[str, str]:
+        """Build, and push if told; returns the digest of each pushed name."""
+
+    def save(self, names: Sequence[str], file: Path, session: Session) -> None:
+        """Write images that were built with `load` to an archive that containerd imports."""
+
+
+def host_platform() -> str:
+    """Return this machine's platform as images have it; containers are Linux ones everywhere."""
+    machine = platform.machine().lower()
+    return _MACHINES.get(machine, f"linux/{machine}")

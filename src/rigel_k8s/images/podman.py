@@ -1,0 +1,216 @@
+"""Builds and pushes with podman.
+
+Two things that docker's users take for granted are set for our own runs alone, in a registries.conf
+of their own: `FROM ros:noetic` means docker.io, and registries known to speak plain HTTP may.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import uuid
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.images.credentials import docker_config, is_loopback
+from rigel_k8s.images.engine import Build, Session, host_platform
+from rigel_k8s.images.process import stream
+from rigel_k8s.images.progress import Steps
+from rigel_k8s.images.reference import DOCKER_HUB, parse_reference
+
+__all__ = ["ISOLATION", "Podman", "lacks_sys_resource", "registries_conf", "registries_of"]
+
+ISOLATION = "BUILDAH_ISOLATION"
+_CAP_SYS_RESOURCE = 24
+_EMULATORS = {
+    "linux/amd64": "qemu-x86_64",
+    "linux/arm64": "qemu-aarch64",
+    "linux/arm/v7": "qemu-arm",
+}
+
+
+@attrs.frozen
+class Podman:
+    """podman at `program`; `isolation` is what its build steps need here, None for its default."""
+
+    program: str
+    isolation: str | None = None
+    binfmt: Path = Path("/proc/sys/fs/binfmt_misc")
+    name: str = "podman"
+
+    @property
+    def notes(self) -> Sequence[str]:
+        """What the user should know of how it is used here."""
+        if self.isolation is None:
+            return ()
+        missing = "root lacks CAP_SYS_RESOURCE here, which its default isolation needs"
+        return (f"podman builds with {ISOLATION}={self.isolation}: {missing}",)
+
+    @property
+    def more_platforms(self) -> str:
+        """How to make it build for other platforms."""
+        return "install qemu-user-static for them"
+
+    def platforms(self) -> Sequence[str]:
+        """Return this machine's platform and those that the kernel has an emulator for."""
+        others = (p for p, emulator in _EMULATORS.items() if (self.binfmt / emulator).exists())
+        return tuple(dict.fromkeys([host_platform(), *others]))
+
+    def build(self, build: Build, session: Session, *, load: bool, push: bool) -> dict[str, str]:
+        """Build, and push if told; returns the digest of each pushed name.
+
+        What holds several platforms is not kept in podman's store; `load` then builds once more,
+        from the cache, for this machine alone.
+        """
+        run = _Run(self.program, session, _environment(self.isolation, session, build))
+        if len(build.platforms) < 2:
+            run.build(build, _tags(build))
+            return {n: run.push(["push"], full, full) for n, full in _full(build) if push}
+        manifest = f"localhost/rigel-k8s-build:{uuid.uuid4().hex}"
+        try:
+            run.build(build, ["--manifest", manifest])
+            words = ["manifest", "push", "--all"]
+            digests = {n: run.push(words, manifest, full) for n, full in _full(build) if push}
+        finally:
+            run.forget(manifest)
+        if load:
+            run.build(attrs.evolve(build, platforms=()), _tags(build))
+        return digests
+
+    def save(self, names: Sequence[str], file: Path, session: Session) -> None:
+        """Write the images to a docker archive."""
+        run = _Run(self.program, session, session.environ)
+        words = ["save", "--format", "docker-archive", "--multi-image-archive"]
+        run([*words, "--output", str(file), *map(_in_full, names)], f"save of {', '.join(names)}")
+
+
+def lacks_sys_resource(status: str) -> bool:
+    """Whether a process with this /proc/PID/status is root without CAP_SYS_RESOURCE."""
+    fields = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
+    root = fields.get("Uid", "").split()[1:2] == ["0"]
+    return root and not int(fields.get("CapEff", "0"), 16) >> _CAP_SYS_RESOURCE & 1
+
+
+def registries_conf(text: str, insecure: Iterable[str]) -> str:
+    """Return a registries.conf that reads short names as docker does and knows the insecure."""
+    if re.search(r"^\s*\[registries\.", text, re.MULTILINE):
+        text = ""  # the format of before 2018, which cannot be added to
+    if not re.search(r"^\s*unqualified-search-registries", text, re.MULTILINE):
+        text = f'unqualified-search-registries = ["{DOCKER_HUB}"]\n{text}'
+    for registry in sorted(insecure):
+        text += f'\n[[registry]]\nlocation = "{registry}"\ninsecure = true\n'
+    return text
+
+
+def registries_of(build: Build) -> set[str]:
+    """Return the registries that a build names: its own, and those of FROM and build arguments."""
+    texts = [*build.names, *build.buildargs.values()]
+    texts += re.findall(r"(?im)^\s*FROM\s+(?:--\S+\s+)*(\S+)", build.dockerfile.read_text("utf-8"))
+    found = set()
+    for text in texts:
+        try:
+            found.add(parse_reference(text).registry)
+        except UserError:  # a build argument that is no image, or FROM $BASE
+            continue
+    return found
+
+
+@attrs.frozen
+class _Run:
+    """podman's commands for one session."""
+
+    program: str
+    session: Session
+    env: Mapping[str, str]
+
+    def __call__(self, words: Sequence[str], what: str) -> None:
+        stream(
+            [self.program, *words],
+            what=f"podman {what}",
+            env=self.env,
+            cancel=self.session.cancel,
+            on_line=Steps(self.session.tell),
+        )
+
+    def build(self, build: Build, target: Sequence[str]) -> None:
+        words = ["build", "--file", str(build.dockerfile), *target]
+        if build.platforms:
+            words += ["--platform", ",".join(build.platforms)]
+        for name, value in build.buildargs.items():
+            words += ["--build-arg", f"{name}={value}"]
+        self([*words, str(build.context)], f"build of {build.names[0]}")
+
+    def push(self, words: Sequence[str], image: str, name: str) -> str:
+        """Push an image under a name and return its digest."""
+        self.session.tell(f"pushing {name}")
+        file = self.session.directory / f"digest-{uuid.uuid4().hex}"
+        words = [*words, "--digestfile", str(file), image, f"docker://{name}"]
+        self(words, f"push of {name}")
+        return file.read_text("utf-8").strip()
+
+    def forget(self, manifest: str) -> None:
+        """Drop a working name, which a failed or interrupted build may not have reached."""
+        words = [self.program, "manifest", "rm", manifest]
+        subprocess.run(words, env=dict(self.env), capture_output=True, check=False)
+
+
+def _in_full(name: str) -> str:
+    # podman reads a short name of its own as localhost/NAME, and a cluster as docker.io/NAME.
+    return str(parse_reference(name))
+
+
+def _full(build: Build) -> list[tuple[str, str]]:
+    return [(name, _in_full(name)) for name in build.names]
+
+
+def _tags(build: Build) -> list[str]:
+    return [word for _, full in _full(build) for word in ("--tag", full)]
+
+
+def _environment(isolation: str | None, session: Session, build: Build) -> dict[str, str]:
+    env = dict(session.environ)
+    if isolation is not None:
+        env[ISOLATION] = isolation
+    insecure = {r for r in registries_of(build) if is_loopback(r)} | session.insecure
+    conf = session.directory / "registries.conf"
+    conf.write_text(registries_conf(_first_text(_registries_files(env)), insecure), "utf-8")
+    env["CONTAINERS_REGISTRIES_CONF"] = str(conf)
+    if session.credentials:
+        auth = session.directory / "auth.json"
+        known = json.loads(_first_text(_auth_files(env)) or "{}")
+        auth.touch(0o600)
+        auth.write_text(json.dumps(docker_config(session.credentials, known)), "utf-8")
+        env["REGISTRY_AUTH_FILE"] = str(auth)
+    return env
+
+
+def _registries_files(env: Mapping[str, str]) -> list[str]:
+    home = env.get("XDG_CONFIG_HOME") or f"{env.get('HOME', '')}/.config"
+    given = env.get("CONTAINERS_REGISTRIES_CONF", "")
+    name = "containers/registries.conf"
+    return [given, f"{home}/{name}", f"/etc/{name}", f"/usr/share/{name}"]
+
+
+def _auth_files(env: Mapping[str, str]) -> list[str]:
+    """Return the files that podman itself would read, in its order."""
+    home = env.get("HOME", "")
+    runtime, user = env.get("XDG_RUNTIME_DIR"), os.geteuid()
+    config = env.get("XDG_CONFIG_HOME") or f"{home}/.config"
+    return [
+        env.get("REGISTRY_AUTH_FILE", ""),
+        f"{runtime}/containers/auth.json" if runtime else f"/run/containers/{user}/auth.json",
+        f"{config}/containers/auth.json",
+        f"{home}/.docker/config.json",
+    ]
+
+
+def _first_text(files: Iterable[str]) -> str:
+    for file in files:
+        if file and Path(file).is_file():
+            return Path(file).read_text("utf-8")
+    return ""

@@ -1,0 +1,249 @@
+"""Asks image registries two things over HTTP: are these credentials good, what digest has this tag.
+
+The protocol is the OCI distribution specification, with Docker's token authentication.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import warnings
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlencode, urlsplit
+
+import attrs
+
+from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.images.credentials import Credentials, is_loopback, is_private
+from rigel_k8s.images.reference import DOCKER_HUB, parse_reference
+
+if TYPE_CHECKING:
+    import urllib3
+
+__all__ = ["challenge", "log_in", "resolve_digest"]
+
+_HUB_HOST = "registry-1.docker.io"
+_ACCEPT = ", ".join(
+    [
+        "application/vnd.oci.image.index.v1+json",
+        "application/vnd.docker.distribution.manifest.list.v2+json",
+        "application/vnd.oci.image.manifest.v1+json",
+        "application/vnd.docker.distribution.manifest.v2+json",
+    ]
+)
+_PARAMETER = re.compile(r'(\w+)=(?:"((?:[^"\\]|\\.)*)"|([^\s,"]+))')
+
+
+class _Unclear(Exception):
+    """The registry gave no usable answer; the text says why."""
+
+
+def resolve_digest(
+    image: str,
+    credentials: Credentials | None = None,
+    *,
+    timeout: float = 3.0,
+    insecure: bool = False,
+) -> str | None:
+    """Return the digest that the registry has for an image, None where it cannot tell.
+
+    Args:
+        image: a reference; one with a digest is its own answer and nothing is asked.
+        credentials: for the image's registry.
+        timeout: seconds for each answer of the registry.
+        insecure: plain HTTP is allowed, as it is on loopback; an address of a private network is
+            asked over plain HTTP as well, without credentials.
+    """
+    try:
+        reference = parse_reference(image)
+    except UserError:
+        return None
+    if reference.digest:
+        return reference.digest
+    if credentials is None:
+        credentials = Credentials(reference.registry)
+    registry = _Registry(reference.registry, credentials, timeout, insecure=insecure)
+    try:
+        return registry.digest(reference.repository, reference.version)
+    except _Unclear:
+        return None
+
+
+def log_in(credentials: Credentials, *, timeout: float = 10.0) -> bool:
+    """Try the credentials; False where the registry asks for none at all.
+
+    Raises:
+        RigelK8sError: the registry refuses them, or cannot be reached.
+    """
+    registry = _Registry(credentials.registry, credentials, timeout, insecure=credentials.insecure)
+    try:
+        return registry.log_in()
+    except _Unclear as error:
+        raise RigelK8sError(
+            f"registry {credentials.server}: {error}",
+            hint="check the server's name and the network; one without TLS needs `insecure: true`",
+        ) from error
+
+
+def challenge(header: str) -> tuple[str, dict[str, str]]:
+    """Return scheme (in small letters) and parameters of a WWW-Authenticate header."""
+    scheme, _, rest = header.strip().partition(" ")
+    pairs = _PARAMETER.findall(rest)
+    return scheme.lower(), {k.lower(): re.sub(r"\\(.)", r"\1", q) or bare for k, q, bare in pairs}
+
+
+@attrs.define
+class _Registry:
+    """One registry, as one user."""
+
+    name: str
+    credentials: Credentials
+    timeout: float
+    insecure: bool = attrs.field(kw_only=True, default=False)
+    _authorization: str = attrs.field(init=False, default="")
+
+    def log_in(self) -> bool:
+        """Say whether the registry wanted and took the credentials; RigelK8sError if refused."""
+        base, answer = self._first("/v2/")
+        if answer.status == 200:
+            return False
+        if answer.status != 401:
+            raise _Unclear(f"it answered {answer.status} where a registry says 200 or 401")
+        self._authorize(base, answer.headers.get("WWW-Authenticate", ""), scope=None)
+        answer = self._ask("GET", f"{base}/v2/")
+        if answer.status in (401, 403):
+            raise self._refused()
+        if answer.status != 200:
+            raise _Unclear(f"it answered {answer.status} after the log-in")
+        return True
+
+    def digest(self, repository: str, version: str) -> str | None:
+        """Return the digest of a tag, None where the repository or tag is not to be seen."""
+        path = f"/v2/{repository}/manifests/{version}"
+        base, answer = self._first(path)
+        if answer.status == 401:
+            scope = f"repository:{repository}:pull"
+            try:
+                self._authorize(base, answer.headers.get("WWW-Authenticate", ""), scope=scope)
+            except RigelK8sError:
+                return None
+            answer = self._ask("HEAD", base + path)
+        if answer.status != 200:
+            return None
+        found = answer.headers.get("Docker-Content-Digest")
+        return found or self._computed(base + path)
+
+    def _computed(self, url: str) -> str | None:
+        answer = self._ask("GET", url)
+        if answer.status != 200:
+            return None
+        return f"sha256:{hashlib.sha256(answer.data).hexdigest()}"
+
+    def _first(self, path: str) -> tuple[str, urllib3.BaseHTTPResponse]:
+        """Ask over HTTPS, then where allowed over HTTP; also returns the base that answered."""
+        host = _HUB_HOST if self.name == DOCKER_HUB else self.name
+        plain = self._plain or is_loopback(self.name) or is_private(self.name)
+        bases = [f"https://{host}", *([f"http://{host}"] if plain else [])]
+        method = "GET" if path == "/v2/" else "HEAD"
+        for base in bases[:-1]:
+            try:
+                return base, self._ask(method, base + path)
+            except _Unclear:
+                continue
+        return bases[-1], self._ask(method, bases[-1] + path)
+
+    def _authorize(self, base: str, header: str, *, scope: str | None) -> None:
+        if base.startswith("http://") and not (self._plain or is_loopback(self.name)):
+            raise _Unclear("it does not encrypt, and gets no password without `insecure: true`")
+        scheme, parameters = challenge(header)
+        if scheme == "basic":
+            self._authorization = self._basic()
+        elif scheme == "bearer":
+            self._authorization = f"Bearer {self._token(base, parameters, scope)}"
+        else:
+            raise _Unclear(f'it asks for "{scheme}" authentication, which is not known here')
+
+    def _basic(self) -> str:
+        user = self.credentials
+        return "Basic " + base64.b64encode(f"{user.username}:{user.password}".encode()).decode()
+
+    def _token(self, base: str, parameters: Mapping[str, str], scope: str | None) -> str:
+        realm = parameters.get("realm", "")
+        if not realm.startswith(("https://", base.split("//")[0] + "//")):
+            raise _Unclear(f'it sends the password to "{realm}", which is not encrypted')
+        query = {"service": parameters.get("service", ""), "scope": scope or ""}
+        query = {key: value for key, value in query.items() if value}
+        headers = {"Authorization": self._basic()} if self.credentials.username else {}
+        url = f"{realm}{'&' if '?' in realm else '?'}{urlencode(query)}"
+        answer = self._send("GET", url, headers)
+        if answer.status in (400, 401, 403):
+            raise self._refused()
+        return _token_of(answer)
+
+    def _refused(self) -> RigelK8sError:
+        return RigelK8sError(
+            f'registry {self.credentials.server} refuses user "{self.credentials.username}"',
+            hint="check username and password (or token); vars fall back to the environment",
+        )
+
+    def _ask(self, method: str, url: str) -> urllib3.BaseHTTPResponse:
+        headers = {"Accept": _ACCEPT}
+        if self._authorization:
+            headers["Authorization"] = self._authorization
+        return self._send(method, url, headers)
+
+    def _send(self, method: str, url: str, headers: Mapping[str, str]) -> urllib3.BaseHTTPResponse:
+        import urllib3
+
+        try:
+            with warnings.catch_warnings():
+                # An unverified certificate is what the user asked for with `insecure`.
+                warnings.simplefilter("ignore", urllib3.exceptions.InsecureRequestWarning)
+                return _pool(url, self.timeout, verify=not self._plain).request(
+                    method, url, headers=dict(headers)
+                )
+        except urllib3.exceptions.HTTPError as error:
+            raise _Unclear(_reason(error)) from error
+
+    @property
+    def _plain(self) -> bool:
+        return self.insecure or self.credentials.insecure
+
+
+def _pool(url: str, timeout: float, *, verify: bool) -> urllib3.PoolManager:
+    """Return connections that go through the environment's proxy, if it has one for the URL."""
+    from urllib.request import getproxies, proxy_bypass
+
+    import urllib3
+
+    options: dict[str, Any] = {
+        "timeout": timeout,
+        "retries": urllib3.Retry(connect=0, read=0, other=0, redirect=3),
+        "cert_reqs": "CERT_REQUIRED" if verify else "CERT_NONE",
+    }
+    parts = urlsplit(url)
+    proxy = getproxies().get(parts.scheme)
+    if proxy and not is_loopback(parts.netloc) and not proxy_bypass(parts.hostname or ""):
+        return urllib3.ProxyManager(proxy, **options)
+    return urllib3.PoolManager(**options)
+
+
+def _token_of(answer: urllib3.BaseHTTPResponse) -> str:
+    try:
+        content = json.loads(answer.data)
+        token = content.get("token") or content.get("access_token")
+    except (ValueError, AttributeError):
+        token = None
+    if answer.status != 200 or not isinstance(token, str):
+        raise _Unclear(f"its token server answered {answer.status} without a token")
+    return token
+
+
+def _reason(error: Exception) -> str:
+    """The innermost cause: urllib3 wraps it in words about its own pools and retries."""
+    cause: object = getattr(error, "reason", None) or error
+    text = str(cause)
+    return text.split(": ", 1)[-1] if text.startswith("<") or "object at 0x" in text else text

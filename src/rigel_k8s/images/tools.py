@@ -1,0 +1,88 @@
+"""Finds the program that builds images: docker or podman, installed and able to."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.images.docker import Docker
+from rigel_k8s.images.engine import Engine
+from rigel_k8s.images.podman import ISOLATION, Podman, lacks_sys_resource
+
+__all__ = ["TOOLS", "find_engine"]
+
+TOOLS = ("auto", "docker", "podman")
+
+_PROBE_SECONDS = 60
+_INSTALL = "install podman (Debian: sudo apt-get install podman), or Docker with its buildx plugin"
+
+
+def find_engine(
+    tool: str, environ: Mapping[str, str], status: Path = Path("/proc/self/status")
+) -> Engine:
+    """Return docker or podman; `auto` takes docker where it works, else podman.
+
+    Raises:
+        RigelK8sError: what was asked for is not installed or cannot build; says why for each.
+    """
+    wanted = ("docker", "podman") if tool == "auto" else (tool,)
+    reasons = []
+    for name in wanted:
+        found = _docker(environ) if name == "docker" else _podman(environ, status)
+        if not isinstance(found, str):
+            return found
+        reasons.append(found)
+    raise RigelK8sError(f"no image can be built here: {'; '.join(reasons)}", hint=_INSTALL)
+
+
+def _docker(environ: Mapping[str, str]) -> Docker | str:
+    """Return docker, or why it cannot build."""
+    program = shutil.which("docker", path=environ.get("PATH"))
+    if program is None:
+        return "docker is not installed"
+    code, output = _ask([program, "buildx", "version"], environ)
+    if code != 0:
+        return "docker is installed without its buildx plugin"
+    code, output = _ask([program, "buildx", "inspect", "--bootstrap"], environ)
+    if code != 0 or "Status:" not in output or "Error:" in output:
+        return f"docker's builder is not to be reached ({_last(output)})"
+    return Docker(program, output)
+
+
+def _podman(environ: Mapping[str, str], status: Path) -> Podman | str:
+    """Return podman, or why it cannot build."""
+    program = shutil.which("podman", path=environ.get("PATH"))
+    if program is None:
+        return "podman is not installed"
+    code, output = _ask([program, "version"], environ)
+    if code != 0:
+        return f"podman does not run ({_last(output)})"
+    told = ISOLATION in environ or not status.exists()
+    chroot = not told and lacks_sys_resource(status.read_text("utf-8"))
+    return Podman(program, isolation="chroot" if chroot else None)
+
+
+def _ask(words: list[str], environ: Mapping[str, str]) -> tuple[int, str]:
+    try:
+        done = subprocess.run(
+            words,
+            env=dict(environ),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            check=False,
+            timeout=_PROBE_SECONDS,
+            encoding="utf-8",
+            errors="replace",
+        )
+    except subprocess.TimeoutExpired:
+        return 1, f"no answer in {_PROBE_SECONDS} s"
+    return done.returncode, done.stdout
+
+
+def _last(output: str) -> str:
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    return lines[-1] if lines else "no word why"

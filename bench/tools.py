@@ -1,0 +1,111 @@
+"""The three ways to deploy the same objects: rigel, kubectl, helm."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import attrs
+
+from rigel_k8s.localcluster import components
+
+__all__ = ["Helm", "Kubectl", "Rigel", "Tool", "helm_program"]
+
+Command = Sequence[str]
+
+
+class Tool(Protocol):
+    """A way to deploy; its namespace is its own, so that tools do not meet."""
+
+    name: str
+    namespace: str
+
+    def deploy(self, rigelfile: Path) -> list[Command]:
+        """Return the commands that deploy a Rigelfile's objects and wait until they are ready."""
+
+
+def rigel(context: str, namespace: str, rigelfile: Path, *words: str) -> list[str]:
+    """Return a command line of rigel."""
+    head = [sys.executable, "-m", "rigel_k8s", "-f", str(rigelfile), "--context", context]
+    return [*head, "-n", namespace, *words]
+
+
+@attrs.frozen
+class Rigel:
+    """`rigel run job deploy`."""
+
+    context: str
+    namespace: str = "bench-rigel"
+    name: str = "rigel"
+
+    def deploy(self, rigelfile: Path) -> list[Command]:
+        """Deploy."""
+        return [rigel(self.context, self.namespace, rigelfile, "run", "job", "deploy")]
+
+
+def rendered(context: str, namespace: str, rigelfile: Path) -> str:
+    """Return the manifests that rigel would apply in a namespace."""
+    command = rigel(context, namespace, rigelfile, "render", "deploy")
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+@attrs.frozen
+class Kubectl:
+    """`kubectl apply --server-side` and `kubectl rollout status`."""
+
+    context: str
+    program: str
+    namespace: str = "bench-kubectl"
+    name: str = "kubectl"
+
+    def deploy(self, rigelfile: Path) -> list[Command]:
+        """Deploy the rendered manifests."""
+        path = rigelfile.with_suffix(f".{self.name}.yaml")
+        path.write_text(rendered(self.context, self.namespace, rigelfile))
+        head = [self.program, "--context", self.context, "-n", self.namespace]
+        selector = "app.kubernetes.io/managed-by=rigel"
+        return [
+            [*head, "apply", "--server-side", "-f", str(path)],
+            [*head, "rollout", "status", "deployment", "-l", selector, "--timeout=600s"],
+        ]
+
+
+@attrs.frozen
+class Helm:
+    """`helm upgrade --install --wait` of a chart that holds the rendered manifests."""
+
+    context: str
+    program: str
+    namespace: str = "bench-helm"
+    name: str = "helm"
+
+    def deploy(self, rigelfile: Path) -> list[Command]:
+        """Deploy the rendered manifests as a chart."""
+        chart = rigelfile.with_suffix(".chart")
+        (chart / "templates").mkdir(parents=True, exist_ok=True)
+        (chart / "Chart.yaml").write_text("apiVersion: v2\nname: bench\nversion: 0.1.0\n")
+        text = rendered(self.context, self.namespace, rigelfile)
+        (chart / "files").mkdir(exist_ok=True)
+        (chart / "files" / "all.yaml").write_text(text)
+        (chart / "templates" / "all.yaml").write_text('{{ .Files.Get "files/all.yaml" }}\n')
+        head = [self.program, "--kube-context", self.context, "-n", self.namespace]
+        return [[*head, "upgrade", "--install", "--wait", "--timeout", "600s", "bench", str(chart)]]
+
+
+def helm_program() -> str:
+    """Return helm, built from its Go module where the cache lacks it."""
+    lock = Path(__file__).parent / "helm"
+    target = components.cache_dir() / "go" / "helm-4.3.1" / "helm"
+    if not target.exists():
+        print("Building helm 4.3.1", flush=True)
+        components.run(
+            [components.go_command(print), "build", "-trimpath", "-ldflags", "-s -w"]
+            + ["-o", f"{target.parent}/", "helm.sh/helm/v4/cmd/helm"],
+            cwd=lock,
+            env={**os.environ, "CGO_ENABLED": "0", "GOFLAGS": "-mod=readonly"},
+        )
+    return str(target)

@@ -1,0 +1,104 @@
+"""What can be said against a tree of steps before any of it runs.
+
+Values that earlier jobs will store are unknown here, those of a written matrix are known: what
+depends on the former is looked at again when its job runs (execution.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.problems import Problem
+from rigel_k8s.sequences.matrix import combinations, label
+from rigel_k8s.sequences.steps import Branches, Job, Jobs, Serving, Step
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["Preview", "check"]
+
+Known = Mapping[str, Any]
+#: A job and the data known so far to its options (None: wrong, or not known yet) and its problems.
+Options = Callable[[Job, Known], tuple[Any | None, Sequence[Problem]]]
+#: A matrix and the data known so far to {key: values} (None: not known yet) and its problems.
+Matrix = Callable[[Branches, Known], tuple[Mapping[str, list[Any]] | None, Sequence[Problem]]]
+Held = dict[str, str]
+
+
+class Preview:
+    """Looks at every job of a tree, once for each combination that is known."""
+
+    def __init__(
+        self, options: Options, matrix: Matrix, application: Application, settings: Settings
+    ) -> None:
+        self._options = options
+        self._matrix = matrix
+        self._application = application
+        self._settings = settings
+        self.problems: dict[Problem, None] = {}
+
+    def look(self, step: Step, known: Known, branch: str = "") -> Held:
+        """Collect problems; return the keys that jobs below hold, each with the job's name.
+
+        Raises:
+            UserError: two jobs that run side by side hold one key.
+        """
+        if isinstance(step, Job):
+            return self._job(step, known, branch)
+        if isinstance(step, Jobs):
+            return {
+                k: w for inner in step.steps for k, w in self.look(inner, known, branch).items()
+            }
+        if isinstance(step, Serving):
+            return self._serving(step, known, branch)
+        return self._branches(step, known, branch)
+
+    def _job(self, job: Job, known: Known, branch: str) -> Held:
+        options, problems = self._options(job, known)
+        self.problems.update(dict.fromkeys(problems))
+        if options is None:
+            return {}
+        exclusive = getattr(job.type, "exclusive", None)
+        key = exclusive(options, self._application, self._settings) if exclusive else None
+        return {key: f"job {job.name}{f' ({branch})' if branch else ''}"} if key else {}
+
+    def _serving(self, step: Serving, known: Known, branch: str) -> Held:
+        held = [self._job(job, known, branch) for job in step.dependencies]
+        return _side_by_side([*held, self.look(step.jobs, known, branch)])
+
+    def _branches(self, step: Branches, known: Known, branch: str) -> Held:
+        matrix, problems = self._matrix(step, known)
+        self.problems.update(dict.fromkeys(problems))
+        if matrix is None:
+            return self.look(step.body, known, branch)
+        return _side_by_side(self._each(step, combinations(matrix), known, branch))
+
+    def _each(
+        self, step: Branches, chosen: list[dict[str, Any]], known: Known, branch: str
+    ) -> Iterator[Held]:
+        for combination in chosen:
+            name = ", ".join(part for part in (branch, label(combination)) if part)
+            yield self.look(step.body, {**known, **combination}, name)
+
+
+def check(preview: Preview, steps: Step) -> Sequence[Problem]:
+    """Return the problems of all jobs under a step, each once.
+
+    Raises:
+        UserError: two jobs that run side by side hold one key.
+    """
+    preview.look(steps, {})
+    return tuple(preview.problems)
+
+
+def _side_by_side(parts: Iterator[Held] | list[Held]) -> Held:
+    held: Held = {}
+    for part in parts:
+        for key, where in part.items():
+            if key in held:
+                raise UserError(
+                    f"{held[key]} and {where} would work on {key} at the same time",
+                    hint="let them run one after the other, or give them different names",
+                )
+        held.update(part)
+    return held

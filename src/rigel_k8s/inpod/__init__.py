@@ -1,0 +1,32 @@
+"""Scripts that run inside the application's own containers; they know nothing of this package.
+
+Everything here but this module is mounted from a ConfigMap into every ROS 1 container, so that any
+image can be probed, stopped and entered without being changed. They need a POSIX sh, and the probes
+a Python 2.7 or 3 with nothing but its standard library. docs/in-pod-scripts.md is their manual.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+__all__ = ["MOUNT_PATH", "scripts"]
+
+#: Where the ConfigMap is mounted, read-only.
+MOUNT_PATH = "/rigel-k8s"
+
+_NAMES = (
+    "container.py",
+    "exec.sh",
+    "memory.py",
+    "rc.sh",
+    "ready.py",
+    "ready.sh",
+    "rosrpc.py",
+    "stop.sh",
+)
+
+
+def scripts() -> dict[str, str]:
+    """Return the scripts, file name to text."""
+    room = files("rigel_k8s.inpod")
+    return {name: (room / name).read_text(encoding="utf-8") for name in _NAMES}

@@ -1,0 +1,283 @@
+"""Is this pod's part of the ROS 1 graph in order? One line and an exit code.
+
+Why: a pod that is "Running" may be deaf. A node counts when the master knows it at this pod's
+address and it answers; that fails when it hangs, when its name went to another pod, and when the
+master came back empty (nothing in ROS 1 registers a node again).
+
+    ready.py node [--wait SECONDS] [--name /ros/name]
+    ready.py master [--wait SECONDS]
+
+Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output says why:
+the kubelet makes it the probe event's message. --wait asks again until ready or SECONDS are over,
+so that a start-up is noticed at once without a process for each look. Environment: ROS_MASTER_URI,
+ROS_IP, ROS_HOSTNAME. Python 2.7 and 3, nothing but the standard library.
+"""
+
+import os
+import sys
+import time
+
+try:
+    from _thread import start_new_thread
+except ImportError:  # Python 2
+    from thread import start_new_thread
+
+from container import Listeners, command
+from memory import Memory, Node
+from rosrpc import Api, CallFailed, split
+
+LOOK = 4.3  # seconds for one look: less than the kubelet gives a probe
+MASTER = 2.0  # seconds that the master has for all its answers in a look
+ANSWER = 3.0  # seconds that a node has to answer; a busy rospy node needs some
+TICK = 0.2  # seconds between two looks while waiting
+CALM = 10  # looks after which a tick gets five times as long: all pods ask one master
+FRESH = 2.0  # seconds that "this name belongs to another pod" is believed
+SEARCHES = 3  # times that the master is searched for the nodes of one process
+
+
+class NotReady(Exception):
+    """The message says why, in one line."""
+
+
+class Look(object):
+    """One look at this pod's nodes: the local sockets, the master, then the nodes themselves."""
+
+    def __init__(self, master_uri, name, elsewhere):
+        """`name` is the one node to look for, None any; `elsewhere` outlives a look (FRESH)."""
+        self.name, self.elsewhere = name, elsewhere
+        self.until = time.time() + LOOK
+        self.ports = Listeners().pids
+        self.memory = Memory()
+        self.master = Api(master_uri, time.time() + MASTER)
+
+    def run(self):
+        """Return the names of the pod's nodes, all in order; raise NotReady otherwise."""
+        if not self.ports:
+            raise NotReady("no process of this container listens yet, so no ROS node has started")
+        nodes = self._confirm(self.memory.nodes)
+        if not nodes or self._newcomers(nodes):
+            nodes.update(self._search(nodes))
+        if not nodes:
+            raise NotReady(self._nobody())
+        self.memory.nodes = nodes
+        self.memory.save()
+        for node in nodes.values():
+            self._answers(node)
+        return sorted(nodes)
+
+    def _ask(self, method, *arguments):
+        """Return the master's value for a call; None where it says that there is none."""
+        try:
+            code, _, value = self.master.call(method, *arguments)
+        except CallFailed as error:
+            known = ", ".join(sorted(self.memory.nodes)) or "none registered so far"
+            text = "the ROS master at %s cannot be reached: %s (nodes of this pod: %s)"
+            raise NotReady(text % (self.master.uri, error, known))
+        return value if code == "1" else None
+
+    def _answers(self, node):
+        deadline = min(self.until, time.time() + ANSWER)
+        started = time.time()
+        try:
+            Api(node.uri, deadline).call("getPid")
+        except CallFailed as error:
+            text = "%s is registered but does not answer: %s after %.1f s"
+            raise NotReady(text % (node, error, time.time() - started))
+
+    # -- nodes that an earlier look found --
+
+    def _confirm(self, known):
+        """Return those of the known nodes that go on: registered from here, process alive."""
+        found = [self._confirmed(node) for node in known.values()]
+        nodes = dict((node.name, node) for node in found if node)
+        run = self._ask("getParam", "/run_id") if nodes else None
+        if nodes and (run or "") != self.memory.run:
+            self._complete(nodes)
+            self.memory.run = run or ""
+        return nodes
+
+    def _confirmed(self, node):
+        """Return the node as it is now, None where it has ended in order."""
+        uri, alive = self._ask("lookupNode", node.name), self._here(node.uri)
+        if uri == node.uri and not alive:
+            raise NotReady("%s has crashed: it is registered, but its process is gone" % node)
+        if uri and self._here(uri):  # the same, or started again by a shell or by roslaunch
+            return self._node(node.name, uri)
+        if alive and uri:
+            text = "%s has lost its name to another node: the ROS master has it at %s"
+            raise NotReady(text % (node, uri))
+        if alive:
+            raise NotReady(self._orphan(node, "does not know it"))
+        return None
+
+    def _complete(self, nodes):
+        """The master has restarted, yet knows the nodes: make sure that it knows all of them."""
+        state = self._ask("getSystemState") or [[], [], []]
+        for part, method in ((0, "getPublications"), (1, "getSubscriptions")):
+            for node in nodes.values():
+                has = set(topic for topic, names in state[part] if node.name in names)
+                lacking = sorted(self._topics(node, method) - has)
+                if lacking:
+                    raise NotReady(self._orphan(node, "knows nothing of its " + lacking[0]))
+
+    def _topics(self, node, method):
+        """Return what the node itself believes to publish or subscribe."""
+        try:
+            code, _, value = Api(node.uri, self.until).call(method)
+        except CallFailed:
+            return set()  # told by _answers
+        return set(entry[0] for entry in value) if code == "1" else set()
+
+    def _orphan(self, node, what):
+        text = "%s is an orphan: the ROS master at %s has restarted and %s; restart this pod"
+        return text % (node, self.master.uri, what)
+
+    # -- nodes that no look has found so far --
+
+    def _newcomers(self, nodes):
+        """Return whether there is a process that the master has not been searched for enough."""
+        pids = set(self.ports.values()) - set(node.pid for node in nodes.values())
+        return any(self.memory.searched.get(pid, 0) < SEARCHES for pid in pids if pid)
+
+    def _search(self, nodes):
+        """Return the further nodes that the master has at this pod's address, by name."""
+        found, left = {}, set(self.ports.values()) - set(node.pid for node in nodes.values())
+        for name in self._candidates():
+            if not left:
+                break
+            uri = self._ask("lookupNode", name)
+            if uri and self._here(uri):
+                found[name] = self._node(name, uri)
+                left.discard(found[name].pid)
+            else:
+                self.elsewhere[name] = time.time()
+        for pid in left:
+            self.memory.searched[pid] = self.memory.searched.get(pid, 0) + 1
+        if found and not nodes:
+            self.memory.run = self._ask("getParam", "/run_id") or ""
+        return found
+
+    def _candidates(self):
+        """Return the names that may be this pod's, likely ones first."""
+        if self.name:
+            return [] if self.name in self.memory.nodes else [self.name]
+        state = self._ask("getSystemState") or [[], [], []]
+        names = []  # the latest to register first; each registers /rosout early
+        for _, entry in sorted((e for part in state for e in part), key=lambda e: e[0] != "/rosout"):
+            names += reversed(entry)
+        age = dict((name, index) for index, name in reversed(list(enumerate(names))))
+        likely = self._hints()
+        return [
+            name
+            for name in sorted(age, key=lambda n: (not likely(n), age[n]))
+            if time.time() - self.elsewhere.get(name, 0) > FRESH
+        ]
+
+    def _hints(self):
+        """Return a test: does a process carry this name in its arguments, or the name its id?"""
+        pids = [pid for pid in set(self.ports.values()) if pid]
+        words = " ".join(command(pid) for pid in pids)
+        marks = ["_%d_" % pid for pid in pids]
+        return lambda name: name.strip("/") in words or any(mark in name for mark in marks)
+
+    def _nobody(self):
+        pids = sorted(set(pid for pid in self.ports.values() if pid))
+        here = "; ".join("%d %s" % (pid, command(pid)) for pid in pids[:3]) or "another user's"
+        what = self.name or "no ROS node of this pod"
+        what += " is not registered" if self.name else " is registered"
+        text = "%s at %s with the ROS master at %s (processes that listen here: %s)"
+        return text % (what, self._addresses()[0], self.master.uri, here)
+
+    # -- what is this pod's --
+
+    def _node(self, name, uri):
+        return Node(name, uri, self.ports.get(split(uri)[1]))
+
+    def _here(self, uri):
+        try:
+            host, port = split(uri)
+        except CallFailed:
+            return False
+        return port in self.ports and host in self._addresses()
+
+    def _addresses(self):
+        named = [os.environ.get("ROS_HOSTNAME"), os.environ.get("ROS_IP")]
+        named += [self.master.local_address(), os.uname()[1], "localhost", "127.0.0.1", "::1"]
+        return [name for name in named if name]
+
+
+def look_node(name, elsewhere):
+    """Return the line for a pod whose nodes are in order; raise NotReady otherwise."""
+    uri = os.environ.get("ROS_MASTER_URI")
+    if not uri:
+        raise NotReady("ROS_MASTER_URI is not set in this container")
+    try:
+        return "ready: " + ", ".join(Look(uri, name, elsewhere).run())
+    except CallFailed as error:
+        raise NotReady("ROS_MASTER_URI: %s" % error)
+
+
+def look_master():
+    """Return the line for a master that answers; raise NotReady otherwise."""
+    try:
+        port = split(os.environ.get("ROS_MASTER_URI", "http://localhost:11311"))[1]
+        uri = "http://127.0.0.1:%d" % port
+        Api(uri, time.time() + ANSWER).call("getPid")
+    except CallFailed as error:
+        raise NotReady("the ROS master of this pod does not answer: %s" % error)
+    return "ready: ROS master at port %d" % port
+
+
+def watch(limit, last):
+    """End the process with a word when a look hangs in what knows no deadline (DNS)."""
+    time.sleep(limit)
+    hanging = "timed out after %.1f s; is the cluster's DNS in order?" % limit
+    finish(1, last[0] if last else hanging)
+
+
+def finish(code, line):
+    """Say the line and end, whatever other threads do."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+    os._exit(code)
+
+
+def arguments(words):
+    """Return (kind, seconds to wait, name); raise ValueError for anything else."""
+    kind, wait, name = words[0] if words else "", 0.0, None
+    rest = list(words[1:])
+    while rest:
+        option = rest.pop(0)
+        if option == "--wait" and rest:
+            wait = float(rest.pop(0))
+        elif option == "--name" and rest and kind == "node":
+            name = "/" + rest.pop(0).strip("/")
+        else:
+            raise ValueError("unknown argument %s" % option)
+    if kind not in ("node", "master"):
+        raise ValueError("say node or master first")
+    return kind, wait, name
+
+
+def main(words):
+    """Look until ready or the time is over; never returns."""
+    try:
+        kind, wait, name = arguments(words)
+    except ValueError as error:
+        finish(2, "ready.py: %s" % error)
+    end, last, elsewhere, looks = time.time() + wait, [], {}, 0
+    start_new_thread(watch, (wait + LOOK + 0.3, last))
+    while True:
+        try:
+            finish(0, look_node(name, elsewhere) if kind == "node" else look_master())
+        except NotReady as why:
+            last[:] = [str(why)]
+        looks += 1
+        pause = TICK if looks <= CALM else 5 * TICK
+        if time.time() + pause >= end:
+            finish(1, last[0])
+        time.sleep(pause)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

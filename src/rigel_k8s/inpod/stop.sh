@@ -1,0 +1,114 @@
+#!/bin/sh
+# The preStop hook: ends the container's ROS nodes the way they clean up after, by SIGINT.
+#
+# Why: Kubernetes sends SIGTERM to process 1 only. roscpp has no handler for it, a shell that is
+# process 1 does not pass it on, and a node that is killed stays registered with the master. SIGINT
+# is what rospy, roscpp and roslaunch all unregister on. Kubernetes sends SIGTERM as soon as this
+# script returns, so it waits until the processes are gone.
+# Contract: stop.sh [SECONDS]; always 0. Waits for every process of the container but process 1,
+# SECONDS at most (default 8), and sends SIGTERM after half of them. Process 1 gets its SIGINT last
+# and is not waited for: its end would end this script, which Kubernetes tells as a failed hook, and
+# SIGTERM does nothing to a process 1 without a handler. Nodes end before a roscore, so that they
+# can unregister. What a roslaunch started it stops by itself; it would start it again otherwise.
+# Needs sh, sleep, tr and /proc.
+
+bound=$((${1:-8} * 10))
+patience=15 # tenths of a second, then SIGINT goes to roscore and to what roslaunch has not ended
+classified=' ' cores=' ' launches=' ' told=' ' warned=' '
+
+# Whether $2 is one of the words of $1, a list with blanks around each word.
+has() {
+  case $1 in *" $2 "*) return 0 ;; esac
+  return 1
+}
+
+# Sets $state and $parent of process $1; fails where it is gone. Its name may hold any character.
+look() {
+  { IFS= read -r stat <"/proc/$1/stat"; } 2>/dev/null || return 1
+  set -- ${stat##*) }
+  state=$1 parent=$2
+}
+
+# Sets $cgroup of process $1: with hostPID the processes of other containers are in sight.
+group() {
+  cgroup=
+  { while IFS= read -r line; do cgroup="$cgroup$line|"; done <"/proc/$1/cgroup"; } 2>/dev/null
+}
+
+# Notes once whether process $1 is a roscore or a roslaunch: `[python] PATH/roslaunch ...`.
+classify() {
+  has "$classified" "$1" && return
+  classified="$classified$1 "
+  for word in $({ tr '\0' ' ' <"/proc/$1/cmdline"; } 2>/dev/null); do
+    case ${word##*/} in
+      python*) continue ;;
+      roscore) cores="$cores$1 " ;;
+      roslaunch) launches="$launches$1 " ;;
+    esac
+    break
+  done
+}
+
+# Whether an ancestor of process $1 is a roscore or a roslaunch.
+launched() {
+  parent=$1
+  while look "$parent" && [ "$parent" -gt 0 ]; do
+    has "$cores$launches" "$parent" && return 0
+  done
+  return 1
+}
+
+# Sets $all: the living processes to end, without this script, its ancestors and its children.
+list() {
+  all=
+  for folder in /proc/[0-9]*; do
+    pid=${folder#/proc/}
+    has "$mine" "$pid" || ! look "$pid" || [ "$parent" = $$ ] && continue
+    case $state in Z | X) continue ;; esac
+    group "$pid"
+    [ "$cgroup" = "$home" ] || continue
+    classify "$pid"
+    all="$all $pid"
+  done
+}
+
+# Sends SIGINT to process $1, once.
+interrupt() {
+  has "$told" "$1" && return
+  told="$told$1 "
+  kill -INT "$1" 2>/dev/null
+}
+
+# One round at tenth $1: sends what is due, sets $first and $rest to who still lives.
+round() {
+  list
+  first= rest=
+  for pid in $all; do
+    if [ "$pid" = 1 ]; then continue; fi
+    if has "$cores" "$pid" || launched "$pid"; then rest="$rest $pid"; else first="$first $pid"; fi
+  done
+  for pid in $first; do interrupt "$pid"; done
+  has "$launches" 1 && interrupt 1
+  if [ -z "$first" ] && ! has "$launches" 1 || [ "$1" -ge "$patience" ]; then
+    for pid in $rest; do interrupt "$pid"; done
+  fi
+  [ "$1" -lt $((bound / 2)) ] && return
+  for pid in $first $rest; do
+    has "$warned" "$pid" && continue
+    warned="$warned$pid "
+    kill -TERM "$pid" 2>/dev/null
+  done
+}
+
+mine=" $$ " parent=$$
+while look "$parent" && [ "$parent" -gt 0 ]; do mine="$mine$parent "; done
+group $$
+home=$cgroup
+tenth=0
+while [ "$tenth" -lt "$bound" ]; do
+  round "$tenth"
+  [ -z "$first$rest" ] && break
+  if sleep 0.1 2>/dev/null; then tenth=$((tenth + 1)); else sleep 1 && tenth=$((tenth + 10)); fi
+done
+has "$mine" 1 || interrupt 1
+exit 0

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal
 
 import attrs
 
+from rigel_k8s.kube.objects import Manifest, ObjectRef, ref_of
 from rigel_k8s.problems import Path
 
 __all__ = [
@@ -24,34 +25,11 @@ __all__ = [
     "ref_of",
 ]
 
-Manifest: TypeAlias = Mapping[str, Any]
-
 FIELD_MANAGER = "rigel"
-#: On every object of a release: the release's name (the deployment_name); its value is a label value.
+#: On every object of a release: the release's name (the deployment_name), as a label value.
 RELEASE_LABEL = "rigel-k8s/release"
-#: On a workload: an identity that at most one workload of a namespace may have at a time (a ROS name).
+#: On a workload: an identity that only one workload of a namespace may have at a time (a ROS name).
 SINGLETON_ANNOTATION = "rigel-k8s/singleton"
-
-
-@attrs.frozen(order=True)
-class ObjectRef:
-    """Names one object; namespace is "" for cluster-wide kinds."""
-
-    api_version: str
-    kind: str
-    namespace: str
-    name: str
-
-    def __str__(self) -> str:
-        return f"{self.kind} {self.namespace}/{self.name}".replace(" /", " ")
-
-
-def ref_of(manifest: Manifest) -> ObjectRef:
-    """Return the reference of a manifest or live object."""
-    meta = manifest["metadata"]
-    return ObjectRef(
-        manifest["apiVersion"], manifest["kind"], meta.get("namespace", ""), meta["name"]
-    )
 
 
 @attrs.frozen
@@ -67,7 +45,7 @@ class Desired:
     """What a release shall be.
 
     Attributes:
-        objects: complete manifests, namespaced ones with their namespace; no cluster-wide Namespace.
+        objects: complete manifests, namespaced ones with their namespace; no Namespace.
         origins: the path in the job's options that each object came from.
         options: the options as plain data, kept in the revision: a partial job is laid over them.
         create_namespace: whether a missing namespace is created (the Rigelfile names it).

@@ -1,0 +1,353 @@
+"""One cluster as the other rooms see it: objects in, objects out, no HTTP words."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeVar
+
+from rigel_k8s.kube import threads
+from rigel_k8s.kube.client import Client
+from rigel_k8s.kube.failures import Missing
+from rigel_k8s.kube.objects import Manifest, ObjectRef, ref_of
+from rigel_k8s.kube.resources import path
+from rigel_k8s.kube.target import Target
+from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.execution import ExecResult
+    from rigel_k8s.kube.forwarding import Forward
+
+__all__ = ["MANAGER", "Cluster"]
+
+MANAGER = "rigel"  # who owns the fields that we apply
+PAGE = 500
+METADATA_ONLY = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
+PATCHES = {
+    "merge": "application/merge-patch+json",
+    "json": "application/json-patch+json",
+    "strategic": "application/strategic-merge-patch+json",
+    "apply": "application/apply-patch+yaml",  # JSON is YAML
+}
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Cluster:
+    """A cluster and who we are there; safe to use from several threads."""
+
+    def __init__(self, target: Target):
+        self.client = Client(target)
+        self.namespace = target.namespace
+        self.server = target.server
+        self.context_name = target.context
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close all connections that are kept open."""
+        self.client.transport.close()
+
+    # Objects.
+
+    def get(self, ref: ObjectRef) -> dict[str, Any] | None:
+        """Return an object, None where it or its kind is not there."""
+        try:
+            return self.client.call("GET", self.path_of(ref, f"read {ref}"), f"read {ref}")
+        except Missing:
+            return None
+
+    def list(
+        self,
+        api_version: str,
+        kind: str,
+        namespace: str | None = None,
+        *,
+        labels: str | Mapping[str, str] | None = None,
+        fields: str | None = None,
+        metadata_only: bool = False,
+    ) -> list[dict[str, Any]]:
+        """Return all objects of a kind, of one namespace or of all; none where the kind is unknown.
+
+        Args:
+            labels: a label selector, or labels that must all be there.
+            fields: a field selector.
+            metadata_only: leave spec, data and status out, which saves time.
+        """
+        resource = self.client.resources.find(api_version, kind)
+        if resource is None:
+            return []
+        query: dict[str, Any] = {
+            "labelSelector": label_selector(labels),
+            "fieldSelector": fields,
+            "limit": PAGE,
+        }
+        accept = METADATA_ONLY if metadata_only else "application/json"
+        found: list[dict[str, Any]] = []
+        while True:
+            url = path(api_version, resource, namespace or "", query=query)
+            page = self.client.call("GET", url, f"list {kind}s", accept=accept)
+            found += page.get("items") or []
+            query["continue"] = page["metadata"].get("continue")
+            if not query["continue"]:
+                return [{**item, "apiVersion": api_version, "kind": kind} for item in found]
+
+    def apply(
+        self, manifest: Manifest, *, force: bool = False, dry_run: bool = False
+    ) -> dict[str, Any]:
+        """Apply a manifest server-side and return what the object is then.
+
+        Args:
+            force: take fields over that another manager owns.
+
+        Raises:
+            Conflict: another manager owns fields with other values (`fields` names them).
+        """
+        ref = ref_of(manifest)
+        what = f"apply {ref}"
+        query = {"fieldManager": MANAGER, "force": force and "true", "dryRun": dry_run and "All"}
+        return self.client.call(
+            "PATCH",
+            self.path_of(ref, what, query=query),
+            what,
+            body=manifest,
+            media=PATCHES["apply"],
+            safe=True,
+        )
+
+    def create(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
+        """Create an object; Conflict (reason AlreadyExists) where it is there."""
+        ref = ref_of(manifest)
+        what = f"create {ref}"
+        resource = self.client.resource(ref.api_version, ref.kind, what)
+        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        url = path(ref.api_version, resource, ref.namespace, query=query)
+        return self.client.call("POST", url, what, body=manifest)
+
+    def replace(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
+        """Replace an object; Conflict where its resourceVersion is said and no longer true."""
+        ref = ref_of(manifest)
+        what = f"replace {ref}"
+        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        return self.client.call("PUT", self.path_of(ref, what, query=query), what, body=manifest)
+
+    def patch(
+        self,
+        ref: ObjectRef,
+        body: object,
+        *,
+        style: Literal["merge", "json", "strategic"] = "merge",
+        subresource: str = "",
+        dry_run: bool = False,
+    ) -> dict[str, Any]:
+        """Patch an object."""
+        what = f"patch {ref}"
+        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        url = self.path_of(ref, what, subresource=subresource, query=query)
+        return self.client.call("PATCH", url, what, body=body, media=PATCHES[style])
+
+    def delete(
+        self,
+        ref: ObjectRef,
+        *,
+        uid: str | None = None,
+        propagation: Literal["Background", "Foreground", "Orphan"] = "Background",
+        grace_seconds: int | None = None,
+        dry_run: bool = False,
+    ) -> bool:
+        """Delete an object and return whether it was there.
+
+        Args:
+            uid: delete this very object; Conflict where another has its name now.
+        """
+        options: dict[str, Any] = {
+            "kind": "DeleteOptions",
+            "apiVersion": "v1",
+            "propagationPolicy": propagation,
+        }
+        if uid:
+            options["preconditions"] = {"uid": uid}
+        if grace_seconds is not None:
+            options["gracePeriodSeconds"] = grace_seconds
+        if dry_run:
+            options["dryRun"] = ["All"]
+        what = f"delete {ref}"
+        try:
+            self.client.call("DELETE", self.path_of(ref, what), what, body=options, safe=True)
+        except Missing:
+            return False
+        return True
+
+    def watch(
+        self,
+        api_version: str,
+        kind: str,
+        namespace: str | None = None,
+        *,
+        labels: str | Mapping[str, str] | None = None,
+        fields: str | None = None,
+        seconds: float = 300.0,
+        cancel: threading.Event | None = None,
+    ) -> Iterator[WatchEvent]:
+        """Yield what is there (as ADDED) and then what changes.
+
+        Args:
+            seconds: after which the watch ends.
+            cancel: ends the watch soon after it is set.
+        """
+        selectors = {"labelSelector": label_selector(labels), "fieldSelector": fields}
+        return watch(
+            self.client,
+            api_version,
+            kind,
+            namespace or "",
+            selectors,
+            seconds=seconds,
+            cancel=cancel,
+        )
+
+    # The cluster.
+
+    def server_version(self) -> str:
+        """Return the API server's version: v1.34.4."""
+        return str(self.client.call("GET", "/version", "ask for the version")["gitVersion"])
+
+    def nodes(self) -> Sequence[dict[str, Any]]:
+        """Return all nodes."""
+        return self.list("v1", "Node")
+
+    def events(self, live: Manifest) -> Sequence[dict[str, Any]]:
+        """Return what the cluster told about one live object, the oldest first."""
+        meta = live["metadata"]
+        fields = f"involvedObject.uid={meta['uid']}"
+        found = self.list("v1", "Event", meta.get("namespace"), fields=fields)
+        return sorted(found, key=event_time)
+
+    def parallel(self, function: Callable[[T], R], items: Iterable[T]) -> Sequence[R]:
+        """Call a function for all items on a few threads; results in the order of the items."""
+        return threads.parallel(function, items)
+
+    # Pods.
+
+    def logs(
+        self,
+        namespace: str,
+        pod: str,
+        container: str | None = None,
+        *,
+        follow: bool = False,
+        since_seconds: int | None = None,
+        tail: int | None = None,
+        previous: bool = False,
+        timestamps: bool = False,
+        cancel: threading.Event | None = None,
+    ) -> Iterator[str]:
+        """Yield a container's log lines without their ends.
+
+        Args:
+            container: None is the pod's only one.
+            previous: the container's life before its last restart.
+            cancel: ends a follow soon after it is set.
+        """
+        what = f"read the logs of Pod {namespace}/{pod}"
+        query = {
+            "container": container,
+            "follow": follow and "true",
+            "sinceSeconds": since_seconds,
+            "tailLines": None if tail is None else str(tail),
+            "previous": previous and "true",
+            "timestamps": timestamps and "true",
+        }
+        ref = ObjectRef("v1", "Pod", namespace, pod)
+        stream = self.client.stream(self.path_of(ref, what, subresource="log", query=query), what)
+        with threads.aborting(stream, cancel):
+            for line in stream.lines():
+                yield line.decode("utf-8", "replace")
+
+    def run(
+        self,
+        namespace: str,
+        pod: str,
+        command: Sequence[str],
+        *,
+        container: str | None = None,
+        stdin: bytes | None = None,
+        timeout: float = 60.0,
+    ) -> ExecResult:
+        """Run a command in a container and return its output and exit code.
+
+        Raises:
+            ClusterError: it did not end within `timeout` seconds.
+        """
+        from rigel_k8s.kube.execution import run
+
+        return run(
+            self.client, namespace, pod, command, container=container, stdin=stdin, timeout=timeout
+        )
+
+    def exec(
+        self,
+        namespace: str,
+        pod: str,
+        command: Sequence[str],
+        *,
+        stdout: BinaryIO,
+        stderr: BinaryIO,
+        stdin: BinaryIO | None = None,
+        container: str | None = None,
+        tty: bool = False,
+    ) -> int:
+        """Run a command in a container on the given streams and return its exit code.
+
+        Args:
+            tty: give it a terminal; `stdin` must be one too, and is in raw mode meanwhile.
+        """
+        from rigel_k8s.kube.execution import exec_on
+
+        return exec_on(
+            self.client,
+            namespace,
+            pod,
+            command,
+            container=container,
+            stdin=stdin,
+            stdout=stdout,
+            stderr=stderr,
+            tty=tty,
+        )
+
+    def port_forward(
+        self, namespace: str, pod: str, ports: Mapping[int, int], *, address: str = "127.0.0.1"
+    ) -> AbstractContextManager[Forward]:
+        """Serve ports of a pod on this machine while the context is open.
+
+        Args:
+            ports: the pod's port to the local one; 0 takes any that is free.
+        """
+        from rigel_k8s.kube.forwarding import port_forward
+
+        return port_forward(self.client, namespace, pod, ports, address=address)
+
+    def path_of(
+        self,
+        ref: ObjectRef,
+        what: str,
+        *,
+        subresource: str = "",
+        query: Mapping[str, object] | None = None,
+    ) -> str:
+        """Return the URL path of one object."""
+        resource = self.client.resource(ref.api_version, ref.kind, what)
+        return path(ref.api_version, resource, ref.namespace, ref.name, subresource, query=query)
+
+
+def event_time(event: Mapping[str, Any]) -> str:
+    """Return when an event was last seen, in a form that sorts."""
+    series = event.get("series") or {}
+    seen = series.get("lastObservedTime") or event.get("lastTimestamp") or event.get("eventTime")
+    return str(seen or event["metadata"].get("creationTimestamp") or "")

@@ -1,0 +1,184 @@
+"""Commands in a container, over the websocket protocol that kubectl speaks.
+
+One websocket carries channels: 0 standard input, 1 output, 2 error, 3 the result, 4 the terminal's
+size; 255 closes a channel (protocol v5).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any, BinaryIO
+
+import attrs
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.client import Client
+from rigel_k8s.kube.resources import path
+from rigel_k8s.kube.terminal import Terminal
+from rigel_k8s.kube.websocket import Websocket, connect
+
+__all__ = ["ExecResult", "exec_on", "run"]
+
+STDIN, STDOUT, STDERR, RESULT, RESIZE, CLOSE = 0, 1, 2, 3, 4, 255
+PROTOCOLS = ("v5.channel.k8s.io", "v4.channel.k8s.io")
+BLOCK = 32 * 1024
+
+
+@attrs.frozen
+class ExecResult:
+    """What a command in a container left."""
+
+    code: int
+    stdout: bytes
+    stderr: bytes
+
+
+def run(
+    client: Client,
+    namespace: str,
+    pod: str,
+    command: Sequence[str],
+    *,
+    container: str | None,
+    stdin: bytes | None,
+    timeout: float,
+) -> ExecResult:
+    """Run a command and return its output; see Cluster.run."""
+    session = open_session(
+        client, namespace, pod, command, container=container, stdin=stdin is not None, tty=False
+    )
+    deadline = time.monotonic() + timeout
+    output = {STDOUT: bytearray(), STDERR: bytearray()}
+    result: bytes | None = None
+    with session:
+        if stdin is not None:
+            send_all(session, stdin)
+        while (frame := session.receive(deadline - time.monotonic())) is not None:
+            channel, data = frame
+            if channel in output:
+                output[channel] += data
+            elif channel == RESULT:
+                result = data
+    if result is None and time.monotonic() >= deadline:
+        raise ClusterError(
+            f"{command[0]} in Pod {namespace}/{pod} did not end within {timeout:g} s",
+            details=bytes(output[STDERR] or output[STDOUT]).decode("utf-8", "replace").splitlines(),
+        )
+    code = exit_code(result, namespace, pod)
+    return ExecResult(code, bytes(output[STDOUT]), bytes(output[STDERR]))
+
+
+def exec_on(
+    client: Client,
+    namespace: str,
+    pod: str,
+    command: Sequence[str],
+    *,
+    container: str | None,
+    stdin: BinaryIO | None,
+    stdout: BinaryIO,
+    stderr: BinaryIO,
+    tty: bool,
+) -> int:
+    """Run a command on the given streams; see Cluster.exec."""
+    session = open_session(
+        client, namespace, pod, command, container=container, stdin=stdin is not None, tty=tty
+    )
+    streams = {STDOUT: stdout, STDERR: stderr}
+    result: bytes | None = None
+    terminal = Terminal(stdin, lambda size: send_size(session, size)) if tty and stdin else None
+    with session, terminal or threading.Lock():
+        if stdin is not None:
+            threading.Thread(target=pump, args=(stdin, session), daemon=True).start()
+        while (frame := session.receive(None)) is not None:
+            channel, data = frame
+            if channel in streams:
+                streams[channel].write(data)
+                streams[channel].flush()
+            elif channel == RESULT:
+                result = data
+    return exit_code(result, namespace, pod)
+
+
+def open_session(
+    client: Client,
+    namespace: str,
+    pod: str,
+    command: Sequence[str],
+    *,
+    container: str | None,
+    stdin: bool,
+    tty: bool,
+) -> Websocket:
+    """Start a command in a container."""
+    what = f"run {command[0]} in Pod {namespace}/{pod}"
+    query: Mapping[str, Any] = {
+        "command": list(command),
+        "container": container,
+        "stdin": stdin and "true",
+        "stdout": "true",
+        "stderr": not tty and "true",
+        "tty": tty and "true",
+    }
+    resource = client.resource("v1", "Pod", what)
+    url = path("v1", resource, namespace, pod, "exec", query=query)
+    return connect(client, url, what, PROTOCOLS)
+
+
+def send_all(session: Websocket, data: bytes) -> None:
+    """Send the whole standard input and close it."""
+    for start in range(0, len(data), BLOCK):
+        session.send(STDIN, data[start : start + BLOCK])
+    end_of_input(session)
+
+
+def end_of_input(session: Websocket) -> None:
+    """Close the command's standard input, where the protocol can."""
+    if session.protocol == PROTOCOLS[0]:
+        session.send(CLOSE, bytes([STDIN]))
+
+
+def pump(stdin: BinaryIO, session: Websocket) -> None:
+    """Send a stream's bytes until its end, or until the session has ended."""
+    number = stdin.fileno()
+    while not session.closed:
+        if not select.select([number], [], [], 0.2)[0]:
+            continue
+        data = os.read(number, BLOCK)
+        if session.closed:
+            return
+        if not data:
+            end_of_input(session)
+            return
+        session.send(STDIN, data)
+
+
+def send_size(session: Websocket, size: os.terminal_size) -> None:
+    """Tell the terminal's size."""
+    session.send(RESIZE, json.dumps({"Width": size.columns, "Height": size.lines}).encode())
+
+
+def exit_code(result: bytes | None, namespace: str, pod: str) -> int:
+    """Return the exit code that the result channel tells.
+
+    Raises:
+        ClusterError: the command could not be started, or the connection broke.
+    """
+    where = f"Pod {namespace}/{pod}"
+    if result is None:
+        raise ClusterError(
+            f"the connection to {where} ended before the command did",
+            hint="was the pod deleted or restarted? `rigel status` tells",
+        )
+    status = json.loads(result)
+    if status.get("status") == "Success":
+        return 0
+    for cause in (status.get("details") or {}).get("causes") or []:
+        if cause.get("reason") == "ExitCode":
+            return int(cause["message"])
+    raise ClusterError(f"the command in {where} could not be run: {status.get('message')}")

@@ -1,0 +1,78 @@
+"""Several requests at once, and streams that end when they shall."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Protocol, TypeVar
+
+__all__ = ["WIDTH", "aborting", "parallel"]
+
+WIDTH = 8  # requests at once: more only queue up in the API server and in this interpreter
+LOOK = 0.2  # seconds between two looks at a cancel event
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Abortable(Protocol):
+    """Something that another thread may end."""
+
+    def abort(self) -> None:
+        """End it."""
+
+
+def parallel(function: Callable[[T], R], items: Iterable[T]) -> Sequence[R]:
+    """Call a function for all items on up to WIDTH threads; results in the order of the items.
+
+    All items are tried. Then the first error in their order is raised.
+    """
+    todo = list(items)
+    if len(todo) < 2:
+        return [function(item) for item in todo]
+    results: list[R | None] = [None] * len(todo)
+    errors: list[BaseException | None] = [None] * len(todo)
+    numbers = iter(range(len(todo)))
+    lock = threading.Lock()
+
+    def work() -> None:
+        while True:
+            with lock:
+                number = next(numbers, None)
+            if number is None:
+                return
+            try:
+                results[number] = function(todo[number])
+            except BaseException as error:  # raised below, in the caller's thread
+                errors[number] = error
+
+    helpers = [threading.Thread(target=work) for _ in range(min(WIDTH, len(todo)) - 1)]
+    for helper in helpers:
+        helper.start()
+    work()
+    for helper in helpers:
+        helper.join()
+    for error in errors:
+        if error is not None:
+            raise error
+    return results  # type: ignore[return-value]  # all are set where no error is
+
+
+@contextmanager
+def aborting(stream: Abortable, cancel: threading.Event | None) -> Iterator[None]:
+    """Abort a stream soon after `cancel` is set, and when the context ends."""
+    over = threading.Event()
+
+    def look() -> None:
+        while not over.wait(LOOK):
+            if cancel is not None and cancel.is_set():
+                stream.abort()
+                return
+
+    if cancel is not None:
+        threading.Thread(target=look, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
+        stream.abort()

@@ -16,7 +16,7 @@ import subprocess
 import tarfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import attrs
@@ -129,7 +129,7 @@ class Pod:
         """
         started = time.monotonic()
         self.exec(*STOP, timeout=grace)
-        if self.alive():
+        with suppress(ProcessLookupError):
             os.kill(self.init, signal.SIGTERM)
         while self.alive() and time.monotonic() - started < grace:
             time.sleep(0.02)
@@ -165,6 +165,7 @@ class Pods:
         self._ip("-n", self.hub, "link", "add", "br0", "type", "bridge")
         self._ip("-n", self.hub, "link", "set", "br0", "up")
         self.master_uri = ""
+        self.networks: dict[str, str] = {}
 
     def master(self) -> Pod:
         """Start a roscore and wait until it answers."""
@@ -257,6 +258,12 @@ class Pods:
             )
 
     def _network(self, address: str) -> str:
+        """The network of an address; who comes after a dead pod gets its network, as a Service."""
+        if address not in self.networks:
+            self.networks[address] = self._new_network(address)
+        return self.networks[address]
+
+    def _new_network(self, address: str) -> str:
         number = next(self._serial)
         name = f"rk{os.getpid()}p{number}"
         self._netns(name)

@@ -48,6 +48,8 @@ class Look(object):
         self.until = time.time() + LOOK
         self.ports = Listeners().pids
         self.memory = Memory()
+        if name:
+            self.memory.nodes = dict(i for i in self.memory.nodes.items() if i[0] == name)
         self.master = Api(master_uri, time.time() + MASTER)
 
     def run(self):

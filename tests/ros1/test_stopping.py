@@ -1,0 +1,151 @@
+"""The preStop hook against real rospy and roscpp nodes, as process 1, under shells and roslaunch."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+
+import pytest
+
+pytestmark = pytest.mark.cluster
+
+PROMISE = 3  # seconds from the hook's start until the master knows the node no more
+
+TALKER = """#!/usr/bin/env python
+import sys
+import rospy
+from std_msgs.msg import String
+rospy.init_node("node")
+publisher = rospy.Publisher("topic", String, queue_size=1)
+rate = rospy.Rate(1)
+while not rospy.is_shutdown():
+    publisher.publish("hello")
+    rate.sleep()
+"""
+LAUNCH = """<launch>
+<node pkg="demo" type="talker.py" name="node" respawn="true"/>
+<node pkg="topic_tools" type="relay" name="relay" args="/a /b" respawn="true"/>
+</launch>
+"""
+PACKAGE = """<package format="2"><name>demo</name><version>0.0.0</version>
+<description>d</description><maintainer email="a@b.c">a</maintainer><license>x</license></package>
+"""
+FILES = {
+    "/usr/share/demo/package.xml": PACKAGE,
+    "/usr/share/demo/talker.py": TALKER,
+    "/app.launch": LAUNCH,
+}
+ROSPY = "/usr/share/demo/talker.py"
+ROSCPP = "/usr/lib/topic_tools/relay /a /b __name:=node"
+#: Says when it has seen /node at the master, and then how long after a line of input it was gone.
+WATCH = f"""
+import sys, time
+sys.path.insert(0, "/rigel-k8s")
+sys.dont_write_bytecode = True
+from rosrpc import Api
+known = lambda: Api("http://127.0.0.1:11311", time.time() + 9).call("lookupNode", "/node")[0] == "1"
+assert known()
+print("watching", flush=True)
+sys.stdin.readline()
+start = time.time()
+while time.time() < start + {PROMISE}:
+    if not known():
+        print("gone after %.2f s" % (time.time() - start))
+        sys.exit()
+    time.sleep(0.01)
+print("still there")
+"""
+
+
+def terminated(master, pod):
+    """End a pod as the kubelet does; return how the master saw /node go and the seconds it took."""
+    with subprocess.Popen(
+        master.entering("python3", "-c", WATCH),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as watching:
+        assert watching.stdout.readline() == "watching\n"
+        watching.stdin.write("\n")
+        watching.stdin.flush()
+        took = pod.terminate(grace=20)
+        said = watching.communicate()[0].strip()
+    print(f"\n{said}, container ended after {took:.2f} s")
+    return said, took
+
+
+@pytest.mark.parametrize("node", [ROSPY, ROSCPP], ids=["rospy", "roscpp"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "exec {node}",
+        "exec rosrun demo talker.py",
+        "{node}; true",
+        "{node} & wait",
+        "trap '' TERM; {node}; true",
+        "nohup sh -c '{node}; true'; true",
+    ],
+    ids=["first", "rosrun", "shell", "background", "deaf-shell", "two-shells"],
+)
+@pytest.mark.parametrize("shell", ["bash", "sh"])
+def test_unregistered(pods, shell, command, node):
+    """Whatever process 1 is, the node is unregistered in time and the container ends by itself."""
+    master = pods.master()
+    pod = pods.node("node", shell, "-c", command.format(node=node), files=FILES)
+    said, took = terminated(master, pod)
+    assert said.startswith("gone")
+    assert took < 20, "the container had to be killed"
+
+
+@pytest.mark.parametrize("command", ["exec {}", "{}; true"], ids=["first", "shell"])
+def test_roslaunch(pods, eventually, command):
+    """What roslaunch keeps alive is unregistered in time and not started again."""
+    master = pods.master()
+    pod = pods.node("node", "bash", "-c", command.format("roslaunch /app.launch"), files=FILES)
+    eventually(lambda: pod.probe().stdout == "ready: /node, /relay\n", "both nodes ready")
+    said, took = terminated(master, pod)
+    assert said.startswith("gone")
+    assert not pods.registered(master, "/relay")
+    assert took < 20, "the container had to be killed"
+
+
+def test_own_roscore(pods):
+    """An image that starts roscore itself: the node ends before roscore and so can unregister."""
+    pods.master_uri = "http://10.123.0.2:11311"
+    command = "roscore & sleep 3; exec /usr/share/demo/talker.py"
+    pod = pods.node("all", "bash", "-c", command, files=FILES)
+    took = pod.terminate(grace=20)
+    assert took < 20, "the container had to be killed"
+    assert "[/node]" not in pod.log()
+
+
+def test_hangs(pods):
+    """A process that ends neither on SIGINT nor on SIGTERM costs the bound and no more."""
+    pod = pods.start("hangs", "bash", "-c", "trap '' INT TERM; sleep 100; sleep 100")
+    done = pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2", timeout=6)
+    assert done.returncode == 0
+
+
+def test_only_sigterm(pods):
+    """A process that ignores SIGINT, as a shell's background job does, gets SIGTERM."""
+    pod = pods.start("deaf", "bash", "-c", "(trap '' INT; exec sleep 100); sleep 0; exec sleep 50")
+    done = pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2", timeout=6)
+    assert done.returncode == 0
+    assert not pod.pids("sleep 100")
+
+
+def test_master(pods):
+    """A roscore that gets the hook ends in order, too."""
+    master = pods.master()
+    assert master.terminate(grace=20) < 20
+    assert "shutting down processing monitor complete" in master.log()
+
+
+def test_spares_others(pods):
+    """With the machine's processes in sight (hostPID) only this container's are stopped."""
+    other = pods.start("other", "sleep", "60")
+    pod = pods.start("own", "sh", "-c", "sleep 60; true")
+    pod.signal("sleep 60", signal.SIGCONT)
+    pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2")
+    assert other.alive()

@@ -1,0 +1,98 @@
+"""doctor: what a deploy needs, asked for one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import attrs
+
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.settings import Settings
+
+__all__ = ["Finding", "examine"]
+
+NEEDED = (
+    ("apps", "deployments"),
+    ("", "services"),
+    ("", "configmaps"),
+    ("", "secrets"),
+    ("", "persistentvolumeclaims"),
+    ("coordination.k8s.io", "leases"),
+)
+
+
+@attrs.frozen
+class Finding:
+    """One thing that a deploy needs: whether it is there, and what to do where it is not."""
+
+    what: str
+    ok: bool
+    found: str
+    hint: str = ""
+
+
+def examine(settings: Settings) -> list[Finding]:
+    """Return what was found; the first thing that is missing ends the search."""
+    try:
+        with connect(settings) as cluster:
+            version = cluster.server_version()
+            where = cluster.context_name or "in-cluster"
+            return [
+                Finding("cluster", ok=True, found=f"{where} at {cluster.server}, {version}"),
+                *rights(cluster, settings.namespace or cluster.namespace),
+                nodes(cluster),
+                storage(cluster),
+            ]
+    except RigelK8sError as error:
+        return [Finding("cluster", ok=False, found=error.message, hint=error.hint or "")]
+
+
+def rights(cluster: Cluster, namespace: str) -> Iterator[Finding]:
+    """Ask the API server whether we may write what a release is made of."""
+    refused = [name for group, name in NEEDED if not allowed(cluster, namespace, group, name)]
+    yield Finding(
+        f"rights in {namespace}",
+        ok=not refused,
+        found=f"none to write {', '.join(refused)}" if refused else "all that a release needs",
+        hint="ask for the role `edit` in this namespace",
+    )
+
+
+def allowed(cluster: Cluster, namespace: str, group: str, resource: str) -> bool:
+    """Return whether we may patch a resource in a namespace."""
+    attributes = {"namespace": namespace, "verb": "patch", "group": group, "resource": resource}
+    review = cluster.create(
+        {
+            "apiVersion": "authorization.k8s.io/v1",
+            "kind": "SelfSubjectAccessReview",
+            "metadata": {},
+            "spec": {"resourceAttributes": attributes},
+        }
+    )
+    return bool(review["status"]["allowed"])
+
+
+def nodes(cluster: Cluster) -> Finding:
+    """Tell which machines are ready."""
+    ready, other = [], []
+    for node in cluster.nodes():
+        conditions = {c["type"]: c["status"] for c in node["status"].get("conditions", [])}
+        names = ready if conditions.get("Ready") == "True" else other
+        names.append(node["metadata"]["name"])
+    found = f"{len(ready)} ready" + (f", not ready: {', '.join(other)}" if other else "")
+    return Finding("nodes", ok=bool(ready), found=found, hint="kubectl describe node NAME")
+
+
+def storage(cluster: Cluster) -> Finding:
+    """Tell the default StorageClass; without one, claims need a storage_class or host_path."""
+    key = "storageclass.kubernetes.io/is-default-class"
+    classes = cluster.list("storage.k8s.io/v1", "StorageClass")
+    default = [
+        c["metadata"]["name"]
+        for c in classes
+        if c["metadata"].get("annotations", {}).get(key) == "true"
+    ]
+    found = f"default class {default[0]}" if default else "no default StorageClass"
+    hint = "give each volume a storage_class or a host_path"
+    return Finding("storage", ok=bool(default), found=found, hint=hint)

@@ -1,0 +1,98 @@
+"""render, diff, status, history, rollback, down: what is done with a release."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import attrs
+
+from rigel_k8s.actions.targets import release, target
+from rigel_k8s.deploy import release as deploys
+from rigel_k8s.deploy.difference import difference
+from rigel_k8s.deploy.prepare import prepared
+from rigel_k8s.deploy.status import ReleaseStatus
+from rigel_k8s.deploy.status import status as status_of
+from rigel_k8s.deploy.types import Manifest, Plan, ReleaseId, Revision
+from rigel_k8s.errors import UserError
+from rigel_k8s.kube import connect
+from rigel_k8s.plugins.orchestration import is_partial, prepare
+from rigel_k8s.sequences.job import Reporter
+from rigel_k8s.settings import Settings
+
+__all__ = ["Difference", "diff", "down", "history", "render", "rollback", "status"]
+
+
+@attrs.frozen
+class Difference:
+    """What a job would change: the plan, and the same as text ("" where nothing)."""
+
+    plan: Plan
+    text: str
+
+
+def render(settings: Settings, job: str | None) -> tuple[Manifest, ...]:
+    """Return the manifests that apply would send.
+
+    The cluster is asked only where the Rigelfile alone does not say enough: a job that describes
+    a part of a release is laid over the release's last revision.
+    """
+    found = target(settings, job)
+    cluster = connect(settings) if is_partial(found.raw) else None
+    return prepared(prepare(found.options, found.raw, found.application, settings, cluster=cluster))
+
+
+def diff(settings: Settings, job: str | None) -> Difference:
+    """Return what a job would change on the cluster; nothing is written."""
+    found = target(settings, job)
+    with connect(settings) as cluster:
+        desired = prepare(found.options, found.raw, found.application, settings, cluster=cluster)
+        plan = deploys.diff(desired, cluster, adopt=settings.adopt)
+    return Difference(plan, difference(plan))
+
+
+def status(settings: Settings, job: str | None) -> ReleaseStatus:
+    """Return what of a release runs where.
+
+    Raises:
+        UserError: nothing of it is on the cluster.
+    """
+    found = release(settings, job)
+    with found.cluster as cluster:
+        return status_of(cluster, found.id)
+
+
+def history(settings: Settings, job: str | None) -> Sequence[Revision]:
+    """Return a release's revisions, oldest first."""
+    found = release(settings, job)
+    with found.cluster as cluster:
+        return deploys.history(cluster, found.id)
+
+
+def rollback(settings: Settings, job: str | None, number: int | None, report: Reporter) -> Revision:
+    """Deploy an earlier revision's objects again; None is the good one before the present."""
+    found = release(settings, job)
+    with found.cluster as cluster:
+        return deploys.rollback(
+            cluster,
+            found.id,
+            number,
+            report=report,
+            timeout=settings.timeout,
+            adopt=settings.adopt,
+        )
+
+
+def down(
+    settings: Settings, job: str | None, report: Reporter, *, volumes: bool
+) -> tuple[ReleaseId, Plan]:
+    """Delete a release's objects; claims and volumes only where asked for."""
+    found = release(settings, job)
+    with found.cluster as cluster:
+        if not deploys.history(cluster, found.id):
+            raise UserError(
+                f"there is no release {found.id.name} in the namespace {found.id.namespace}",
+                hint="-n NAMESPACE or --context NAME, if it is elsewhere",
+            )
+        return found.id, deploys.down(
+            cluster, found.id, volumes=volumes, report=report, timeout=settings.timeout
+        )

@@ -1,0 +1,29 @@
+"""`rigel image`."""
+
+from __future__ import annotations
+
+import click
+
+from rigel_k8s.cli.words import colored, quiet
+
+__all__ = ["image"]
+
+
+@click.group()
+def image() -> None:
+    """Images for machines that cannot pull from the internet."""
+
+
+@image.command("ros1-base")
+@click.option("--push", metavar="IMAGE", help="Push it under this name, HOST:PORT/ros:noetic say.")
+@click.option("--variant", type=click.Choice(["core", "devel"]), default="core", show_default=True)
+@click.option("--force", is_flag=True, help="Build it anew.")
+@click.pass_context
+def ros1_base(ctx: click.Context, /, push: str | None, variant: str, force: bool) -> None:  # noqa: FBT001
+    """A ROS 1 base image from Debian's packages, used just as ros:noetic is."""
+    from rigel_k8s.actions import images
+    from rigel_k8s.cli.reports import reporter
+
+    with reporter(quiet=quiet(ctx), color=colored(ctx)) as report:
+        name = images.ros1_base(report, variant=variant, push=push, force=force)
+    click.echo(name)

@@ -1,0 +1,155 @@
+"""The entry: global options, the table of commands, errors and exit codes.
+
+Commands are imported when they are called: `rigel --help` costs little more than click itself.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rigel_k8s import __version__
+from rigel_k8s.errors import RigelK8sError
+
+__all__ = ["COMMANDS", "cli", "main"]
+
+#: Command -> (module of this package, one line of help), in the order in which help shows them.
+COMMANDS = {
+    "init": ("rigelfiles", "Write a commented Rigelfile to start from."),
+    "check": ("rigelfiles", "Tell every problem of the Rigelfile at once."),
+    "schema": ("rigelfiles", "Print a JSON schema of Rigelfiles, for editors."),
+    "run": ("runs", "Run a job or a sequence."),
+    "render": ("releases", "Print the manifests that a job would apply."),
+    "diff": ("releases", "Show what a job would change on the cluster."),
+    "status": ("releases", "Show what runs where, and why something is not ready."),
+    "logs": ("pods", "Print the logs of ROS nodes."),
+    "exec": ("pods", "Run a command in a ROS node's container, with ROS set up."),
+    "forward": ("pods", "Forward local ports to a ROS node."),
+    "history": ("releases", "List the revisions of a release."),
+    "rollback": ("releases", "Go back to an earlier revision."),
+    "down": ("releases", "Take a release away; volumes stay unless --volumes."),
+    "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
+    "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
+    "image": ("images", "Images for machines that cannot pull from the internet."),
+    "completion": ("completions", "Print the shell completion for bash, zsh or fish."),
+    "version": ("completions", "Print the version."),
+}
+
+
+class Commands(click.Group):
+    """A group whose commands' modules are imported when a command is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return all names, in the table's order."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command, None where there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = import_module(f"rigel_k8s.cli.{COMMANDS[cmd_name][0]}")
+        command: click.Command = getattr(module, cmd_name.replace("exec", "exec_"))
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command, or say which one was probably meant."""
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            from difflib import get_close_matches
+
+            close = get_close_matches(args[0], COMMANDS, n=1)
+            meant = f' Did you mean "{close[0]}"?' if close else ""
+            raise click.UsageError(f'There is no command "{args[0]}".{meant}', ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table without importing anything."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+@click.group(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Options stand before the command: rigel -f robots/Rigelfile -n lab logs -f talker",
+)
+@click.option(
+    "-f",
+    "--file",
+    "rigelfile",
+    type=click.Path(path_type=Path),
+    default=Path("Rigelfile"),
+    show_default=True,
+    help="The Rigelfile.",
+)
+@click.option("--context", metavar="NAME", help="The kubeconfig context [current].")
+@click.option(
+    "--kubeconfig", type=click.Path(path_type=Path), help="The kubeconfig (default: $KUBECONFIG)."
+)
+@click.option("-n", "--namespace", metavar="NAME", help="The Kubernetes namespace.")
+@click.option("-q", "--quiet", is_flag=True, help="Tell only warnings and results.")
+@click.option("--no-color", is_flag=True, help="No colour, no live rows (as $NO_COLOR).")
+@click.version_option(__version__, prog_name="rigel-k8s")
+@click.pass_context
+def cli(ctx: click.Context, /, **options: Any) -> None:
+    """ROS applications on Kubernetes from one Rigelfile."""
+    ctx.obj = options
+    if options["no_color"] or os.environ.get("NO_COLOR"):
+        ctx.color = False
+
+
+def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> None:
+    """Run the command line and end the process.
+
+    Exit codes: 0, 1 something went wrong, 2 what the user wrote is wrong, 130 interrupted; `exec`
+    passes on its command's, `diff --exit-code` says 1 where there are differences.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    sys.exit(run(words, name))
+
+
+def run(words: list[str], name: str | None) -> int:
+    """Run the words and return the exit code."""
+    try:
+        result = cli.main(args=words, prog_name=name or program(), standalone_mode=False)
+        return result if isinstance(result, int) else 0
+    except RigelK8sError as error:
+        show(error)
+        return error.exit_code
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        return 0
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted", err=True)
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has ended (`| head`): nothing is wrong, nothing can be told.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def program() -> str:
+    """Return the name under which the user called us."""
+    return Path(sys.argv[0]).name if sys.argv and sys.argv[0] else "rigel"
+
+
+def show(error: RigelK8sError) -> None:
+    """Print an error: what went wrong, what helps to understand it, what to do next."""
+    click.secho("error: ", fg="red", bold=True, nl=False, err=True)
+    click.echo(error.message, err=True)
+    for detail in error.details:
+        for line in detail.splitlines():
+            click.echo(f"  {line}", err=True)
+    if error.hint:
+        click.secho("hint: ", fg="cyan", bold=True, nl=False, err=True)
+        click.echo(error.hint, err=True)

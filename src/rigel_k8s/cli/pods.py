@@ -1,0 +1,112 @@
+"""`rigel logs`, `exec` and `forward`."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from rigel_k8s.cli.words import Timeout, settings
+
+__all__ = ["exec_", "forward", "logs"]
+
+COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_cyan", "bright_green")
+
+
+@click.command()
+@click.argument("nodes", nargs=-1)
+@click.option("-f", "--follow", is_flag=True, help="Go on with new lines, and with new pods.")
+@click.option("--since", type=Timeout(), help="Only the last 30s, 5m, 1h ...")
+@click.option("--tail", type=click.IntRange(min=0), help="Only so many last lines of each pod.")
+@click.option("-p", "--previous", is_flag=True, help="Of the container before its last restart.")
+@click.option("--timestamps", is_flag=True, help="With the time of each line.")
+@click.pass_context
+def logs(
+    ctx: click.Context,
+    /,
+    nodes: tuple[str, ...],
+    follow: bool,  # noqa: FBT001 - click passes them by name
+    since: float | None,
+    tail: int | None,
+    previous: bool,  # noqa: FBT001
+    timestamps: bool,  # noqa: FBT001
+) -> None:
+    """Print the logs of ROS nodes; of all, where none is named."""
+    from rigel_k8s.actions import pods
+
+    options = pods.LogOptions(
+        follow=follow,
+        since=None if since is None else max(1, round(since)),
+        tail=tail,
+        previous=previous,
+        timestamps=timestamps,
+    )
+    colors: dict[str, str] = {}
+    for line in pods.logs(settings(ctx), nodes, options):
+        if len(nodes) == 1:
+            click.echo(line.text)
+            continue
+        color = colors.setdefault(line.workload, COLORS[len(colors) % len(COLORS)])
+        click.echo(click.style(f"[{line.workload}] ", fg=color) + line.text)
+
+
+@click.command("exec", context_settings={"ignore_unknown_options": True})
+@click.argument("node")
+@click.option("-i", "--stdin", is_flag=True, help="Pass standard input on.")
+@click.option("-t", "--tty", is_flag=True, help="Give the command a terminal.")
+@click.argument("command", nargs=-1, type=click.UNPROCESSED)
+@click.pass_context
+def exec_(
+    ctx: click.Context,
+    /,
+    node: str,
+    stdin: bool,  # noqa: FBT001 - click passes them by name
+    tty: bool,  # noqa: FBT001
+    command: tuple[str, ...],
+) -> int:
+    """Run a command in a ROS node's container, with ROS set up.
+
+    rigel exec talker -- rostopic list; without a command, a shell (-it).
+    """
+    from rigel_k8s.actions import pods
+
+    if not command and not (stdin or tty):
+        stdin = tty = sys.stdin.isatty()
+    sys.stdout.flush()
+    return pods.execute(
+        settings(ctx),
+        node,
+        command,
+        stdin=sys.stdin.buffer if stdin else None,
+        stdout=sys.stdout.buffer,
+        stderr=sys.stderr.buffer,
+        tty=tty,
+    )
+
+
+def port_pair(text: str) -> tuple[int, int]:
+    """Return (remote, local) of `PORT` or `LOCAL:REMOTE`, 0 for any local port (`:REMOTE`)."""
+    local, _, remote = text.rpartition(":")
+    if ":" not in text:
+        local = remote
+    try:
+        pair = int(remote), int(local or 0)
+    except ValueError:
+        pair = 0, 0
+    if not (0 < pair[0] < 65536 and 0 <= pair[1] < 65536):
+        raise click.BadParameter(f'"{text}" is no port: write PORT, LOCAL:REMOTE or :REMOTE')
+    return pair
+
+
+@click.command()
+@click.argument("node")
+@click.argument("ports", nargs=-1, required=True, metavar="[LOCAL:]PORT...")
+@click.pass_context
+def forward(ctx: click.Context, /, node: str, ports: tuple[str, ...]) -> None:
+    """Forward local ports to a ROS node's pod until Ctrl-C."""
+    from rigel_k8s.actions import pods
+
+    wanted = dict(port_pair(text) for text in ports)
+    for found in pods.forward(settings(ctx), node, wanted):
+        for remote, local in found.items():
+            click.echo(f"127.0.0.1:{local} -> {node}:{remote}")

@@ -1,0 +1,153 @@
+"""`rigel render`, `diff`, `status`, `history`, `rollback` and `down`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+import click
+
+from rigel_k8s.cli.words import Timeout, colored, json_option, print_json, quiet, settings
+
+__all__ = ["diff", "down", "history", "render", "rollback", "status"]
+
+job_argument = click.argument("job", required=False)
+
+
+@click.command()
+@job_argument
+@click.pass_context
+def render(ctx: click.Context, /, job: str | None) -> None:
+    """Print the manifests that a job would apply, as YAML."""
+    from rigel_k8s.actions import releases
+    from rigel_k8s.actions.yaml_text import documents
+
+    click.echo(documents(releases.render(settings(ctx), job)), nl=False)
+
+
+@click.command()
+@job_argument
+@click.option("--exit-code", is_flag=True, help="Exit with 1 where there are differences.")
+@click.option("--adopt", is_flag=True, help="As in `run`: take over other tools' fields.")
+@click.pass_context
+def diff(ctx: click.Context, /, job: str | None, exit_code: bool, adopt: bool) -> int:  # noqa: FBT001
+    """Show what a job would change on the cluster; nothing is written."""
+    from rigel_k8s.actions import releases
+
+    found = releases.diff(settings(ctx, adopt=adopt), job)
+    for line in found.text.splitlines():
+        click.secho(line, fg=line_color(line))
+    changes = len(found.plan.changes)
+    if not quiet(ctx):
+        click.echo(summary(found.plan), err=True)
+    return 1 if exit_code and changes else 0
+
+
+def line_color(line: str) -> str | None:
+    """Return the colour of a line of a unified diff."""
+    if line.startswith(("+++", "---")):
+        return None
+    return {"+": "green", "-": "red", "@": "cyan"}.get(line[:1])
+
+
+def summary(plan: Any) -> str:
+    """Return how many objects are created, changed and pruned."""
+    counts: dict[str, int] = {}
+    for step in plan.steps:
+        counts[step.action] = counts.get(step.action, 0) + 1
+    words = {
+        "create": "to create",
+        "change": "to change",
+        "prune": "to delete",
+        "keep": "unchanged",
+    }
+    told = [f"{counts[action]} {text}" for action, text in words.items() if counts.get(action)]
+    return ", ".join(told) or "nothing to do"
+
+
+@click.command()
+@job_argument
+@json_option
+@click.pass_context
+def status(ctx: click.Context, /, job: str | None, output: str) -> int:
+    """Show what runs where, and why something is not ready. Exit code 1 where something is not."""
+    from rigel_k8s.actions import releases
+    from rigel_k8s.cli.tables import status_table
+
+    found = releases.status(settings(ctx), job)
+    if output == "json":
+        print_json(attrs.asdict(found))
+    else:
+        click.echo(status_table(found))
+    return 0 if all(w.ready >= w.desired for w in found.workloads) else 1
+
+
+@click.command()
+@job_argument
+@json_option
+@click.pass_context
+def history(ctx: click.Context, /, job: str | None, output: str) -> None:
+    """List the revisions of a release, the newest last."""
+    from rigel_k8s.actions import releases
+    from rigel_k8s.cli.tables import table
+
+    found = releases.history(settings(ctx), job)
+    columns = ("number", "status", "created", "description")
+    rows = [{name: getattr(revision, name) for name in columns} for revision in found]
+    if output == "json":
+        print_json(rows)
+    elif rows:
+        heads = ["REVISION", "STATUS", "CREATED", "DESCRIPTION"]
+        click.echo(table(heads, [[str(row[name]) for name in columns] for row in rows]))
+    else:
+        click.echo("no revision: nothing was deployed", err=True)
+
+
+@click.command()
+@click.argument("revision", required=False, type=click.IntRange(min=1))
+@click.option("--job", help="The job whose release is meant, where there are several.")
+@click.option("--timeout", type=Timeout(), help="How long the roll-out may take, 5m say.")
+@click.option("--adopt", is_flag=True, help="As in `run`: take over other tools' fields.")
+@click.pass_context
+def rollback(
+    ctx: click.Context,
+    /,
+    revision: int | None,
+    job: str | None,
+    timeout: float | None,
+    adopt: bool,  # noqa: FBT001 - click passes it by name
+) -> None:
+    """Deploy an earlier revision again; without a number, the good one before the present."""
+    from rigel_k8s.actions import releases
+    from rigel_k8s.cli.reports import reporter
+
+    words = settings(ctx, timeout=timeout, adopt=adopt)
+    with reporter(quiet=quiet(ctx), color=colored(ctx)) as report:
+        new = releases.rollback(words, job, revision, report)
+    click.echo(f"revision {new.number}: {new.description}")
+
+
+@click.command()
+@job_argument
+@click.option("--volumes", is_flag=True, help="Delete claims and volumes too: their data is lost.")
+@click.option("-y", "--yes", is_flag=True, help="Do not ask.")
+@click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
+@click.pass_context
+def down(
+    ctx: click.Context,
+    /,
+    job: str | None,
+    volumes: bool,  # noqa: FBT001 - click passes them by name
+    yes: bool,  # noqa: FBT001
+    timeout: float | None,
+) -> None:
+    """Take a release away. Claims and volumes stay unless --volumes."""
+    from rigel_k8s.actions import releases
+    from rigel_k8s.cli.reports import reporter
+
+    if volumes and not yes:
+        click.confirm("Delete claims and volumes with all their data?", abort=True, err=True)
+    with reporter(quiet=quiet(ctx), color=colored(ctx)) as report:
+        found, plan = releases.down(settings(ctx, timeout=timeout), job, report, volumes=volumes)
+    gone = sum(1 for step in plan.steps if step.action == "prune")
+    click.echo(f"{found.name} is gone from {found.namespace}: {gone} objects deleted")

@@ -1,0 +1,138 @@
+"""How a running command tells how it goes: lines, or live rows in a terminal.
+
+Both are the Reporter of sequences/job.py; jobs call them from several threads.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+
+__all__ = ["Lines", "Rows", "reporter"]
+
+
+class Lines:
+    """One line for each thing told; a progress row's line only where its state changes."""
+
+    def __init__(self, *, quiet: bool = False, prefix: str = "", shared: Any = None) -> None:
+        self._quiet = quiet
+        self._prefix = prefix
+        self._lock: threading.Lock = shared or threading.Lock()
+        self._states: dict[str, str] = {}
+
+    def line(self, text: str) -> None:
+        """Print a line."""
+        if not self._quiet:
+            self._print(text)
+
+    def warn(self, text: str) -> None:
+        """Print a warning; also where quiet."""
+        self._print(click.style("warning: ", fg="yellow", bold=True) + text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Print the state of one thing where it changed."""
+        if self._states.get(key) != state:
+            self._states[key] = state
+            mark = "✓ " if done else "  "
+            self.line(f"{mark}{key}: {state}")
+
+    def child(self, name: str) -> Lines:
+        """Return a reporter whose lines start with a name."""
+        return Lines(quiet=self._quiet, prefix=f"{self._prefix}[{name}] ", shared=self._lock)
+
+    def _print(self, text: str) -> None:
+        with self._lock:
+            for part in text.splitlines() or [""]:
+                click.echo(self._prefix + part, err=True)
+
+
+class Rows:
+    """Lines that stay, and below them a row for each thing that is on its way."""
+
+    def __init__(self, live: Any, prefix: str = "", table: _Table | None = None) -> None:
+        self._live = live
+        self._prefix = prefix
+        self._table = table or _Table()
+
+    def line(self, text: str) -> None:
+        """Print a line above the rows."""
+        self._live.console.print(self._prefix + text, markup=False, highlight=False)
+
+    def warn(self, text: str) -> None:
+        """Print a warning above the rows."""
+        from rich.text import Text
+
+        warning = Text("warning: ", style="bold yellow") + Text(self._prefix + text)
+        self._live.console.print(warning)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Change a row; one that is done becomes a line that stays."""
+        name = self._prefix + key
+        if done:
+            if self._table.remove(name):
+                self.line(f"✓ {key}: {state}")
+        else:
+            self._table.set(name, state)
+        self._live.update(self._table)
+
+    def child(self, name: str) -> Rows:
+        """Return a reporter whose lines and rows start with a name."""
+        return Rows(self._live, f"{self._prefix}[{name}] ", self._table)
+
+
+class _Table:
+    """The rows that are on their way, with how long they have been."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, tuple[str, float]] = {}
+        self._lock = threading.Lock()
+        self._done: set[str] = set()
+
+    def set(self, key: str, state: str) -> None:
+        with self._lock:
+            started = self._rows.get(key, ("", time.monotonic()))[1]
+            self._rows[key] = (state, started)
+            self._done.discard(key)
+
+    def remove(self, key: str) -> bool:
+        """Take a row out; False where it was done before."""
+        with self._lock:
+            self._rows.pop(key, None)
+            new = key not in self._done
+            self._done.add(key)
+            return new
+
+    def __rich__(self) -> Any:
+        from rich.table import Table
+
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(style="cyan")
+        grid.add_column(no_wrap=True, overflow="ellipsis")
+        grid.add_column(style="dim", justify="right")
+        with self._lock:
+            now = time.monotonic()
+            for key, (state, started) in self._rows.items():
+                grid.add_row(f"  {key}", state, f"{now - started:.0f}s")
+        return grid
+
+
+@contextmanager
+def reporter(*, quiet: bool = False, color: bool | None = None) -> Iterator[Lines | Rows]:
+    """Give the reporter that suits where the output goes: rows in a terminal, else lines.
+
+    Both write to standard error: standard output belongs to results.
+    """
+    if quiet or color is False or not sys.stderr.isatty():
+        yield Lines(quiet=quiet)
+        return
+    from rich.console import Console
+    from rich.live import Live
+
+    with Live(console=Console(stderr=True), refresh_per_second=8, transient=True) as live:
+        yield Rows(live)

@@ -1,0 +1,70 @@
+"""`rigel init`, `check` and `schema`."""
+
+from __future__ import annotations
+
+import click
+
+from rigel_k8s.cli.words import json_option, print_json, quiet, settings
+
+__all__ = ["check", "init", "schema"]
+
+
+@click.command()
+@click.option("--force", is_flag=True, help="Overwrite a Rigelfile that is there.")
+@click.pass_context
+def init(ctx: click.Context, /, force: bool) -> None:  # noqa: FBT001 - click passes it by name
+    """Write a commented Rigelfile that passes `rigel check`."""
+    from rigel_k8s.actions import rigelfiles as actions
+
+    path = settings(ctx).rigelfile
+    actions.init(path, force=force)
+    click.echo(f"Wrote {path}. Next: edit it, `rigel check`, `rigel run sequence demo`.")
+
+
+@click.command()
+@click.option("--rigel03", is_flag=True, help="Tell also what Rigel 0.3 would not take.")
+@json_option
+@click.pass_context
+def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FBT001 - see init
+    """Tell every problem of the Rigelfile, with its place. Exit code 2 where there is one."""
+    from rigel_k8s.actions import rigelfiles as actions
+
+    results = [actions.check(settings(ctx))]
+    if rigel03:
+        results.append(actions.check_rigel03(settings(ctx)))
+    failed = any(result.errors for result in results)
+    if output == "json":
+        print_json([finding_json(r.source.name, f) for r in results for f in r.findings])
+        return 2 if failed else 0
+    for text in dict.fromkeys(text for result in results for text in result.rendered()):
+        click.echo(text)
+    if not failed and not quiet(ctx):
+        click.echo(f"{results[0].source.name}: no problems")
+    return 2 if failed else 0
+
+
+def finding_json(name: str, finding: object) -> dict[str, object]:
+    """Return a finding as a script wants it."""
+    from rigel_k8s.rigelfile import Finding
+
+    assert isinstance(finding, Finding)
+    return {
+        "file": name,
+        "line": finding.span.line,
+        "column": finding.span.column,
+        "message": finding.message,
+        "kind": finding.kind,
+        "severity": finding.severity,
+    }
+
+
+@click.command()
+def schema() -> None:
+    """Print a JSON schema of Rigelfiles.
+
+    For VS Code's YAML extension: rigel schema > rigelfile.schema.json, and name it in
+    "yaml.schemas".
+    """
+    from rigel_k8s.actions import rigelfiles as actions
+
+    print_json(actions.schema())

@@ -6,26 +6,27 @@ Ethernet segment of their own. It knows nothing of Rigelfiles or jobs.
 
 from __future__ import annotations
 
-from rigel_k8s.localcluster.cluster import (
-    DEFAULT_NAME,
+from rigel_k8s.localcluster.lifecycle import DEFAULT_NAME, DEFAULT_NODES, down, up
+from rigel_k8s.localcluster.loading import load
+from rigel_k8s.localcluster.paths import names
+from rigel_k8s.localcluster.status import (
     ClusterStatus,
     NodeStatus,
-    down,
     kubeconfig_text,
-    load,
-    names,
+    registries,
     status,
-    up,
 )
 
 __all__ = [
     "DEFAULT_NAME",
+    "DEFAULT_NODES",
     "ClusterStatus",
     "NodeStatus",
     "down",
     "kubeconfig_text",
     "load",
     "names",
+    "registries",
     "status",
     "up",
 ]

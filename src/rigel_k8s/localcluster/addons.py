@@ -8,16 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from rigel_k8s.localcluster.components import Components
-from rigel_k8s.localcluster.machines import Layout
+from rigel_k8s.localcluster.layout import Layout
 from rigel_k8s.localcluster.oci import Image
 
-__all__ = ["images", "objects"]
+__all__ = ["DEPLOYMENTS", "images", "objects", "write"]
 
 DNS_NAME = "coredns"
+STORAGE_NAME = "local-path-provisioner"
 STORAGE_NAMESPACE = "local-path-storage"
 STORAGE_DIRECTORY = "/opt/local-path-provisioner"
 #: The provisioner looks for its configuration by this name.
 STORAGE_CONFIG = "local-path-config"
+
+#: (namespace, name) of what must be there before a cluster is ready.
+DEPLOYMENTS = (("kube-system", DNS_NAME), (STORAGE_NAMESPACE, STORAGE_NAME))
 
 Object = dict[str, Any]
 
@@ -28,18 +32,20 @@ def images(components: Components) -> list[Image]:
     return [
         Image(
             "rigel-k8s/pause:1",
-            {"catatonit": components.program("catatonit")},
+            {"catatonit": Path(components.program("catatonit"))},
             ["/catatonit", "-P"],
         ),
-        Image("rigel-k8s/coredns:1", {"coredns": components.go["coredns"]}, ["/coredns"]),
+        Image(
+            "rigel-k8s/coredns:1", {"coredns": Path(components.program("coredns"))}, ["/coredns"]
+        ),
         Image(
             "rigel-k8s/local-path-provisioner:1",
-            {"local-path-provisioner": components.go["local-path-provisioner"]},
+            {"local-path-provisioner": Path(components.program("local-path-provisioner"))},
             ["/local-path-provisioner"],
         ),
         Image(
             "rigel-k8s/busybox:1",
-            {"bin/busybox": components.program("busybox")},
+            {"bin/busybox": Path(components.program("busybox"))},
             ["/bin/sh"],
             links=shell,
         ),
@@ -140,7 +146,7 @@ def dns(layout: Layout) -> list[Object]:
 
 def storage(layout: Layout) -> list[Object]:
     """Return local-path-provisioner and the default StorageClass `local-path`."""
-    name, space = "local-path-provisioner", STORAGE_NAMESPACE
+    name, space = STORAGE_NAME, STORAGE_NAMESPACE
     helper = made("v1", "Pod", "helper-pod")
     helper["spec"] = {
         "containers": [{"name": "helper-pod", "image": f"{layout.registry}/rigel-k8s/busybox:1"}],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rigel_k8s.localcluster.components import run
+from rigel_k8s.localcluster.commands import run
 
 __all__ = ["Authority", "service_account_key"]
 
@@ -19,7 +19,7 @@ class Authority:
         self.directory = directory
         self.name = name
         self.certificate = directory / f"{name}.crt"
-        directory.mkdir(parents=True, exist_ok=True)
+        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         if not self.certificate.exists():
             self._create()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import os
 import pwd
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,44 @@ import yaml
 
 from rigel_k8s.errors import UserError
 
-__all__ = ["entries", "merge", "remove", "user_kubeconfig"]
+__all__ = ["dump", "entries", "load", "merge", "remove", "user_kubeconfig"]
 
 SECTIONS = ("clusters", "users", "contexts")
 
 
+class Loader(yaml.SafeLoader):
+    """Reads as kubectl does: a time stays the text that it is."""
+
+
+Loader.yaml_implicit_resolvers = {
+    first: [(tag, expression) for tag, expression in resolvers if not tag.endswith(":timestamp")]
+    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+
+
+class Dumper(yaml.SafeDumper):
+    """Quotes every text that kubectl's reader may take for something else (y, 1e3, 0o17)."""
+
+
+def represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    """Return a text, plain where nobody can misread it."""
+    plain = re.fullmatch(r"[A-Za-z/][\w./:@+=-]+", text)
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if plain else '"')
+
+
+Dumper.add_representer(str, represent_text)
+
+
+def dump(content: Mapping[str, Any]) -> str:
+    """Return a kubeconfig as YAML."""
+    return str(yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, width=10_000))
+
+
 def user_kubeconfig(environ: Mapping[str, str] = os.environ) -> Path:
     """Return the file to change: the first of $KUBECONFIG, else that of the user behind sudo."""
-    if first := environ.get("KUBECONFIG", "").split(os.pathsep)[0]:
-        return Path(first)
+    files = [file for file in environ.get("KUBECONFIG", "").split(os.pathsep) if file]
+    if files:
+        return Path(files[0])
     if user := environ.get("SUDO_USER"):
         return Path(pwd.getpwnam(user).pw_dir) / ".kube" / "config"
     return Path.home() / ".kube" / "config"
@@ -50,17 +80,27 @@ def load(path: Path) -> dict[str, Any]:
     """Return a kubeconfig file's content, empty where there is none.
 
     Raises:
-        UserError: it is no mapping; changing it could destroy something.
+        UserError: it is no kubeconfig; changing it could destroy something.
     """
     try:
-        content = yaml.safe_load(path.read_text()) if path.exists() else {}
-    except yaml.YAMLError as error:
+        content = yaml.load(path.read_text(), Loader) if path.exists() else {}  # a SafeLoader
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise UserError(f"{path} is not YAML: {error}", hint="mend or move it first") from error
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
+    except OSError as error:
+        raise UserError(f"{path}: {error.strerror}", hint="name another with KUBECONFIG") from error
+    if not isinstance(content or {}, dict) or not all(map(is_section, sections(content or {}))):
         raise UserError(f"{path} is not a kubeconfig", hint="mend or move it first")
-    return content
+    return content or {}
+
+
+def sections(content: Mapping[str, Any]) -> list[Any]:
+    """Return the three lists of a kubeconfig."""
+    return [content.get(section) or [] for section in SECTIONS]
+
+
+def is_section(items: Any) -> bool:
+    """Return whether something is a list of named entries."""
+    return isinstance(items, list) and all(isinstance(item, dict) for item in items)
 
 
 def merge(path: Path, context: str, new: Mapping[str, Any]) -> str | None:
@@ -76,7 +116,10 @@ def merge(path: Path, context: str, new: Mapping[str, Any]) -> str | None:
 
 
 def remove(path: Path, context: str, previous: str | None) -> None:
-    """Take a context out; where it was current, the one before becomes current again."""
+    """Take a context out; where it was current, the one before becomes current again.
+
+    A file that holds nothing else is removed, and ~/.kube where nothing else is in it.
+    """
     if not path.exists():
         return
     content = load(path)
@@ -86,7 +129,7 @@ def remove(path: Path, context: str, previous: str | None) -> None:
     if content.get("current-context") == context:
         names = [item.get("name") for item in content["contexts"]]
         content["current-context"] = previous if previous in names else ""
-    if any(content.get(section) for section in SECTIONS):
+    if any(sections(content)):
         save(path, content)
         return
     path.unlink()
@@ -95,15 +138,20 @@ def remove(path: Path, context: str, previous: str | None) -> None:
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
-    """Write the file at once, readable by its owner only; under sudo it belongs to the caller."""
-    new_directory = not path.parent.exists()
+    """Write the file, all or nothing; its owner and mode stay, a new one is its owner's alone."""
+    path = path.resolve()
+    made = [parent for parent in path.parents if not parent.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.rigel")
+    temporary.unlink(missing_ok=True)
     temporary.touch(mode=0o600)
-    temporary.write_text(yaml.safe_dump(dict(content), sort_keys=False))
-    if user := os.environ.get("SUDO_USER"):
+    temporary.write_text(dump(content))
+    if path.exists():
+        before = path.stat()
+        temporary.chmod(before.st_mode)
+        os.chown(temporary, before.st_uid, before.st_gid)
+    elif user := os.environ.get("SUDO_USER"):
         owner = pwd.getpwnam(user)
-        os.chown(temporary, owner.pw_uid, owner.pw_gid)
-        if new_directory:
-            os.chown(path.parent, owner.pw_uid, owner.pw_gid)
+        for each in (temporary, *made):
+            os.chown(each, owner.pw_uid, owner.pw_gid)
     temporary.replace(path)

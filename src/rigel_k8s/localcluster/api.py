@@ -1,0 +1,96 @@
+"""A cluster's API server, asked as its administrator."""
+
+from __future__ import annotations
+
+import json
+import ssl
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import urllib3
+
+from rigel_k8s.errors import CommandFailed, LocalClusterError
+from rigel_k8s.localcluster import kubeconfig
+from rigel_k8s.localcluster.commands import run
+from rigel_k8s.localcluster.layout import Layout
+
+__all__ = ["access", "admin", "create_nodes", "kubectl", "ready", "ready_nodes", "wait_until_ready"]
+
+
+def ready(layout: Layout) -> bool:
+    """Return whether /readyz answers ok."""
+    context = ssl.create_default_context(cafile=str(layout.authority().certificate))
+    try:
+        with urllib3.PoolManager(ssl_context=context, retries=False, timeout=2) as http:
+            return http.request("GET", f"{layout.server}/readyz").status == 200
+    except urllib3.exceptions.HTTPError:
+        return False
+
+
+def wait_until_ready(layout: Layout, seconds: float = 90) -> None:
+    """Wait until the API server says that it is ready.
+
+    Raises:
+        LocalClusterError: it does not within the time; the details are its last log lines.
+    """
+    deadline = time.monotonic() + seconds
+    while not ready(layout):
+        if time.monotonic() > deadline:
+            log = layout.directory / "control-plane/logs/kube-apiserver.log"
+            raise LocalClusterError(
+                f"the API server was not ready after {seconds:.0f} s",
+                details=log.read_text().splitlines()[-10:] if log.exists() else (),
+                hint=f"its log: {log}; `rigel cluster down --name {layout.name}` begins anew",
+            )
+        time.sleep(0.1)
+
+
+def admin(layout: Layout) -> Path:
+    """Return the administrator's kubeconfig."""
+    return layout.kubeconfig("admin", "kubernetes-admin", "system:masters")
+
+
+def access(layout: Layout, context: str) -> dict[str, Any]:
+    """Return a kubeconfig of the administrator, with the keys inside."""
+    admin(layout)
+    ca = layout.authority()
+    keys = ca.directory / "admin.crt", ca.directory / "admin.key"
+    return kubeconfig.entries(context, layout.server, ca.certificate, *keys)
+
+
+def kubectl(layout: Layout, *words: str) -> str:
+    """Run kubectl as administrator and return what it printed."""
+    return run([layout.program("kubectl"), f"--kubeconfig={admin(layout)}", *words])
+
+
+def create_nodes(layout: Layout, nodes: Sequence[str]) -> None:
+    """Create the Node objects with their pod ranges; the kubelets find and fill them."""
+    path = layout.directory / "nodes.json"
+    items = [node_object(node, layout.addresses.pod_range(node)) for node in nodes]
+    path.write_text(json.dumps({"apiVersion": "v1", "kind": "List", "items": items}))
+    with suppress(CommandFailed):  # AlreadyExists, where the control plane was started again
+        kubectl(layout, "create", "-f", str(path))
+
+
+def node_object(name: str, pods: str) -> dict[str, Any]:
+    """Return a Node before its kubelet comes."""
+    return {
+        "apiVersion": "v1",
+        "kind": "Node",
+        "metadata": {"name": name, "labels": {"kubernetes.io/hostname": name}},
+        "spec": {"podCIDR": pods, "podCIDRs": [pods]},
+    }
+
+
+def ready_nodes(layout: Layout) -> set[str]:
+    """Return the names of the nodes that the cluster calls Ready."""
+    items = json.loads(kubectl(layout, "get", "nodes", "-o", "json"))["items"]
+    found = set()
+    for item in items:
+        conditions = {c["type"]: c["status"] for c in item["status"].get("conditions", [])}
+        if conditions.get("Ready") == "True":
+            found.add(item["metadata"]["name"])
+    return found

@@ -1,0 +1,232 @@
+"""The life of a local cluster: up and down; each may be said again at any time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import urllib3
+
+from rigel_k8s.errors import LocalClusterError, UserError
+from rigel_k8s.localcluster import (
+    addons,
+    addresses,
+    api,
+    cgroups,
+    components,
+    kubeconfig,
+    machine,
+    network,
+    oci,
+    paths,
+    removal,
+    shared,
+)
+from rigel_k8s.localcluster.commands import Report
+from rigel_k8s.localcluster.control_plane import control_plane
+from rigel_k8s.localcluster.layout import CONTROL_PLANE, Layout
+from rigel_k8s.localcluster.machine import Machine
+from rigel_k8s.localcluster.node import node, write_resolv_conf
+from rigel_k8s.localcluster.requirements import check_name, require_host, require_root
+from rigel_k8s.localcluster.state import State
+from rigel_k8s.localcluster.status import ClusterStatus, status_of
+
+__all__ = ["DEFAULT_NAME", "DEFAULT_NODES", "down", "up"]
+
+DEFAULT_NAME = "local"
+DEFAULT_NODES = 2
+MOST_NODES = 50
+
+
+def up(
+    name: str = DEFAULT_NAME, nodes: int | None = None, *, report: Report = lambda _: None
+) -> ClusterStatus:
+    """Start a cluster, or what of it does not run, and return it.
+
+    A cluster of an earlier boot is made anew: its etcd does not sync to disk.
+
+    Args:
+        name: of the cluster; its context is rigel-NAME.
+        nodes: how many; None leaves it to the cluster that is there, else two.
+        report: takes one line for each step.
+
+    Raises:
+        UserError: this machine cannot, or a running cluster has another number of nodes.
+        LocalClusterError, CommandFailed: a part did not start; what was started stays for a look
+            at its logs and is removed by `down`.
+    """
+    require_host()
+    check_name(name)
+    check_nodes(nodes)
+    file = kubeconfig.user_kubeconfig().absolute()
+    kubeconfig.load(file)  # one that cannot be changed is told before anything is started
+    with working_on(name):
+        state = remembered(name, nodes, report) or create(name, nodes or DEFAULT_NODES, report)
+        shared.acquire(name)
+        started = start_machines(state, report)
+        if started or not state.furnished:
+            furnish(state, report)
+        else:
+            report(f"Cluster {name} is running already")
+        merge_kubeconfig(state, file)
+        return status_of(state)
+
+
+def down(name: str = DEFAULT_NAME, *, report: Report = lambda _: None) -> bool:
+    """End a cluster and remove everything of it; return whether there was one."""
+    require_root()
+    check_name(name)
+    with working_on(name):
+        state = State.load(name)
+        if state:
+            report(f"Removing cluster {name}")
+            removal.remove(state, report)
+        return state is not None
+
+
+@contextmanager
+def working_on(name: str) -> Iterator[None]:
+    """Let one command at a time work on a cluster."""
+    with paths.locked(paths.LOCKS / f"cluster {name}.lock", wait=False):
+        yield
+
+
+def check_nodes(nodes: int | None) -> None:
+    """Refuse a number of nodes that the address ranges have no room for."""
+    if nodes is not None and not 1 <= nodes <= MOST_NODES:
+        raise UserError(f"a cluster of {nodes} nodes", hint=f"1 to {MOST_NODES} are possible")
+
+
+def remembered(name: str, nodes: int | None, report: Report) -> State | None:
+    """Return the state of a cluster that can go on; one of an earlier boot is removed."""
+    state = State.load(name)
+    if not state:
+        return None
+    if state.boot != paths.boot_id():
+        report(f"Cluster {name} was lost when this machine restarted; making it anew")
+        removal.remove(state, report)
+        return None
+    if nodes not in (None, state.nodes):
+        raise UserError(
+            f"cluster {name} has {state.nodes} nodes, not {nodes}",
+            hint=f"rigel cluster down --name {name}, then up again",
+        )
+    if not state.components.complete:
+        components.obtain(report)
+    return state
+
+
+def create(name: str, nodes: int, report: Report) -> State:
+    """Return the state of a cluster to be, with address ranges that nobody uses."""
+    parts = components.obtain(report)
+    with shared.exclusive():
+        others = [State.load(other) for other in paths.names()]
+        state = State(
+            name=name,
+            nodes=nodes,
+            block=addresses.choose([other.block for other in others if other]).block,
+            boot=paths.boot_id(),
+            kubernetes=components.KUBERNETES_VERSION,
+            components=parts,
+        )
+        state.save()
+    return state
+
+
+def start_machines(state: State, report: Report) -> bool:
+    """Start every machine that does not run; return whether there was one."""
+    missing = [name for name in state.machine_names if not state.process(name)]
+    for name in state.node_names:
+        if name not in missing:
+            write_resolv_conf(state.directory / name)
+    if not missing:
+        return False
+    layout = state.layout
+    network.create(state.name, layout.addresses)
+    for name in missing:
+        again = " again: it had ended" if state.furnished else ""
+        report(f"Starting {name}{again}")
+        start(state, layout, name)
+        if name == CONTROL_PLANE:
+            report("Filling the registry and waiting for the API server")
+            push_images(layout)
+            api.wait_until_ready(layout)
+            api.create_nodes(layout, state.node_names)
+    return True
+
+
+def start(state: State, layout: Layout, name: str) -> None:
+    """Start one machine, in a namespace of its own that is plugged into the segment."""
+    machine.end(state.directory / name, layout.namespace(name))
+    network.wire(layout, name)
+    network.route(layout, name, state.node_names)
+    what_is(layout, name).start()
+
+
+def what_is(layout: Layout, name: str) -> Machine:
+    """Return what a machine is."""
+    if name == CONTROL_PLANE:
+        return control_plane(layout)
+    return node(layout, name, cgroup=cgroups.create(layout.name, name), mtu=network.mtu())
+
+
+def push_images(layout: Layout, seconds: float = 30) -> None:
+    """Put the cluster's own images into its registry, as soon as that listens."""
+    deadline = time.monotonic() + seconds
+    for image in addons.images(layout.components):
+        while True:
+            try:
+                oci.push(image, layout.registry)
+                break
+            except urllib3.exceptions.HTTPError as error:
+                if time.monotonic() > deadline:
+                    raise LocalClusterError(
+                        f"the registry {layout.registry} does not answer: {error}",
+                        hint=f"its log: {layout.directory}/control-plane/logs/registry.log",
+                    ) from error
+                time.sleep(0.1)
+
+
+def furnish(state: State, report: Report) -> None:
+    """Install DNS and storage, and wait until nodes and both are ready."""
+    layout = state.layout
+    report("Installing DNS and storage")
+    path = addons.write(layout)
+    api.kubectl(layout, "apply", "--server-side", "--force-conflicts", "-f", str(path))
+    report(f"Waiting for {state.nodes} nodes")
+    wait_for_nodes(layout, state.node_names)
+    report("Waiting for DNS and storage")
+    for space, name in addons.DEPLOYMENTS:
+        words = ["rollout", "status", f"deployment/{name}", "--timeout=120s"]
+        api.kubectl(layout, "-n", space, *words)
+    state.furnished = True
+    state.save()
+
+
+def wait_for_nodes(layout: Layout, nodes: list[str], seconds: float = 120) -> None:
+    """Wait until every node is Ready.
+
+    Raises:
+        LocalClusterError: one is not within the time; the details are its kubelet's last lines.
+    """
+    deadline = time.monotonic() + seconds
+    while late := set(nodes) - api.ready_nodes(layout):
+        if time.monotonic() > deadline:
+            name = min(late)
+            log = layout.directory / name / "logs/kubelet.log"
+            raise LocalClusterError(
+                f"{name} was not Ready after {seconds:.0f} s",
+                details=log.read_text().splitlines()[-10:] if log.exists() else (),
+                hint=f"its logs: {log.parent}",
+            )
+        time.sleep(0.2)
+
+
+def merge_kubeconfig(state: State, file: Path) -> None:
+    """Put the context into the user's kubeconfig and make it current, as kind does."""
+    before = kubeconfig.merge(file, state.context, api.access(state.layout, state.context))
+    if before or str(file) not in state.kubeconfigs:
+        state.kubeconfigs[str(file)] = before
+        state.save()

@@ -1,0 +1,97 @@
+"""What is remembered of a cluster between two commands: one JSON file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.localcluster.addresses import Addresses
+from rigel_k8s.localcluster.components import Components
+from rigel_k8s.localcluster.layout import CONTROL_PLANE, Layout
+from rigel_k8s.localcluster.machine import Process, recorded
+from rigel_k8s.localcluster.paths import directory_of
+
+__all__ = ["State", "find"]
+
+
+@attrs.define
+class State:
+    """What is remembered of a cluster.
+
+    Attributes:
+        block: its address ranges.
+        boot: the boot of this machine in which it was made.
+        components: the programs it was made with; a newer rigel does not mix versions.
+        kubeconfigs: each file that has its context -> the context that was current there before.
+        furnished: whether all that belongs to a new cluster is in it.
+    """
+
+    name: str
+    nodes: int
+    block: str
+    boot: str
+    kubernetes: str
+    components: Components
+    kubeconfigs: dict[str, str | None] = attrs.field(factory=dict)
+    furnished: bool = False
+
+    @property
+    def directory(self) -> Path:
+        """The cluster's directory."""
+        return directory_of(self.name)
+
+    @property
+    def context(self) -> str:
+        """The cluster's context in a kubeconfig."""
+        return f"rigel-{self.name}"
+
+    @property
+    def node_names(self) -> list[str]:
+        """All nodes."""
+        return [f"node{index}" for index in range(1, self.nodes + 1)]
+
+    @property
+    def machine_names(self) -> list[str]:
+        """All machines, the control plane first."""
+        return [CONTROL_PLANE, *self.node_names]
+
+    @property
+    def layout(self) -> Layout:
+        """What its machines share."""
+        return Layout(self.name, self.directory, Addresses(self.block), self.components)
+
+    def process(self, machine: str) -> Process | None:
+        """Return a machine's process where it still runs."""
+        process = recorded(self.directory / machine)
+        return process if process and process.alive else None
+
+    def save(self) -> None:
+        """Write it, all or nothing."""
+        self.directory.mkdir(parents=True, exist_ok=True)
+        path = self.directory / "cluster.json"
+        new = path.with_suffix(".new")
+        new.write_text(json.dumps(attrs.asdict(self), indent=2))
+        new.replace(path)
+
+    @classmethod
+    def load(cls, name: str) -> State | None:
+        """Return what is remembered of a cluster, None where there is none."""
+        path = directory_of(name) / "cluster.json"
+        if not path.exists():
+            return None
+        content = json.loads(path.read_text())
+        return cls(**content | {"components": Components(**content["components"])})
+
+
+def find(name: str) -> State:
+    """Return a cluster that is there.
+
+    Raises:
+        UserError: there is none of that name.
+    """
+    if state := State.load(name):
+        return state
+    raise UserError(f"there is no local cluster {name}", hint=f"rigel cluster up --name {name}")

@@ -1,0 +1,244 @@
+"""Values that Kubernetes or ROS would refuse, refused here first, with what would do.
+
+Each class has `parse(raw)`, which raises ValueError with a message for the user, `kind`, the slug
+of the problem, and `expects`, what a schema says. The structurer relies on nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import ClassVar, TypeVar
+
+__all__ = [
+    "Count",
+    "Delay",
+    "Duration",
+    "EnvName",
+    "ImageRef",
+    "LabelKey",
+    "LabelValue",
+    "MountPath",
+    "ObjectName",
+    "Port",
+    "PortName",
+    "Quantity",
+    "Replicas",
+    "Retention",
+    "RosName",
+    "RosUri",
+    "Share",
+]
+
+T = TypeVar("T", bound="Text")
+N = TypeVar("N", bound="Number")
+
+
+class Text(str):
+    """A text of a certain form."""
+
+    kind: ClassVar[str] = "bad-text"
+    expects: ClassVar[str] = "text"
+    pattern: ClassVar[re.Pattern[str]] = re.compile(r".+", re.S)
+    longest: ClassVar[int] = 4096
+
+    @classmethod
+    def parse(cls: type[T], raw: str) -> T:
+        """Return the value, or raise ValueError with what is expected."""
+        if not cls.pattern.fullmatch(raw):
+            raise ValueError(f'"{raw}" is not {cls.expects}')
+        if len(raw) > cls.longest:
+            raise ValueError(f'"{raw}" is too long: at most {cls.longest} characters')
+        return cls(raw)
+
+
+class Number(int):
+    """A whole number within bounds."""
+
+    kind: ClassVar[str] = "bad-number"
+    expects: ClassVar[str] = "a whole number"
+    least: ClassVar[int] = 0
+    most: ClassVar[int] = 2**31 - 1
+
+    @classmethod
+    def parse(cls: type[N], raw: str) -> N:
+        """Return the value, or raise ValueError with what is expected."""
+        if not re.fullmatch(r"[+-]?\d+", raw) or not cls.least <= int(raw) <= cls.most:
+            raise ValueError(f"{raw} is not {cls.expects}")
+        return cls(raw)
+
+
+class Quantity(Text):
+    """Kubernetes' resource quantity: 250m, 1, 0.5, 64Mi, 2G."""
+
+    kind = "bad-quantity"
+    expects = "a quantity such as 250m, 0.5, 64Mi or 2G"
+    pattern = re.compile(r"\+?(\d+(\.\d*)?|\.\d+)([numkMGTPE]|[KMGTPE]i|[eE][+-]?\d+)?")
+
+
+class Port(Number):
+    """A TCP or UDP port."""
+
+    kind = "bad-port"
+    expects = "a port: a whole number from 1 to 65535"
+    least, most = 1, 65535
+
+
+class Replicas(Number):
+    """How many pods."""
+
+    kind = "bad-replicas"
+    expects = "a number of pods: 0 or more"
+
+
+class Count(Number):
+    """How many, or how many seconds; at least one."""
+
+    kind = "bad-number"
+    expects = "a whole number, at least 1"
+    least = 1
+
+
+class Delay(Number):
+    """Whole seconds, none included."""
+
+    kind = "bad-number"
+    expects = "whole seconds, 0 or more"
+
+
+class Share(Text):
+    """A number of pods or a percentage of them, as Kubernetes writes both in one field."""
+
+    kind = "bad-share"
+    expects = 'a number of pods such as 1, or a percentage such as "25%"'
+    pattern = re.compile(r"\d+%?")
+
+    @property
+    def value(self) -> int | str:
+        """What the Kubernetes field takes."""
+        return str(self) if self.endswith("%") else int(self)
+
+
+class ImageRef(Text):
+    """A container image: [HOST[:PORT]/]PATH[:TAG][@DIGEST]."""
+
+    kind = "bad-image"
+    expects = "an image reference such as ros:noetic or registry.example:5000/team/app:1.2"
+    pattern = re.compile(
+        r"(?:[A-Za-z0-9](?:[A-Za-z0-9.-]*[A-Za-z0-9])?(?::\d+)?/|\[[0-9a-fA-F:]+\](?::\d+)?/)?"
+        r"[a-z0-9]+(?:(?:[._]|__|-+)[a-z0-9]+)*(?:/[a-z0-9]+(?:(?:[._]|__|-+)[a-z0-9]+)*)*"
+        r"(?::\w[\w.-]{0,127})?(?:@sha256:[0-9a-f]{64})?",
+        re.ASCII,
+    )
+
+    @classmethod
+    def parse(cls, raw: str) -> ImageRef:
+        """Return the reference; upper case in the path is the usual mistake and told as such."""
+        if not cls.pattern.fullmatch(raw) and cls.pattern.fullmatch(raw.lower()):
+            raise ValueError(f'"{raw}" is not an image reference: its path must be lower case')
+        return super().parse(raw)
+
+
+class ObjectName(Text):
+    """A name of a Kubernetes object that also serves as a DNS label."""
+
+    kind = "bad-name"
+    expects = 'a Kubernetes name: lower case letters, digits and "-", a letter or digit at each end'
+    pattern = re.compile(r"[a-z0-9]([-a-z0-9]*[a-z0-9])?")
+    longest = 63
+
+
+class PortName(Text):
+    """A port's name: what Kubernetes calls an IANA service name."""
+
+    kind = "bad-name"
+    expects = 'a port name: at most 15 lower case letters, digits and "-", one of them a letter'
+    pattern = re.compile(r"(?=.*[a-z])(?!.*--)[a-z0-9]([a-z0-9-]*[a-z0-9])?")
+    longest = 15
+
+
+LABEL = r"[A-Za-z0-9]([-A-Za-z0-9_.]{0,61}[A-Za-z0-9])?"
+
+
+class LabelKey(Text):
+    """A label's key: [PREFIX/]NAME."""
+
+    kind = "bad-label"
+    expects = 'a label key such as robot or example.com/robot (letters, digits, "-", "_", ".")'
+    pattern = re.compile(rf"([a-z0-9]([-a-z0-9.]*[a-z0-9])?/)?{LABEL}")
+
+
+class LabelValue(Text):
+    """A label's value."""
+
+    kind = "bad-label"
+    expects = 'a label value: at most 63 letters, digits, "-", "_" and "."'
+    pattern = re.compile(rf"({LABEL})?")
+
+
+class EnvName(Text):
+    """The name of an environment variable."""
+
+    kind = "bad-env"
+    expects = "a name of an environment variable: letters, digits and _, no digit first"
+    pattern = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+class MountPath(Text):
+    """An absolute path inside a container or on a machine."""
+
+    kind = "bad-path"
+    expects = "an absolute path such as /data, without a colon"
+    pattern = re.compile(r"/[^:\0]*")
+
+
+class RosName(Text):
+    """A ROS graph resource name: letters, digits, _ and /, a letter, / or ~ first."""
+
+    kind = "bad-ros-name"
+    expects = "a ROS name: letters, digits, _ and /, starting with a letter or /"
+    pattern = re.compile(r"[~/]?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*|/")
+
+    @classmethod
+    def parse(cls, raw: str) -> RosName:
+        """Return the name; a hyphen is the usual mistake and told as such."""
+        if "-" in raw and cls.pattern.fullmatch(raw.replace("-", "_")):
+            raise ValueError(f'"{raw}" is not a ROS name: ROS has no "-", write "_"')
+        return super().parse(raw)
+
+
+class RosUri(Text):
+    """The URI of a ROS master."""
+
+    kind = "bad-uri"
+    expects = "a ROS master's URI such as http://robot:11311"
+    pattern = re.compile(r"http://[A-Za-z0-9._\[\]:-]+:\d{1,5}/?")
+
+
+class Duration(Text):
+    """A span of time: 30, 30s, 5m, 1h30m."""
+
+    kind = "bad-duration"
+    expects = "a duration such as 30s, 5m or 1h30m"
+    pattern = re.compile(r"(?=.)(\d+h)?(\d+m)?(\d+(\.\d+)?s?)?")
+
+    @classmethod
+    def parse(cls, raw: str) -> Duration:
+        """Return the span; none at all would wait for nothing."""
+        value = super().parse(raw)
+        if not value.seconds:
+            raise ValueError(f'"{raw}" is not {cls.expects}')
+        return value
+
+    @property
+    def seconds(self) -> float:
+        """The same in seconds."""
+        units = {"h": 3600.0, "m": 60.0, "s": 1.0, "": 1.0}
+        return sum(float(n) * units[u] for n, u in re.findall(r"(\d+(?:\.\d+)?)([hms]?)", self))
+
+
+class Retention(Text):
+    """A span of time as Prometheus and Loki write it."""
+
+    kind = "bad-duration"
+    expects = "a duration such as 15s, 12h or 7d"
+    pattern = re.compile(r"(\d+(ms|[smhdwy]))+|0")

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
+import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -35,8 +39,9 @@ FILES = {
     "/usr/share/demo/talker.py": TALKER,
     "/app.launch": LAUNCH,
 }
-ROSPY = "/usr/share/demo/talker.py"
-ROSCPP = "/usr/lib/topic_tools/relay /a /b __name:=node"
+RELAY = "/a /b __name:=node"
+NODES = {"rospy": "/usr/share/demo/talker.py", "roscpp": f"/usr/lib/topic_tools/relay {RELAY}"}
+ROSRUN = {"rospy": "rosrun demo talker.py", "roscpp": f"rosrun topic_tools relay {RELAY}"}
 #: Says when it has seen /node at the master, and then how long after a line of input it was gone.
 WATCH = f"""
 import sys, time
@@ -57,6 +62,22 @@ print("still there")
 """
 
 
+@pytest.fixture
+def cgroup():
+    """A control group of the test's own, as another container has it."""
+    tree = Path("/sys/fs/cgroup")
+    root = tree if (tree / "cgroup.procs").exists() else tree / "pids"
+    group = root / f"rigel-test-{os.getpid()}"
+    group.mkdir()
+    yield group
+    for pid in (group / "cgroup.procs").read_text().split():
+        with suppress(ProcessLookupError):
+            os.kill(int(pid), signal.SIGKILL)
+    while (group / "cgroup.procs").read_text():
+        time.sleep(0.05)
+    group.rmdir()
+
+
 def terminated(master, pod):
     """End a pod as the kubelet does; return how the master saw /node go and the seconds it took."""
     with subprocess.Popen(
@@ -75,12 +96,12 @@ def terminated(master, pod):
     return said, took
 
 
-@pytest.mark.parametrize("node", [ROSPY, ROSCPP], ids=["rospy", "roscpp"])
+@pytest.mark.parametrize("client", ["rospy", "roscpp"])
 @pytest.mark.parametrize(
     "command",
     [
         "exec {node}",
-        "exec rosrun demo talker.py",
+        "exec {rosrun}",
         "{node}; true",
         "{node} & wait",
         "trap '' TERM; {node}; true",
@@ -89,10 +110,11 @@ def terminated(master, pod):
     ids=["first", "rosrun", "shell", "background", "deaf-shell", "two-shells"],
 )
 @pytest.mark.parametrize("shell", ["bash", "sh"])
-def test_unregistered(pods, shell, command, node):
+def test_unregistered(pods, shell, command, client):
     """Whatever process 1 is, the node is unregistered in time and the container ends by itself."""
     master = pods.master()
-    pod = pods.node("node", shell, "-c", command.format(node=node), files=FILES)
+    command = command.format(node=NODES[client], rosrun=ROSRUN[client])
+    pod = pods.node("node", shell, "-c", command, files=FILES)
     said, took = terminated(master, pod)
     assert said.startswith("gone")
     assert took < 20, "the container had to be killed"
@@ -122,17 +144,18 @@ def test_own_roscore(pods):
 
 def test_hangs(pods):
     """A process that ends neither on SIGINT nor on SIGTERM costs the bound and no more."""
-    pod = pods.start("hangs", "bash", "-c", "trap '' INT TERM; sleep 100; sleep 100")
+    waiting = "trap : TERM; (trap '' INT TERM; sleep 100; sleep 100) & while true; do wait; done"
+    pod = pods.start("hangs", "bash", "-c", waiting)
     done = pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2", timeout=6)
     assert done.returncode == 0
 
 
-def test_only_sigterm(pods):
+def test_only_sigterm(pods, eventually):
     """A process that ignores SIGINT, as a shell's background job does, gets SIGTERM."""
-    pod = pods.start("deaf", "bash", "-c", "(trap '' INT; exec sleep 100); sleep 0; exec sleep 50")
-    done = pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2", timeout=6)
-    assert done.returncode == 0
-    assert not pod.pids("sleep 100")
+    pod = pods.start("deaf", "sh", "-c", "(trap '' INT; exec sleep 100); exec sleep 50")
+    eventually(lambda: pod.pids("sleep 100"), "the process runs")
+    pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2")
+    eventually(lambda: pod.pids("sleep 50"), "the shell goes on")
 
 
 def test_master(pods):
@@ -142,10 +165,11 @@ def test_master(pods):
     assert "shutting down processing monitor complete" in master.log()
 
 
-def test_spares_others(pods):
-    """With the machine's processes in sight (hostPID) only this container's are stopped."""
-    other = pods.start("other", "sleep", "60")
-    pod = pods.start("own", "sh", "-c", "sleep 60; true")
-    pod.signal("sleep 60", signal.SIGCONT)
-    pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "2")
-    assert other.alive()
+def test_spares_others(pods, eventually, cgroup):
+    """With processes of other containers in sight (hostPID) only this container's are stopped."""
+    pod = pods.start("own", "bash", "/run.sh", files={"/run.sh": "sleep 61 & sleep 62 & wait\n"})
+    eventually(lambda: pod.pids("sleep 61") and pod.pids("sleep 62"), "both run")
+    (cgroup / "cgroup.procs").write_text(str(pod.pids("sleep 61")[0]))
+    pod.exec("/bin/sh", "/rigel-k8s/stop.sh", "4")
+    eventually(lambda: not pod.pids("sleep 62"), "the container's own process has ended")
+    assert pod.pids("sleep 61")

@@ -5,15 +5,17 @@
 # process 1 does not pass it on, and a node that is killed stays registered with the master. SIGINT
 # is what rospy, roscpp and roslaunch all unregister on. Kubernetes sends SIGTERM as soon as this
 # script returns, so it waits until the processes are gone.
-# Contract: stop.sh [SECONDS]; always 0. Waits for every process of the container but process 1,
-# SECONDS at most (default 8), and sends SIGTERM after half of them. Process 1 gets its SIGINT last
-# and is not waited for: its end would end this script, which Kubernetes tells as a failed hook, and
-# SIGTERM does nothing to a process 1 without a handler. Nodes end before a roscore, so that they
-# can unregister. What a roslaunch started it stops by itself; it would start it again otherwise.
+# Contract: stop.sh [SECONDS]; always 0. SIGINT goes to every process of the container at once, but
+# to a roscore after the nodes, so that they can unregister; to what a roslaunch started not at all,
+# since roslaunch stops it itself and would start it again otherwise; and to process 1 last. What
+# lives on gets SIGINT after 1.5 s whatever it is, and SIGTERM after half of SECONDS (default 8).
+# It waits for all but process 1, unless SIGTERM does nothing to process 1 (a shell, roscpp): then
+# it goes on in the background. For the end of process 1 ends this script with it, and Kubernetes
+# tells that as a failed hook.
 # Needs sh, sleep, tr and /proc.
 
 bound=$((${1:-8} * 10))
-patience=15 # tenths of a second, then SIGINT goes to roscore and to what roslaunch has not ended
+patience=15 # tenths of a second
 classified=' ' cores=' ' launches=' ' told=' ' warned=' '
 
 # Whether $2 is one of the words of $1, a list with blanks around each word.
@@ -63,7 +65,7 @@ list() {
   all=
   for folder in /proc/[0-9]*; do
     pid=${folder#/proc/}
-    has "$mine" "$pid" || ! look "$pid" || [ "$parent" = $$ ] && continue
+    has "$mine" "$pid" || ! look "$pid" || [ "$parent" = "$self" ] && continue
     case $state in Z | X) continue ;; esac
     group "$pid"
     [ "$cgroup" = "$home" ] || continue
@@ -100,15 +102,36 @@ round() {
   done
 }
 
+# Whether SIGTERM means nothing to process 1: it neither handles it nor waits for it.
+indifferent() {
+  masks=0
+  while read -r key value; do
+    case $key in SigBlk: | SigCgt:) masks=$((masks | 0x${value#????????})) ;; esac
+  done </proc/1/status
+  [ $((masks >> 14 & 1)) = 0 ]
+}
+
+# Rounds until all but process 1 have ended, then process 1's turn.
+work() {
+  read -r self _ </proc/self/stat
+  mine="$mine$self "
+  tenth=0
+  while [ "$tenth" -lt "$bound" ]; do
+    round "$tenth"
+    [ -z "$first$rest" ] && break
+    if sleep 0.1 2>/dev/null; then tenth=$((tenth + 1)); else sleep 1 && tenth=$((tenth + 10)); fi
+  done
+  has "$ancestors" 1 || interrupt 1
+}
+
 mine=" $$ " parent=$$
 while look "$parent" && [ "$parent" -gt 0 ]; do mine="$mine$parent "; done
+ancestors=$mine
 group $$
 home=$cgroup
-tenth=0
-while [ "$tenth" -lt "$bound" ]; do
-  round "$tenth"
-  [ -z "$first$rest" ] && break
-  if sleep 0.1 2>/dev/null; then tenth=$((tenth + 1)); else sleep 1 && tenth=$((tenth + 10)); fi
-done
-has "$mine" 1 || interrupt 1
+if indifferent; then
+  work </dev/null >/dev/null 2>&1 &
+else
+  work
+fi
 exit 0

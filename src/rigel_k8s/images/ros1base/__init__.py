@@ -16,7 +16,7 @@ engine.py     the archive into podman or docker
 from __future__ import annotations
 
 from rigel_k8s.images.ros1base.build import BaseImage, build
-from rigel_k8s.images.ros1base.engine import load
+from rigel_k8s.images.ros1base.engine import load, push
 from rigel_k8s.images.ros1base.packages import REFERENCES, Variant
 
-__all__ = ["REFERENCES", "BaseImage", "Variant", "build", "load"]
+__all__ = ["REFERENCES", "BaseImage", "Variant", "build", "load", "push"]

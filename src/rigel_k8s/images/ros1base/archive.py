@@ -16,7 +16,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-__all__ = ["architecture", "digest_of", "write"]
+__all__ = ["FORMAT", "architecture", "digest_of", "write"]
+
+#: Another one where the same layers give another file.
+FORMAT = "2"
 
 _OCI = "application/vnd.oci.image"
 _CHUNK = 1 << 20
@@ -63,12 +66,15 @@ def digest_of(path: Path) -> str:
 
 
 def _image(config: Mapping[str, Any], digests: Sequence[str], created: int) -> dict[str, Any]:
+    moment = datetime.fromtimestamp(created, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
         "architecture": architecture(),
         "os": "linux",
-        "created": datetime.fromtimestamp(created, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "created": moment,
         "config": dict(config),
         "rootfs": {"type": "layers", "diff_ids": [f"sha256:{d}" for d in digests]},
+        # buildah refuses to build on an image whose history does not count its layers.
+        "history": [{"created": moment, "created_by": "rigel-k8s"} for _ in digests],
     }
 
 

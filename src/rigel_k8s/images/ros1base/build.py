@@ -84,7 +84,7 @@ def _build(variant: Variant, target: Path, report: Reporter) -> None:
 
 def _key(variant: Variant) -> str:
     """What the archive is made of, as a short digest: another recipe is another file."""
-    recipe = [SUITE, *PACKAGES[variant], archive.architecture(), json.dumps(overlay.CONFIG)]
+    recipe = [archive.FORMAT, SUITE, *PACKAGES[variant], archive.architecture(), json.dumps(overlay.CONFIG)]
     found = hashlib.sha256("\n".join(recipe).encode())
     found.update(overlay.layer(variant, mtime=_EPOCH))
     return found.hexdigest()[:16]

@@ -1,4 +1,4 @@
-"""The archive into podman or docker, whichever is here."""
+"""The archive into podman or docker, whichever is here, and from there into a registry."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.images.ros1base.build import BaseImage
 from rigel_k8s.sequences.job import Reporter
 
-__all__ = ["load"]
+__all__ = ["load", "push"]
 
 
 def load(image: BaseImage, report: Reporter, *, engine: str | None = None) -> str:
@@ -26,16 +26,48 @@ def load(image: BaseImage, report: Reporter, *, engine: str | None = None) -> st
     """
     program = engine or _installed()
     report.progress(image.reference, f"loading into {program}")
-    command = [program, "load", "--input", str(image.archive)]
+    _run([program, "load", "--input", str(image.archive)])
+    report.progress(image.reference, f"loaded into {program}", done=True)
+    return program
+
+
+def push(
+    image: BaseImage,
+    reference: str,
+    report: Reporter,
+    *,
+    engine: str | None = None,
+    plain_http: bool = False,
+) -> None:
+    """Load the image, name it `reference` and push it there.
+
+    Args:
+        image: what to push.
+        reference: registry, path and tag.
+        report: where to tell what happens.
+        engine: as in `load`.
+        plain_http: the registry has no certificate; docker asks its own configuration instead.
+
+    Raises:
+        RigelK8sError: no engine is installed.
+        CommandFailed: the registry or the engine refused.
+    """
+    program = load(image, report, engine=engine)
+    report.progress(reference, "pushing")
+    _run([program, "tag", image.reference, reference])
+    options = ["--tls-verify=false"] if plain_http and program == "podman" else []
+    _run([program, "push", *options, reference])
+    report.progress(reference, "pushed", done=True)
+
+
+def _run(command: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise CommandFailed(
-            f"{program} could not load {image.archive} (exit code {done.returncode})",
-            hint=f"try `{' '.join(command)}` by hand",
+            f"`{' '.join(command)}` failed (exit code {done.returncode})",
+            hint="run it by hand to see all of its output",
             details=tuple((done.stdout + done.stderr).splitlines()[-15:]),
         )
-    report.progress(image.reference, f"loaded into {program}", done=True)
-    return program
 
 
 def _installed() -> str:

@@ -1,0 +1,35 @@
+#!/usr/bin/env python
+"""Publish numbered greetings on /chatter: `hello world NONCE N`.
+
+N counts up by one with each message. NONCE is what the ROS parameter /nonce holds at that moment,
+"none" without it: whoever sets it and sees it arrive knows that the message was made after that.
+Parameters: ~rate, messages a second (default 10). Environment: VERSION, told in the log.
+"""
+
+import os
+
+import rospy
+from std_msgs.msg import String
+
+
+def main():
+    rospy.init_node("talker")
+    publisher = rospy.Publisher("chatter", String, queue_size=10)
+    rate = rospy.Rate(rospy.get_param("~rate", 10))
+    rospy.loginfo("talker version %s", os.environ.get("VERSION", "unknown"))
+    number = 0
+    while not rospy.is_shutdown():
+        number += 1
+        # Cached: rospy asks the master once and is told of changes.
+        nonce = rospy.get_param_cached("/nonce", "none")
+        message = "hello world %s %d" % (nonce, number)
+        rospy.loginfo(message)
+        publisher.publish(message)
+        rate.sleep()
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except rospy.ROSInterruptException:
+        pass  # asked to stop while it slept

@@ -1,0 +1,117 @@
+"""The entry: help without imports, unknown commands, errors and exit codes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+
+from rigel_k8s.cli import main
+from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, UserError
+
+HEAVY = (
+    "attrs",
+    "yaml",
+    "jinja2",
+    "rich",
+    "urllib3",
+    "kubernetes",
+    "rigel_k8s.rigelfile",
+    "rigel_k8s.kube",
+)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """`rigel --help` costs little more than click: no YAML, no HTTP, no attrs."""
+    code = (
+        "import sys\n"
+        "from rigel_k8s.cli.main import run\n"
+        "assert run(['--help'], 'rigel') == 0\n"
+        f"print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", main.COMMANDS)
+def test_every_command_of_the_table_is_there_and_helps(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The table of help names commands that exist, and each has a help of its own."""
+    assert main.run([name, "--help"], "rigel") == 0
+    assert "Usage: rigel" in capsys.readouterr().out
+
+
+def test_an_unknown_command_names_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    """A misspelt command is a usage error (2) that says what was probably meant."""
+    assert main.run(["staus"], "rigel") == 2
+    assert 'Did you mean "status"?' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (UserError("bad flag", hint="write a good one"), 2),
+        (ClusterError("refused", details=["Forbidden"]), 1),
+        (Interrupted("stopped"), 130),
+        (RigelK8sError("broke"), 1),
+    ],
+)
+def test_errors_are_told_without_a_traceback(
+    error: RigelK8sError,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """What, what helps, what next; the exit code says whose fault it is."""
+
+    def fail(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(main.cli, "main", fail)
+    assert main.run(["status"], "rigel") == code
+    told = capsys.readouterr().err
+    assert f"error: {error.message}" in told
+    assert "Traceback" not in told
+    assert all(detail in told for detail in error.details)
+    assert error.hint is None or f"hint: {error.hint}" in told
+
+
+def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Anything that is not our error is a bug and must not be swallowed."""
+
+    def fail(**_: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(main.cli, "main", fail)
+    with pytest.raises(ZeroDivisionError):
+        main.run(["status"], "rigel")
+
+
+def test_ctrl_c_is_130(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As shells expect of an interrupted command."""
+
+    def fail(**_: object) -> None:
+        raise click.Abort
+
+    monkeypatch.setattr(main.cli, "main", fail)
+    assert main.run(["status"], "rigel") == 130
+
+
+def test_a_missing_rigelfile_says_what_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first thing that goes wrong for a new user has a way out."""
+    assert main.run(["-f", str(tmp_path / "Rigelfile"), "check"], "rigel") == 2
+    assert "rigel init" in capsys.readouterr().err
+
+
+def test_a_closed_pipe_is_silent() -> None:
+    """`rigel ... | head -1` ends without a word on standard error."""
+    line = f"{sys.executable} -m rigel_k8s schema | head -1"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert done.stdout.strip() == "{"

@@ -12,7 +12,7 @@ from rigel_k8s.localcluster.addresses import Addresses
 from rigel_k8s.localcluster.components import Components
 from rigel_k8s.localcluster.layout import CONTROL_PLANE, Layout
 from rigel_k8s.localcluster.machine import Process, recorded
-from rigel_k8s.localcluster.paths import directory_of
+from rigel_k8s.localcluster.paths import directory_of, names
 
 __all__ = ["State", "find"]
 
@@ -94,4 +94,7 @@ def find(name: str) -> State:
     """
     if state := State.load(name):
         return state
-    raise UserError(f"there is no local cluster {name}", hint=f"rigel cluster up --name {name}")
+    others = f"; there is {', '.join(names())}" if names() else ""
+    raise UserError(
+        f"there is no local cluster {name}{others}", hint=f"rigel cluster up --name {name}"
+    )

@@ -1,0 +1,131 @@
+"""`rigel cluster`: a real Kubernetes on this machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import attrs
+import click
+
+from rigel_k8s.cli.words import json_option, print_json, quiet
+
+__all__ = ["cluster"]
+
+
+def complete_name(
+    ctx: click.Context, param: click.Parameter, incomplete: str
+) -> list[str]:  # pragma: no cover - called by the shell
+    """Return the clusters that there are."""
+    from rigel_k8s import localcluster
+
+    return [name for name in localcluster.names() if name.startswith(incomplete)]
+
+
+name_option = click.option(
+    "--name",
+    default="local",
+    show_default=True,
+    help="Which cluster; its context is rigel-NAME.",
+    shell_complete=complete_name,
+)
+
+
+@click.group()
+def cluster() -> None:
+    """A real Kubernetes on this machine, for development and tests.
+
+    Every node is a set of Linux namespaces: no container engine, no virtual machine. Needs Linux
+    and root; elsewhere kind, minikube or k3s serve as well.
+    """
+
+
+@cluster.command()
+@name_option
+@click.option("--nodes", type=int, metavar="K", help="How many nodes a new cluster gets [2].")
+@json_option
+@click.pass_context
+def up(ctx: click.Context, /, name: str, nodes: int | None, output: str) -> None:
+    """Start a cluster, or what of it does not run.
+
+    The first time its programs are built (about 15 minutes on two cores) and kept in a cache. The
+    context rigel-NAME is put into your kubeconfig and becomes the current one.
+    """
+    from rigel_k8s import localcluster
+
+    status = localcluster.up(name, nodes, report=steps(ctx))
+    if output == "json":
+        print_json(attrs.asdict(status))
+        return
+    count = f"{len(status.nodes)} node{'s' * (len(status.nodes) != 1)}"
+    click.echo(f"Cluster {name} is up: Kubernetes {status.kubernetes}, {count}")
+    click.echo(f"  context   {status.context} (the current one now)")
+    click.echo(f"  registry  {status.registry} (plain HTTP; nodes pull from it by the same name)")
+    click.echo(f"  kubectl   {status.kubectl}")
+    click.echo(f"  logs      {status.logs}/*/logs")
+
+
+@cluster.command()
+@name_option
+@click.pass_context
+def down(ctx: click.Context, /, name: str) -> None:
+    """End a cluster and remove everything of it, its volumes and images too."""
+    from rigel_k8s import localcluster
+
+    there_was = localcluster.down(name, report=steps(ctx))
+    click.echo(f"Cluster {name} is gone" if there_was else f"There is no cluster {name}")
+
+
+@cluster.command()
+@name_option
+@json_option
+def status(name: str, output: str) -> int:
+    """Show a cluster: nodes, context, registry. Exit code 1 where it does not run."""
+    from rigel_k8s import localcluster
+
+    found = localcluster.status(name)
+    if output == "json":
+        print_json(attrs.asdict(found))
+        return 0 if found.running else 1
+    state = "running" if found.running else "not running"
+    click.echo(f"Cluster {name}: {state}, Kubernetes {found.kubernetes}")
+    for problem in found.problems:
+        click.secho(f"  {problem}", fg="yellow")
+    click.echo(f"  context   {found.context}")
+    click.echo(f"  registry  {found.registry} (plain HTTP)")
+    click.echo(f"  kubectl   {found.kubectl}")
+    click.echo(f"  logs      {found.logs}/*/logs")
+    for node in found.nodes:
+        click.echo(f"  {node.name:<9} {node.address} {'Ready' if node.ready else 'NotReady'}")
+    return 0 if found.running else 1
+
+
+@cluster.command()
+@click.argument("images", nargs=-1, required=True, metavar="IMAGE...")
+@name_option
+@click.pass_context
+def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
+    """Put images of podman or docker, or of tar files, onto every node."""
+    from rigel_k8s import localcluster
+
+    localcluster.load(images, name, report=steps(ctx))
+
+
+@cluster.command()
+@name_option
+def kubeconfig(name: str) -> None:
+    """Print a kubeconfig of the cluster alone."""
+    from rigel_k8s import localcluster
+
+    click.echo(localcluster.kubeconfig_text(name), nl=False)
+
+
+def steps(ctx: click.Context) -> Callable[[str], None]:
+    """Return what prints each step with the seconds since the command began."""
+    begin = time.monotonic()
+
+    def tell(text: str) -> None:
+        if not quiet(ctx):
+            click.echo(f"{time.monotonic() - begin:5.0f} s  {text}", err=True)
+
+    return tell

@@ -106,7 +106,7 @@ class Recipe:
 
 def dockerfile(recipe: Recipe) -> str:
     """Return the Dockerfile's text, without a mark of who wrote it."""
-    blocks = [*_clones(recipe), f"FROM {recipe.base}\n", *_apt(recipe), *_env(recipe)]
+    blocks = [*_clones(recipe), f"FROM {recipe.base}\nUSER root\n", *_apt(recipe), *_env(recipe)]
     blocks += [*_own_commands(recipe), *_user(recipe), *_tools(recipe), *_dependencies(recipe)]
     blocks += [*_workspace(recipe), *_start(recipe)]
     return "\n".join(blocks)
@@ -159,7 +159,7 @@ def _clones(recipe: Recipe) -> Iterator[str]:
     if not recipe.rosinstall:
         return
     about = "Repositories of others, cloned in a stage of their own: git stays out of the image."
-    yield f"# {about}\nFROM {recipe.base} AS repositories\n"
+    yield f"# {about}\nFROM {recipe.base} AS repositories\nUSER root\n"
     vcs = _by_system("vcstool", f"{_python(recipe.distro)}-vcstool")
     yield _run(f"{vcs}{_install(['git', 'openssh-client', '$tools'])}")
     yield "WORKDIR /repositories\n"
@@ -196,7 +196,7 @@ def _own_run(command: str) -> str:
 
 
 def _user(recipe: Recipe) -> Iterator[str]:
-    setup = " ".join(f" \\\n        {shlex.quote(line)}" for line in recipe.setup)
+    setup = "".join(f" \\\n        {shlex.quote(line)}" for line in recipe.setup)
     steps = [f"mkdir -p {recipe.workspace}/src"]
     if recipe.username != "root":
         user = recipe.username

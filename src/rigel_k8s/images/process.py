@@ -9,7 +9,7 @@ import signal
 import subprocess
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from rigel_k8s.errors import CommandFailed, Interrupted
 
@@ -66,19 +66,16 @@ def stream(
         for line in _lines(process, cancel):
             last.append(line)
             on_line(line)
+        if cancel.is_set():
+            raise Interrupted(f"{what} was stopped")
         code = process.wait()
     finally:
         _end(process)
-    if cancel.is_set():
-        raise Interrupted(f"{what} was stopped")
     if code != 0:
-        details = tuple(last)
-        raise CommandFailed(
-            f"{what} failed (exit code {code})", hint=hint(details), details=details
-        )
+        raise CommandFailed(f"{what} failed (exit code {code})", hint=hint(last), details=[*last])
 
 
-def hint(lines: Sequence[str]) -> str | None:
+def hint(lines: Iterable[str]) -> str | None:
     """Return what helps against a failure that docker and podman report in these lines."""
     text = "\n".join(lines).lower()
     return next((way for pattern, way in _WAYS_OUT if re.search(pattern, text)), None)

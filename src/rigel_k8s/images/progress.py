@@ -12,7 +12,7 @@ __all__ = ["Steps", "step_of"]
 PAUSE = 5.0
 
 _LONGEST = 100
-_PODMAN = re.compile(r"(?:\[([^\]]+)\] )?(?:\[\d+/\d+\] )?STEP (\d+/\d+): (.*)")
+_PODMAN = re.compile(r"(?:\[(?!\d+/)([^\]]+)\] )?(?:\[\d+/\d+\] )?STEP (\d+/\d+): (.*)")
 _BUILDX = re.compile(r"#\d+ \[(?:([^\]]*) )?(\d+/\d+)\] (.*)")
 _BUILDX_OUTPUT = re.compile(r"#\d+ (?:\d+\.\d+ )?")
 

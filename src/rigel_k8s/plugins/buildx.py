@@ -17,7 +17,6 @@ from rigel_k8s.images.credentials import Credentials, is_private
 from rigel_k8s.images.engine import Build, Engine, Session, host_platform
 from rigel_k8s.images.reference import DOCKER_HUB, TAG, parse_reference
 from rigel_k8s.images.tools import TOOLS, find_engine
-from rigel_k8s.plugins.clusterload import current_context, load_archive, local_registries
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext, Reporter
 from rigel_k8s.settings import Application
@@ -157,6 +156,8 @@ def _session(options: BuildXOptions, build: Build, job: JobContext, directory: P
     if options.insecure:
         insecure.add(registry)
     if is_private(registry) or any(map(_names_private, build.buildargs.values())):
+        from rigel_k8s.plugins.clusterload import local_registries
+
         insecure |= local_registries()
     return Session(
         directory=directory,
@@ -173,6 +174,8 @@ def _names_private(text: str) -> bool:
 
 
 def _load(build: Build, engine: Engine, session: Session, job: JobContext) -> None:
+    from rigel_k8s.plugins.clusterload import current_context, load_archive
+
     archive = session.directory / "image.tar"
     engine.save(build.names, archive, session)
     load_archive(archive, current_context(job.settings), session.tell, session.cancel)
@@ -200,9 +203,7 @@ def _check_image(options: BuildXOptions) -> Iterator[Problem]:
         message = "an image to build has no digest yet, write NAME or NAME:TAG"
         yield Problem(("image",), message, "bad-image")
     elif not image_names(options):
-        message = (
-            "without `tags`, and with `force_tag_latest: false`, the image has no tag: add one"
-        )
+        message = "without `tags` and with `force_tag_latest: false` it has no tag: add one"
         yield Problem(("image",), message, "bad-image")
     if options.push and reference.name.startswith(f"{DOCKER_HUB}/library/"):
         message = f'"{options.image}" names no registry to push to, write REGISTRY/{options.image}'

@@ -32,7 +32,7 @@ def load_archive(
     words = _command(archive, context)
     if shutil.which(words[0]) is None:
         raise RigelK8sError(
-            f"context {context} needs the program {words[0]} to load images, and it is not installed",
+            f"context {context}: {words[0]} loads its images, and is not installed",
             hint="install it, or push to a registry that the cluster pulls from",
         )
     stream(words, what=f"{words[0]} loading into {context}", env=os.environ, cancel=cancel)

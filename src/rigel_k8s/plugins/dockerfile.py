@@ -25,7 +25,7 @@ from rigel_k8s.images.reference import parse_reference
 from rigel_k8s.problems import Path as ProblemPath
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext, Reporter
-from rigel_k8s.settings import Application
+from rigel_k8s.settings import Application, Settings
 
 __all__ = ["Compiler", "DockerfileJob", "DockerfileOptions", "EnvVar"]
 
@@ -107,6 +107,12 @@ class DockerfileJob:
             *_check_image(options),
             *_check_words(options),
         ]
+
+    def exclusive(
+        self, options: DockerfileOptions, application: Application, settings: Settings
+    ) -> str | None:
+        """Return the file that two jobs must not write side by side."""
+        return str((application.dir / DOCKERFILE).resolve())
 
     def run(self, options: DockerfileOptions, job: JobContext) -> None:
         """Write the files that changed; UserError where one of them is the user's own."""

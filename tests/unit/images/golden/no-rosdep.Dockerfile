@@ -1,0 +1,33 @@
+FROM ros:noetic
+USER root
+
+# Interactive shells (kubectl exec -it POD -- bash) know ROS as well.
+RUN { id -u rigeluser >/dev/null 2>&1 || useradd --create-home --user-group --shell /bin/bash rigeluser; } \
+    && mkdir -p /home/rigeluser/ros_workspace/src \
+    && chown -R rigeluser: /home/rigeluser/ros_workspace \
+    && printf '%s\n' \
+        'source /opt/ros/noetic/setup.bash' \
+        'source /home/rigeluser/ros_workspace/devel/setup.bash' \
+        >> /etc/bash.bashrc
+
+# What builds the workspace; Debian and packages.ros.org name it differently.
+RUN . /etc/os-release \
+    && case "$ID" in debian) tools="catkin" ;; *) tools="ros-noetic-catkin" ;; esac \
+    && apt-get update \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
+        build-essential \
+        $tools \
+    && rm -rf /var/lib/apt/lists/*
+
+COPY --chown=rigeluser:rigeluser . /home/rigeluser/ros_workspace/src/demo/
+
+USER rigeluser
+
+WORKDIR /home/rigeluser/ros_workspace
+
+RUN bash -c 'source /opt/ros/noetic/setup.bash && catkin_make'
+
+COPY dockerfile_entrypoint.sh /home/rigeluser/robot-entrypoint.sh
+
+ENTRYPOINT ["/bin/bash", "/home/rigeluser/robot-entrypoint.sh"]
+CMD ["bash"]

@@ -1,0 +1,39 @@
+FROM ros:noetic
+USER root
+
+# Interactive shells (kubectl exec -it POD -- bash) know ROS as well.
+RUN mkdir -p /root/ros_workspace/src \
+    && printf '%s\n' \
+        'source /opt/ros/noetic/setup.bash' \
+        'source /root/ros_workspace/devel/setup.bash' \
+        >> /etc/bash.bashrc
+
+# What builds the workspace; Debian and packages.ros.org name it differently.
+RUN . /etc/os-release \
+    && case "$ID" in debian) tools="catkin python3-rosdep2" ;; *) tools="ros-noetic-catkin python3-rosdep" ;; esac \
+    && apt-get update \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
+        build-essential \
+        $tools \
+    && rm -rf /var/lib/apt/lists/*
+
+# Only the package.xml files, so that this layer outlives an edit of the sources.
+COPY src/hello/package.xml /root/ros_workspace/src/demo/src/hello/package.xml
+RUN { [ -e /etc/ros/rosdep/sources.list.d/20-default.list ] || rosdep init; } \
+    && rosdep update --rosdistro noetic --include-eol-distros \
+    && echo 'APT::Install-Recommends false;' > /etc/apt/apt.conf.d/90rosdep \
+    && apt-get update \
+    && DEBIAN_FRONTEND=noninteractive rosdep install --rosdistro noetic \
+        --from-paths /root/ros_workspace/src --ignore-src -r -y \
+    && rm -rf /var/lib/apt/lists/* /root/.ros/rosdep /etc/apt/apt.conf.d/90rosdep
+
+COPY . /root/ros_workspace/src/demo/
+
+WORKDIR /root/ros_workspace
+
+RUN bash -c 'source /opt/ros/noetic/setup.bash && catkin_make'
+
+COPY dockerfile_entrypoint.sh /root/robot-entrypoint.sh
+
+ENTRYPOINT ["/bin/bash", "/root/robot-entrypoint.sh"]
+CMD ["bash"]

@@ -1,0 +1,197 @@
+"""The registry protocol against a small HTTP server: what Debian's docker-registry cannot show.
+
+The real registry is in tests/cluster/test_images_registry.py.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import threading
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.registry import challenge, log_in, resolve_digest
+
+MANIFEST = b'{"schemaVersion": 2}'
+DIGEST = f"sha256:{hashlib.sha256(MANIFEST).hexdigest()}"
+BASIC = "Basic " + base64.b64encode(b"me:secret").decode()
+Request = tuple[str, str, str]
+
+
+class Handler(BaseHTTPRequestHandler):
+    """A registry that wants a token, and its token server."""
+
+    protocol_version = "HTTP/1.1"
+    server: Registry
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing."""
+
+    def do_HEAD(self) -> None:
+        self.answer()
+
+    def do_GET(self) -> None:
+        self.answer()
+
+    def answer(self) -> None:
+        given = self.headers.get("Authorization", "")
+        self.server.seen.append((self.command, self.path, given))
+        if self.path.startswith("/token"):
+            good = given in ("", BASIC)
+            body = json.dumps({"token": f"for {given}"} if good else {}).encode()
+            self.send(200 if good else 401, body)
+        elif not given and self.server.realm is not None:
+            realm = f'Bearer realm="{self.server.realm}",service="here",scope="x"'
+            self.send(401, b"", {"WWW-Authenticate": realm})
+        elif self.path in ("/v2/", "/v2/team/app/manifests/1"):
+            headers = {"Docker-Content-Digest": DIGEST} if self.server.tells else {}
+            self.send(200, MANIFEST, headers)
+        else:
+            self.send(404, b"")
+
+    def send(self, status: int, body: bytes, headers: dict[str, str] | None = None) -> None:
+        self.send_response(status)
+        for name, value in {**(headers or {}), "Content-Length": str(len(body))}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(body)
+
+
+class Registry(ThreadingHTTPServer):
+    """Where it listens, how it behaves, what it was asked."""
+
+    realm: str | None
+    tells = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.name = f"127.0.0.1:{self.server_address[1]}"
+        self.realm = f"http://{self.name}/token?a=b"
+        self.seen: list[Request] = []
+
+
+@pytest.fixture
+def registry() -> Iterator[Registry]:
+    server = Registry()
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    thread.start()
+    yield server
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def test_a_token_is_fetched_for_the_repository(registry: Registry) -> None:
+    """The token server is asked for pulling this repository, as the user, and nobody else is."""
+    me = Credentials(registry.name, "me", "secret")
+    assert resolve_digest(f"{registry.name}/team/app:1", me) == DIGEST
+    (_, path, given), (*_, last) = registry.seen[-2:]
+    assert path == "/token?a=b&service=here&scope=repository%3Ateam%2Fapp%3Apull"
+    assert (given, last) == (BASIC, f"Bearer for {BASIC}")
+
+
+def test_public_images_need_no_credentials(registry: Registry) -> None:
+    """Without credentials the token is asked for anonymously."""
+    assert resolve_digest(f"{registry.name}/team/app:1") == DIGEST
+    assert registry.seen[-2][2] == ""
+
+
+def test_a_registry_that_does_not_tell_the_digest_is_believed_its_manifest(
+    registry: Registry,
+) -> None:
+    """Without the header the digest is that of the manifest's bytes."""
+    registry.realm, registry.tells = None, False
+    assert resolve_digest(f"{registry.name}/team/app:1") == DIGEST
+
+
+def test_an_image_with_a_digest_is_its_own_answer(registry: Registry) -> None:
+    """Nobody is asked about a reference that has a digest."""
+    assert resolve_digest(f"{registry.name}/team/app:1@{DIGEST}") == DIGEST
+    assert registry.seen == []
+
+
+def wrong_password(registry: Registry) -> str | None:
+    wrong = Credentials(registry.name, "me", "wrong")
+    return resolve_digest(f"{registry.name}/team/app:1", wrong)
+
+
+def unknown_scheme(registry: Registry) -> str | None:
+    registry.realm = "no url"
+    return resolve_digest(f"{registry.name}/team/app:1")
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        wrong_password,
+        unknown_scheme,
+        lambda registry: resolve_digest(f"{registry.name}/team/app:2"),
+        lambda _: resolve_digest("127.0.0.1:1/team/app:1"),
+        lambda _: resolve_digest("Not an image"),
+    ],
+)
+def test_none_where_it_cannot_tell(
+    registry: Registry, ask: Callable[[Registry], str | None]
+) -> None:
+    """A refusal, a missing tag, silence or nonsense give None, and no error."""
+    assert ask(registry) is None
+
+
+def test_good_credentials_log_in(registry: Registry) -> None:
+    """log_in is true where the registry wanted credentials and took these."""
+    assert log_in(Credentials(registry.name, "me", "secret"))
+
+
+def test_a_registry_without_users_logs_nobody_in(registry: Registry) -> None:
+    """log_in is false where the registry asks for none."""
+    registry.realm = None
+    assert not log_in(Credentials(registry.name, "me", "secret"))
+
+
+def test_wrong_credentials_are_refused(registry: Registry) -> None:
+    """The error names registry and user, not the password."""
+    with pytest.raises(RigelK8sError, match=f'{registry.name} refuses user "me"') as caught:
+        log_in(Credentials(registry.name, "me", "wrong"))
+    assert "wrong" not in f"{caught.value} {caught.value.hint} {caught.value.details}"
+    assert caught.value.exit_code == 1
+
+
+def test_a_registry_that_is_not_there_is_told() -> None:
+    """The error says what cannot be reached."""
+    with pytest.raises(RigelK8sError, match=r"registry 127\.0\.0\.1:1: .*refused"):
+        log_in(Credentials("127.0.0.1:1", "me", "secret"))
+
+
+def test_no_password_goes_to_an_unencrypted_address_of_a_network() -> None:
+    """A private address is asked over plain HTTP; a password takes `insecure` as well."""
+    from rigel_k8s.images.registry import _Registry, _Unclear
+
+    me = Credentials("10.0.0.1:5000", "me", "secret")
+    with pytest.raises(_Unclear, match="insecure: true"):
+        _Registry("10.0.0.1:5000", me, 1)._authorize("http://10.0.0.1:5000", "Basic", scope=None)
+
+
+def test_no_password_goes_to_an_unencrypted_token_server() -> None:
+    """A registry with TLS cannot make us send the password over plain HTTP."""
+    from rigel_k8s.images.registry import _Registry, _Unclear
+
+    me = Credentials("host", "me", "secret")
+    header = 'Bearer realm="http://elsewhere/token"'
+    with pytest.raises(_Unclear, match="not encrypted"):
+        _Registry("host", me, 1)._authorize("https://host", header, scope=None)
+
+
+def test_challenges_are_read() -> None:
+    """Quoted values with commas and escapes, and bare ones, are read."""
+    header = r'Bearer realm="https://a/b",scope="repository:x:pull,push", error="a \"b\"",n=1'
+    assert challenge(header) == (
+        "bearer",
+        {"realm": "https://a/b", "scope": "repository:x:pull,push", "error": 'a "b"', "n": "1"},
+    )

@@ -1,0 +1,12 @@
+"""This package inside Rigel 0.3: job types as Rigel's plugins, and `rigel` handing over to Rigel.
+
+Rigel is never imported from here unless it has been imported already, or `rigel run` is typed where
+it is installed. It knows the seam of job types and nothing of what they do.
+"""
+
+from __future__ import annotations
+
+from rigel_k8s.compat.handover import handover
+from rigel_k8s.compat.names import public
+
+__all__ = ["handover", "public"]

@@ -10,18 +10,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.problems import Problem
+from rigel_k8s.rigelfile import Finding
 from rigel_k8s.sequences.matrix import combinations, label
 from rigel_k8s.sequences.steps import Branches, Job, Jobs, Serving, Step
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Preview", "check"]
+__all__ = ["Preview"]
 
 Known = Mapping[str, Any]
-#: A job and the data known so far to its options (None: wrong, or not known yet) and its problems.
-Options = Callable[[Job, Known], tuple[Any | None, Sequence[Problem]]]
-#: A matrix and the data known so far to {key: values} (None: not known yet) and its problems.
-Matrix = Callable[[Branches, Known], tuple[Mapping[str, list[Any]] | None, Sequence[Problem]]]
+#: A job and the data known so far to its options (None: wrong, or not known yet) and what is wrong.
+Options = Callable[[Job, Known], tuple[Any | None, Sequence[Finding]]]
+#: A matrix and the data known so far to {key: values} (None: not known yet) and what is wrong.
+Matrix = Callable[[Branches, Known], tuple[Mapping[str, list[Any]] | None, Sequence[Finding]]]
 Held = dict[str, str]
 
 
@@ -35,27 +35,32 @@ class Preview:
         self._matrix = matrix
         self._application = application
         self._settings = settings
-        self.problems: dict[Problem, None] = {}
+        self._findings: dict[Finding, None] = {}
 
-    def look(self, step: Step, known: Known, branch: str = "") -> Held:
-        """Collect problems; return the keys that jobs below hold, each with the job's name.
+    def look_at(self, steps: Step) -> Sequence[Finding]:
+        """Return what is wrong with the jobs under a step, each finding once.
 
         Raises:
             UserError: two jobs that run side by side hold one key.
         """
+        self._look(steps, {})
+        return tuple(self._findings)
+
+    def _look(self, step: Step, known: Known, branch: str = "") -> Held:
+        """Collect findings; return the keys that jobs below hold, each with the job's name."""
         if isinstance(step, Job):
             return self._job(step, known, branch)
         if isinstance(step, Jobs):
             return {
-                k: w for inner in step.steps for k, w in self.look(inner, known, branch).items()
+                k: w for inner in step.steps for k, w in self._look(inner, known, branch).items()
             }
         if isinstance(step, Serving):
             return self._serving(step, known, branch)
         return self._branches(step, known, branch)
 
     def _job(self, job: Job, known: Known, branch: str) -> Held:
-        options, problems = self._options(job, known)
-        self.problems.update(dict.fromkeys(problems))
+        options, findings = self._options(job, known)
+        self._findings.update(dict.fromkeys(findings))
         if options is None:
             return {}
         exclusive = getattr(job.type, "exclusive", None)
@@ -64,13 +69,13 @@ class Preview:
 
     def _serving(self, step: Serving, known: Known, branch: str) -> Held:
         held = [self._job(job, known, branch) for job in step.dependencies]
-        return _side_by_side([*held, self.look(step.jobs, known, branch)])
+        return _side_by_side([*held, self._look(step.jobs, known, branch)])
 
     def _branches(self, step: Branches, known: Known, branch: str) -> Held:
-        matrix, problems = self._matrix(step, known)
-        self.problems.update(dict.fromkeys(problems))
+        matrix, findings = self._matrix(step, known)
+        self._findings.update(dict.fromkeys(findings))
         if matrix is None:
-            return self.look(step.body, known, branch)
+            return self._look(step.body, known, branch)
         return _side_by_side(self._each(step, combinations(matrix), known, branch))
 
     def _each(
@@ -78,17 +83,7 @@ class Preview:
     ) -> Iterator[Held]:
         for combination in chosen:
             name = ", ".join(part for part in (branch, label(combination)) if part)
-            yield self.look(step.body, {**known, **combination}, name)
-
-
-def check(preview: Preview, steps: Step) -> Sequence[Problem]:
-    """Return the problems of all jobs under a step, each once.
-
-    Raises:
-        UserError: two jobs that run side by side hold one key.
-    """
-    preview.look(steps, {})
-    return tuple(preview.problems)
+            yield self._look(step.body, {**known, **combination}, name)
 
 
 def _side_by_side(parts: Iterator[Held] | list[Held]) -> Held:

@@ -64,10 +64,10 @@ class Stopped(Exception):
 
 
 class Execution:
-    """One run. `failure` is the first job's failure; it cancels all others."""
+    """One run, stopped by its scope. `failure` is the first job's; it cancels the scope."""
 
-    def __init__(self, surroundings: Surroundings) -> None:
-        self.scope = Scope()
+    def __init__(self, surroundings: Surroundings, scope: Scope) -> None:
+        self.scope = scope
         self.failure: JobFailed | None = None
         self._around = surroundings
         self._lock = threading.Lock()

@@ -11,7 +11,10 @@ from typing import Any
 __all__ = ["interruptions"]
 
 #: The handlers that nobody has set on purpose; others are left alone.
-USUAL: Mapping[signal.Signals, Any] = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+USUAL: Mapping[signal.Signals, Any] = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+}
 
 
 @contextmanager

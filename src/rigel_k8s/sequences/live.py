@@ -17,33 +17,47 @@ from rigel_k8s.errors import Interrupted
 from rigel_k8s.sequences.execution import Execution, Surroundings
 from rigel_k8s.sequences.interruption import interruptions
 from rigel_k8s.sequences.providers import Declared, Providers
+from rigel_k8s.sequences.scope import Scope
 from rigel_k8s.sequences.steps import Jobs
 
 __all__ = ["run_steps"]
 
 
 def run_steps(
-    steps: Jobs, around: Surroundings, declared: Sequence[Declared] = ()
+    steps: Jobs,
+    around: Surroundings,
+    declared: Sequence[Declared] = (),
+    *,
+    data: dict[str, Any] | None = None,
+    scope: Scope | None = None,
 ) -> dict[str, Any]:
     """Run steps to their end and return the data that the jobs stored.
+
+    Args:
+        steps: what to do.
+        around: what the run needs of the world; its providers are connected already.
+        declared: the providers to connect before and to disconnect after.
+        data: what was stored before; jobs write into it.
+        scope: what stops the run from outside.
 
     Raises:
         JobFailed: the first failure; all other jobs were stopped.
         Interrupted: Ctrl-C or SIGTERM; jobs were told to stop and waited for, `grace` seconds at
             most, or not at all after a second one.
     """
-    data: dict[str, Any] = {}
+    data = {} if data is None else data
     providers = Providers(declared, around.report)
+    providers.connections.update(around.providers)
     around = attrs.evolve(around, providers=providers.connections)
-    _Live(around, providers).run(steps, data)
+    _Live(Execution(around, scope or Scope()), around, providers).run(steps, data)
     return data
 
 
 class _Live:
-    def __init__(self, around: Surroundings, providers: Providers) -> None:
+    def __init__(self, execution: Execution, around: Surroundings, providers: Providers) -> None:
+        self._execution = execution
         self._around = around
         self._providers = providers
-        self._execution = Execution(around)
         self._mail: queue.SimpleQueue[Literal["ended", "cancelled", "interrupted"]]
         self._mail = queue.SimpleQueue()
         self._interrupted = False
@@ -105,7 +119,7 @@ class _Live:
     def _raise(self) -> None:
         if self._execution.failure:
             raise self._execution.failure
-        if self._interrupted:
+        if self._interrupted or (self._execution.scope.cancelled.is_set() and not self._error):
             raise self._left("interrupted") from self._error
         if self._error:
             raise self._error

@@ -15,7 +15,7 @@ class Scope:
         self.cancelled = threading.Event()
         self._parts: list[Scope] = []
         self._tells: list[Callable[[], None]] = []
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # cancel() may come from a signal handler
 
     def on_cancel(self, tell: Callable[[], None]) -> None:
         """Call a function when this is cancelled; at once if it is already."""

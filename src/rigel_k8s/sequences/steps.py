@@ -8,7 +8,7 @@ Job         one use of a job
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import attrs
@@ -25,7 +25,7 @@ from rigel_k8s.rigelfile.model import (
 from rigel_k8s.rigelfile.source import Node
 from rigel_k8s.sequences.job import JobType
 
-__all__ = ["Branches", "Job", "Jobs", "Serving", "Step", "each_job", "of_job", "of_sequence"]
+__all__ = ["Branches", "Job", "Jobs", "Serving", "Step", "job_names", "of_job", "of_sequence"]
 
 
 @attrs.frozen
@@ -69,20 +69,16 @@ Step: TypeAlias = Job | Jobs | Serving | Branches
 Types: TypeAlias = Mapping[str, JobType[Any]]
 
 
-def of_job(spec: ComponentSpec, kind: JobType[Any]) -> Jobs:
+def of_job(spec: ComponentSpec, kind: JobType[Any], overrides: Node | None = None) -> Jobs:
     """Return what `run job` does."""
-    return Jobs((Job(spec, kind),))
+    return Jobs((Job(spec, kind, overrides),))
 
 
-def of_sequence(
-    sequence: SequenceSpec,
-    jobs: Mapping[str, ComponentSpec],
-    kind_of: Callable[[str], JobType[Any]],
-) -> Jobs:
-    """Return what `run sequence` does; `kind_of` gives the type of a job's key."""
+def of_sequence(sequence: SequenceSpec, specs: Mapping[str, ComponentSpec], types: Types) -> Jobs:
+    """Return what `run sequence` does, with the specs and types of its jobs by their keys."""
 
     def job(use: JobUse) -> Job:
-        return Job(jobs[use.name], kind_of(use.name), use.overrides)
+        return Job(specs[use.name], types[use.name], use.overrides)
 
     def step(stage: Stage) -> Step:
         if isinstance(stage, Parallel):
@@ -97,15 +93,11 @@ def of_sequence(
     return body if sequence.matrix is None else Jobs((Branches(sequence.matrix, body),))
 
 
-def each_job(step: Step) -> Iterator[Job]:
-    """Yield every use of a job under a step."""
-    if isinstance(step, Job):
-        yield step
-    elif isinstance(step, Jobs):
-        for inner in step.steps:
-            yield from each_job(inner)
-    elif isinstance(step, Serving):
-        yield from step.dependencies
-        yield from each_job(step.jobs)
-    else:
-        yield from each_job(step.body)
+def job_names(sequence: SequenceSpec) -> tuple[str, ...]:
+    """Return the keys of the jobs that a sequence uses, each once."""
+    names: dict[str, None] = {}
+    for stage in sequence.stages:
+        for inner in stage.stages if isinstance(stage, Parallel) else (stage,):
+            served = inner.dependencies if isinstance(inner, Concurrent) else ()
+            names.update(dict.fromkeys(use.name for use in (*served, *inner.jobs)))
+    return tuple(names)

@@ -1,0 +1,129 @@
+"""Which job of the Rigelfile a plugin is: Rigel tells a plugin its data and not its name.
+
+Rigel has rendered that data its own way (filters stay as they are, 1.10 is 1.1), so the Rigelfile
+is read again, and what was given only tells the jobs apart.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.rigelfile import Node, Rigelfile, preview
+from rigel_k8s.rigelfile.model import ComponentSpec, Concurrent, JobUse, Parallel, SequenceSpec
+from rigel_k8s.sequences.names import Builtin
+
+__all__ = ["CommandLine", "Use", "command_line", "find_use"]
+
+
+@attrs.frozen
+class CommandLine:
+    """What `rigel run job|sequence NAME [-f FILE]` says; all None where it is something else."""
+
+    job: str | None = None
+    sequence: str | None = None
+    file: Path = Path("Rigelfile")
+
+
+@attrs.frozen
+class Use:
+    """A job of the Rigelfile with the overrides of the place where it is used."""
+
+    spec: ComponentSpec
+    overrides: Node | None = None
+
+
+def command_line(argv: Sequence[str] | None = None) -> CommandLine:
+    """Return what Rigel's command line says (sys.argv, unless another is given)."""
+    words = iter((sys.argv if argv is None else argv)[1:])
+    names: list[str] = []
+    file = "Rigelfile"
+    for word in words:
+        if word in ("-f", "--file"):
+            file = next(words, file)
+        elif word.startswith("--file="):
+            file = word.partition("=")[2]
+        elif word.startswith("-f"):
+            file = word[2:]
+        else:
+            names.append(word)
+    if len(names) != 3 or names[0] != "run" or names[1] not in ("job", "sequence"):
+        return CommandLine()
+    job, sequence = (names[2], None) if names[1] == "job" else (None, names[2])
+    return CommandLine(job, sequence, Path(file))
+
+
+def find_use(
+    rigelfile: Rigelfile,
+    builtin: Builtin,
+    options: type[Any],
+    given: Mapping[str, Any],
+    data: Mapping[str, Any],
+    line: CommandLine,
+) -> Use:
+    """Return the job that a plugin with this data is.
+
+    Raises:
+        UserError: no job of that plugin has such data.
+    """
+    uses = [use for use in _candidates(rigelfile, line) if use.spec.plugin.strip() in builtin.names]
+    alike = [use for use in uses if _alike(given, _rendered(rigelfile, use, options, data))]
+    for found in (alike, uses if len(uses) == 1 else []):
+        if found:
+            return found[0]
+    known = ", ".join(dict.fromkeys(use.spec.name for use in uses)) or "none"
+    raise UserError(
+        f"cannot tell which job of {line.file} this is; its jobs of that plugin: {known}",
+        hint="run it with `rigel-k8s run`, which needs no guess",
+    )
+
+
+def _rendered(
+    rigelfile: Rigelfile, use: Use, options: type[Any], data: Mapping[str, Any]
+) -> Mapping[str, Any]:
+    raw: Mapping[str, Any] = preview(rigelfile, use.spec, use.overrides, dict(data), options).raw
+    return raw
+
+
+def _candidates(rigelfile: Rigelfile, line: CommandLine) -> Iterator[Use]:
+    if line.job in rigelfile.jobs:
+        yield Use(rigelfile.jobs[line.job])
+    elif line.sequence in rigelfile.sequences:
+        for used in _uses(rigelfile.sequences[line.sequence]):
+            yield Use(rigelfile.jobs[used.name], used.overrides)
+    else:
+        yield from (Use(spec) for spec in rigelfile.jobs.values())
+        for sequence in rigelfile.sequences.values():
+            for used in _uses(sequence):
+                yield Use(rigelfile.jobs[used.name], used.overrides)
+
+
+def _uses(sequence: SequenceSpec) -> Iterator[JobUse]:
+    for stage in sequence.stages:
+        for inner in stage.stages if isinstance(stage, Parallel) else (stage,):
+            yield from inner.dependencies if isinstance(inner, Concurrent) else ()
+            yield from inner.jobs
+
+
+def _alike(given: Any, ours: Any) -> bool:
+    """Return whether both are one value, written by Rigel's rules and by ours."""
+    if isinstance(given, Mapping) and isinstance(ours, Mapping):
+        return given.keys() == ours.keys() and all(_alike(given[k], ours[k]) for k in given)
+    if isinstance(given, list) and isinstance(ours, list):
+        return len(given) == len(ours) and all(map(_alike, given, ours))
+    if isinstance(given, str) and "{{" in given:  # a template that Rigel does not know
+        return True
+    return given == ours or _same_number(given, ours)
+
+
+def _same_number(given: Any, ours: Any) -> bool:
+    """Return whether 1.1 was made of "1.10", or text of the environment of a number."""
+    try:
+        return not isinstance(given, bool) and float(given) == float(ours)
+    except (TypeError, ValueError):
+        return str(given).lower() == str(ours).lower()

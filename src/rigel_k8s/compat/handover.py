@@ -1,0 +1,41 @@
+"""`rigel` where Rigel 0.3 is installed too: its own commands stay its own.
+
+pip lets Rigel and this package overwrite each other's `bin/rigel` without a word. Where ours is the
+one that is left, `rigel run` and `rigel init` do what Rigel's script would have done; all other
+commands, and everything under `rigel-k8s` and `python -m rigel_k8s`, are ours (docs/rigel.md).
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+__all__ = ["handover"]
+
+RIGELS_COMMANDS = frozenset({"init", "run"})
+
+
+def handover(argv: Sequence[str]) -> Callable[[], Any] | None:
+    """Return Rigel's entry point if the command line is Rigel's to run, else None.
+
+    Args:
+        argv: sys.argv: the program as it was called, and its arguments. Options before the command
+            are this package's own, so such a line is ours.
+    """
+    if len(argv) < 2 or Path(argv[0]).name != "rigel" or argv[1] not in RIGELS_COMMANDS:
+        return None
+    if not installed():
+        return None
+    entry: Callable[[], Any] = importlib.import_module("rigel.main").main
+    return entry
+
+
+def installed() -> bool:
+    """Return whether Rigel 0.3 can be imported; 0.2 has no orchestrator and another grammar."""
+    try:
+        return all(importlib.util.find_spec(f"rigel.{name}") for name in ("main", "orchestrator"))
+    except ImportError:  # no package `rigel`, or one that breaks
+        return False

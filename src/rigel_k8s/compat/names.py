@@ -1,0 +1,54 @@
+"""The names that stand in Rigelfiles: for Rigel its own kind of class, for everybody else ours."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from functools import cache
+from typing import Any
+
+from rigel_k8s.compat.plugin import JobPlugin
+from rigel_k8s.compat.provider import ConnectionProvider
+from rigel_k8s.sequences.names import Builtin, Kind, by_name
+
+__all__ = ["public"]
+
+BASES = {
+    "job": ("rigel.plugins.plugin", "Plugin"),
+    "provider": ("rigel.providers.provider", "Provider"),
+}
+
+
+def public(name: str) -> Any:
+    """Return what `rigel_k8s.NAME` is: `OrchestrationPlugin`, `ContainerRegistryProvider` ...
+
+    A subclass of Rigel's Plugin where Rigel has been imported already (it loads nothing else), and
+    elsewhere the job type.
+
+    Raises:
+        AttributeError: there is no such name.
+    """
+    path = f"rigel_k8s.{name}"
+    for kind in ("job", "provider"):
+        builtin = by_name(kind).get(path)
+        if builtin:
+            return _for_rigel(kind, name, builtin) or _ours(builtin)
+    raise AttributeError(f"module 'rigel_k8s' has no attribute {name!r}")
+
+
+def _ours(builtin: Builtin) -> Any:
+    module, _, attribute = builtin.target.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def _for_rigel(kind: Kind, name: str, builtin: Builtin) -> type[Any] | None:
+    module, attribute = BASES[kind]
+    base = getattr(sys.modules.get(module), attribute, None)
+    return _adapter(kind, name, builtin, base) if base else None
+
+
+@cache
+def _adapter(kind: Kind, name: str, builtin: Builtin, base: type[Any]) -> type[Any]:
+    adapter = JobPlugin if kind == "job" else ConnectionProvider
+    members = {"builtin": builtin, "__module__": "rigel_k8s", "__doc__": adapter.__doc__}
+    return type(name, (adapter, base), members)

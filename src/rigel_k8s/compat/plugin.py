@@ -1,0 +1,104 @@
+"""A job type as a plugin of Rigel 0.3: setup checks, start works, stop never tears down.
+
+Rigel calls stop() after success too, and from its signal handler, in the middle of start(); so the
+work is done in a thread of its own, and stop() tells it to end and waits for it, once.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, ClassVar
+
+from rigel_k8s.compat.found import command_line, find_use
+from rigel_k8s.compat.words import LogReport, rigel_error
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.rigelfile import load
+from rigel_k8s.sequences.names import Builtin
+from rigel_k8s.sequences.registry import job_type
+from rigel_k8s.sequences.runner import GRACE, Prepared, prepare_use, run
+from rigel_k8s.sequences.scope import Scope
+from rigel_k8s.settings import Settings
+
+__all__ = ["JobPlugin"]
+
+
+class JobPlugin:
+    """A job type of rigel-k8s as a plugin of Rigel.
+
+    The Rigelfile is read again with the rules of rigel-k8s; see docs/rigel.md.
+    """
+
+    builtin: ClassVar[Builtin]
+
+    def __init__(
+        self,
+        raw_data: dict[str, Any],
+        global_data: Any,
+        application: Any,
+        providers_data: dict[str, Any],
+        shared_data: dict[str, Any] | None = None,
+    ) -> None:
+        self._data = {} if shared_data is None else shared_data
+        self._providers = providers_data
+        self._scope = Scope()
+        self._prepared: Prepared | None = None
+        self._thread: threading.Thread | None = None
+        self._error: BaseException | None = None
+        # Rigel's Plugin stands behind this class in the bases; it renders the data of earlier jobs.
+        super().__init__(raw_data, global_data, application, providers_data, self._data)  # type: ignore[call-arg]
+
+    def setup(self) -> None:
+        """Find the job in the Rigelfile and check it.
+
+        Raises:
+            RigelError: what is wrong with it, with lines and columns.
+        """
+        try:
+            self._prepared = self._prepare()
+        except RigelK8sError as error:
+            raise rigel_error(error) from error
+
+    def start(self) -> None:
+        """Do the job's work, to its end.
+
+        Raises:
+            RigelError: it failed.
+        """
+        assert self._prepared, "Rigel calls setup() before start()"
+        self._thread = threading.Thread(target=self._work, args=(self._prepared,), daemon=True)
+        self._thread.start()
+        self._thread.join()
+        if isinstance(self._error, RigelK8sError):
+            raise rigel_error(self._error) from self._error
+        if self._error:
+            raise self._error
+
+    def process(self) -> None:
+        """Do nothing: Rigel leaves this out for dependencies, so start() has done it all."""
+
+    def stop(self) -> None:
+        """Tell work that still runs to end, and wait for it; what was deployed stays."""
+        again = self._scope.cancelled.is_set()
+        self._scope.cancel()
+        if self._thread and not again:
+            self._thread.join(GRACE)
+
+    def _prepare(self) -> Prepared:
+        line = command_line()
+        rigelfile = load(line.file)
+        options = job_type(self.builtin.short).options
+        given: dict[str, Any] = self.raw_data  # type: ignore[attr-defined]
+        use = find_use(rigelfile, self.builtin, options, given, self._data, line)
+        return prepare_use(rigelfile, use.spec, use.overrides, Settings(rigelfile=line.file))
+
+    def _work(self, prepared: Prepared) -> None:
+        try:
+            run(
+                prepared,
+                LogReport(),
+                data=self._data,
+                connected=self._providers,
+                scope=self._scope,
+            )
+        except BaseException as error:
+            self._error = error

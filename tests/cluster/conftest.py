@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -84,3 +85,24 @@ def rigel(context: str) -> Rigel:
         return run_rigel("--context", context, *words, **options)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def registry(cluster: Any) -> str:
+    """HOST:PORT of a registry that we can push to and the nodes pull from."""
+    from rigel_k8s.deploy.types import ObjectRef
+
+    if given := os.environ.get("RIGEL_TEST_REGISTRY"):
+        return given
+    note = cluster.get(ObjectRef("v1", "ConfigMap", "kube-public", "local-registry-hosting"))
+    if not note:
+        pytest.skip("this cluster tells no registry: name one with RIGEL_TEST_REGISTRY")
+    return str(json.loads(note["data"]["localRegistryHosting.v1"])["host"])
+
+
+@pytest.fixture(scope="session")
+def base_image(registry: str) -> str:
+    """The ROS 1 base image in the cluster's registry."""
+    name = f"{registry}/ros:noetic"
+    run_rigel("image", "ros1-base", "--push", name, timeout=900)
+    return name

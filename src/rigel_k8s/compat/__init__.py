@@ -7,6 +7,5 @@ it is installed. It knows the seam of job types and nothing of what they do.
 from __future__ import annotations
 
 from rigel_k8s.compat.handover import handover
-from rigel_k8s.compat.names import public
 
-__all__ = ["handover", "public"]
+__all__ = ["handover"]

@@ -55,6 +55,8 @@ class JobPlugin:
         """
         try:
             self._prepared = self._prepare()
+            for warning in self._prepared.warnings:
+                LogReport().warn(warning)
         except RigelK8sError as error:
             raise rigel_error(error) from error
 

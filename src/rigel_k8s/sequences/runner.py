@@ -68,14 +68,14 @@ def run_job(
     rigelfile: Rigelfile, name: str, *, settings: Settings, report: Reporter
 ) -> dict[str, Any]:
     """Check and run one job; return the data that it stored. Raises as prepare_job and run do."""
-    return run(prepare_job(rigelfile, name, settings), report)
+    return _told(prepare_job(rigelfile, name, settings), report)
 
 
 def run_sequence(
     rigelfile: Rigelfile, name: str, *, settings: Settings, report: Reporter
 ) -> dict[str, Any]:
     """Check and run a sequence; return the data of its trunk. Raises as its two halves do."""
-    return run(prepare_sequence(rigelfile, name, settings), report)
+    return _told(prepare_sequence(rigelfile, name, settings), report)
 
 
 def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
@@ -127,7 +127,7 @@ def run(
     connected: Mapping[str, Any] | None = None,
     scope: Scope | None = None,
 ) -> dict[str, Any]:
-    """Run what was prepared; return the data that the jobs stored.
+    """Run what was prepared; return the data that the jobs stored. Its warnings are not told here.
 
     Args:
         prepared: what prepare_job or prepare_sequence returned.
@@ -140,8 +140,6 @@ def run(
         JobFailed: a job failed; the error names it.
         Interrupted: Ctrl-C or SIGTERM.
     """
-    for warning in prepared.warnings:
-        report.warn(warning)
     values = Values(prepared.rigelfile)
     around = Surroundings(
         application=prepared.rigelfile.application,
@@ -155,6 +153,12 @@ def run(
     )
     with importable(prepared.settings.rigelfile.parent):
         return run_steps(prepared.steps, around, prepared.providers, data=data, scope=scope)
+
+
+def _told(prepared: Prepared, report: Reporter) -> dict[str, Any]:
+    for warning in prepared.warnings:
+        report.warn(warning)
+    return run(prepared, report)
 
 
 def _prepare(

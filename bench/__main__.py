@@ -74,7 +74,7 @@ def tag_again(registry: str) -> None:
     from rigel_k8s.localcluster import components, oci
 
     parts = components.obtain(print)
-    files = {"catatonit": parts.program("catatonit"), "second": "second\n"}
+    files = {"catatonit": Path(parts.program("catatonit")), "second": "second\n"}
     oci.push(oci.Image("rigel-k8s/pause:2", files, ["/catatonit", "-P"]), registry)
 
 

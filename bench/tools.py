@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -11,7 +10,7 @@ from typing import Protocol
 
 import attrs
 
-from rigel_k8s.localcluster import components
+from rigel_k8s.localcluster import gobuild
 
 __all__ = ["Helm", "Kubectl", "Rigel", "Tool", "helm_program"]
 
@@ -96,16 +95,18 @@ class Helm:
         return [[*head, "upgrade", "--install", "--wait", "--timeout", "600s", "bench", str(chart)]]
 
 
+@attrs.frozen
+class BenchBuild(gobuild.GoBuild):
+    """A Go program that only the bench needs; its lock file is here."""
+
+    @property
+    def lock(self) -> Path:
+        """The directory of its go.mod and go.sum."""
+        return Path(__file__).parent / self.name
+
+
 def helm_program() -> str:
     """Return helm, built from its Go module where the cache lacks it."""
-    lock = Path(__file__).parent / "helm"
-    target = components.cache_dir() / "go" / "helm-4.3.1" / "helm"
-    if not target.exists():
-        print("Building helm 4.3.1", flush=True)
-        components.run(
-            [components.go_command(print), "build", "-trimpath", "-ldflags", "-s -w"]
-            + ["-o", f"{target.parent}/", "helm.sh/helm/v4/cmd/helm"],
-            cwd=lock,
-            env={**os.environ, "CGO_ENABLED": "0", "GOFLAGS": "-mod=readonly"},
-        )
-    return str(target)
+    build = BenchBuild("helm", "4.3.1", ("helm.sh/helm/v4/cmd/helm",), minutes=2)
+    build.build(print)
+    return build.programs()["helm"]

@@ -1,0 +1,172 @@
+"""What is wrong with a job's options beyond the form of single values; pure.
+
+Each check yields Problems with paths into the options. A job may describe only a part of a release:
+nothing is asked for that its last revision may have.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+
+from rigel_k8s.manifests.application import has_application
+from rigel_k8s.manifests.commands import full_name, words
+from rigel_k8s.manifests.distros import is_ros1
+from rigel_k8s.manifests.naming import object_name
+from rigel_k8s.manifests.nodechecks import check_node
+from rigel_k8s.manifests.options import OrchestrationOptions, Readiness, RollingUpdate
+from rigel_k8s.manifests.pods import MASTER_NAME
+from rigel_k8s.manifests.release import deploys_master
+from rigel_k8s.manifests.updating import is_rolling, share
+from rigel_k8s.problems import Path, Problem
+
+__all__ = ["check"]
+
+SURGE = (
+    "during an update two pods of one ROS name run at once, and the ROS master shuts one of them"
+    " down; Recreate, the default, leaves a gap instead, and only anonymous nodes need neither"
+)
+
+
+def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
+    """Yield what is wrong, and what works otherwise than it looks."""
+    yield from check_master(options, distro)
+    yield from check_names(options)
+    yield from check_volumes(options)
+    yield from check_readiness(("readiness",), options.readiness)
+    yield from check_update(("rolling_update",), options.rolling_update, anonymous=False)
+    yield from check_params(options)
+    yield from check_observability(options)
+    for key, node in options.nodes.items():
+        path = ("nodes", str(key))
+        problems = [
+            *check_node(str(key), options),
+            *check_update(("update",), node.update, anonymous=node.anonymous),
+            *check_readiness(("readiness",), node.readiness),
+            *check_fixed(("patch",), node.patch),
+        ]
+        yield from (problem.under(path) for problem in problems)
+
+
+def check_master(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
+    """Yield what is wrong with the master: two of them, none, or one of ROS 2."""
+    if options.deploy_ros_master and options.ros_master_uri:
+        message = "a master that is there already and one of our own: leave one of the two out"
+        yield Problem(("ros_master_uri",), message, "two-masters", at_key=True)
+    if not is_ros1(distro) and deploys_master(options):
+        message = (
+            f"{distro} is ROS 2, which has no master and comes with a later version;"
+            " deploy_ros_master: false deploys its images as plain containers"
+        )
+        yield Problem(("deploy_ros_master",), message, "ros2")
+    nowhere = options.deploy_ros_master is False and options.ros_master_uri is None
+    if nowhere and options.nodes and is_ros1(distro):
+        message = (
+            "no ROS master: each node looks for one in its own container;"
+            " give ros_master_uri where there is one"
+        )
+        yield Problem(("deploy_ros_master",), message, "no-master", severity="warning")
+
+
+def check_names(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield names that two things would have: Kubernetes names, and ROS names."""
+    if options.deployment_name == MASTER_NAME:
+        yield Problem(("deployment_name",), f'"{MASTER_NAME}" is roscore\'s name', "name-taken")
+    taken = {MASTER_NAME: "roscore"} if deploys_master(options) else {}
+    if has_application(options):
+        taken[str(options.deployment_name)] = "the application"
+    ros_names: dict[str, list[str]] = defaultdict(list)
+    for key, node in options.nodes.items():
+        name, path = object_name(key), ("nodes", str(key))
+        if name in taken:
+            message = f'"{key}" becomes "{name}" on Kubernetes, which is the name of {taken[name]};'
+            yield Problem(path, f"{message} choose another key", "name-taken", at_key=True)
+        taken.setdefault(name, f'"{key}"')
+        if not node.anonymous and not node.launch:
+            ros_names[full_name(key, node)].append(str(key))
+    for name, keys in ros_names.items():
+        for key in keys[1:]:
+            message = (
+                f'the ROS name {name} is that of "{keys[0]}" already; ROS allows one node of it'
+            )
+            yield Problem(("nodes", key), message, "name-taken", at_key=True)
+
+
+def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield volumes of one name, and mounts on one path."""
+    names: set[str] = set()
+    for index, volume in enumerate(options.persistent_storage.volumes):
+        path = ("persistent_storage", "volumes", index, "name")
+        if volume.name in names:
+            yield Problem(path, f'there is a volume "{volume.name}" already', "name-taken")
+        names.add(volume.name)
+
+
+def check_update(path: Path, update: RollingUpdate | None, *, anonymous: bool) -> Iterator[Problem]:
+    """Yield numbers that Kubernetes refuses, and what surge does to ROS 1 nodes."""
+    if update is None:
+        return
+    numbers = {"max_surge": update.max_surge, "max_unavailable": update.max_unavailable}
+    if not is_rolling(update) and any(value is not None for value in numbers.values()):
+        given = next(key for key, value in numbers.items() if value is not None)
+        message = f"Recreate has no {given}: leave it out, or say strategy: Rolling"
+        yield Problem((*path, given), message, "bad-update", at_key=True)
+    elif is_rolling(update):
+        surge, missing = share(update.max_surge, 1), share(update.max_unavailable, 0)
+        if {surge, missing} <= {0, "0%"}:
+            message = "with max_surge and max_unavailable both 0 no pod could ever be replaced"
+            yield Problem(path, message, "bad-update")
+        elif not anonymous:
+            yield Problem(path, SURGE, "surge", severity="warning", at_key=True)
+
+
+def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[Problem]:
+    """Yield checks that contradict each other or cannot be read."""
+    if not isinstance(readiness, Readiness):
+        return
+    if readiness.command is not None and readiness.file is not None:
+        yield Problem(
+            (*path, "file"), "a command and a file: leave one out", "conflict", at_key=True
+        )
+    if readiness.command is not None:
+        yield from check_words((*path, "command"), readiness.command)
+
+
+def check_words(path: Path, command: str | list[str]) -> Iterator[Problem]:
+    """Yield why a command line is none."""
+    try:
+        line = words(command)
+    except ValueError as error:
+        yield Problem(path, f"it cannot be split into words: {str(error).lower()}", "bad-command")
+        return
+    if not line:
+        yield Problem(path, "an empty command, leave it out instead", "bad-command")
+
+
+def check_params(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield raw parts that would break what holds a Deployment and its pods together."""
+    params = options.additional_k8s_params
+    for key, tree in (("ros_master", params.ros_master), ("application", params.application)):
+        yield from check_fixed(("additional_k8s_params", key), tree)
+    if options.results and options.nodes and not has_application(options):
+        message = "results are copied out of the application, and this job has only `nodes`"
+        yield Problem(("results",), message, "no-application", at_key=True)
+
+
+def check_fixed(path: Path, tree: object) -> Iterator[Problem]:
+    """Yield the fields that no patch may change."""
+    for field in (("metadata", "name"), ("metadata", "namespace"), ("spec", "selector")):
+        place = tree
+        for key in field:
+            place = place.get(key) if isinstance(place, dict) else None
+        if place is not None:
+            message = f"{'.'.join(field)} is what a release is recognised by and cannot change"
+            yield Problem((*path, *field), message, "fixed-field", at_key=True)
+
+
+def check_observability(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield that the stack is checked and not deployed."""
+    if options.observability.enabled or options.observability_only:
+        key = "observability_only" if options.observability_only else "observability"
+        message = "it is checked, but this version does not deploy it yet"
+        yield Problem((key,), message, "not-deployed", severity="warning", at_key=True)

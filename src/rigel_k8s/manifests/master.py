@@ -1,0 +1,57 @@
+"""roscore: the Deployment and Service `ros-master`.
+
+Two roscores behind one Service are worse than none, so the old one is gone before the new starts.
+There is no liveness probe: one that restarts a busy roscore destroys the whole graph.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s.deploy.types import SINGLETON_ANNOTATION
+from rigel_k8s.manifests.overlay import merge
+from rigel_k8s.manifests.pods import (
+    MASTER_NAME,
+    MASTER_PORT,
+    Object,
+    environment,
+    inpod_volume,
+    probes,
+    stop_hook,
+)
+from rigel_k8s.manifests.workloads import Surroundings, deployment, service
+
+__all__ = ["MASTER_CONTAINER", "master_deployment", "master_service"]
+
+MASTER_CONTAINER = "ros-master-container"
+
+
+def master_deployment(around: Surroundings, image: str | None, params: Mapping[str, Any]) -> Object:
+    """Return roscore's Deployment with the user's own parts laid over it."""
+    volume, mount = inpod_volume(around.release)
+    container = {
+        "name": MASTER_CONTAINER,
+        "image": str(image or around.default_image),
+        "args": ["roscore"],
+        "env": environment(f"http://localhost:{MASTER_PORT}"),
+        "ports": [{"name": "ros", "containerPort": MASTER_PORT}],
+        **probes("ros", kind="master"),
+        "lifecycle": stop_hook(),
+        "volumeMounts": [mount],
+    }
+    made = deployment(
+        around,
+        MASTER_NAME,
+        {"containers": [container], "volumes": [volume]},
+        strategy={"type": "Recreate"},
+        annotations={SINGLETON_ANNOTATION: "/rosout"},
+    )
+    merged: Object = merge(made, params)
+    return merged
+
+
+def master_service(around: Surroundings) -> Object:
+    """Return the Service by which all pods find roscore."""
+    port = {"name": "ros", "port": MASTER_PORT, "targetPort": MASTER_PORT, "protocol": "TCP"}
+    return service(around, MASTER_NAME, [port])

@@ -1,0 +1,220 @@
+"""Each of `nodes`: a Deployment of one container, and a Service where it has ports."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+
+import attrs
+
+from rigel_k8s.deploy.types import SINGLETON_ANNOTATION
+from rigel_k8s.manifests.commands import PARAMETERS_PATH, Command, command_of, full_name
+from rigel_k8s.manifests.mounts import device_resources, mounts
+from rigel_k8s.manifests.naming import NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
+from rigel_k8s.manifests.options import NodeOptions, PortOptions, Resources, Volume
+from rigel_k8s.manifests.overlay import merge, plain
+from rigel_k8s.manifests.placing import affinity, node_selector, tolerations
+from rigel_k8s.manifests.pods import (
+    Object,
+    compact,
+    environment,
+    inpod_volume,
+    probes,
+    stop_hook,
+)
+from rigel_k8s.manifests.scalars import Port
+from rigel_k8s.manifests.updating import strategy
+from rigel_k8s.manifests.workloads import (
+    Surroundings,
+    config_map,
+    deployment,
+    pull_policy,
+    service,
+)
+
+__all__ = ["NODE_CONTAINER", "Node", "node_objects", "port_of"]
+
+NODE_CONTAINER = "ros-node"
+PARAMETERS_ANNOTATION = "rigel-k8s/parameters"
+
+
+@attrs.frozen
+class Node:
+    """A node with all that is needed to make its objects.
+
+    Attributes:
+        image: its image, or the job's.
+        files: the texts of its parameter files, by the names in `parameter_files`.
+        volumes: the release's persistent volumes, by name.
+    """
+
+    key: str
+    options: NodeOptions
+    image: str
+    files: Mapping[str, str] = attrs.field(factory=dict)
+    volumes: Mapping[str, Volume] = attrs.field(factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The Kubernetes name."""
+        return object_name(self.key)
+
+    @property
+    def pinned(self) -> bool:
+        """Whether it belongs to certain machines."""
+        return bool(node_selector(self.options.placement))
+
+
+def node_objects(around: Surroundings, node: Node) -> Iterator[Object]:
+    """Yield a node's objects."""
+    command = command_of(node.key, node.options, node.files)
+    if command.files:
+        yield config_map(around, parameters_config(node), command.files)
+    yield node_deployment(around, node, command)
+    if node.options.ports:
+        yield service(around, node.name, [service_port(port) for port in ports_of(node.options)])
+
+
+def node_deployment(around: Surroundings, node: Node, command: Command) -> Object:
+    """Return a node's Deployment with the user's patch laid over it."""
+    options = node.options
+    name = full_name(node.key, options)
+    told = {NODE_ANNOTATION: node.key} | ({} if options.anonymous else {ROS_NAME_ANNOTATION: name})
+    made = deployment(
+        around,
+        node.name,
+        pod_spec(around, node, command),
+        strategy=strategy(options.update, anonymous=options.anonymous),
+        replicas=None if options.replicas is None else int(options.replicas),
+        annotations=told | ({} if options.anonymous else {SINGLETON_ANNOTATION: name}),
+        pod_annotations=told | parameters_hash(command),
+    )
+    merged: Object = merge(made, options.patch)
+    return merged
+
+
+def pod_spec(around: Surroundings, node: Node, command: Command) -> Object:
+    """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
+    options = node.options
+    volumes, seen = mounts(options, node.volumes)
+    for volume, mount in (inpod_volume(around.release), *parameter_volume(node, command)):
+        volumes.append(volume)
+        seen.append(mount)
+    return compact(
+        {
+            "containers": [container(around, node, command, seen)],
+            "volumes": volumes,
+            "nodeSelector": node_selector(options.placement),
+            "affinity": affinity(options.placement),
+            "tolerations": tolerations(options.tolerations, pinned=node.pinned),
+            "hostNetwork": options.host_network or None,
+            "dnsPolicy": "ClusterFirstWithHostNet" if options.host_network else None,
+            "runtimeClassName": options.runtime_class and str(options.runtime_class),
+            "serviceAccountName": options.service_account and str(options.service_account),
+            "terminationGracePeriodSeconds": grace_seconds(options),
+        }
+    )
+
+
+def container(
+    around: Surroundings, node: Node, command: Command, volume_mounts: Sequence[Object]
+) -> Object:
+    """Return the node's one container."""
+    options = node.options
+    readiness = options.readiness if around.ros1 else options.readiness or "none"
+    return compact(
+        {
+            "name": NODE_CONTAINER,
+            "image": node.image,
+            "imagePullPolicy": pull_policy(options.image_pull_policy, pinned=node.pinned),
+            "command": command.command and list(command.command),
+            "args": command.args and list(command.args),
+            "env": environment(
+                around.master_uri,
+                options.env,
+                namespace=ros_namespace(node),
+                host_network=options.host_network,
+            ),
+            "ports": [container_port(port) for port in ports_of(options)],
+            "resources": resources(options.resources, device_resources(options.devices)),
+            "securityContext": plain(options.security_context),
+            **probes(readiness),
+            "lifecycle": stop_hook(grace_seconds(options)),
+            "volumeMounts": list(volume_mounts),
+        }
+    )
+
+
+def grace_seconds(options: NodeOptions) -> int | None:
+    """Return how long the pod may take to end, None for Kubernetes' 30 s."""
+    grace = options.termination_grace_period
+    return None if grace is None else max(1, round(grace.seconds))
+
+
+def ros_namespace(node: Node) -> str | None:
+    """Return the node's ROS namespace, from its name where that is a path; None at the root."""
+    if node.options.launch or node.options.anonymous:
+        return str(node.options.namespace) if node.options.namespace else None
+    return full_name(node.key, node.options).rpartition("/")[0] or None
+
+
+def resources(asked: Resources, devices: Mapping[str, str]) -> Object:
+    """Return a container's resources; a device plugin's are limits."""
+    limits = {str(name): str(value) for name, value in asked.limits.items()}
+    requests = {str(name): str(value) for name, value in asked.requests.items()}
+    return compact({"requests": requests, "limits": limits | dict(devices)})
+
+
+def parameters_config(node: Node) -> str:
+    """Return the name of the ConfigMap with the node's parameters."""
+    return f"{node.name}-parameters"
+
+
+def parameter_volume(node: Node, command: Command) -> Iterator[tuple[Object, Object]]:
+    """Yield (volume, mount) of the parameter files, if there are any."""
+    if command.files:
+        volume = {"name": "rigel-parameters", "configMap": {"name": parameters_config(node)}}
+        yield volume, {"name": volume["name"], "mountPath": PARAMETERS_PATH, "readOnly": True}
+
+
+def parameters_hash(command: Command) -> dict[str, str]:
+    """Return the annotation that makes changed parameters start a new pod."""
+    if not command.files:
+        return {}
+    text = json.dumps(command.files, sort_keys=True)
+    return {PARAMETERS_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:16]}
+
+
+def ports_of(options: NodeOptions) -> list[PortOptions]:
+    """Return the ports with all their fields."""
+    return [port_of(port) for port in options.ports]
+
+
+def port_of(port: Port | PortOptions) -> PortOptions:
+    """Return a port, written as a number or in full."""
+    return port if isinstance(port, PortOptions) else PortOptions(port=port)
+
+
+def port_name(port: PortOptions) -> str:
+    """Return a port's name: Kubernetes wants one as soon as there are two."""
+    return str(port.name or f"{port.protocol.lower()}-{int(port.port)}")
+
+
+def container_port(port: PortOptions) -> Object:
+    """Return the container's side of a port."""
+    return {
+        "name": port_name(port),
+        "containerPort": int(port.port),
+        "protocol": port.protocol,
+    }
+
+
+def service_port(port: PortOptions) -> Object:
+    """Return the Service's side of a port."""
+    return {
+        "name": port_name(port),
+        "port": int(port.service_port or port.port),
+        "targetPort": int(port.port),
+        "protocol": port.protocol,
+    }

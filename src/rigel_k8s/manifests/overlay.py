@@ -1,0 +1,94 @@
+"""Laying one tree of plain data over another, as users expect of Kubernetes objects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+__all__ = ["merge", "plain"]
+
+#: Lists whose items have an identity, as Kubernetes' own merge patches have it.
+IDENTITIES: Mapping[str, str] = {
+    "containers": "name",
+    "initContainers": "name",
+    "env": "name",
+    "volumes": "name",
+    "volumeMounts": "mountPath",
+    "volumeDevices": "devicePath",
+    "ports": "containerPort",
+    "imagePullSecrets": "name",
+    "hostAliases": "ip",
+}
+
+#: Unions, where half of the one and half of the other would be neither: replaced as a whole.
+WHOLE = frozenset(
+    {"readinessProbe", "livenessProbe", "startupProbe", "preStop", "postStart", "strategy"}
+)
+WHOLE_ITEMS = frozenset({"volumes", "env"})
+
+
+def merge(base: Any, over: Any, key: str = "") -> Any:
+    """Return `base` with `over` laid on it, as plain data; neither is changed.
+
+    Mappings are merged key by key, and null removes a key. Containers, variables, mounts and the
+    like are merged by name, so that a container written as a whole still gets its ROS environment;
+    any other list, and any scalar, replaces.
+    """
+    if isinstance(base, Mapping) and isinstance(over, Mapping) and key not in WHOLE:
+        return merge_mappings(base, over)
+    identity = IDENTITIES.get(key)
+    if identity and has_identity(base, identity) and has_identity(over, identity):
+        return merge_items(base, over, identity, whole=key in WHOLE_ITEMS)
+    return plain(over)
+
+
+def has_identity(value: Any, identity: str) -> bool:
+    """Return whether a value is a list of mappings that all have a key."""
+    return isinstance(value, list | tuple) and all(
+        isinstance(item, Mapping) and identity in item for item in value
+    )
+
+
+def merge_mappings(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge key by key."""
+    result = plain(base)
+    for key, value in over.items():
+        if value is None:
+            result.pop(key, None)
+        else:
+            result[key] = merge(result[key], value, key) if key in result else plain(value)
+    if "readinessProbe" in over and "startupProbe" not in over:
+        result.pop("startupProbe", None)  # a probe of the user's own is the only one that counts
+    assert isinstance(result, dict)
+    return result
+
+
+def merge_items(
+    base: Sequence[Any], over: Sequence[Any], identity: str, *, whole: bool
+) -> list[Any]:
+    """Merge items of the same identity, keep the others, append what is new."""
+    new = {item[identity]: item for item in over}
+    merged = [one_item(item, new.get(item[identity]), whole=whole) for item in base]
+    known = {item[identity] for item in base}
+    return merged + [plain(item) for item in over if item[identity] not in known]
+
+
+def one_item(base: Any, over: Any, *, whole: bool) -> Any:
+    """Return an item with the other laid over it, if there is one."""
+    if over is None:
+        return plain(base)
+    return plain(over) if whole else merge(base, over)
+
+
+def plain(value: Any) -> Any:
+    """Return the same data of JSON's own types only."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, bool) or value is None:
+        return value
+    for kind in (str, int, float):
+        if isinstance(value, kind):
+            return kind(value)
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return str(value)

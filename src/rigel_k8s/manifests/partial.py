@@ -1,0 +1,32 @@
+"""Jobs that describe only a part of a release, as the peer's update_k8s does; plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s.manifests.options import OrchestrationOptions
+from rigel_k8s.manifests.overlay import merge, plain
+
+__all__ = ["flat", "is_partial", "overlay"]
+
+#: A job that says one of these says what the release is.
+WHOLE = ("nodes", "application_image", "deploy_ros_master")
+
+
+def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a job's `with` without the level that the peer's users write, as plain data."""
+    nested = raw.get(OrchestrationOptions.nested_under)
+    result: dict[str, Any] = plain(nested if isinstance(nested, Mapping) else raw)
+    return result
+
+
+def is_partial(raw: Mapping[str, Any]) -> bool:
+    """Return whether a job says only how a release differs from its last revision."""
+    return not any(key in flat(raw) for key in WHOLE)
+
+
+def overlay(previous: Mapping[str, Any], raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a release's last revision with a partial job's laid over them."""
+    result: dict[str, Any] = merge(flat(previous), flat(raw))
+    return result

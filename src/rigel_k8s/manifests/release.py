@@ -1,0 +1,127 @@
+"""Everything that a job wants on the cluster: options in, Desired out; pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rigel_k8s.deploy.types import Desired, ObjectRef, ReleaseId, ref_of
+from rigel_k8s.manifests.application import application_deployment, has_application
+from rigel_k8s.manifests.distros import is_ros1
+from rigel_k8s.manifests.images import pinned
+from rigel_k8s.manifests.master import master_deployment, master_service
+from rigel_k8s.manifests.nodes import Node, node_objects
+from rigel_k8s.manifests.options import OrchestrationOptions
+from rigel_k8s.manifests.partial import flat
+from rigel_k8s.manifests.pods import MASTER_PORT, MASTER_URI, Object, scripts_config
+from rigel_k8s.manifests.storage import storage
+from rigel_k8s.manifests.workloads import Surroundings, config_map
+from rigel_k8s.problems import Path
+from rigel_k8s.settings import Application
+
+__all__ = ["Files", "deploys_master", "desired", "has_workloads", "master_uri"]
+
+#: The texts of parameter files, by the names that the Rigelfile gives them.
+Files = Mapping[str, str]
+Traced = Iterator[tuple[Path, Object]]
+
+
+def has_workloads(options: OrchestrationOptions) -> bool:
+    """Return whether anything would run."""
+    return bool(options.nodes or has_application(options) or options.deploy_ros_master)
+
+
+def deploys_master(options: OrchestrationOptions) -> bool:
+    """Return whether the release has a roscore of its own."""
+    if options.deploy_ros_master is None:
+        return options.ros_master_uri is None and has_workloads(options)
+    return options.deploy_ros_master
+
+
+def master_uri(options: OrchestrationOptions) -> str:
+    """Return the ROS_MASTER_URI of all nodes; an image may start roscore itself."""
+    if options.ros_master_uri:
+        return str(options.ros_master_uri)
+    return MASTER_URI if deploys_master(options) else f"http://localhost:{MASTER_PORT}"
+
+
+def desired(
+    options: OrchestrationOptions,
+    release: ReleaseId,
+    application: Application,
+    scripts: Mapping[str, str],
+    *,
+    raw: Mapping[str, Any] | None = None,
+    digests: Mapping[str, str] | None = None,
+    files: Files | None = None,
+    pull_secrets: Sequence[str] = (),
+    create_namespace: bool = False,
+) -> Desired:
+    """Return what the release shall be.
+
+    Args:
+        scripts: the in-pod scripts, name to text.
+        raw: the options as plain data, kept in the revision.
+        digests: image reference to the same with its digest, for those that are known.
+        files: the texts of the nodes' parameter files.
+        pull_secrets: Secrets with registry credentials besides those of the options.
+    """
+    around = Surroundings(
+        namespace=release.namespace,
+        release=release.name,
+        master_uri=master_uri(options),
+        distro=application.distro,
+        ros1=is_ros1(application.distro),
+        pull_secrets=tuple(dict.fromkeys([*map(str, options.image_pull_secrets), *pull_secrets])),
+    )
+    traced = list(objects(options, around, scripts, files or {}))
+    return Desired(
+        release=release,
+        objects=tuple(pinned(item, digests or {}) for _, item in traced),
+        origins={ref_of(item): path for path, item in traced},
+        options=kept(raw or {}),
+        create_namespace=create_namespace,
+        protected=frozenset(protected(item for _, item in traced)),
+    )
+
+
+def objects(
+    options: OrchestrationOptions, around: Surroundings, scripts: Mapping[str, str], files: Files
+) -> Traced:
+    """Yield every object with the path of the options that it comes from."""
+    if has_workloads(options):
+        yield (), config_map(around, scripts_config(around.release), scripts)
+    volumes = options.persistent_storage.volumes
+    for index, item in storage(volumes, around.namespace, around.release):
+        yield ("persistent_storage", "volumes", index), item
+    if deploys_master(options):
+        params = options.additional_k8s_params.ros_master
+        yield ("deploy_ros_master",), master_service(around)
+        yield ("deploy_ros_master",), master_deployment(around, options.ros_master_image, params)
+    if has_application(options):
+        path = "application_image" if options.application_image else "additional_k8s_params"
+        yield (path,), application_deployment(around, options)
+    yield from nodes(options, around, files)
+
+
+def nodes(options: OrchestrationOptions, around: Surroundings, files: Files) -> Traced:
+    """Yield the objects of all nodes."""
+    volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
+    for key, node in options.nodes.items():
+        image = str(node.image or options.image)
+        for item in node_objects(around, Node(str(key), node, image, files, volumes)):
+            yield ("nodes", str(key)), item
+
+
+def protected(items: Iterator[Object]) -> Iterator[ObjectRef]:
+    """Yield what outlives `down`: claims and volumes."""
+    kinds = ("PersistentVolumeClaim", "PersistentVolume")
+    return (ref_of(item) for item in items if item["kind"] in kinds)
+
+
+def kept(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that a revision keeps: all but a password."""
+    result = flat(raw)
+    grafana = (result.get("observability") or {}).get("grafana") or {}
+    grafana.pop("admin_password", None)
+    return result

@@ -1,0 +1,105 @@
+"""The frame that all Deployments and Services of a release share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.manifests.naming import labels, selector
+from rigel_k8s.manifests.pods import Object, compact
+
+__all__ = ["Surroundings", "config_map", "deployment", "pull_policy", "service"]
+
+
+@attrs.frozen
+class Surroundings:
+    """What is the same for all objects of a release.
+
+    Attributes:
+        master_uri: what all nodes get as ROS_MASTER_URI; None leaves it to the images.
+        distro: the ROS distribution, for images that nobody named.
+        pull_secrets: names of Secrets with registry credentials.
+    """
+
+    namespace: str
+    release: str
+    master_uri: str | None
+    distro: str
+    ros1: bool = True
+    pull_secrets: Sequence[str] = ()
+
+    @property
+    def default_image(self) -> str:
+        """The image of roscore, and of an application that names none."""
+        return f"ros:{self.distro}-ros-core"
+
+    def metadata(self, name: str, annotations: Mapping[str, str] | None = None) -> Object:
+        """Return an object's metadata."""
+        return compact(
+            {
+                "name": name,
+                "namespace": self.namespace,
+                "labels": labels(name, self.release),
+                "annotations": dict(annotations or {}),
+            }
+        )
+
+
+def deployment(
+    around: Surroundings,
+    name: str,
+    pod: Mapping[str, Any],
+    *,
+    strategy: Object,
+    replicas: int | None = None,
+    annotations: Mapping[str, str] | None = None,
+    pod_annotations: Mapping[str, str] | None = None,
+) -> Object:
+    """Return a Deployment; `replicas` is left out unless somebody said it."""
+    secrets = [{"name": secret} for secret in around.pull_secrets]
+    template = {
+        "metadata": compact(
+            {"labels": labels(name, around.release), "annotations": dict(pod_annotations or {})}
+        ),
+        "spec": {
+            **compact({**pod, "imagePullSecrets": secrets}),
+            # Kubernetes' variables for Services would fill the environment with ROS_MASTER_PORT ...
+            "enableServiceLinks": False,
+        },
+    }
+    spec: Object = {"selector": {"matchLabels": selector(name)}, "strategy": strategy}
+    if replicas is not None:
+        spec["replicas"] = replicas
+    return {
+        "apiVersion": "apps/v1",
+        "kind": "Deployment",
+        "metadata": around.metadata(name, annotations),
+        "spec": {**spec, "template": template},
+    }
+
+
+def service(around: Surroundings, name: str, ports: Sequence[Object]) -> Object:
+    """Return the Service of a workload's name."""
+    return {
+        "apiVersion": "v1",
+        "kind": "Service",
+        "metadata": around.metadata(name),
+        "spec": {"selector": selector(name), "ports": list(ports)},
+    }
+
+
+def config_map(around: Surroundings, name: str, data: Mapping[str, str]) -> Object:
+    """Return a ConfigMap of texts."""
+    return {
+        "apiVersion": "v1",
+        "kind": "ConfigMap",
+        "metadata": around.metadata(name),
+        "data": dict(data),
+    }
+
+
+def pull_policy(asked: str | None, *, pinned: bool) -> str | None:
+    """Return imagePullPolicy: a robot without its network starts again from what it has."""
+    return asked or ("IfNotPresent" if pinned else None)

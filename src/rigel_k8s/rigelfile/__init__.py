@@ -1,1 +1,48 @@
-"""Rigelfiles: text with places, templates, the model, and structuring into option classes."""
+"""Rigelfiles: text with places, templates, the model, and structuring into option classes.
+
+It knows no job type and no Kubernetes: option classes are handed in, and what they check comes back
+as problems with paths, which are placed in the text here.
+"""
+
+from rigel_k8s.rigelfile.check import CheckResult, Resolve, check_file, load
+from rigel_k8s.rigelfile.findings import Finding, nearest, place, problems_error, render
+from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
+from rigel_k8s.rigelfile.options import (
+    Preview,
+    Realised,
+    Rendered,
+    merged,
+    preview,
+    realise,
+    render_node,
+)
+from rigel_k8s.rigelfile.source import Node, Source, Span, locate, plain
+from rigel_k8s.rigelfile.structure import Structured, structure
+
+__all__ = [
+    "CheckResult",
+    "ComponentSpec",
+    "Finding",
+    "Node",
+    "Preview",
+    "Realised",
+    "Rendered",
+    "Resolve",
+    "Rigelfile",
+    "Source",
+    "Span",
+    "Structured",
+    "check_file",
+    "load",
+    "locate",
+    "merged",
+    "nearest",
+    "place",
+    "plain",
+    "preview",
+    "problems_error",
+    "realise",
+    "render",
+    "render_node",
+    "structure",
+]

@@ -6,12 +6,13 @@ It knows no plugin: a job's `with` stays a Node until a job type's options are a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import attrs
 
 from rigel_k8s.problems import Path
-from rigel_k8s.rigelfile.source import Node, Source
+from rigel_k8s.rigelfile.scope import Scope
+from rigel_k8s.rigelfile.source import Node, Source, plain
 from rigel_k8s.settings import Application
 
 __all__ = [
@@ -70,7 +71,7 @@ class Concurrent:
 
 @attrs.frozen
 class Parallel:
-    """Inner stages once for each combination of the matrix, side by side, each with its own data."""
+    """Inner stages once for each combination of the matrix, side by side, each with own data."""
 
     stages: tuple[Sequential | Concurrent, ...]
     matrix: Node | None = None
@@ -92,7 +93,10 @@ class SequenceSpec:
 
 @attrs.frozen
 class Rigelfile:
-    """A whole Rigelfile, checked against the grammar, vars substituted."""
+    """A whole Rigelfile, checked against the grammar, vars substituted.
+
+    `scope` fills what waits for data.
+    """
 
     source: Source
     root: Node
@@ -100,3 +104,10 @@ class Rigelfile:
     jobs: Mapping[str, ComponentSpec]
     providers: Mapping[str, ComponentSpec]
     sequences: Mapping[str, SequenceSpec]
+    scope: Scope
+
+    @property
+    def vars(self) -> dict[str, Any]:
+        """`vars` as plain data, templates filled as far as they can be without data."""
+        section = self.root.value.get("vars")
+        return (plain(section) if section else None) or {}

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import attrs
 
-__all__ = ["Node", "Source", "Span"]
+from rigel_k8s.problems import Path
+
+__all__ = ["Node", "Source", "Span", "kind_of", "locate", "made", "plain"]
+
+_KINDS = {
+    type(None): "nothing",
+    bool: "a boolean",
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+    list: "a list",
+    dict: "a mapping",
+}
 
 
 @attrs.frozen
@@ -17,7 +30,7 @@ class Source:
     text: str
 
 
-@attrs.frozen
+@attrs.frozen(order=True)
 class Span:
     """A place in a text; lines and columns start at 1, the end is exclusive."""
 
@@ -37,6 +50,11 @@ class Node:
         raw: the text as written, for a scalar ("1.10" stays "1.10").
         key_span: the place of the key, for a value of a mapping.
         defined_at: the place of the var that gave the value, if a template gave it.
+        hole: a text that waits: with `{{ data.x }}` in it that only a run can fill, or with a
+            template that is wrong and told already. It stands for a value of any type.
+        untyped: a text that nobody wrote as one (the environment's, or made of several parts): it
+            may become whatever the option wants, without loss.
+        environment: the environment variable that gave the value.
     """
 
     value: Any
@@ -44,3 +62,65 @@ class Node:
     raw: str | None = None
     key_span: Span | None = None
     defined_at: Span | None = None
+    hole: bool = False
+    untyped: bool = False
+    environment: str | None = None
+
+    def children(self) -> Iterator[Node]:
+        """Yield the values of a mapping or list."""
+        if isinstance(self.value, dict):
+            yield from self.value.values()
+        elif isinstance(self.value, list):
+            yield from self.value
+
+    def has_hole(self) -> bool:
+        """Return whether a run has to fill something in or below this value."""
+        return self.hole or any(child.has_hole() for child in self.children())
+
+
+def kind_of(value: Any) -> str:
+    """Return what people call the kind of a Node's value: `a list`, `text`."""
+    return _KINDS[next(kind for kind in _KINDS if isinstance(value, kind))]
+
+
+def plain(node: Node) -> Any:
+    """Return the value without places: dicts, lists and scalars."""
+    if isinstance(node.value, dict):
+        return {key: plain(child) for key, child in node.value.items()}
+    if isinstance(node.value, list):
+        return [plain(child) for child in node.value]
+    return node.value
+
+
+def made(value: Any, at: Node) -> Node:
+    """Return a Node of plain data that stands where another one does.
+
+    Raises:
+        TypeError: the value is no data that YAML could hold.
+    """
+    if isinstance(value, dict):
+        return attrs.evolve(at, value={str(k): made(v, at) for k, v in value.items()}, raw=None)
+    if isinstance(value, list | tuple):
+        return attrs.evolve(at, value=[made(item, at) for item in value], raw=None)
+    if isinstance(value, str):
+        return attrs.evolve(at, value=str(value), raw=str(value))
+    if isinstance(value, bool):
+        return attrs.evolve(at, value=value, raw=str(value).lower())
+    if value is None:
+        return attrs.evolve(at, value=None, raw="")
+    if isinstance(value, int | float):
+        return attrs.evolve(at, value=value, raw=str(value))
+    raise TypeError(f"{type(value).__name__} is not data")
+
+
+def locate(root: Node, path: Path) -> Node:
+    """Return the node at a path, or the nearest one above where the path leads nowhere."""
+    node = root
+    for step in path:
+        if isinstance(node.value, dict) and str(step) in node.value:
+            node = node.value[str(step)]
+        elif isinstance(node.value, list) and isinstance(step, int) and step < len(node.value):
+            node = node.value[step]
+        else:
+            break
+    return node

@@ -1,0 +1,214 @@
+"""A file read and looked at as a whole: by a run, which stops at problems, and by a check."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.rigelfile.findings import Finding, at, in_order, problems_error, render
+from rigel_k8s.rigelfile.grammar import Contents, read, uses
+from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
+from rigel_k8s.rigelfile.options import look
+from rigel_k8s.rigelfile.parse import parse
+from rigel_k8s.rigelfile.scope import Scope
+from rigel_k8s.rigelfile.source import Node, Source, Span, kind_of, locate
+from rigel_k8s.settings import Application
+
+__all__ = ["CheckResult", "Resolve", "check_file", "load", "open_source"]
+
+#: The kind ("job" or "provider") and the name behind `plugin:` or `provider:`, to a type with
+#: `options` and `check`; UserError where there is none.
+Resolve: TypeAlias = Callable[[Literal["job", "provider"], str], Any]
+
+
+@attrs.frozen
+class CheckResult:
+    """What a check found; `rigelfile` is None where the grammar is wrong."""
+
+    source: Source
+    findings: tuple[Finding, ...]
+    rigelfile: Rigelfile | None = None
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """What stops a run."""
+        return tuple(f for f in self.findings if f.severity == "error")
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """What is only told."""
+        return tuple(f for f in self.findings if f.severity == "warning")
+
+    def rendered(self) -> list[str]:
+        """Return all findings as text with the lines they are about."""
+        return [render(self.source, finding) for finding in self.findings]
+
+
+def open_source(path: Path) -> Source:
+    """Return a file's text.
+
+    Raises:
+        UserError: it cannot be read.
+    """
+    try:
+        return Source(str(path), path.read_text("utf-8"))
+    except FileNotFoundError as error:
+        hint = "`rigel init` writes one; -f names another"
+        raise UserError(f"there is no {path}", hint=hint) from error
+    except UnicodeDecodeError as error:
+        message = f"{path} is not UTF-8: byte {error.start} is {error.object[error.start]:#x}"
+        raise UserError(message, hint="save it as UTF-8") from error
+    except OSError as error:
+        raise UserError(f"{path} cannot be read: {error.strerror}") from error
+
+
+def load(path: Path, environ: Mapping[str, str] = os.environ) -> Rigelfile:
+    """Return a Rigelfile whose grammar and vars are right.
+
+    Raises:
+        ProblemsError: they are not; all of it is told.
+        UserError: it cannot be read.
+    """
+    reading = _Reading(open_source(path), path, environ)
+    if reading.rigelfile is None:
+        raise problems_error(reading.source, reading.findings)
+    return reading.rigelfile
+
+
+def check_file(path: Path, environ: Mapping[str, str], resolve: Resolve) -> CheckResult:
+    """Return everything that is wrong with a Rigelfile, options included.
+
+    Raises:
+        UserError: it cannot be read.
+    """
+    reading = _Reading(open_source(path), path, environ)
+    findings = list(reading.findings)
+    if reading.contents:
+        components = _Components(reading.root, reading.scope, reading.contents, resolve)
+        findings += components.findings()
+    return CheckResult(reading.source, in_order(findings), reading.rigelfile)
+
+
+class _Reading:
+    """A file as far as it can be read."""
+
+    def __init__(self, source: Source, path: Path, environ: Mapping[str, str]) -> None:
+        self.source = source
+        root, findings = parse(source)
+        self.root = root or Node({}, Span(1, 1, 1, 2))
+        self.scope = Scope(source, _variables(self.root), environ)
+        self.contents: Contents | None = None
+        if root and isinstance(root.value, dict):
+            self.root = _rendered(root, self.scope)
+            told = [*findings, *self.scope.findings]
+            self.contents = read(self.root, path.parent, told)
+            findings = [*told, *self.contents.findings]
+        elif root:
+            message = f"expected a mapping with application and jobs, got {kind_of(root.value)}"
+            findings.append(at(root, message, "wrong-type"))
+        self.findings = in_order(findings)
+
+    @property
+    def rigelfile(self) -> Rigelfile | None:
+        """The Rigelfile; None where something is wrong with it."""
+        found = self.contents
+        if self.findings or found is None or found.application is None:
+            return None
+        return Rigelfile(
+            source=self.source,
+            root=self.root,
+            application=found.application,
+            jobs=found.jobs,
+            providers=found.providers,
+            sequences=found.sequences,
+            scope=self.scope,
+        )
+
+
+def _variables(root: Node) -> dict[str, Node]:
+    section = root.value.get("vars") if isinstance(root.value, dict) else None
+    return section.value if section and isinstance(section.value, dict) else {}
+
+
+def _rendered(root: Node, scope: Scope) -> Node:
+    """Return the tree with vars filled in; each var is rendered once, whoever uses it."""
+    section = root.value.get("vars")
+    if section is None:
+        return scope.render(root)
+    if not isinstance(section.value, dict | None):
+        scope.findings.append(
+            at(section, f"expected a mapping, got {kind_of(section.value)}", "wrong-type")
+        )
+    rest = {key: node for key, node in root.value.items() if key != "vars"}
+    variables = attrs.evolve(section, value=scope.render_variables())
+    rendered = scope.render(attrs.evolve(root, value=rest))
+    return attrs.evolve(rendered, value={"vars": variables, **rendered.value})
+
+
+class _Components:
+    """The options of every job and provider, also where the grammar is wrong elsewhere."""
+
+    def __init__(self, root: Node, scope: Scope, contents: Contents, resolve: Resolve) -> None:
+        self._root = root
+        self._scope = scope
+        self._contents = contents
+        self._resolve = resolve
+        self._types: dict[tuple[str, str], Any] = {}
+
+    def findings(self) -> Iterator[Finding]:
+        for spec in self._contents.providers.values():
+            yield from self._checked("provider", spec, [None])
+        for spec in self._contents.jobs.values():
+            yield from self._checked("job", spec, self._uses(spec.name))
+
+    def _uses(self, job: str) -> list[Node | None]:
+        """Return the overrides with which a job is used; None for its own options alone.
+
+        A job that is never used as it is may leave keys to those that use it.
+        """
+        found: dict[int, Node | None] = {}
+        for _, use in uses(self._root):
+            name = use.value.get("name") if isinstance(use.value, dict) else use
+            if name and name.value == job:
+                options = use.value.get("with") if isinstance(use.value, dict) else None
+                usable = options if options and isinstance(options.value, dict) else None
+                found[id(usable)] = usable
+        return list(found.values()) or [None]
+
+    def _checked(
+        self, kind: Literal["job", "provider"], spec: ComponentSpec, overrides: list[Node | None]
+    ) -> Iterator[Finding]:
+        try:
+            found = self._type(kind, spec.plugin)
+        except UserError as error:
+            key = "plugin" if kind == "job" else "provider"
+            hint = f" ({error.hint})" if error.hint else ""
+            node = locate(self._root, (*spec.path, key))
+            yield at(node, f"{error.message}{hint}", f"unknown-{key}")
+            return
+        for over in overrides:
+            yield from _against(found, self._scope, spec, over, self._contents.application)
+
+    def _type(self, kind: Literal["job", "provider"], name: str) -> Any:
+        if (kind, name) not in self._types:
+            self._types[kind, name] = self._resolve(kind, name)
+        return self._types[kind, name]
+
+
+def _against(
+    found: Any,
+    scope: Scope,
+    spec: ComponentSpec,
+    overrides: Node | None,
+    application: Application | None,
+) -> Iterator[Finding]:
+    """Yield what is wrong with a component's options, by their types and by its type's check."""
+    seen = look(scope.with_data(None, final=False), spec, overrides, found.options)
+    yield from seen.findings
+    if seen.draft is not None and application is not None:
+        yield from seen.placed(found.check(seen.draft, application))

@@ -1,0 +1,161 @@
+"""Expressions in templates: filters and arithmetic, through jinja2's sandbox.
+
+jinja2 would read `vars.base-image` as a subtraction and `vars.items` as a method, so it never sees
+these names: each is looked up here and handed over under a name of its own. Import this module only
+when an expression stands in a file; jinja2 takes longer to import than the rest of a check.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from typing import Any
+
+import attrs
+from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError, UndefinedError
+from jinja2.sandbox import ImmutableSandboxedEnvironment
+
+from rigel_k8s.rigelfile.findings import nearest
+
+__all__ = ["ExpressionError", "Reference", "evaluate", "references", "undefined"]
+
+_REFERENCE = re.compile(
+    r"""(?P<quoted>'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")
+      | (?<![\w.]) (?P<header>vars|data)
+        (?: \.(?P<name>[a-zA-Z0-9_\-!?.]+) | \[\s*(?P<quote>['"])(?P<item>.*?)(?P=quote)\s*\] )""",
+    re.VERBOSE | re.DOTALL,
+)
+_UNKNOWN_NAME = re.compile(r"[\w-]*\w")
+_PREFIX = "rigel_"
+
+
+class ExpressionError(Exception):
+    """What is wrong with an expression, one line; `undefined`: it needs an unknown value."""
+
+    def __init__(self, message: str, *, undefined: bool = False) -> None:
+        super().__init__(message)
+        self.undefined = undefined
+
+
+@attrs.frozen
+class Reference:
+    """A `vars.NAME` or `data.NAME` in an expression; `start` and `end` are its place in it."""
+
+    header: str
+    name: str
+    start: int
+    end: int
+
+
+def references(source: str, known: Callable[[str, str], bool]) -> Iterator[Reference]:
+    """Yield the references of an expression.
+
+    Of `vars.image.split(':')` and `vars.count-1` the longest known name is taken; where none is
+    known, the part up to the first dot.
+    """
+    for match in _REFERENCE.finditer(source):
+        if match["quoted"]:
+            continue
+        header = match["header"]
+        if match["item"] is not None:
+            yield Reference(header, match["item"], match.start(), match.end())
+        else:
+            name = _longest(header, match["name"], known)
+            yield Reference(header, name, match.start(), match.start("name") + len(name))
+
+
+def _longest(header: str, text: str, known: Callable[[str, str], bool]) -> str:
+    cuts = [len(text), *(m.start() for m in reversed(list(re.finditer(r"[-!?.]", text))))]
+    for cut in cuts:
+        if cut and known(header, text[:cut]):
+            return text[:cut]
+    plain = _UNKNOWN_NAME.match(text)
+    return plain[0] if plain else text
+
+
+def undefined(reference: Reference) -> Any:
+    """Return what stands for an unknown value: fit for the filter `default`, and nothing else."""
+    return StrictUndefined(name=f"{reference.header}.{reference.name}")
+
+
+def evaluate(source: str, values: Mapping[Reference, Any]) -> Any:
+    """Return what the expression gives, as plain data.
+
+    Raises:
+        ExpressionError: it is no expression, or cannot be computed.
+    """
+    text, context = _rewritten(source, values)
+    try:
+        compiled = _environment().compile_expression(text, undefined_to_none=False)
+        return _data(compiled(**context), source)
+    except TemplateSyntaxError as error:
+        raise ExpressionError(_syntax(error, source)) from error
+    except UndefinedError as error:
+        message = f"in {source}: {error.message}{_hint(str(error))}"
+        raise ExpressionError(message, undefined=True) from error
+    except (TemplateError, ArithmeticError, TypeError, ValueError, LookupError, re.error) as error:
+        raise ExpressionError(f"in {source}: {error}") from error
+    except (AttributeError, OverflowError, RecursionError, MemoryError) as error:
+        raise ExpressionError(f"in {source}: {error}") from error
+
+
+def _rewritten(source: str, values: Mapping[Reference, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the expression with a name of its own for each reference, and their values."""
+    pieces, context, place = [], {}, 0
+    for number, (reference, value) in enumerate(values.items()):
+        pieces += [source[place : reference.start], f"{_PREFIX}{number}"]
+        context[f"{_PREFIX}{number}"] = value
+        place = reference.end
+    return "".join([*pieces, source[place:]]), context
+
+
+def _data(value: Any, source: str) -> Any:
+    if isinstance(value, StrictUndefined):
+        value._fail_with_undefined_error()
+    if isinstance(value, dict):
+        return {str(key): _data(item, source) for key, item in value.items()}
+    if isinstance(value, str | int | float) or value is None:
+        return value
+    if isinstance(value, list | tuple | set | Iterator | range):
+        return [_data(item, source) for item in value]
+    raise ExpressionError(f"{source} gives a {type(value).__name__}, which is not data")
+
+
+def _syntax(error: TemplateSyntaxError, source: str) -> str:
+    message = (error.message or "this is no expression").rstrip(".")
+    missing = re.match(r"No (filter|test) named '(\w+)'", message)
+    if missing:
+        kind, name = missing.groups()
+        known = _environment().filters if kind == "filter" else _environment().tests
+        near = nearest(name, known)
+        return f'no {kind} is called "{name}"' + (f', did you mean "{near}"?' if near else "")
+    return f"{source} is no expression: {message}"
+
+
+def _hint(message: str) -> str:
+    unknown = re.match(r"'(\w+)' is undefined", message)
+    if unknown and not unknown[1].startswith(_PREFIX):
+        return f", write vars.{unknown[1]} or data.{unknown[1]}"
+    return ""
+
+
+@cache
+def _environment() -> ImmutableSandboxedEnvironment:
+    environment = ImmutableSandboxedEnvironment(undefined=StrictUndefined)
+    environment.globals = {"range": environment.globals["range"], "dict": dict}
+    environment.filters["regex_replace"] = _regex_replace
+    return environment
+
+
+def _regex_replace(
+    value: Any,
+    pattern: str,
+    replacement: str = "",
+    ignorecase: bool = False,  # noqa: FBT001, FBT002 - the filter's users may give it by position
+    multiline: bool = False,  # noqa: FBT001, FBT002
+    count: int = 0,
+) -> str:
+    """Ansible's filter of that name, which the peer plugin's Rigelfiles use."""
+    flags = (re.IGNORECASE if ignorecase else 0) | (re.MULTILINE if multiline else 0)
+    return re.compile(pattern, flags).sub(replacement, str(value), count=count)

@@ -1,0 +1,122 @@
+"""Problems with their places, and how they look: file:line:column, the line, a caret."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from typing import Literal
+
+import attrs
+
+from rigel_k8s.errors import ProblemsError
+from rigel_k8s.problems import Problem
+from rigel_k8s.rigelfile.source import Node, Source, Span, locate
+
+__all__ = ["Finding", "at", "in_order", "meant", "nearest", "place", "problems_error", "render"]
+
+
+@attrs.frozen
+class Finding:
+    """A Problem with its place in the text.
+
+    Attributes:
+        span: where it stands; for a value that a template gave, where the template stands.
+        defined_at: the place of the var that gave the value.
+        environment: the environment variable that gave the value.
+    """
+
+    span: Span
+    message: str
+    kind: str
+    severity: Literal["error", "warning"] = "error"
+    defined_at: Span | None = None
+    environment: str | None = None
+
+
+def at(node: Node, message: str, kind: str, *, key: bool = False) -> Finding:
+    """Return an error about a node, or about its key."""
+    if key and node.key_span:
+        return Finding(node.key_span, message, kind)
+    return Finding(
+        node.span, message, kind, defined_at=node.defined_at, environment=node.environment
+    )
+
+
+def place(root: Node, problem: Problem) -> Finding:
+    """Return a problem of a path below `root` as a finding in the text."""
+    finding = at(locate(root, problem.path), problem.message, problem.kind, key=problem.at_key)
+    return attrs.evolve(finding, severity=problem.severity)
+
+
+def in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return the findings as the file has them, each once."""
+    return tuple(sorted(dict.fromkeys(findings), key=_order))
+
+
+def _order(finding: Finding) -> tuple[Span, Span, str]:
+    return finding.span, finding.defined_at or finding.span, finding.message
+
+
+def render(source: Source, finding: Finding) -> str:
+    """Return a finding as text: the message, the line it is about, a caret below."""
+    span = finding.span
+    mark = "warning: " if finding.severity == "warning" else ""
+    head = f"{source.name}:{span.line}:{span.column}: {mark}{finding.message}{_origin(finding)}"
+    lines = source.text.splitlines()
+    shown = [span, finding.defined_at] if finding.defined_at else [span]
+    gutter = len(str(max(place.line for place in shown)))
+    snippets = [text for place in shown for text in _snippet(lines, place, gutter)]
+    return "\n".join([f"{head} [{finding.kind}]", *snippets])
+
+
+def _origin(finding: Finding) -> str:
+    if finding.defined_at:
+        return f" (defined at {finding.defined_at.line}:{finding.defined_at.column})"
+    if finding.environment:
+        return f" (from the environment variable {finding.environment})"
+    return ""
+
+
+def _snippet(lines: list[str], span: Span, gutter: int) -> Iterator[str]:
+    """Yield the line of a place, and below it a caret under the place."""
+    if span.line > len(lines) or not lines[span.line - 1].strip():
+        return
+    line = lines[span.line - 1].rstrip()
+    lead = "".join("\t" if c == "\t" else " " for c in line[: span.column - 1])
+    end = span.end_column if span.end_line == span.line else len(line) + 1
+    width = max(1, min(end, len(line) + 1) - span.column)
+    yield f"{span.line:>{gutter}} | {line}"
+    yield f"{'':>{gutter}} | {lead}^{'~' * (width - 1)}"
+
+
+def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError:
+    """Return the error that tells all findings."""
+    found = in_order(findings)
+    count = sum(finding.severity == "error" for finding in found)
+    return ProblemsError(
+        f"{source.name} has {count} {'problem' if count == 1 else 'problems'}",
+        details=[render(source, finding) for finding in found],
+    )
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """Return the known word that was probably meant."""
+    by_folded = {_folded(name): name for name in known}
+    close = difflib.get_close_matches(_folded(word), by_folded, n=1, cutoff=0.6)
+    return by_folded[close[0]] if close else None
+
+
+def _folded(word: str) -> str:
+    return word.lower().replace("-", "_")
+
+
+def meant(word: str, known: Iterable[str]) -> str:
+    """Return `, did you mean "x"?`, or what is known where nothing is near and it is little."""
+    names = list(known)
+    near = nearest(word, names)
+    if near:
+        return f', did you mean "{near}"?'
+    if not names:
+        return ""
+    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+    return f" (known: {shown})"

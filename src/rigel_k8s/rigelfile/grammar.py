@@ -1,0 +1,221 @@
+"""From a rendered tree to the model, with everything that is wrong with the grammar at once.
+
+Sections and their entries are looked at one by one: a fault in one hides nothing of another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path as FilePath
+from typing import Any
+
+import attrs
+
+from rigel_k8s.problems import Path, Problem
+from rigel_k8s.rigelfile.findings import Finding, meant, place
+from rigel_k8s.rigelfile.forms import (
+    ApplicationForm,
+    ConcurrentForm,
+    JobForm,
+    JobUseForm,
+    ParallelForm,
+    ProviderForm,
+    RigelfileForm,
+    SequenceForm,
+    SequentialForm,
+)
+from rigel_k8s.rigelfile.model import (
+    ComponentSpec,
+    Concurrent,
+    JobUse,
+    Parallel,
+    SequenceSpec,
+    Sequential,
+    Stage,
+)
+from rigel_k8s.rigelfile.source import Node, kind_of, locate
+from rigel_k8s.rigelfile.structure import structure
+from rigel_k8s.settings import Application
+
+__all__ = ["Contents", "read", "uses"]
+
+
+@attrs.frozen
+class Contents:
+    """What could be read of a Rigelfile, and what is wrong; entries with a fault are left out."""
+
+    application: Application | None
+    jobs: Mapping[str, ComponentSpec]
+    providers: Mapping[str, ComponentSpec]
+    sequences: Mapping[str, SequenceSpec]
+    findings: tuple[Finding, ...]
+
+
+def read(root: Node, directory: FilePath, told: list[Finding]) -> Contents:
+    """Return the contents of a rendered tree.
+
+    Args:
+        root: the tree.
+        directory: the Rigelfile's own, to which `application.dir` is relative.
+        told: what is known to be wrong with its templates.
+    """
+    reader = _Reader(root, told)
+    reader.entry((), RigelfileForm)
+    application = reader.application(directory)
+    jobs = reader.components("jobs", JobForm)
+    providers = reader.components("providers", ProviderForm)
+    sequences = reader.sequences()
+    reader.references()
+    return Contents(application, jobs, providers, sequences, tuple(reader.findings))
+
+
+def uses(root: Node) -> Iterator[tuple[Path, Node]]:
+    """Yield each entry of a stage's jobs and dependencies, with its path."""
+    for path, sequence in _entries(root, ("sequences",)):
+        for stage_path, stage in _entries(sequence, ("stages",), path):
+            yield from _stage_uses(stage, stage_path)
+
+
+def _stage_uses(stage: Node, path: Path) -> Iterator[tuple[Path, Node]]:
+    yield from _entries(stage, ("dependencies",), path)
+    yield from _entries(stage, ("jobs",), path)
+    for inner_path, inner in _entries(stage, ("parallel",), path):
+        yield from _stage_uses(inner, inner_path)
+
+
+def _entries(node: Node, keys: Path, path: Path = ()) -> Iterator[tuple[Path, Node]]:
+    """Yield the entries of the mapping or list under a key, if it is one."""
+    if not isinstance(node.value, dict) or keys[0] not in node.value:
+        return
+    inner = node.value[str(keys[0])].value
+    if isinstance(inner, dict):
+        yield from (((*path, *keys, key), child) for key, child in inner.items())
+    elif isinstance(inner, list):
+        yield from (((*path, *keys, number), child) for number, child in enumerate(inner))
+
+
+class _Reader:
+    def __init__(self, root: Node, told: list[Finding]) -> None:
+        self.findings: list[Finding] = []
+        self._root = root
+        self._told = told
+
+    def tell(self, path: Path, message: str, kind: str) -> None:
+        self.findings.append(place(self._root, Problem(path, message, kind)))
+
+    def entry(self, path: Path, kind: Any) -> Any | None:
+        """Return what stands at a path as a form; None where it is none, which is told."""
+        node = locate(self._root, path)
+        result = structure(node, kind)
+        problems = [problem.under(path) for problem in result.problems]
+        self.findings += [place(self._root, problem) for problem in problems]
+        waiting = [*result.doubts.texts, *result.doubts.missing]
+        for doubt in waiting:
+            self._refuse_hole(locate(node, doubt))
+        return None if result.problems or waiting else result.draft
+
+    def _refuse_hole(self, node: Node) -> None:
+        """Tell that data is not there yet; a hole that a wrong template left is told already."""
+        lines = range(node.span.line, node.span.end_line + 1)
+        if node.hole and not any(finding.span.line in lines for finding in self._told):
+            message = "data.x is known when a job runs: only `with` and `matrix` may wait for it"
+            self.findings.append(Finding(node.span, message, "template"))
+
+    def section(self, name: str) -> Iterator[tuple[Path, Node]]:
+        node = self._root.value.get(name) if isinstance(self._root.value, dict) else None
+        if node is None or node.value is None or node.hole:
+            return
+        if not isinstance(node.value, dict):
+            self.tell((name,), f"expected a mapping, got {kind_of(node.value)}", "wrong-type")
+        else:
+            yield from _entries(self._root, (name,))
+
+    def application(self, directory: FilePath) -> Application | None:
+        if not isinstance(self._root.value, dict) or "application" not in self._root.value:
+            return None
+        form = self.entry(("application",), ApplicationForm)
+        return Application(form.distro, directory / form.dir) if form else None
+
+    def components(self, section: str, kind: type[Any]) -> dict[str, ComponentSpec]:
+        found = {}
+        for path, node in self.section(section):
+            form = self.entry(path, kind)
+            if form:
+                name = str(path[-1])
+                plugin = form.plugin if isinstance(form, JobForm) else form.provider
+                options = form.options or attrs.evolve(node, value={})
+                found[name] = ComponentSpec(name, plugin, options, path)
+        return found
+
+    def sequences(self) -> dict[str, SequenceSpec]:
+        found = {}
+        for path, node in self.section("sequences"):
+            form = self.entry(path, SequenceForm)
+            self._empty(path, node)
+            if form:
+                found[str(path[-1])] = _sequence(form, path)
+        return found
+
+    def _empty(self, path: Path, sequence: Node) -> None:
+        """Tell lists without anything in them, and matrices that are none."""
+        self._matrix(path, sequence)
+        self._no_entries(path, sequence, "stages")
+        for stage_path, stage in _entries(sequence, ("stages",), path):
+            self._matrix(stage_path, stage)
+            self._no_entries(stage_path, stage, "jobs", "parallel")
+            for inner_path, inner in _entries(stage, ("parallel",), stage_path):
+                self._no_entries(inner_path, inner, "jobs")
+
+    def _no_entries(self, path: Path, node: Node, *keys: str) -> None:
+        for key in keys:
+            child = node.value.get(key) if isinstance(node.value, dict) else None
+            if child and child.value == []:
+                self.tell((*path, key), f"`{key}` is empty: nothing would run", "empty")
+
+    def _matrix(self, path: Path, node: Node) -> None:
+        for place_, values in _entries(node, ("matrix",), path):
+            if values.value == []:
+                self.tell(place_, f"{place_[-1]} has no values: nothing would run", "empty")
+            elif not isinstance(values.value, list) and not values.hole:
+                message = f"expected a list of values, got {kind_of(values.value)}"
+                self.tell(place_, message, "wrong-type")
+
+    def references(self) -> None:
+        """Tell jobs that stages name and nobody declares."""
+        section = self._root.value.get("jobs") if isinstance(self._root.value, dict) else None
+        known = section.value if section and isinstance(section.value, dict) else {}
+        for path, use in uses(self._root):
+            where = (*path, "name") if isinstance(use.value, dict) else path
+            name = locate(self._root, where)
+            if isinstance(name.value, str) and not name.hole and name.value not in known:
+                message = f'there is no job "{name.value}"{meant(name.value, known)}'
+                self.tell(where, message, "unknown-job")
+
+
+def _sequence(form: SequenceForm, path: Path) -> SequenceSpec:
+    stages = tuple(_stage(s, (*path, "stages", n)) for n, s in enumerate(form.stages))
+    return SequenceSpec(str(path[-1]), stages, form.matrix, form.description or None)
+
+
+def _stage(form: SequentialForm | ConcurrentForm | ParallelForm, path: Path) -> Stage:
+    if isinstance(form, ParallelForm):
+        inner = tuple(_jobs(s, (*path, "parallel", n)) for n, s in enumerate(form.parallel))
+        return Parallel(inner, form.matrix, form.description or None)
+    return _jobs(form, path)
+
+
+def _jobs(form: SequentialForm | ConcurrentForm, path: Path) -> Sequential | Concurrent:
+    jobs = _uses(form.jobs, (*path, "jobs"))
+    if isinstance(form, SequentialForm):
+        return Sequential(jobs, form.description or None)
+    dependencies = _uses(form.dependencies, (*path, "dependencies"))
+    return Concurrent(jobs, dependencies, form.description or None)
+
+
+def _uses(entries: list[str | JobUseForm], path: Path) -> tuple[JobUse, ...]:
+    return tuple(
+        JobUse(entry.name, entry.options, (*path, number))
+        if isinstance(entry, JobUseForm)
+        else JobUse(entry, None, (*path, number))
+        for number, entry in enumerate(entries)
+    )

@@ -1,0 +1,43 @@
+"""Numbers that remember how they were written: 1.10 is a version for some and 1.1 for others.
+
+They are floats and ints in every calculation; only `str()` gives the text of the Rigelfile back.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = ["WrittenFloat", "WrittenInt", "written"]
+
+
+class WrittenFloat(float):
+    """A float whose text is not what Python would write."""
+
+    raw: str
+
+    def __str__(self) -> str:
+        return self.raw
+
+
+class WrittenInt(int):
+    """An int whose text is not what Python would write."""
+
+    raw: str
+
+    def __str__(self) -> str:
+        return self.raw
+
+
+def written(value: Any, raw: str | None) -> Any:
+    """Return a number that keeps its text, where the text would be lost; all else unchanged."""
+    if raw is None or isinstance(value, bool) or str(value) == raw:
+        return value
+    number: WrittenFloat | WrittenInt
+    if isinstance(value, float):
+        number = WrittenFloat(value)
+    elif isinstance(value, int):
+        number = WrittenInt(value)
+    else:
+        return value
+    number.raw = raw
+    return number

@@ -1,0 +1,180 @@
+"""A job's `with` as its plugin's options: overrides laid over it, data filled in, structured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.problems import Problem
+from rigel_k8s.rigelfile.fields import nested_under
+from rigel_k8s.rigelfile.findings import Finding, at, in_order, place, problems_error
+from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
+from rigel_k8s.rigelfile.scope import Scope
+from rigel_k8s.rigelfile.source import Node, kind_of, plain
+from rigel_k8s.rigelfile.structure import Doubts, structure
+
+__all__ = [
+    "Preview",
+    "Realised",
+    "Rendered",
+    "look",
+    "merged",
+    "preview",
+    "realise",
+    "render_node",
+]
+
+
+@attrs.frozen
+class Rendered:
+    """A node with data filled in; `complete` where nothing waits for more."""
+
+    node: Node
+    findings: tuple[Finding, ...]
+    complete: bool
+
+
+@attrs.frozen
+class Preview:
+    """Options before the run.
+
+    Attributes:
+        options: None where something is wrong, or not enough is known. A text that waits for data
+            has its template in it, another value that waits is its field's default.
+        raw: the `with` as plain data.
+        findings: what is wrong with it.
+        complete: nothing waits for data.
+        draft: the options even where something is wrong, with defaults in those places.
+        node: what the options were made from; paths of problems begin there.
+    """
+
+    options: Any
+    raw: dict[str, Any]
+    findings: tuple[Finding, ...]
+    complete: bool
+    draft: Any
+    node: Node
+    doubts: Doubts
+
+    def placed(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
+        """Return problems with the draft as findings, without those that a doubt may explain."""
+        sure = (problem for problem in problems if not self.doubts.about(problem.path))
+        return tuple(place(self.node, problem) for problem in sure)
+
+
+@attrs.frozen
+class Realised:
+    """Options when a job runs.
+
+    Attributes:
+        options: the options.
+        raw: the `with` as plain data.
+        node: what the options were made from; paths of problems begin there.
+    """
+
+    options: Any
+    raw: dict[str, Any]
+    node: Node
+
+    def placed(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
+        """Return problems with the options as findings."""
+        return tuple(place(self.node, problem) for problem in problems)
+
+
+def render_node(
+    rigelfile: Rigelfile, node: Node, data: Mapping[str, Any] | None, *, final: bool = False
+) -> Rendered:
+    """Return a node of the Rigelfile with data filled in; `final`: no more data will come."""
+    scope = rigelfile.scope.with_data(data, final=final)
+    rendered = scope.fill(node)
+    return Rendered(rendered, in_order(scope.findings), not rendered.has_hole())
+
+
+def preview(
+    rigelfile: Rigelfile,
+    spec: ComponentSpec,
+    overrides: Node | None,
+    data: Mapping[str, Any] | None,
+    options: type[Any],
+) -> Preview:
+    """Return a component's options as far as they are known; never raises for what is wrong."""
+    return look(rigelfile.scope.with_data(data, final=False), spec, overrides, options)
+
+
+def realise(
+    rigelfile: Rigelfile,
+    spec: ComponentSpec,
+    overrides: Node | None,
+    data: Mapping[str, Any],
+    options: type[Any],
+) -> Realised:
+    """Return a component's options when it runs.
+
+    Raises:
+        ProblemsError: something is wrong with them, or data is missing; with the places.
+    """
+    seen = look(rigelfile.scope.with_data(data, final=True), spec, overrides, options)
+    if seen.findings or seen.options is None:
+        raise problems_error(rigelfile.source, seen.findings)
+    return Realised(seen.options, seen.raw, seen.node)
+
+
+def look(scope: Scope, spec: ComponentSpec, overrides: Node | None, options: type[Any]) -> Preview:
+    """Return a component's options as far as a scope knows their values."""
+    written = scope.fill(merged(spec.options, overrides))
+    findings = [*scope.findings, *_nesting_faults(spec.options, overrides, options)]
+    node = written
+    if nested_under(options):
+        base, over = scope.fill(spec.options), overrides and scope.fill(overrides)
+        node = merged(base, over, options)
+    result = structure(node, Any if options is dict else options)
+    findings += [place(node, problem) for problem in result.problems]
+    return Preview(
+        options=None if findings else result.draft,
+        raw=plain(written),
+        findings=in_order(findings),
+        complete=result.complete,
+        draft=result.draft,
+        node=node,
+        doubts=result.doubts,
+    )
+
+
+def merged(options: Node, overrides: Node | None, kind: Any = None) -> Node:
+    """Return options with the keys of overrides in place of theirs, as Rigel has it.
+
+    With an option class that may stand below a key of its own (`nested_under`), that level is gone
+    from the result.
+    """
+    over = overrides.value if overrides else {}
+    under = nested_under(kind)
+    if not under:
+        return attrs.evolve(options, value={**options.value, **over}) if over else options
+    nested = _nested(overrides, under) or {}
+    direct = {key: node for key, node in options.value.items() if key not in nested}
+    result = {**(nested or _nested(options, under) or {}), **direct, **over}
+    result.pop(under, None)
+    return attrs.evolve(options, value=result)
+
+
+def _nested(node: Node | None, under: str) -> dict[str, Node] | None:
+    inner = node.value.get(under) if node else None
+    return inner.value if inner and isinstance(inner.value, dict) else None
+
+
+def _nesting_faults(*arguments: Any) -> Iterable[Finding]:
+    """Yield keys that stand both below the options' own key and beside it."""
+    *nodes, options = arguments
+    under = nested_under(options)
+    for node in nodes if under else ():
+        if not node or under not in node.value:
+            continue
+        inner = node.value[under]
+        if not isinstance(inner.value, dict) and not inner.hole:
+            message = f"expected a mapping, got {kind_of(inner.value)}"
+            yield at(inner, message, "wrong-type")
+        for key in (_nested(node, str(under)) or {}).keys() & node.value.keys():
+            message = f'"{key}" stands below `{under}` as well: remove one'
+            yield at(node.value[key], message, "duplicate-key", key=True)

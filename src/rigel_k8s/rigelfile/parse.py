@@ -1,0 +1,225 @@
+"""YAML to Nodes: every value keeps its place and its text; what YAML would lose is refused.
+
+The reading is YAML 1.1, as Rigel and kubectl have it.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import attrs
+import yaml
+
+from rigel_k8s.rigelfile.findings import Finding
+from rigel_k8s.rigelfile.source import Node, Source, Span
+
+__all__ = ["parse"]
+
+# Larger than any real Rigelfile; a few lines of aliases of aliases make more than memory holds.
+MOST_VALUES = 200_000
+DEEPEST = 100
+
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_CONSTRUCT = yaml.constructor.SafeConstructor()
+_TAG = "tag:yaml.org,2002:"
+_TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
+_START = Span(1, 1, 1, 2)
+_BRACKET = re.compile(r"[\[\]{}]")
+_DEEP_LINE = re.compile(rf"^[ ?:-]{{{DEEPEST},}}", re.MULTILINE)
+_BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\})")
+
+
+def parse(source: Source) -> tuple[Node | None, list[Finding]]:
+    """Return the root of a YAML text and what is wrong with it; None where it cannot be read."""
+    deep = _too_deep(source.text)
+    if deep:
+        return None, [deep]
+    try:
+        root = yaml.compose(source.text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        return None, [_syntax(error, source)]
+    except yaml.YAMLError as error:
+        return None, [_unreadable(error, source)]
+    if root is None:
+        return None, [Finding(_START, "the file is empty: `rigel init` writes a start", "yaml")]
+    reader = _Reader()
+    return reader.node(root), reader.findings
+
+
+def _too_deep(text: str) -> Finding | None:
+    """Refuse what would exhaust the C reader's stack, before it reads that."""
+    if _brackets(text) < DEEPEST and not _DEEP_LINE.search(text):
+        return None
+    depth = 0
+    try:
+        for event in yaml.parse(text, Loader=_Loader):
+            if isinstance(event, yaml.CollectionStartEvent):
+                depth += 1
+            elif isinstance(event, yaml.CollectionEndEvent):
+                depth -= 1
+            if depth > DEEPEST:
+                message = f"values are nested more than {DEEPEST} deep"
+                return Finding(_event_span(event), message, "yaml")
+    except yaml.YAMLError:  # told by whoever reads it
+        pass
+    return None
+
+
+def _event_span(event: yaml.Event) -> Span:
+    start: Any = event.start_mark
+    return _span(start, event.end_mark or start)  # type: ignore[arg-type]
+
+
+def _brackets(text: str) -> int:
+    """Return how deep brackets are nested at most; quoted ones count too."""
+    deepest = depth = 0
+    for bracket in _BRACKET.findall(text):
+        depth += 1 if bracket in "[{" else -1
+        deepest = max(deepest, depth)
+    return deepest
+
+
+def _syntax(error: yaml.MarkedYAMLError, source: Source) -> Finding:
+    """Return what the YAML reader stumbled over, at its place."""
+    mark = error.problem_mark or error.context_mark
+    line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+    span = Span(line, column, line, column + 1)
+    lines = [*source.text.splitlines(), ""]
+    text = lines[min(line, len(lines)) - 1]
+    bare = _BARE_TEMPLATE.search(text)
+    if bare:
+        start, end = bare.start(1) + 1, bare.end(1) + 1
+        return Finding(Span(line, start, line, end), _quoted(bare[1]), "yaml")
+    if text[column - 1 : column] == "\t" or text.startswith("\t"):
+        return Finding(span, "a tab: YAML indents with spaces only", "yaml")
+    if error.problem == "but found another document":
+        return Finding(span, "a second document begins: a Rigelfile is one", "yaml")
+    context = f", {error.context}" if error.context else ""
+    if context and error.context_mark:
+        context += f" that begins at {error.context_mark.line + 1}:{error.context_mark.column + 1}"
+    return Finding(span, f"this is not YAML: {error.problem}{context}", "yaml")
+
+
+def _unreadable(error: yaml.YAMLError, source: Source) -> Finding:
+    """Return the character that YAML does not allow, at its place."""
+    bad = yaml.reader.Reader.NON_PRINTABLE.search(source.text)
+    if not bad:
+        return Finding(_START, f"this is not YAML: {error}", "yaml")
+    line = source.text.count("\n", 0, bad.start()) + 1
+    column = bad.start() - source.text.rfind("\n", 0, bad.start())
+    message = f"the character U+{ord(bad[0]):04X} is not allowed here"
+    return Finding(Span(line, column, line, column + 1), message, "yaml")
+
+
+def _quoted(template: str) -> str:
+    return f'a value that begins with {{{{ must be quoted: "{template}"'
+
+
+def _span(start: yaml.Mark, end: yaml.Mark) -> Span:
+    return Span(start.line + 1, start.column + 1, end.line + 1, end.column + 1)
+
+
+class _Reader:
+    """Turns YAML's nodes into ours and collects findings on the way."""
+
+    def __init__(self) -> None:
+        self.findings: list[Finding] = []
+        self._open: set[int] = set()
+        self._done: dict[int, tuple[Node, int]] = {}
+        self._count = 0
+
+    def node(self, item: yaml.Node) -> Node:
+        """Return the Node of a YAML node; one that is used twice (an alias) is made once."""
+        if id(item) in self._done:
+            node, size = self._done[id(item)]
+            self._count += size
+            return node if self._count <= MOST_VALUES else self._too_many(item)
+        if id(item) in self._open:
+            return self._refused(item, "an alias of the value that it stands in")
+        self._open.add(id(item))
+        before = self._count
+        self._count += 1
+        result = self._made(item)
+        self._open.discard(id(item))
+        self._done[id(item)] = result, self._count - before
+        return result
+
+    def _refused(self, item: yaml.Node, message: str, kind: str = "yaml") -> Node:
+        span = _span(item.start_mark, item.end_mark)
+        self.findings.append(Finding(span, message, kind))
+        return Node(None, span, hole=True)
+
+    def _too_many(self, item: yaml.Node) -> Node:
+        if self._count > 2 * MOST_VALUES:  # told once
+            return Node(None, _span(item.start_mark, item.end_mark), hole=True)
+        self._count += 2 * MOST_VALUES
+        return self._refused(item, f"aliases make more than {MOST_VALUES} values of this file")
+
+    def _made(self, item: yaml.Node) -> Node:
+        span = _span(item.start_mark, item.end_mark)
+        if isinstance(item, yaml.MappingNode):
+            bare = _bare_template(item)
+            return self._refused(item, bare) if bare else Node(self._mapping(item), span)
+        if isinstance(item, yaml.SequenceNode):
+            return Node([self.node(child) for child in item.value], span)
+        return Node(self._scalar(item), span, raw=str(item.value))
+
+    def _scalar(self, item: Any) -> Any:
+        try:
+            if item.tag == f"{_TAG}null":
+                return None
+            if item.tag == f"{_TAG}bool":
+                return _CONSTRUCT.construct_yaml_bool(item)
+            if item.tag == f"{_TAG}int":
+                return _CONSTRUCT.construct_yaml_int(item)
+            if item.tag == f"{_TAG}float":
+                return _CONSTRUCT.construct_yaml_float(item)
+        except (ValueError, KeyError):  # an explicit tag on a text that does not fit it
+            self._refused(item, f'"{item.value}" does not fit its tag')
+        else:
+            if item.tag not in _TEXT_TAGS:
+                self._refused(item, f"the tag {item.tag} means nothing here: leave it out")
+        return str(item.value)
+
+    def _mapping(self, item: yaml.MappingNode) -> dict[str, Node]:
+        result: dict[str, Node] = {}
+        inherited: dict[str, Node] = {}
+        for key, value in item.value:
+            if key.tag == f"{_TAG}merge":
+                inherited = inherited | self._merge(value)
+            elif not isinstance(key, yaml.ScalarNode):
+                self._refused(key, "a key must be text, not a list or mapping")
+            else:
+                self._add(result, key, value)
+        return {**inherited, **result}
+
+    def _add(self, result: dict[str, Node], key: yaml.ScalarNode, value: yaml.Node) -> None:
+        name = str(key.value)
+        node = attrs.evolve(self.node(value), key_span=_span(key.start_mark, key.end_mark))
+        if name not in result:
+            result[name] = node
+            return
+        first = result[name].key_span or _START
+        message = f'the key "{name}" stands at {first.line}:{first.column} already: remove one'
+        self._refused(key, message, "duplicate-key")
+
+    def _merge(self, value: yaml.Node) -> dict[str, Node]:
+        """Return what `<<` brings; of several, an earlier one wins."""
+        merged: dict[str, Node] = {}
+        for part in reversed(value.value if isinstance(value, yaml.SequenceNode) else [value]):
+            if isinstance(part, yaml.MappingNode):
+                merged |= self.node(part).value or {}
+            else:
+                self._refused(part, "<< takes an alias of a mapping, or a list of such")
+        return merged
+
+
+def _bare_template(item: yaml.MappingNode) -> str | None:
+    """Return what to tell about `{{ x }}` without quotes, which YAML takes for two mappings."""
+    if len(item.value) != 1 or not item.flow_style:
+        return None
+    key, value = item.value[0]
+    if not isinstance(key, yaml.MappingNode) or value.value or len(key.value) != 1:
+        return None
+    return _quoted(f"{{{{ {key.value[0][0].value} }}}}")

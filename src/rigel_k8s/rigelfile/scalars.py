@@ -1,0 +1,159 @@
+"""Single values made what an option wants, without loss: `1.10` may be text, `true` never is 1."""
+
+from __future__ import annotations
+
+import enum
+import re
+from pathlib import Path
+from typing import Any
+
+from rigel_k8s.rigelfile.fields import choices, expects, is_scalar_class
+from rigel_k8s.rigelfile.findings import nearest
+from rigel_k8s.rigelfile.source import Node, kind_of
+
+__all__ = ["Mismatch", "described", "mismatch", "scalar"]
+
+_WHOLE = re.compile(r"[+-]?\d+")
+_BOOLEANS = {
+    **dict.fromkeys(("true", "yes", "on"), True),
+    **dict.fromkeys(("false", "no", "off"), False),
+}
+
+
+class Mismatch(Exception):
+    """A value that is not what an option wants."""
+
+    def __init__(self, message: str, kind: str = "wrong-type") -> None:
+        super().__init__(message)
+        self.message = message
+        self.kind = kind
+
+
+def scalar(node: Node, kind: Any) -> Any:
+    """Return the value of a scalar type.
+
+    Raises:
+        Mismatch: the value is none, and what would be one.
+    """
+    if choices(kind) is not None:
+        return _choice(node, kind)
+    if is_scalar_class(kind):
+        return _parsed(node, kind)
+    if kind is bool:
+        return _boolean(node)
+    if kind is int:
+        return _whole(node, kind)
+    if kind is float:
+        return _number(node, kind)
+    if kind is str:
+        return _text(node, kind)
+    if kind is Path:
+        return Path(_text(node, kind))
+    if kind is type(None) and node.value is None:
+        return None
+    raise mismatch(node, kind)
+
+
+def mismatch(node: Node, kind: Any, hint: str = "") -> Mismatch:
+    """Return that a value is not of a type."""
+    if node.value is None:
+        message = f"expected {expects(kind)}, got nothing: write a value or remove the key"
+        return Mismatch(message, "no-value")
+    return Mismatch(f"expected {expects(kind)}, got {described(node)}{hint}")
+
+
+def described(node: Node) -> str:
+    """Return what stands there, for a message: `the text "x"`, `a list`."""
+    if isinstance(node.value, dict | list) or node.value is None:
+        return kind_of(node.value)
+    text = node.raw if node.raw is not None else str(node.value)
+    shown = text if len(text) <= 40 else f"{text[:37]}..."
+    if isinstance(node.value, str):
+        return f'the text "{shown}"'
+    return f"the boolean {shown}" if isinstance(node.value, bool) else shown
+
+
+def _text(node: Node, kind: Any) -> str:
+    if isinstance(node.value, str):
+        return node.value
+    if isinstance(node.value, bool):
+        raise Mismatch(
+            f"{node.raw} without quotes is a boolean in YAML, and {expects(kind)} is expected:"
+            f' write "{node.raw}"',
+            "yaml-boolean",
+        )
+    if isinstance(node.value, int | float) and node.raw is not None:
+        return node.raw
+    raise mismatch(node, kind)
+
+
+def _whole(node: Node, kind: Any) -> int:
+    _refuse_base_60(node)
+    if isinstance(node.value, int) and not isinstance(node.value, bool):
+        return node.value
+    if isinstance(node.value, str) and _WHOLE.fullmatch(node.value.strip()):
+        if node.untyped:
+            return int(node.value)
+        raise mismatch(node, kind, ": remove the quotes")
+    raise mismatch(node, kind)
+
+
+def _number(node: Node, kind: Any) -> float:
+    _refuse_base_60(node)
+    if isinstance(node.value, int | float) and not isinstance(node.value, bool):
+        return float(node.value)
+    if isinstance(node.value, str):
+        try:
+            value = float(node.value)
+        except ValueError:
+            raise mismatch(node, kind) from None
+        if node.untyped:
+            return value
+        raise mismatch(node, kind, f": write {value} without quotes")
+    raise mismatch(node, kind)
+
+
+def _refuse_base_60(node: Node) -> None:
+    """Refuse 22:30, which YAML 1.1 takes for 1350."""
+    if isinstance(node.value, int | float) and ":" in (node.raw or ""):
+        raise Mismatch(f"{node.raw} is {node.value} in YAML: write that, or quote it if it is text")
+
+
+def _boolean(node: Node) -> bool:
+    if isinstance(node.value, bool):
+        return node.value
+    if isinstance(node.value, str) and node.value.strip().lower() in _BOOLEANS:
+        if node.untyped:
+            return _BOOLEANS[node.value.strip().lower()]
+        raise mismatch(node, bool, ": remove the quotes")
+    raise mismatch(node, bool)
+
+
+def _parsed(node: Node, kind: Any) -> Any:
+    if issubclass(kind, str):
+        raw = _text(node, kind)
+    elif issubclass(kind, int):
+        raw = str(int(_whole(node, kind)))
+    else:
+        raw = str(_number(node, kind))
+    try:
+        return kind.parse(raw)
+    except ValueError as error:
+        raise Mismatch(str(error), getattr(kind, "kind", "bad-value")) from error
+
+
+def _choice(node: Node, kind: Any) -> Any:
+    values = choices(kind) or ()
+    known = {str(value): value for value in values}
+    if isinstance(node.value, bool) and node.value in (v for v in values if isinstance(v, bool)):
+        text = str(node.value)
+    elif isinstance(node.value, dict | list) or node.value is None:
+        raise mismatch(node, kind)
+    else:
+        text = _text(node, kind)
+    if text not in known:
+        near = nearest(text, known)
+        hint = f', did you mean "{near}"?' if near else ""
+        raise Mismatch(f'"{text}" is none of {", ".join(known)}{hint}', "bad-choice")
+    is_enum = isinstance(kind, type) and issubclass(kind, enum.Enum)
+    return kind(known[text]) if is_enum else known[text]

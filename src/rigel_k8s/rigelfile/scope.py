@@ -1,0 +1,370 @@
+"""Templates filled: `vars` when the file is read, `data` when a job runs; and what is wrong there.
+
+A text that waits for data stays as it is, whole, and is marked as a hole; so is a text whose
+template is wrong, since that is told once and nothing else may be said about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.rigelfile.findings import Finding, at, nearest
+from rigel_k8s.rigelfile.numbers import written
+from rigel_k8s.rigelfile.source import Node, Source, Span, kind_of, made
+from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed, has_template
+from rigel_k8s.rigelfile.template import parts as parts_of
+
+__all__ = ["Scope"]
+
+
+class _Wrong(Exception):
+    """A template that cannot be filled, and why."""
+
+    def __init__(self, message: str, kind: str = "template") -> None:
+        super().__init__(message)
+        self.message = message
+        self.kind = kind
+
+
+class _Waits(Exception):
+    """A template that needs data which is not there yet."""
+
+
+class Scope:
+    """What templates may refer to.
+
+    Args:
+        source: the file, to point at a template inside a text.
+        variables: the Rigelfile's `vars`, as written.
+        environ: the environment, asked for what `vars` does not have.
+        data: what jobs have stored; None: nothing is known yet.
+        final: no more data will come, so an unknown `data.x` is wrong.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        variables: Mapping[str, Node],
+        environ: Mapping[str, str],
+        data: Mapping[str, Any] | None = None,
+        *,
+        final: bool = False,
+    ) -> None:
+        self.source = source
+        self.variables = variables
+        self.environ = environ
+        self.findings: list[Finding] = []
+        self._data = data or {}
+        self._final = final
+        self._rendered: dict[str, Node] = {}
+        self._open: list[str] = []
+
+    def with_data(self, data: Mapping[str, Any] | None, *, final: bool) -> Scope:
+        """Return a scope of the same vars that knows these data."""
+        return Scope(self.source, self.variables, self.environ, data, final=final)
+
+    # Nodes
+
+    def render(self, node: Node) -> Node:
+        """Return the node with all templates filled that can be; findings tell the rest."""
+        return self._walk(node, self._rendered_text)
+
+    def fill(self, node: Node) -> Node:
+        """Return a rendered node with its holes filled, as far as the data is known."""
+        return self._walk(node, self._filled_text)
+
+    def render_variables(self) -> dict[str, Node]:
+        """Return all vars, rendered."""
+        return {name: self._rendered_variable(name) for name in self.variables}
+
+    def _rendered_text(self, node: Node) -> Node:
+        templated = isinstance(node.value, str) and has_template(node.value)
+        return self._text(node) if templated else node
+
+    def _filled_text(self, node: Node) -> Node:
+        return self._rendered_text(attrs.evolve(node, hole=False)) if node.hole else node
+
+    def _walk(self, node: Node, text: Callable[[Node], Node]) -> Node:
+        if isinstance(node.value, dict):
+            return self._mapping(node, text)
+        if isinstance(node.value, list):
+            items = [self._walk(item, text) for item in node.value]
+            same = all(new is old for new, old in zip(items, node.value, strict=True))
+            return node if same else attrs.evolve(node, value=items)
+        return text(node)
+
+    def _mapping(self, node: Node, text: Callable[[Node], Node]) -> Node:
+        result: dict[str, Node] = {}
+        same = True
+        for key, value in node.value.items():
+            new_key = self._key(key, value) if has_template(key) else key
+            new = self._walk(value, text)
+            same = same and new is value and new_key == key
+            if new_key in result:
+                message = f'the key "{new_key}" stands here already, from another template'
+                self.findings.append(at(value, message, "duplicate-key", key=True))
+            else:
+                result[new_key] = new
+        return node if same else attrs.evolve(node, value=result)
+
+    def _key(self, key: str, value: Node) -> str:
+        span = value.key_span or value.span
+        text = self._text(Node(key, span, raw=key))
+        if isinstance(text.value, dict | list):
+            self._tell(text, f"a key must be text, and {key} is {kind_of(text.value)}")
+            return key
+        return _as_text(text)
+
+    def _text(self, node: Node) -> Node:
+        pieces = list(parts_of(node.value))
+        try:
+            templates = [part for part in pieces if not isinstance(part, str)]
+            if len(templates) == 1 and "".join(p for p in pieces if isinstance(p, str)).isspace():
+                pieces = list(templates)
+            values = self._values(node, pieces)
+        except _Waits:
+            return attrs.evolve(node, hole=True)
+        if len(pieces) == 1:
+            return attrs.evolve(values[0], key_span=node.key_span)
+        return _joined(node, values)
+
+    def _values(self, node: Node, pieces: list[Part]) -> list[Node]:
+        """Return the value of each piece; _Waits, after all wrong ones are told."""
+        values: list[Node] = []
+        waits = False
+        for number, piece in enumerate(pieces):
+            if isinstance(piece, str):
+                values.append(Node(piece, node.span, raw=piece))
+                continue
+            try:
+                value = self._placed(node, self._value(node, piece))
+                waits = waits or value.has_hole()
+                values.append(value)
+                if len(pieces) > 1 and isinstance(value.value, dict | list):
+                    raise _Wrong(f"{piece.text} is {kind_of(value.value)}, not part of a text")
+            except _Waits:
+                waits = True
+            except _Wrong as wrong:
+                waits = True
+                before = pieces[:number]
+                self.findings.append(self._finding(node, wrong, piece, before))
+        if waits and (len(pieces) > 1 or not values or values[0].hole):
+            raise _Waits
+        return values
+
+    def _finding(self, node: Node, wrong: _Wrong, piece: Part, before: list[Part]) -> Finding:
+        text = piece if isinstance(piece, str) else piece.text
+        same = sum(1 for part in before if not isinstance(part, str) and part.text == text)
+        span = _within(self.source, node, text, same)
+        return attrs.evolve(at(node, wrong.message, wrong.kind), span=span)
+
+    def _tell(self, node: Node, message: str) -> None:
+        self.findings.append(at(node, message, "template"))
+
+    def _placed(self, node: Node, value: Node) -> Node:
+        """Return a var's value where it is used."""
+        inner: Any = value.value
+        if isinstance(inner, dict):
+            inner = {key: self._placed(node, child) for key, child in inner.items()}
+        elif isinstance(inner, list):
+            inner = [self._placed(node, child) for child in inner]
+        if value.span == node.span and value.value is inner:
+            return value
+        return attrs.evolve(
+            value,
+            value=inner,
+            span=node.span,
+            key_span=node.key_span,
+            defined_at=node.defined_at or value.defined_at or _definition(value, node),
+        )
+
+    # Names
+
+    def _value(self, node: Node, piece: Name | Expression | Unclosed) -> Node:
+        if isinstance(piece, Unclosed):
+            raise _Wrong("{{ is never closed by }} (for the braces themselves: {{ '{{' }})")
+        if isinstance(piece, Expression):
+            return self._expression(node, piece)
+        if piece.header not in HEADERS:
+            raise _Wrong(_bad_header(piece))
+        found = self._lookup(node, piece.header, piece.name)
+        if found is not None:
+            return found
+        if piece.header == "data" and not self._final:
+            raise _Waits
+        raise self._unknown(piece.header, piece.name)
+
+    def _lookup(self, node: Node, header: str, name: str) -> Node | None:
+        if header == "data":
+            try:
+                value = _walk(self._data, name)
+            except LookupError:
+                return None
+            return attrs.evolve(_made(value, node, f"data.{name}"), untyped=isinstance(value, str))
+        return self._variable(name)
+
+    def _variable(self, name: str) -> Node | None:
+        if name in self.variables:
+            return self._rendered_variable(name)
+        first, _, rest = name.partition(".")
+        if rest and first in self.variables:
+            node: Node | None = self._rendered_variable(first)
+            for step in rest.split("."):
+                node = node.value.get(step) if node and isinstance(node.value, dict) else None
+            return node
+        if name in self.environ:
+            text = self.environ[name]
+            return Node(text, _NOWHERE, raw=text, untyped=True, environment=name)
+        return None
+
+    def _rendered_variable(self, name: str) -> Node:
+        if name in self._rendered:
+            return self._rendered[name]
+        if name in self._open:
+            circle = " -> ".join(f"vars.{n}" for n in (*self._open[self._open.index(name) :], name))
+            raise _Wrong(f"the variables go in a circle: {circle}", "variable-cycle")
+        self._open.append(name)
+        try:
+            self._rendered[name] = self.render(self.variables[name])
+        finally:
+            self._open.pop()
+        return self._rendered[name]
+
+    def _unknown(self, header: str, name: str) -> _Wrong:
+        if header == "data":
+            near = nearest(name, self._data)
+            stored = ", ".join(f"data.{key}" for key in self._data) or "nothing yet"
+            hint = f"did you mean data.{near}?" if near else f"earlier jobs stored {stored}"
+            return _Wrong(f"no job before this one has stored data.{name}, {hint}", "unknown-data")
+        if not name:
+            return _Wrong("vars. needs a name behind the dot", "unknown-variable")
+        near = nearest(name, self.variables)
+        hint = f"did you mean vars.{near}?" if near else f"declare it there or export {name}"
+        message = f"vars.{name} is neither in vars nor in the environment, {hint}"
+        return _Wrong(message, "unknown-variable")
+
+    # Expressions
+
+    def _expression(self, node: Node, piece: Expression) -> Node:
+        if not piece.source:
+            raise _Wrong("an empty template: write {{ vars.NAME }}")
+        from rigel_k8s.rigelfile import expression
+
+        values: dict[expression.Reference, Any] = {}
+        found: list[Node] = []
+        missing: _Wrong | None = None
+        for reference in expression.references(piece.source, self._knows):
+            value = self._lookup(node, reference.header, reference.name)
+            if value is not None:
+                found.append(value)
+                values[reference] = _native(value)
+            elif reference.header == "data" and not self._final:
+                raise _Waits
+            else:
+                missing = missing or self._unknown(reference.header, reference.name)
+                values[reference] = expression.undefined(reference)
+        if any(value.has_hole() for value in found):
+            raise _Waits
+        try:
+            result = expression.evaluate(piece.source, values)
+        except expression.ExpressionError as error:
+            raise (missing if missing and error.undefined else _Wrong(str(error))) from error
+        return _origin(_made(result, node, piece.source), found)
+
+    def _knows(self, header: str, name: str) -> bool:
+        known: Mapping[str, Any] = self._data if header == "data" else self.variables
+        return name in known or (header == "vars" and name in self.environ)
+
+
+_NOWHERE = Span(0, 0, 0, 0)
+
+
+def _definition(value: Node, node: Node) -> Span | None:
+    return None if value.environment or value.span == node.span else value.span
+
+
+def _walk(data: Mapping[str, Any], name: str) -> Any:
+    """Return `a.b`, or what stands under `b` in the mapping `a`."""
+    if name in data:
+        return data[name]
+    found: Any = data
+    for step in name.split("."):
+        if not isinstance(found, Mapping):
+            raise LookupError(name)
+        found = found[step]
+    return found
+
+
+def _made(value: Any, node: Node, what: str) -> Node:
+    try:
+        return made(value, Node(None, node.span, key_span=node.key_span))
+    except TypeError as error:
+        raise _Wrong(f"{what}: {error}") from error
+
+
+def _origin(result: Node, found: list[Node]) -> Node:
+    """Return the node with the origin of the first value that it was made from."""
+    for value in found:
+        if value.environment:
+            return attrs.evolve(result, environment=value.environment, untyped=True)
+        if value.span != result.span:
+            return attrs.evolve(result, defined_at=value.defined_at or value.span)
+    return result
+
+
+def _native(node: Node) -> Any:
+    """Return plain data whose numbers remember how they were written."""
+    if isinstance(node.value, dict):
+        return {key: _native(child) for key, child in node.value.items()}
+    if isinstance(node.value, list):
+        return [_native(child) for child in node.value]
+    return written(node.value, node.raw)
+
+
+def _as_text(node: Node) -> str:
+    if isinstance(node.value, str):
+        return node.value
+    return node.raw or ""
+
+
+def _joined(node: Node, values: list[Node]) -> Node:
+    """Return one text of several pieces, with the origin of the first that was not written here."""
+    text = "".join(map(_as_text, values))
+    joined = attrs.evolve(node, value=text, raw=text, untyped=True)
+    for value in values:
+        if value.defined_at or value.environment:
+            defined = node.defined_at or value.defined_at
+            return attrs.evolve(joined, defined_at=defined, environment=value.environment)
+    return joined
+
+
+def _bad_header(name: Name) -> str:
+    written_name = f"{name.header}.{name.name}" if name.header else name.name
+    if name.header in ("", "var", "env", "variables", "environment") and name.name:
+        return f'"{written_name}" is no template, did you mean vars.{name.name}?'
+    return f'"{written_name}" is no template: begin with vars. (also the environment) or data.'
+
+
+def _within(source: Source, node: Node, text: str, number: int) -> Span:
+    """Return the place of the number-th occurrence of a text inside a scalar, if it is there."""
+    span = node.span
+    if node.defined_at:
+        return span
+    lines = source.text.splitlines()
+    for found in _occurrences(lines, span, text):
+        if number == 0:
+            return found
+        number -= 1
+    return span
+
+
+def _occurrences(lines: list[str], span: Span, text: str) -> Iterator[Span]:
+    for line in range(span.line, min(span.end_line, len(lines)) + 1):
+        content = lines[line - 1]
+        column = content.find(text, span.column - 1 if line == span.line else 0)
+        while column >= 0:
+            yield Span(line, column + 1, line, column + 1 + len(text))
+            column = content.find(text, column + 1)

@@ -1,0 +1,351 @@
+"""Nodes to option classes that others own, strictly, with all problems at once.
+
+It knows attrs classes and plain types, and no single option. Problems carry paths; who has the Node
+finds the place (findings.py). A value that waits for `{{ data.x }}`, or is wrong, does not keep the
+rest from being looked at: `draft` has the field's default in its place.
+"""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import attrs
+
+from rigel_k8s.problems import Path, Problem
+from rigel_k8s.rigelfile.fields import (
+    Field,
+    expects,
+    fields_of,
+    is_list,
+    is_mapping,
+    members,
+    resolved,
+)
+from rigel_k8s.rigelfile.findings import meant, nearest
+from rigel_k8s.rigelfile.numbers import written
+from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
+from rigel_k8s.rigelfile.source import Node, plain
+from rigel_k8s.rigelfile.template import has_template
+
+__all__ = ["Doubts", "Structured", "structure"]
+
+_UNKNOWN: Any = object()
+
+
+@attrs.define
+class Doubts:
+    """Paths whose value is not the one that will be, so that a check there says little.
+
+    Attributes:
+        texts: texts with a hole, as written.
+        missing: a default stands for a hole or a misspelt key: what stands beside it counts too.
+        wrong: a default stands for a wrong value, which is told already.
+    """
+
+    texts: list[Path] = attrs.field(factory=list)
+    missing: list[Path] = attrs.field(factory=list)
+    wrong: list[Path] = attrs.field(factory=list)
+
+    def about(self, path: Path) -> bool:
+        """Return whether a problem at this path may come of one of them."""
+        return (
+            any(_begins(path, doubt) for doubt in (*self.texts, *self.wrong, *self.missing))
+            or any(_begins(doubt, path) for doubt in self.wrong)
+            or any(_begins(doubt, path[:-1]) for doubt in self.missing)
+        )
+
+    def include(self, other: Doubts) -> None:
+        """Take over another's."""
+        self.texts += other.texts
+        self.missing += other.missing
+        self.wrong += other.wrong
+
+
+def _begins(path: Path, start: Path) -> bool:
+    return path[: len(start)] == start
+
+
+@attrs.frozen
+class Structured:
+    """What became of a Node.
+
+    Attributes:
+        draft: the value, as far as it is known; None where not enough of it is.
+        problems: what is wrong, with paths from the Node.
+        doubts: where the draft is not what it will be.
+    """
+
+    draft: Any
+    problems: tuple[Problem, ...]
+    doubts: Doubts
+
+    @property
+    def value(self) -> Any:
+        """The value; None where something is wrong, or not enough is known."""
+        return None if self.problems else self.draft
+
+    @property
+    def complete(self) -> bool:
+        """Whether no hole is left."""
+        return not (self.doubts.texts or self.doubts.missing)
+
+
+def structure(node: Node, kind: Any) -> Structured:
+    """Return the value of a type that a Node describes, or all that is wrong with it."""
+    work = _Structurer()
+    value = work.value(node, kind, ())
+    draft = None if value is _UNKNOWN else value
+    return Structured(draft, tuple(work.problems), work.doubts)
+
+
+class _Structurer:
+    """One walk over a Node; `_UNKNOWN` is a value that is wrong (told) or waits for data."""
+
+    def __init__(self) -> None:
+        self.problems: list[Problem] = []
+        self.doubts = Doubts()
+
+    def value(self, node: Node, kind: Any, path: Path) -> Any:
+        kind = resolved(kind)
+        if kind is Node:
+            return node
+        if node.hole:
+            return self._hole(node, kind, path)
+        if kind is Any or kind is object:
+            self._note_holes(node, path)
+            return plain(node)
+        kinds = members(kind)
+        if len(kinds) > 1:
+            return self._union(node, kind, kinds, path)
+        if isinstance(kind, type) and attrs.has(kind):
+            return self._object(node, kind, path)
+        if is_mapping(kind):
+            return self._mapping(node, kind, path)
+        if is_list(kind):
+            return self._list(node, kind, path)
+        return self._scalar(node, kind, path)
+
+    def _wrong(self, path: Path, message: str, kind: str, *, at_key: bool = False) -> Any:
+        self.problems.append(Problem(path, message, kind, at_key=at_key))
+        self.doubts.wrong.append(path)
+        return _UNKNOWN
+
+    def _mismatch(self, found: Mismatch, path: Path) -> Any:
+        return self._wrong(path, found.message, found.kind)
+
+    # Holes
+
+    def _hole(self, node: Node, kind: Any, path: Path) -> Any:
+        for member in members(kind):
+            if isinstance(member, type) and issubclass(member, str):
+                self.doubts.texts.append(path)
+                return str.__new__(member, node.value)
+        self.doubts.missing.append(path)
+        return node.value if kind is Any else _UNKNOWN
+
+    def _note_holes(self, node: Node, path: Path) -> None:
+        if node.hole:
+            self.doubts.texts.append(path)
+        for step, child in _steps(node):
+            self._note_holes(child, (*path, step))
+
+    # Containers
+
+    def _object(self, node: Node, cls: type[Any], path: Path) -> Any:
+        if not isinstance(node.value, dict):
+            return self._mismatch(mismatch(node, cls), path)
+        fields = fields_of(cls)
+        known = {key: field for field in fields for key in field.keys}
+        guessed = set(self._unknown_keys(node, known, path))
+        values: dict[str, Any] = {}
+        unknown = False
+        for key, child in node.value.items():
+            field = known.get(key)
+            if field is None:
+                continue
+            if field.name in values:
+                message = f'"{key}" and "{field.key}" mean the same: remove one'
+                self._wrong((*path, key), message, "duplicate-key", at_key=True)
+            value = self.value(child, field.type, (*path, key))
+            if value is not _UNKNOWN:
+                values[field.name] = value
+            unknown = unknown or (value is _UNKNOWN and field.required)
+        absent = [f for f in fields if f.required and not node.value.keys() & set(f.keys)]
+        for field in absent:
+            if not guessed & {*field.keys, None}:
+                self._missing(field, path)
+        return _UNKNOWN if unknown or absent else self._built(cls, values, path)
+
+    def _unknown_keys(
+        self, node: Node, known: dict[str, Field], path: Path
+    ) -> Iterator[str | None]:
+        """Tell unknown keys; yield what was probably meant, None for a key that waits for data."""
+        for key in node.value:
+            if key in known:
+                continue
+            self.doubts.missing.append((*path, key))
+            if has_template(key):
+                yield None
+                continue
+            absent = [name for name in known if name not in node.value]
+            message = f'unknown key "{key}"{meant(key, absent or known)}'
+            self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
+            near = nearest(key, absent)
+            if near:
+                yield near
+
+    def _missing(self, field: Field, path: Path) -> None:
+        message = f'the key "{field.key}" is missing: {expects(field.type)}'
+        self._wrong(path, message, "missing-key", at_key=True)
+
+    def _built(self, cls: type[Any], values: dict[str, Any], path: Path) -> Any:
+        try:
+            return cls(**values)
+        except (ValueError, TypeError) as error:  # a validator of the class refused it
+            return self._wrong(path, str(error), "bad-value")
+
+    def _mapping(self, node: Node, kind: Any, path: Path) -> Any:
+        if not isinstance(node.value, dict):
+            return self._mismatch(mismatch(node, kind), path)
+        key_kind, value_kind = typing.get_args(kind) or (Any, Any)
+        result = {}
+        for key, child in node.value.items():
+            place = (*path, key)
+            new_key = self._key(key, child, resolved(key_kind), place)
+            value = self.value(child, value_kind, place)
+            if new_key is not _UNKNOWN and value is not _UNKNOWN:
+                result[new_key] = value
+        return result
+
+    def _key(self, key: str, child: Node, kind: Any, path: Path) -> Any:
+        if has_template(key):
+            self.doubts.missing.append(path)
+            return key
+        if kind is Any or kind is str:
+            return key
+        node = Node(key, child.key_span or child.span, raw=key, untyped=True)
+        try:
+            return scalar(node, kind)
+        except Mismatch as found:
+            return self._wrong(path, found.message, found.kind, at_key=True)
+
+    def _list(self, node: Node, kind: Any, path: Path) -> Any:
+        if not isinstance(node.value, list):
+            one = not isinstance(node.value, dict) and node.value is not None
+            hint = f": write [{node.raw}]" if one and node.raw else ""
+            return self._mismatch(mismatch(node, kind, hint), path)
+        arguments = [a for a in typing.get_args(kind) if a is not Ellipsis] or [Any]
+        values = [self.value(c, arguments[0], (*path, i)) for i, c in enumerate(node.value)]
+        known = [value for value in values if value is not _UNKNOWN]
+        if len(known) < len(values):  # the places of the others have moved
+            self.doubts.wrong.append(path)
+        origin = typing.get_origin(kind) or kind
+        make: Callable[[Iterable[Any]], Any] = origin if origin in (tuple, set, frozenset) else list
+        return make(known)
+
+    # Scalars and unions
+
+    def _scalar(self, node: Node, kind: Any, path: Path) -> Any:
+        try:
+            return scalar(node, kind)
+        except Mismatch as found:
+            return self._mismatch(found, path)
+
+    def _union(self, node: Node, kind: Any, kinds: tuple[Any, ...], path: Path) -> Any:
+        if node.value is None and type(None) in kinds:
+            return None
+        if _says_yes(node) and any(_is(k, str) for k in kinds):
+            return self._scalar(node, str, path)
+        candidates = [k for k in kinds if k is not type(None) and _may_be(node, k)]
+        if not candidates:
+            return self._mismatch(_ambiguous(node, kinds) or mismatch(node, kind), path)
+        if isinstance(node.value, dict):
+            return self.value(node, _by_keys(node, candidates), path)
+        refused = []
+        for candidate in sorted(candidates, key=lambda k: _rank(node, k)):
+            trial = _Structurer()
+            value = trial.value(node, candidate, path)
+            if not trial.problems:
+                self.doubts.include(trial.doubts)
+                keeps_text = str in kinds and candidate in (int, float)
+                return written(value, node.raw) if keeps_text else value
+            refused.append(trial)
+        return self._refused(node, kind, refused, path)
+
+    def _refused(self, node: Node, kind: Any, trials: list[_Structurer], path: Path) -> Any:
+        """Tell why no member of a union fits: the one that came nearest, or what would fit."""
+        near = next((t for t in trials if t.problems[0].kind != "wrong-type"), None)
+        if isinstance(node.value, list) or len(trials) == 1:
+            near = near or trials[0]
+        if near is None:
+            return self._mismatch(mismatch(node, kind), path)
+        self.problems += near.problems
+        self.doubts.include(near.doubts)
+        return _UNKNOWN
+
+
+def _steps(node: Node) -> Iterator[tuple[str | int, Node]]:
+    if isinstance(node.value, dict):
+        yield from node.value.items()
+    elif isinstance(node.value, list):
+        yield from enumerate(node.value)
+
+
+def _says_yes(node: Node) -> bool:
+    """Return whether a boolean is written as YAML 1.2 and most people would not."""
+    return isinstance(node.value, bool) and (node.raw or "true").lower() not in ("true", "false")
+
+
+def _may_be(node: Node, kind: Any) -> bool:
+    """Return whether a member of a union is of the value's kind at all."""
+    if kind is Any:
+        return True
+    if isinstance(node.value, dict):
+        return is_mapping(kind) or (isinstance(kind, type) and attrs.has(kind))
+    if isinstance(node.value, list):
+        return is_list(kind)
+    is_container = is_mapping(kind) or is_list(kind) or attrs.has(kind)
+    return not is_container and node.value is not None
+
+
+def _ambiguous(node: Node, kinds: tuple[Any, ...]) -> Mismatch | None:
+    """Say how a list of one is written where only lists or mappings fit a single value."""
+    if isinstance(node.value, dict | list) or node.value is None or not node.raw:
+        return None
+    lists = [kind for kind in kinds if is_list(kind)]
+    return mismatch(node, lists[0], f": write [{node.raw}]") if len(lists) == 1 else None
+
+
+def _rank(node: Node, kind: Any) -> int:
+    """Order the members of a union by how directly a scalar is one of them."""
+    if kind is Any:
+        return 4
+    value = node.value
+    base = next((b for b in (bool, int, float, str) if _is(kind, b)), str)
+    if isinstance(value, bool):
+        return 0 if base is bool else 3
+    if isinstance(value, str):
+        return 1 if base is str and kind is str else 0 if base is str else 2
+    same = int if isinstance(value, int) else float
+    return 0 if base is same else 1 if base is float else 2
+
+
+def _is(kind: Any, base: type[Any]) -> bool:
+    return isinstance(kind, type) and issubclass(kind, base)
+
+
+def _by_keys(node: Node, candidates: list[Any]) -> Any:
+    """Return the member that has most of a mapping's keys, near misses counted less."""
+    classes = [kind for kind in candidates if isinstance(kind, type) and attrs.has(kind)]
+    if len(classes) < 2:
+        return classes[0] if classes else candidates[0]
+
+    def score(cls: type[Any]) -> tuple[int, int]:
+        known = {key for field in fields_of(cls) for key in field.keys}
+        missed = [key for key in node.value if key not in known]
+        near = sum(1 for key in missed if nearest(key, known - node.value.keys()))
+        return len(node.value) - len(missed), near
+
+    return max(classes, key=score)

@@ -211,15 +211,27 @@ def _user(recipe: Recipe) -> Iterator[str]:
 def _tools(recipe: Recipe) -> Iterator[str]:
     if not recipe.builds:
         return
-    python = _python(recipe.distro)
-    debian, ubuntu = "catkin", f"ros-{recipe.distro}-catkin"
-    if recipe.compiler == "colcon":
-        debian, ubuntu = "colcon", "python3-colcon-common-extensions"
-    if recipe.rosdep:
-        debian, ubuntu = f"{debian} python3-rosdep2", f"{ubuntu} {python}-rosdep"
+    tools = [_install_by_system(recipe)]
+    if recipe.distro in ROS1_DISTROS:
+        # Debian's catkin would set ROS_DISTRO=Debian, and fail where it has another value.
+        tools.append("rm -f /etc/catkin/profile.d/1.ros_distro.sh")
     about = "What builds the workspace; Debian and packages.ros.org name it differently."
-    install = _run(f"{_by_system(debian, ubuntu)}{_install(['build-essential', '$tools'])}")
-    yield f"# {about}\n{install}"
+    yield f"# {about}\n{_run(_chain(tools))}"
+
+
+def _install_by_system(recipe: Recipe) -> str:
+    debian, ubuntu = [], []
+    if recipe.distro in ROS1_DISTROS:
+        debian.append("catkin")
+        ubuntu.append(f"ros-{recipe.distro}-catkin")
+    if recipe.compiler == "colcon":
+        debian.append("colcon")
+        ubuntu.append("python3-colcon-common-extensions")
+    if recipe.rosdep:
+        debian.append("python3-rosdep2")
+        ubuntu.append(f"{_python(recipe.distro)}-rosdep")
+    install = _install(["build-essential", "cmake", "$tools"])
+    return f"{_by_system(' '.join(debian), ' '.join(ubuntu))}{install}"
 
 
 def _dependencies(recipe: Recipe) -> Iterator[str]:

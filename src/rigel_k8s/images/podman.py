@@ -73,7 +73,7 @@ class Podman:
             return {n: run.push(["push"], full, full) for n, full in _full(build) if push}
         manifest = f"localhost/rigel-k8s-build:{uuid.uuid4().hex}"
         try:
-            run.build(build, ["--manifest", manifest])
+            run.build(build, ["--manifest", manifest, *_cache(build)])
             words = ["manifest", "push", "--all"]
             digests = {n: run.push(words, manifest, full) for n, full in _full(build) if push}
         finally:
@@ -170,6 +170,14 @@ def _full(build: Build) -> list[tuple[str, str]]:
 
 def _tags(build: Build) -> list[str]:
     return [word for _, full in _full(build) for word in ("--tag", full)]
+
+
+def _cache(build: Build) -> list[str]:
+    # Without a base image podman 4 takes one platform's layers from the cache for another's.
+    scratch = re.search(
+        r"(?im)^\s*FROM\s+(--\S+\s+)*scratch\b", build.dockerfile.read_text("utf-8")
+    )
+    return ["--no-cache"] if scratch else []
 
 
 def _environment(isolation: str | None, session: Session, build: Build) -> dict[str, str]:

@@ -156,9 +156,9 @@ def _session(options: BuildXOptions, build: Build, job: JobContext, directory: P
     if options.insecure:
         insecure.add(registry)
     if is_private(registry) or any(map(_names_private, build.buildargs.values())):
-        from rigel_k8s.plugins.clusterload import local_registries
+        from rigel_k8s import localcluster
 
-        insecure |= local_registries()
+        insecure |= localcluster.registries()
     return Session(
         directory=directory,
         environ=dict(os.environ),

@@ -13,7 +13,7 @@ from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.process import stream
 from rigel_k8s.settings import Settings
 
-__all__ = ["current_context", "load_archive", "local_registries"]
+__all__ = ["current_context", "load_archive"]
 
 
 def load_archive(
@@ -50,17 +50,6 @@ def _command(archive: Path, context: str) -> list[str]:
         f"cluster_load: context {context} is no cluster of rigel, kind, k3d or minikube",
         hint="push to a registry that the cluster pulls from instead (`push: true`)",
     )
-
-
-def local_registries() -> frozenset[str]:
-    """Return the registries of this machine's local clusters, HOST:PORT, which speak plain HTTP."""
-    found = set()
-    for name in localcluster.names():
-        try:
-            found.add(localcluster.status(name).registry)
-        except RigelK8sError:
-            continue  # another user's, or half built: then `insecure: true` has to say it
-    return frozenset(found)
 
 
 def current_context(settings: Settings) -> str:

@@ -252,8 +252,8 @@ def _check_rosinstall(recipe: Recipe, directory: Path) -> None:
 
 def _is_ours(file: Path) -> bool:
     """Whether the file may be written: it does not exist, or has our mark near its top."""
-    if not os.path.lexists(file):
-        return True
+    if not file.is_file():
+        return not os.path.lexists(file)
     return MARK in "".join(file.read_text("utf-8", errors="replace").splitlines()[:2])
 
 

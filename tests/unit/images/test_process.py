@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,10 @@ def alive(pid: int) -> bool:
         return False
 
 
+def ended(pid: int) -> bool:
+    return not alive(pid)
+
+
 def wait_for(condition: Callable[[], bool]) -> None:
     deadline = time.monotonic() + 30
     while not condition():
@@ -79,7 +84,7 @@ def test_cancel_ends_the_program_and_its_children(
     with pytest.raises(Interrupted, match="the build was stopped"):
         run(script, cancel)
     for pid in map(int, pids.read_text().split()):
-        wait_for(lambda pid=pid: not alive(pid))
+        wait_for(partial(ended, pid))
 
 
 def test_an_error_of_the_listener_ends_the_program(tmp_path: Path) -> None:

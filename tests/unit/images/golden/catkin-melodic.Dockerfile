@@ -16,8 +16,10 @@ RUN . /etc/os-release \
     && apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
         build-essential \
+        cmake \
         $tools \
-    && rm -rf /var/lib/apt/lists/*
+    && rm -rf /var/lib/apt/lists/* \
+    && rm -f /etc/catkin/profile.d/1.ros_distro.sh
 
 # Only the package.xml files, so that this layer outlives an edit of the sources.
 COPY --chown=rigeluser:rigeluser hello/package.xml /home/rigeluser/ros_workspace/src/demo/hello/package.xml

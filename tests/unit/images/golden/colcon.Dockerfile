@@ -16,6 +16,7 @@ RUN . /etc/os-release \
     && apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
         build-essential \
+        cmake \
         $tools \
     && rm -rf /var/lib/apt/lists/*
 

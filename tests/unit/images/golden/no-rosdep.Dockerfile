@@ -16,8 +16,10 @@ RUN . /etc/os-release \
     && apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
         build-essential \
+        cmake \
         $tools \
-    && rm -rf /var/lib/apt/lists/*
+    && rm -rf /var/lib/apt/lists/* \
+    && rm -f /etc/catkin/profile.d/1.ros_distro.sh
 
 COPY --chown=rigeluser:rigeluser . /home/rigeluser/ros_workspace/src/demo/
 

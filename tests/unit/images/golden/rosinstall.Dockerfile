@@ -37,8 +37,10 @@ RUN . /etc/os-release \
     && apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
         build-essential \
+        cmake \
         $tools \
-    && rm -rf /var/lib/apt/lists/*
+    && rm -rf /var/lib/apt/lists/* \
+    && rm -f /etc/catkin/profile.d/1.ros_distro.sh
 
 COPY --from=repositories --chown=rigeluser:rigeluser /repositories/src /home/rigeluser/ros_workspace/src
 

@@ -1,0 +1,435 @@
+"""Images for real: podman builds them, Debian's docker-registry and the cluster take them.
+
+The registries run on loopback for these tests alone. docker cannot run here; what it is given is in
+tests/unit/images/test_docker.py.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+import shutil
+import socket
+import subprocess
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s import localcluster
+from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
+from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.registry import resolve_digest
+from rigel_k8s.plugins.buildx import DIGESTS, BuildXJob, BuildXOptions
+from rigel_k8s.plugins.registry import ContainerRegistry, ContainerRegistryOptions
+from rigel_k8s.sequences.job import JobContext
+from rigel_k8s.settings import Application, Settings
+
+USER, PASSWORD = "robot", "se:cret"
+#: As `htpasswd -nbB robot se:cret` writes it.
+HTPASSWD = "robot:$2b$05$abcdefghijklmnopqrstuuWqeDdmk0qhXLYvA33lbC9M700ynI2Oa\n"
+
+pytestmark = [
+    pytest.mark.cluster,
+    pytest.mark.skipif(shutil.which("podman") is None, reason="podman is not installed"),
+]
+
+
+class Told:
+    """A reporter that remembers."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.states: list[str] = []
+
+    def line(self, text: str) -> None:
+        self.lines.append(text)
+
+    def warn(self, text: str) -> None:
+        self.lines.append(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        self.states.append(state)
+
+    def child(self, name: str) -> Told:
+        return self
+
+
+@attrs.frozen
+class Registry:
+    """A registry that runs."""
+
+    name: str
+    log: Path
+
+
+@attrs.frozen
+class Built:
+    """What a build left: the shared data and what was told."""
+
+    data: dict[str, Any]
+    told: Told
+
+
+def build(
+    directory: Path,
+    image: str,
+    *,
+    providers: dict[str, Any] | None = None,
+    cancel: threading.Event | None = None,
+    context: str | None = None,
+    **options: Any,
+) -> Built:
+    """Run a BuildX job with podman on the Dockerfile of a directory."""
+    told, data = Told(), dict[str, Any]()
+    job = JobContext(
+        name="build",
+        application=Application("noetic", directory),
+        report=told,
+        settings=Settings(context=context),
+        data=data,
+        providers=providers or {},
+        cancel=cancel or threading.Event(),
+    )
+    options = {"platforms": [], "tool": "podman", **options}
+    BuildXJob().run(BuildXOptions(image, **options), job)
+    return Built(data, told)
+
+
+@pytest.fixture(scope="session")
+def registry_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """docker-registry: an installed one, or Debian's, downloaded and unpacked, not installed."""
+    if found := shutil.which("docker-registry"):
+        return Path(found)
+    if shutil.which("apt-get") is None:
+        pytest.skip("docker-registry is neither installed nor to be had from Debian")
+    place = tmp_path_factory.mktemp("docker-registry")
+    place.chmod(0o777)
+    download = ["apt-get", "download", "-qq", "docker-registry"]
+    subprocess.run(download, cwd=place, check=True, capture_output=True)
+    (archive,) = place.glob("*.deb")
+    subprocess.run(["dpkg-deb", "-x", str(archive), str(place)], check=True)
+    return place / "usr" / "bin" / "docker-registry"
+
+
+def serve(program: Path, directory: Path, auth: str) -> Iterator[Registry]:
+    """Run a registry on a free port of loopback."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    config, log = directory / "config.yml", directory / "log"
+    storage = f"storage: {{filesystem: {{rootdirectory: {directory}/data}}}}"
+    http_part = f'http: {{addr: "127.0.0.1:{port}", secret: x}}'
+    config.write_text(f"version: 0.1\n{storage}\n{http_part}\n{auth}")
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [program, "serve", config], stdout=output, stderr=subprocess.STDOUT
+        )
+    try:
+        wait_for_answer(port)
+        yield Registry(f"127.0.0.1:{port}", log)
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def wait_for_answer(port: int) -> None:
+    deadline = time.monotonic() + 30
+    while True:
+        try:
+            connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+            connection.request("GET", "/v2/")
+            connection.getresponse().read()
+            connection.close()
+            return
+        except OSError:
+            assert time.monotonic() < deadline, "the registry did not answer in 30 s"
+            time.sleep(0.05)
+
+
+@pytest.fixture(scope="session")
+def public_registry(
+    registry_program: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Registry]:
+    """A registry that lets everybody push."""
+    yield from serve(registry_program, tmp_path_factory.mktemp("public"), "")
+
+
+@pytest.fixture(scope="session")
+def private_registry(
+    registry_program: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Registry]:
+    """A registry that lets USER alone pull and push."""
+    directory = tmp_path_factory.mktemp("private")
+    (directory / "htpasswd").write_text(HTPASSWD)
+    auth = f"auth: {{htpasswd: {{realm: test, path: {directory}/htpasswd}}}}\n"
+    yield from serve(registry_program, directory, auth)
+
+
+# The registry provider
+
+
+def options(registry: Registry, password: str = PASSWORD) -> ContainerRegistryOptions:
+    return ContainerRegistryOptions(registry.name, USER, password)
+
+
+def test_the_provider_logs_in(private_registry: Registry) -> None:
+    """Good credentials connect, are handed to the jobs, and are told without the password."""
+    told = Told()
+    connection = ContainerRegistry().connect(options(private_registry), "hub", told)
+    assert connection == Credentials(private_registry.name, USER, PASSWORD)
+    assert told.lines == [f"logged in to {private_registry.name} as {USER}"]
+    assert PASSWORD not in repr(connection)
+    ContainerRegistry().disconnect(connection)
+
+
+def test_the_provider_refuses_wrong_credentials(private_registry: Registry) -> None:
+    """A wrong password fails before anything is built."""
+    with pytest.raises(RigelK8sError, match=f'refuses user "{USER}"'):
+        ContainerRegistry().connect(options(private_registry, "wrong"), "hub", Told())
+
+
+def test_the_provider_takes_a_registry_without_users(public_registry: Registry) -> None:
+    """A registry that asks for no credentials is told as such."""
+    told = Told()
+    ContainerRegistry().connect(options(public_registry), "hub", told)
+    assert told.lines == [f"{public_registry.name} asks for no credentials"]
+
+
+def test_digests_of_images_that_are_not_there(
+    public_registry: Registry, private_registry: Registry
+) -> None:
+    """A missing image, and a registry that wants credentials, cannot tell a digest."""
+    assert resolve_digest(f"{public_registry.name}/none:1") is None
+    assert resolve_digest(f"{private_registry.name}/none:1") is None
+
+
+# Build, push, digest
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A Dockerfile that needs no base image."""
+    (tmp_path / "Dockerfile").write_text("FROM scratch\nARG VERSION=0\nCOPY content /content\n")
+    (tmp_path / "content").write_text(f"made for {tmp_path}")
+    return tmp_path
+
+
+def podman(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["podman", *words], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def image(public_registry: Registry, project: Path) -> Iterator[str]:
+    """An image name on the open registry; its local copies are removed after the test."""
+    name = f"{public_registry.name}/team/{project.name.replace('_', '-').lower()}"
+    yield name
+    podman("rmi", "--force", *(f"{name}:{tag}" for tag in ("1", "2", "latest")))
+
+
+def test_a_pushed_image_is_pulled_by_the_digest_that_was_told(image: str, project: Path) -> None:
+    """Every tag is on the registry; its digest is what the deploy gets, and podman pulls by it."""
+    built = build(project, f"{image}:1", push=True, tags=["2"])
+    digests = built.data[DIGESTS]
+    assert set(digests) == {f"{image}:1", f"{image}:2", f"{image}:latest", image}
+    for name, digest in digests.items():
+        assert resolve_digest(name) == digest
+    by_digest = f"{image}@{digests[f'{image}:1']}"
+    pulled = podman("pull", "--tls-verify=false", by_digest)
+    assert pulled.returncode == 0, pulled.stderr
+    assert f"pushed {image}:1 ({digests[f'{image}:1']})" in built.told.lines
+    assert "3/3 COPY content /content" in built.told.states
+
+
+def test_the_same_tag_built_again_has_another_digest(image: str, project: Path) -> None:
+    """A change of the sources changes the digest, so that the same tag rolls out anew."""
+    before = build(project, f"{image}:1", push=True).data[DIGESTS][f"{image}:1"]
+    (project / "content").write_text("changed")
+    after = build(project, f"{image}:1", push=True).data[DIGESTS][f"{image}:1"]
+    assert before != after
+    assert resolve_digest(f"{image}:1") == after
+
+
+def test_an_unchanged_build_keeps_its_digest(image: str, project: Path) -> None:
+    """Building again without a change rolls nothing out."""
+    digests = [build(project, f"{image}:1", push=True).data[DIGESTS][image] for _ in range(2)]
+    assert digests[0] == digests[1]
+
+
+def test_credentials_of_the_provider_push(private_registry: Registry, project: Path) -> None:
+    """Without the provider the registry refuses; with it the push works, and nothing stays."""
+    name = f"{private_registry.name}/team/secret"
+    with pytest.raises(CommandFailed, match=f"push of {name}:1 failed") as refused:
+        build(project, f"{name}:1", push=True)
+    assert "registry provider" in str(refused.value.hint)
+    before = {file: file.read_text() for file in auth_files()}
+    provider = ContainerRegistry()
+    credentials = provider.connect(options(private_registry), "hub", Told())
+    built = build(project, f"{name}:1", push=True, providers={"hub": credentials})
+    provider.disconnect(credentials)
+    digest = built.data[DIGESTS][f"{name}:1"]
+    assert resolve_digest(f"{name}:1", credentials) == digest
+    assert resolve_digest(f"{name}:1") is None
+    assert {file: file.read_text() for file in auth_files()} == before
+    assert PASSWORD not in "".join([*built.told.lines, *built.told.states])
+    podman("rmi", "--force", f"{name}:1", f"{name}:latest")
+
+
+def auth_files() -> list[Path]:
+    """Where podman keeps what `podman login` wrote."""
+    places = [Path("/run/containers/0/auth.json"), Path.home() / ".config/containers/auth.json"]
+    return [file for file in (*places, Path.home() / ".docker/config.json") if file.is_file()]
+
+
+def test_a_base_image_comes_from_a_registry_without_tls(image: str, project: Path) -> None:
+    """FROM and a build argument may name an image on a registry of this machine."""
+    build(project, f"{image}:1", push=True)
+    podman("rmi", "--force", f"{image}:1", f"{image}:latest")
+    (project / "Dockerfile").write_text("ARG BASE\nFROM $BASE\nCOPY content /more\n")
+    built = build(project, f"{image}:2", push=True, buildargs={"BASE": f"{image}:1"})
+    assert f"{image}:2" in built.data[DIGESTS]
+
+
+def test_several_platforms_are_one_image(image: str, project: Path) -> None:
+    """The pushed image is a list of both platforms; the loaded one is this machine's."""
+    (project / "Dockerfile").write_text(
+        "FROM scratch\nARG TARGETARCH\nENV ARCH=$TARGETARCH\nCOPY content /content\n"
+    )
+    built = build(
+        project, f"{image}:1", push=True, load=True, platforms=["linux/amd64", "linux/arm64"]
+    )
+    listed = manifest(image, "1")["manifests"]
+    assert [one["platform"]["architecture"] for one in listed] == ["amd64", "arm64"]
+    assert resolve_digest(f"{image}:1") == built.data[DIGESTS][f"{image}:1"]
+    assert podman("image", "exists", f"{image}:1").returncode == 0
+    assert "rigel-k8s-build" not in podman("images", "--all").stdout
+
+
+def manifest(image: str, tag: str) -> dict[str, Any]:
+    """The list of platforms that a registry has."""
+    registry, _, repository = image.partition("/")
+    connection = http.client.HTTPConnection(registry, timeout=10)
+    kinds = ("oci.image.index.v1", "docker.distribution.manifest.list.v2")
+    accept = {"Accept": ", ".join(f"application/vnd.{kind}+json" for kind in kinds)}
+    connection.request("GET", f"/v2/{repository}/manifests/{tag}", headers=accept)
+    found: dict[str, Any] = json.loads(connection.getresponse().read())
+    connection.close()
+    return found
+
+
+def test_a_failing_build_says_why(image: str, project: Path) -> None:
+    """The error names the image and holds podman's last lines."""
+    (project / "Dockerfile").write_text("FROM scratch\nCOPY missing /missing\n")
+    with pytest.raises(CommandFailed, match=f"podman build of {image}:1 failed") as caught:
+        build(project, f"{image}:1", push=True)
+    assert any("missing" in line for line in caught.value.details)
+
+
+def test_a_registry_that_is_not_there_is_told(project: Path) -> None:
+    """A push into the void is an error with podman's words."""
+    with pytest.raises(CommandFailed, match=r"push of 127\.0\.0\.1:1/app:1 failed") as caught:
+        build(project, "127.0.0.1:1/app:1", push=True)
+    assert any("refused" in line for line in caught.value.details)
+    podman("rmi", "--force", "127.0.0.1:1/app:1", "127.0.0.1:1/app:latest")
+
+
+def test_an_interrupted_build_leaves_no_process(base_image: str, project: Path) -> None:
+    """Ctrl-C in a RUN step ends podman and what it runs, and is no failure of the build."""
+    mark = f"60{uuid.uuid4().int % 10**9}"
+    (project / "Dockerfile").write_text(f"FROM {base_image}\nRUN sleep {mark}\n")
+    cancel = threading.Event()
+
+    def cancel_when_it_runs() -> None:
+        wait_for(lambda: running(mark))
+        cancel.set()
+
+    threading.Thread(target=cancel_when_it_runs, daemon=True).start()
+    with pytest.raises(Interrupted):
+        build(project, "localhost/interrupted:1", cancel=cancel)
+    wait_for(lambda: not running(mark))
+
+
+def running(mark: str) -> list[str]:
+    """The processes that sleep for so many seconds, podman's own among them."""
+    found = []
+    for file in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):
+            words = file.read_bytes().split(b"\0")
+            if b"sleep" in words[0] and mark.encode() in words[1:]:
+                found.append(file.parent.name)
+    return found
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 120
+    while not condition():
+        assert time.monotonic() < deadline, "it did not come to pass in 120 s"
+        time.sleep(0.1)
+
+
+# The local cluster
+
+
+@pytest.fixture
+def local(context: str) -> str:
+    """The name of the local cluster behind the context."""
+    name = context.removeprefix("rigel-")
+    if name not in localcluster.names():
+        pytest.skip(f"{context} is no local cluster of this machine")
+    return name
+
+
+def test_the_clusters_registry_needs_no_word(local: str, project: Path) -> None:
+    """A push to the local cluster's registry is let through without `insecure`."""
+    image = f"{localcluster.status(local).registry}/test/{project.name.replace('_', '-').lower()}"
+    built = build(project, f"{image}:1", push=True)
+    assert resolve_digest(f"{image}:1") == built.data[DIGESTS][f"{image}:1"]
+    podman("rmi", "--force", f"{image}:1", f"{image}:latest")
+
+
+def test_a_loaded_image_is_on_every_node(
+    local: str, context: str, namespace: str, cluster: Any, base_image: str, project: Path
+) -> None:
+    """cluster_load: a pod that must not pull runs the image on each node."""
+    image = f"loaded.test/{project.name.replace('_', '-').lower()}"
+    (project / "Dockerfile").write_text(f"FROM {base_image}\nCOPY content /content\n")
+    build(project, f"{image}:1", cluster_load=True, context=context)
+    nodes = [node.name for node in localcluster.status(local).nodes]
+    for node in nodes:
+        cluster.create(pod(namespace, f"{image}:1", node))
+    for node in nodes:
+        ref = ObjectRef("v1", "Pod", namespace, f"on-{node}")
+        wait_for(partial(succeeded, cluster, ref))
+    podman("rmi", "--force", f"{image}:1", f"{image}:latest")
+
+
+def succeeded(cluster: Any, ref: ObjectRef) -> bool:
+    return bool(cluster.get(ref)["status"].get("phase") == "Succeeded")
+
+
+def pod(namespace: str, image: str, node: str) -> dict[str, Any]:
+    return {
+        "apiVersion": "v1",
+        "kind": "Pod",
+        "metadata": {"name": f"on-{node}", "namespace": namespace},
+        "spec": {
+            "nodeName": node,
+            "restartPolicy": "Never",
+            "containers": [
+                {
+                    "name": "it",
+                    "image": image,
+                    "imagePullPolicy": "Never",
+                    "command": ["cat", "/content"],
+                }
+            ],
+        },
+    }

@@ -1,0 +1,297 @@
+"""ROS 1 from a Rigelfile on a real cluster: readiness, storage, updates, placement, failures."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+
+pytestmark = pytest.mark.cluster
+
+#: A publisher and a subscriber as small as they can be; they need nothing but rospy.
+TALKER = (
+    "import rospy, std_msgs.msg as m; rospy.init_node('talker', anonymous={anonymous});"
+    " p = rospy.Publisher('chatter', m.String, queue_size=1); r = rospy.Rate(5)\n"
+    "while not rospy.is_shutdown(): p.publish('hello'); r.sleep()"
+)
+LISTENER = (
+    "import rospy, std_msgs.msg as m; rospy.init_node('listener');"
+    " rospy.Subscriber('chatter', m.String, lambda s: rospy.loginfo(s.data)); rospy.spin()"
+)
+PUBLISHERS = (
+    "import rosgraph, sys; pubs = dict(rosgraph.Master('/test').getSystemState()[0]);"
+    " print(' '.join(pubs.get('/chatter', [])))"
+)
+
+
+class Robot:
+    """A Rigelfile in a directory of its own, and rigel at work on it."""
+
+    def __init__(
+        self, directory: Path, namespace: str, image: str, rigel: Any, cluster: Any
+    ) -> None:
+        self.file = directory / "Rigelfile"
+        self.namespace = namespace
+        self.image = image
+        self.cluster = cluster
+        self._rigel = rigel
+
+    def write(self, nodes: dict[str, Any], /, **options: Any) -> None:
+        """Write a Rigelfile (JSON is YAML) with these nodes; `image` is the base image."""
+        job = {
+            "namespace": self.namespace,
+            "ros_master_image": self.image,
+            "image": self.image,
+            "nodes": nodes,
+            **options,
+        }
+        jobs = {
+            "deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job},
+            "update": {
+                "plugin": "src.plugin.OrchestrationPlugin",
+                "with": {
+                    "orchestration": {
+                        "rolling_update": {
+                            "strategy": "Rolling",
+                            "max_surge": 1,
+                            "max_unavailable": 0,
+                        }
+                    }
+                },
+            },
+        }
+        self.file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
+
+    def rigel(self, *words: str, **options: Any) -> Any:
+        """Run rigel on the Rigelfile."""
+        return self._rigel("-f", str(self.file), "-n", self.namespace, *words, **options)
+
+    def deploy(self) -> None:
+        """Run the job that deploys."""
+        self.rigel("run", "job", "deploy", "--timeout", "2m")
+
+    def pods(self, name: str) -> list[dict[str, Any]]:
+        """Return a workload's pods that are not on their way out."""
+        found = self.cluster.list(
+            "v1", "Pod", self.namespace, labels={"app.kubernetes.io/name": name}
+        )
+        return [pod for pod in found if not pod["metadata"].get("deletionTimestamp")]
+
+    def ready(self, name: str) -> bool:
+        """Return whether all of a workload's pods are ready."""
+        return all(
+            condition["status"] == "True"
+            for pod in self.pods(name)
+            for condition in pod["status"].get("conditions", [])
+            if condition["type"] == "Ready"
+        )
+
+    def run(self, name: str, *command: str) -> str:
+        """Run a command in a workload's pod and return what it printed."""
+        pod = self.pods(name)[0]["metadata"]["name"]
+        full = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
+        done = self.cluster.run(self.namespace, pod, full)
+        assert done.code == 0, done.stderr.decode()
+        return str(done.stdout.decode())
+
+    def deployments(self) -> set[str]:
+        """Return the names of the namespace's Deployments."""
+        found = self.cluster.list("apps/v1", "Deployment", self.namespace)
+        return {item["metadata"]["name"] for item in found}
+
+
+@pytest.fixture
+def robot(tmp_path: Path, namespace: str, base_image: str, rigel: Any, cluster: Any) -> Robot:
+    """A robot in a namespace of its own."""
+    return Robot(tmp_path, namespace, base_image, rigel, cluster)
+
+
+def python(code: str) -> dict[str, Any]:
+    """Return a node that runs Python code."""
+    return {"args": ["python3", "-c", code]}
+
+
+def talker(*, anonymous: bool = False) -> dict[str, Any]:
+    """Return a talker."""
+    return python(TALKER.format(anonymous=anonymous)) | ({"anonymous": True} if anonymous else {})
+
+
+def eventually(what: str, check: Callable[[], Any], seconds: float = 90) -> Any:
+    """Wait for a promise to become true; fail with its words where it does not."""
+    deadline = time.monotonic() + seconds
+    while not (result := check()):
+        assert time.monotonic() < deadline, f"not so after {seconds:.0f} s: {what}"
+        time.sleep(0.5)
+    return result
+
+
+def test_orphans_of_a_lost_roscore_turn_unready_and_status_says_why(robot: Robot) -> None:
+    """A roscore that comes back knows nobody: every node is told as orphaned, not as running."""
+    robot.write({"talker": talker(), "listener": python(LISTENER)})
+    robot.deploy()
+    master = robot.pods("ros-master")[0]["metadata"]["name"]
+    robot.cluster.delete(ObjectRef("v1", "Pod", robot.namespace, master))
+    for name in ("talker", "listener"):
+        eventually(f"{name} is NotReady", lambda name=name: not robot.ready(name))
+    eventually("the master is back", lambda: robot.pods("ros-master") and robot.ready("ros-master"))
+    told = eventually(
+        "status names the cause",
+        lambda: (
+            (d := robot.rigel("status", check=False)).returncode == 1
+            and "master" in d.stdout.split("\n\n", 1)[-1]
+            and d.stdout
+        ),
+    )
+    assert "talker" in told
+    assert "listener" in told
+
+
+def test_a_stopped_process_turns_unready_and_comes_back(robot: Robot) -> None:
+    """SIGSTOP leaves the pod Running; readiness sees that the node does not answer."""
+    robot.write({"talker": talker()})
+    robot.deploy()
+    robot.run("talker", "sh", "-c", "kill -STOP 1 || true; pkill -STOP -f rospy || true")
+    eventually("talker is NotReady", lambda: not robot.ready("talker"))
+    robot.run("talker", "sh", "-c", "kill -CONT 1 || true; pkill -CONT -f rospy || true")
+    eventually("talker is ready again", lambda: robot.ready("talker"))
+
+
+def test_data_survives_down_unless_volumes_are_asked_for(robot: Robot) -> None:
+    """`down` keeps claims; the next deploy finds its data; `down --volumes` takes them."""
+    node = talker() | {"volumes": [{"name": "maps", "mount_path": "/maps"}]}
+    storage = {"volumes": [{"name": "maps", "size": "10Mi"}]}
+    robot.write({"talker": node}, persistent_storage=storage)
+    robot.deploy()
+    robot.run("talker", "sh", "-c", "echo here > /maps/file")
+    robot.rigel("down")
+    claims = robot.cluster.list("v1", "PersistentVolumeClaim", robot.namespace)
+    assert [claim["metadata"]["name"] for claim in claims] == ["maps-pvc"]
+    robot.deploy()
+    assert robot.run("talker", "cat", "/maps/file").strip() == "here"
+    robot.rigel("down", "--volumes", "-y")
+    eventually(
+        "the claim is gone",
+        lambda: not robot.cluster.list("v1", "PersistentVolumeClaim", robot.namespace),
+    )
+
+
+def test_a_node_that_left_the_rigelfile_is_pruned(robot: Robot) -> None:
+    """The cluster follows the file: what is not in it any more is deleted, the rest untouched."""
+    robot.write({"talker": talker(), "listener": python(LISTENER)})
+    robot.deploy()
+    kept = robot.pods("talker")[0]["metadata"]["uid"]
+    robot.write({"talker": talker()})
+    robot.deploy()
+    assert robot.deployments() == {"ros-master", "talker"}
+    assert robot.pods("talker")[0]["metadata"]["uid"] == kept
+
+
+def test_a_job_that_describes_a_part_resets_and_prunes_nothing(robot: Robot) -> None:
+    """The peer's update job names no master, no nodes, no images: they stay as they are."""
+    robot.write({"talker": talker(), "listener": python(LISTENER)})
+    robot.deploy()
+    before = {n: robot.pods(n)[0]["metadata"]["uid"] for n in ("ros-master", "talker", "listener")}
+    robot.rigel("run", "job", "update")
+    assert robot.deployments() == {"ros-master", "talker", "listener"}
+    after = {n: robot.pods(n)[0]["metadata"]["uid"] for n in before}
+    assert after == before
+
+
+def test_a_label_that_no_machine_has_is_told_before_anything_is_applied(robot: Robot) -> None:
+    """A pod that could never be scheduled is no roll-out to wait for."""
+    node = talker() | {"placement": {"labels": {"robot": "seven"}}}
+    robot.write({"talker": node})
+    done = robot.rigel("run", "job", "deploy", check=False)
+    assert done.returncode in (1, 2)
+    assert "kubectl label node" in done.stderr
+    assert "robot=seven" in done.stderr
+    assert robot.deployments() == set()
+
+
+def test_an_anonymous_node_is_updated_without_a_gap(robot: Robot) -> None:
+    """The new publisher is registered and ready before the old one leaves."""
+    robot.write({"talker": talker(anonymous=True)})
+    robot.deploy()
+    seen: list[str] = []
+    done = threading.Event()
+
+    def watch() -> None:
+        while not done.is_set():
+            seen.append(robot.run("ros-master", "python3", "-c", PUBLISHERS).strip())
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    robot.write({"talker": talker(anonymous=True) | {"env": {"GENERATION": 2}}})
+    robot.deploy()
+    done.set()
+    watcher.join()
+    assert len(set(seen)) > 1, "the update replaced the publisher"
+    assert all(seen), "there was a publisher at every look"
+
+
+def test_a_name_in_use_is_never_held_by_two_pods(robot: Robot) -> None:
+    """A node with a fixed name is gone before the new one starts: they would end each other."""
+    robot.write({"talker": talker()})
+    robot.deploy()
+    together: list[int] = []
+    done = threading.Event()
+
+    def watch() -> None:
+        while not done.is_set():
+            found = robot.cluster.list(
+                "v1", "Pod", robot.namespace, labels={"app.kubernetes.io/name": "talker"}
+            )
+            running = [p for p in found if p["status"].get("phase") in ("Pending", "Running")]
+            together.append(len(running))
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    robot.write({"talker": talker() | {"env": {"GENERATION": 2}}})
+    robot.deploy()
+    done.set()
+    watcher.join()
+    assert max(together) == 1
+
+
+def test_another_managers_field_is_told_and_adopted_on_request(robot: Robot) -> None:
+    """Somebody's kubectl edit is not overwritten silently; --adopt takes the field over."""
+    robot.write({"talker": talker() | {"replicas": 1}})
+    robot.deploy()
+    ref = ObjectRef("apps/v1", "Deployment", robot.namespace, "talker")
+    robot.cluster.patch(ref, {"spec": {"replicas": 0}})
+    robot.write({"talker": talker() | {"replicas": 1, "env": {"GENERATION": 2}}})
+    refused = robot.rigel("run", "job", "deploy", check=False)
+    assert refused.returncode == 1
+    assert "replicas" in refused.stderr
+    assert "--adopt" in refused.stderr
+    robot.rigel("run", "job", "deploy", "--adopt", "--timeout", "2m")
+    assert robot.ready("talker")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"image": "localhost:1/never:there"}, "never:there"),
+        ({"args": ["sh", "-c", "echo the wheels fell off; exit 3"]}, "the wheels fell off"),
+        ({"readiness": {"command": "false"}}, "not ready"),
+        ({"resources": {"requests": {"cpu": "900"}}}, "Insufficient cpu"),
+    ],
+    ids=["image", "crash", "never ready", "unschedulable"],
+)
+def test_a_roll_out_that_fails_names_the_cause(
+    robot: Robot, change: dict[str, Any], told: str
+) -> None:
+    """Exit code 1, the node and the cause: no waiting for a timeout to learn it from kubectl."""
+    robot.write({"talker": talker() | change})
+    done = robot.rigel("run", "job", "deploy", "--timeout", "60s", check=False)
+    assert done.returncode == 1
+    assert told in done.stderr
+    assert "talker" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -174,9 +174,8 @@ def _tags(build: Build) -> list[str]:
 
 def _cache(build: Build) -> list[str]:
     # Without a base image podman 4 takes one platform's layers from the cache for another's.
-    scratch = re.search(
-        r"(?im)^\s*FROM\s+(--\S+\s+)*scratch\b", build.dockerfile.read_text("utf-8")
-    )
+    text = build.dockerfile.read_text("utf-8")
+    scratch = re.search(r"(?im)^\s*FROM\s+(--\S+\s+)*scratch\b", text)
     return ["--no-cache"] if scratch else []
 
 

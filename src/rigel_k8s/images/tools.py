@@ -12,9 +12,7 @@ from rigel_k8s.images.docker import Docker
 from rigel_k8s.images.engine import Engine
 from rigel_k8s.images.podman import ISOLATION, Podman, lacks_sys_resource
 
-__all__ = ["TOOLS", "find_engine"]
-
-TOOLS = ("auto", "docker", "podman")
+__all__ = ["find_engine"]
 
 _PROBE_SECONDS = 60
 _INSTALL = "install podman (Debian: sudo apt-get install podman), or Docker with its buildx plugin"

@@ -8,7 +8,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import attrs
 
@@ -16,7 +16,7 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.images.credentials import Credentials, is_private
 from rigel_k8s.images.engine import Build, Engine, Session, host_platform
 from rigel_k8s.images.reference import DOCKER_HUB, TAG, parse_reference
-from rigel_k8s.images.tools import TOOLS, find_engine
+from rigel_k8s.images.tools import find_engine
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext, Reporter
 from rigel_k8s.settings import Application
@@ -65,7 +65,7 @@ class BuildXOptions:
     platforms: Sequence[str] | None = None
     context: str | None = None
     dockerfile: str = "Dockerfile"
-    tool: str = "auto"
+    tool: Literal["auto", "docker", "podman"] = "auto"
     cluster_load: bool = False
     insecure: bool = False
 
@@ -223,6 +223,3 @@ def _check_words(options: BuildXOptions) -> Iterator[Problem]:
         if _HOLE not in name and not _ARGUMENT.fullmatch(name):
             message = f'"{name}" is no name of a build argument'
             yield Problem(("buildargs", name), message, "bad-name", at_key=True)
-    if _HOLE not in options.tool and options.tool not in TOOLS:
-        message = f'"{options.tool}" builds no image, use one of {", ".join(TOOLS)}'
-        yield Problem(("tool",), message, "bad-tool")

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import attrs
 
@@ -22,7 +22,6 @@ from rigel_k8s.images.dockerfile import (
     ignored,
 )
 from rigel_k8s.images.reference import parse_reference
-from rigel_k8s.problems import Path as ProblemPath
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext, Reporter
 from rigel_k8s.settings import Application, Settings
@@ -31,7 +30,6 @@ __all__ = ["Compiler", "DockerfileJob", "DockerfileOptions", "EnvVar"]
 
 Scalar: TypeAlias = str | int | float | bool
 
-COMPILERS = ("catkin_make", "colcon", "none")
 MARK = "# Written by rigel-k8s from a Rigelfile."
 
 _MARK_LINE = f"{MARK} Edit that, or remove this line to keep the file as your own.\n"
@@ -53,7 +51,7 @@ class Compiler:
         cmake_args: CMake variables by name.
     """
 
-    name: str | None = None
+    name: Literal["catkin_make", "colcon", "none"] | None = None
     cmake_args: Mapping[str, Scalar] = attrs.field(factory=dict)
 
 
@@ -188,16 +186,9 @@ def _packages(directory: Path) -> Iterator[str]:
 
 
 def _check_compiler(options: DockerfileOptions, application: Application) -> Iterator[Problem]:
-    name = options.compiler.name
-    path: ProblemPath = ("compiler", "name")
-    if name is None or _HOLE in name:
-        return
-    if name not in COMPILERS:
-        known = ", ".join(COMPILERS)
-        yield Problem(path, f'no compiler is called "{name}", use one of {known}', "bad-compiler")
-    elif name == "catkin_make" and application.distro not in ROS1_DISTROS:
+    if options.compiler.name == "catkin_make" and application.distro not in ROS1_DISTROS:
         message = f"catkin_make builds ROS 1, and {application.distro} is ROS 2: use colcon"
-        yield Problem(path, message, "bad-compiler")
+        yield Problem(("compiler", "name"), message, "bad-compiler")
 
 
 def _check_command(options: DockerfileOptions) -> Iterator[Problem]:

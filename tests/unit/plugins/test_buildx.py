@@ -207,7 +207,6 @@ def test_cluster_load_hands_the_archive_to_the_cluster(
         ({"image": "app", "tags": ["ok", "not ok"]}, ("tags", 1), "no tag"),
         ({"image": "app", "platforms": ["arm64"]}, ("platforms", 0), "like linux/arm64"),
         ({"image": "app", "buildargs": {"A B": "1"}}, ("buildargs", "A B"), "no name of"),
-        ({"image": "app", "tool": "kaniko"}, ("tool",), "use one of auto, docker, podman"),
     ],
 )
 def test_what_cannot_be_built_is_told_before(
@@ -222,7 +221,7 @@ def test_what_cannot_be_built_is_told_before(
 def test_what_only_a_run_can_tell_is_let_through() -> None:
     """Values with a hole for shared data are not judged before."""
     hole = "{{ data.x }}"
-    options = BuildXOptions(hole, [hole], buildargs={"A": hole}, platforms=[hole], tool=hole)
+    options = BuildXOptions(hole, [hole], buildargs={"A": hole}, platforms=[hole])
     assert BuildXJob().check(options, Application("noetic")) == []
 
 

@@ -154,7 +154,6 @@ def test_a_missing_directory_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "path", "message"),
     [
-        ({"compiler": Compiler("catkin")}, ("compiler", "name"), "use one of catkin_make, colcon"),
         ({"command": "echo 'a"}, ("command",), "no closing quotation"),
         ({"ros_image": "ros:noetic:x"}, ("ros_image",), "no image reference"),
         ({"username": "Robot One"}, ("username",), "no user name"),

@@ -1,4 +1,4 @@
-"""The way from nothing to the base image's archive, and the cache that makes it a matter of once."""
+"""The way from nothing to the base image's archive, and the cache that spares it."""
 
 from __future__ import annotations
 
@@ -76,15 +76,14 @@ def _build(variant: Variant, target: Path, report: Reporter) -> None:
         own = Path(scratch) / "overlay.tar"
         own.write_bytes(overlay.layer(variant, mtime=_EPOCH))
         report.progress("archive", "writing")
-        archive.write(
-            target, [debian, own], overlay.CONFIG, REFERENCES[variant], created=_EPOCH
-        )
+        archive.write(target, [debian, own], overlay.CONFIG, REFERENCES[variant], created=_EPOCH)
         report.progress("archive", "done", done=True)
 
 
 def _key(variant: Variant) -> str:
     """What the archive is made of, as a short digest: another recipe is another file."""
-    recipe = [archive.FORMAT, SUITE, *PACKAGES[variant], archive.architecture(), json.dumps(overlay.CONFIG)]
+    recipe = [archive.FORMAT, archive.architecture(), SUITE, *PACKAGES[variant]]
+    recipe.append(json.dumps(overlay.CONFIG))
     found = hashlib.sha256("\n".join(recipe).encode())
     found.update(overlay.layer(variant, mtime=_EPOCH))
     return found.hexdigest()[:16]

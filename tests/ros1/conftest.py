@@ -1,8 +1,9 @@
 """Real ROS 1 in pods made of namespaces: what a Kubernetes pod is, without a Kubernetes.
 
 A pod has its own network (on a bridge in a namespace of its own, the machine's network is not
-touched), processes, mounts and host name; its root is the ROS 1 base image. `start` is the container
-start, `exec` is what `kubectl exec`, probes and hooks do, `terminate` is what the kubelet does.
+touched), processes, mounts and host name; its root is the ROS 1 base image. `start` is the
+container's start, `exec` is what `kubectl exec`, probes and hooks do, `terminate` is what the
+kubelet does.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import tarfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -50,12 +52,12 @@ class Reporter:
     """Shows the build of the base image where pytest shows output."""
 
     def line(self, text: str) -> None:
-        print(text)
+        sys.stdout.write(text + "\n")
 
     warn = line
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        print(f"{key}: {state}")
+        self.line(f"{key}: {state}")
 
     def child(self, name: str) -> Reporter:
         return self
@@ -63,7 +65,7 @@ class Reporter:
 
 @attrs.define
 class Pod:
-    """One running pod; `process` is the host's view, `init` its process 1 as the host numbers it."""
+    """One running pod; `init` is its process 1 as the host numbers it."""
 
     name: str
     address: str

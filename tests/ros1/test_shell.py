@@ -86,7 +86,9 @@ def test_values_arrive_unchanged(pods):
     """Values with line ends, quotes, dollars and nothing in them are what the node has."""
     pod = started(pods, *SLEEPER)
     for shell in ("sh", "bash"):
-        done = pod.exec(shell, "-c", '. /rigel-k8s/rc.sh; printf "%s|" "$TWO_LINES" "${EMPTY-unset}"')
+        done = pod.exec(
+            shell, "-c", '. /rigel-k8s/rc.sh; printf "%s|" "$TWO_LINES" "${EMPTY-unset}"'
+        )
         assert done.stdout == 'first "x"\nsecond = $HOME||'
 
 

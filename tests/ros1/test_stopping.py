@@ -1,10 +1,11 @@
-"""The preStop hook against real rospy and roscpp nodes, as process 1, under shells and roslaunch."""
+"""The preStop hook against real nodes, as process 1, under shells and under roslaunch."""
 
 from __future__ import annotations
 
 import os
 import signal
 import subprocess
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -92,7 +93,7 @@ def terminated(master, pod):
         watching.stdin.flush()
         took = pod.terminate(grace=20)
         said = watching.communicate()[0].strip()
-    print(f"\n{said}, container ended after {took:.2f} s")
+    sys.stdout.write(f"{said}, container ended after {took:.2f} s\n")
     return said, took
 
 

@@ -1,4 +1,4 @@
-"""What earlier probes of this container found; a file in /tmp, or in /dev/shm. Python 2.7 and 3.
+"""What earlier probes of this container found; a file in $TMPDIR or /dev/shm. Python 2.7 and 3.
 
 Why: only the master's whole state tells which nodes there are, and asking each probe for it would
 cost a master of 100 nodes more than the nodes do. With the names at hand two short questions do.
@@ -8,7 +8,8 @@ import os
 
 import container
 
-FILES = ("/tmp/.rigel-k8s-nodes", "/dev/shm/.rigel-k8s-nodes")
+NAME = ".rigel-k8s-nodes"
+FILES = tuple(os.path.join(d, NAME) for d in (os.environ.get("TMPDIR") or "/tmp", "/dev/shm"))
 
 
 class Node(object):

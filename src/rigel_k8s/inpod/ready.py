@@ -91,7 +91,7 @@ class Look(object):
     def _confirm(self, known):
         """Return those of the known nodes that go on: registered from here, process alive."""
         found = [self._confirmed(node) for node in known.values()]
-        nodes = dict((node.name, node) for node in found if node)
+        nodes = {node.name: node for node in found if node}
         run = self._ask("getParam", "/run_id") if nodes else None
         if nodes and (run or "") != self.memory.run:
             self._complete(nodes)
@@ -117,7 +117,7 @@ class Look(object):
         state = self._ask("getSystemState") or [[], [], []]
         for part, method in ((0, "getPublications"), (1, "getSubscriptions")):
             for node in nodes.values():
-                has = set(topic for topic, names in state[part] if node.name in names)
+                has = {topic for topic, names in state[part] if node.name in names}
                 lacking = sorted(self._topics(node, method) - has)
                 if lacking:
                     raise NotReady(self._orphan(node, "knows nothing of its " + lacking[0]))
@@ -128,7 +128,7 @@ class Look(object):
             code, _, value = Api(node.uri, self.until).call(method)
         except CallFailed:
             return set()  # told by _answers
-        return set(entry[0] for entry in value) if code == "1" else set()
+        return {entry[0] for entry in value} if code == "1" else set()
 
     def _orphan(self, node, what):
         text = "%s is an orphan: the ROS master at %s has restarted and %s; restart this pod"
@@ -138,12 +138,12 @@ class Look(object):
 
     def _newcomers(self, nodes):
         """Return whether there is a process that the master has not been searched for enough."""
-        pids = set(self.ports.values()) - set(node.pid for node in nodes.values())
+        pids = set(self.ports.values()) - {node.pid for node in nodes.values()}
         return any(self.memory.searched.get(pid, 0) < SEARCHES for pid in pids if pid)
 
     def _search(self, nodes):
         """Return the further nodes that the master has at this pod's address, by name."""
-        found, left = {}, set(self.ports.values()) - set(node.pid for node in nodes.values())
+        found, left = {}, set(self.ports.values()) - {node.pid for node in nodes.values()}
         for name in self._candidates():
             if not left:
                 break
@@ -164,10 +164,11 @@ class Look(object):
         if self.name:
             return [] if self.name in self.memory.nodes else [self.name]
         state = self._ask("getSystemState") or [[], [], []]
+        entries = [entry for part in state for entry in part]
         names = []  # the latest to register first; each registers /rosout early
-        for _, entry in sorted((e for part in state for e in part), key=lambda e: e[0] != "/rosout"):
+        for _, entry in sorted(entries, key=lambda e: e[0] != "/rosout"):
             names += reversed(entry)
-        age = dict((name, index) for index, name in reversed(list(enumerate(names))))
+        age = {name: index for index, name in reversed(list(enumerate(names)))}
         likely = self._hints()
         return [
             name
@@ -183,7 +184,7 @@ class Look(object):
         return lambda name: name.strip("/") in words or any(mark in name for mark in marks)
 
     def _nobody(self):
-        pids = sorted(set(pid for pid in self.ports.values() if pid))
+        pids = sorted({pid for pid in self.ports.values() if pid})
         here = "; ".join("%d %s" % (pid, command(pid)) for pid in pids[:3]) or "another user's"
         what = self.name or "no ROS node of this pod"
         what += " is not registered" if self.name else " is registered"

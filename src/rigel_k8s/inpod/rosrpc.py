@@ -153,9 +153,7 @@ def parse(text):
         tag, _, words = piece.partition(">")
         if tag == "fault":
             raise CallFailed("it answered with a fault")
-        if tag == "value":
-            plain = words
-        elif tag in ("string", "int", "i4", "boolean", "double"):
+        if tag == "value" or tag in ("string", "int", "i4", "boolean", "double"):
             plain = words
         elif tag == "array":
             lists.append([])

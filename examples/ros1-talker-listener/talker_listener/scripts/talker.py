@@ -6,6 +6,7 @@ N counts up by one with each message. NONCE is what the ROS parameter /nonce hol
 Parameters: ~rate, messages a second (default 10). Environment: VERSION, told in the log.
 """
 
+import contextlib
 import os
 
 import rospy
@@ -22,14 +23,12 @@ def main():
         number += 1
         # Cached: rospy asks the master once and is told of changes.
         nonce = rospy.get_param_cached("/nonce", "none")
-        message = "hello world %s %d" % (nonce, number)
+        message = f"hello world {nonce} {number}"
         rospy.loginfo(message)
         publisher.publish(message)
         rate.sleep()
 
 
 if __name__ == "__main__":
-    try:
+    with contextlib.suppress(rospy.ROSInterruptException):  # asked to stop while it slept
         main()
-    except rospy.ROSInterruptException:
-        pass  # asked to stop while it slept

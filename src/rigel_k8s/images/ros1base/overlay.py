@@ -17,6 +17,7 @@ from rigel_k8s.images.ros1base.packages import UNDESCRIBED, Variant
 __all__ = ["CONFIG", "Entry", "entries", "layer"]
 
 PREFIX = "opt/ros/noetic"
+_HOOKS = "etc/catkin/profile.d"
 
 #: The image's own configuration; LANG as in the official image, so that Python writes UTF-8.
 CONFIG = {
@@ -94,6 +95,9 @@ def _member(entry: Entry, mtime: int) -> tarfile.TarInfo:
 def _scripts() -> tuple[Entry, ...]:
     own = files("rigel_k8s.images.ros1base") / "files"
     return (
+        # Debian's own say that the distribution is "Debian"; catkin_make runs them and stumbles.
+        Entry(f"{_HOOKS}/1.ros_distro.sh", b"export ROS_DISTRO=noetic\n"),
+        Entry(f"{_HOOKS}/1.ros_etc_dir.sh", b"export ROS_ETC_DIR=/opt/ros/noetic/etc/ros\n"),
         Entry("ros_entrypoint.sh", (own / "ros_entrypoint.sh").read_bytes(), mode=0o755),
         Entry(f"{PREFIX}/.catkin"),
         Entry(f"{PREFIX}/env.sh", (own / "env.sh").read_bytes(), mode=0o755),

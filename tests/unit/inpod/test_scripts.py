@@ -1,0 +1,82 @@
+"""The mounted scripts as texts: complete, small, for old Pythons, and with their contracts."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import rigel_k8s.inpod
+from rigel_k8s.inpod import MOUNT_PATH, scripts
+
+ROOM = Path(rigel_k8s.inpod.__file__).parent
+MANUAL = Path(__file__).parents[3] / "docs" / "in-pod-scripts.md"
+
+
+def test_every_script_is_mounted():
+    """No file of the room is forgotten, and none has a name that a ConfigMap refuses."""
+    on_disk = {path.name for path in ROOM.iterdir() if path.suffix in (".sh", ".py")}
+    assert set(scripts()) == on_disk - {"__init__.py"}
+    assert all(re.fullmatch(r"[-._a-zA-Z0-9]+", name) for name in scripts())
+
+
+def test_small():
+    """All of them together stay far below a ConfigMap's limit of 1 MiB."""
+    assert sum(len(text.encode()) for text in scripts().values()) < 100_000
+
+
+@pytest.mark.parametrize("name", sorted(n for n in scripts() if n.endswith(".sh")))
+@pytest.mark.parametrize("shell", ["sh", "dash", "bash"])
+def test_shell_syntax(name: str, shell: str):
+    """Each shell script is accepted by every shell that images have."""
+    if not shutil.which(shell):
+        pytest.skip(f"{shell} is not installed")
+    done = subprocess.run([shell, "-n", str(ROOM / name)], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("name", sorted(n for n in scripts() if n.endswith(".py")))
+def test_python2_syntax(name: str, tmp_path: Path, python2: str):
+    """Each Python script is compiled by Python 2.7, which ROS images up to melodic have."""
+    copy = tmp_path / name
+    copy.write_text(scripts()[name])
+    done = subprocess.run([python2, "-m", "py_compile", str(copy)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_standard_library_only():
+    """The Python scripts import one another and what every Python brings, nothing slow to load."""
+    own = {name.removesuffix(".py") for name in scripts()}
+    quick = {"os", "sys", "time", "_socket", "socket", "_thread", "thread"}
+    for name, text in scripts().items():
+        if name.endswith(".py"):
+            assert imported(text) <= own | quick, name
+
+
+def imported(text: str) -> set[str]:
+    """The modules that a Python text imports."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add(str(node.module))
+    return found
+
+
+def test_contracts():
+    """Each script's head says why it is there."""
+    for name, text in scripts().items():
+        assert re.search(r"^(# )?Why: ", text, re.MULTILINE), name
+
+
+def test_manual():
+    """The manual names every script and the place where they are mounted."""
+    manual = MANUAL.read_text()
+    assert MOUNT_PATH in manual
+    missing = [name for name in scripts() if f"`{name}`" not in manual]
+    assert not missing

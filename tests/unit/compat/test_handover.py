@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from rigel_k8s.compat import handover
 
 
 @pytest.fixture
-def rigel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def rigel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An importable package with the modules by which Rigel 0.3 is known."""
     package = tmp_path / "rigel"
     package.mkdir()
@@ -19,9 +20,14 @@ def rigel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (package / "main.py").write_text("def main(): return 'it is Rigel'\n")
     (package / "orchestrator.py").touch()
     monkeypatch.syspath_prepend(str(tmp_path))
+    forget()
+    yield package
+    forget()
+
+
+def forget() -> None:
     for name in [name for name in sys.modules if name.split(".")[0] == "rigel"]:
-        monkeypatch.delitem(sys.modules, name)
-    return package
+        del sys.modules[name]
 
 
 @pytest.mark.parametrize("words", ["rigel run job deploy", "/usr/bin/rigel init --force"])

@@ -12,6 +12,7 @@ from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
 from rigel_k8s.sequences.execution import Surroundings
 from rigel_k8s.sequences.job import JobContext
 from rigel_k8s.sequences.live import run_steps
+from rigel_k8s.sequences.scope import Scope
 from rigel_k8s.sequences.steps import Jobs, Serving
 from rigel_k8s.settings import Settings
 
@@ -241,6 +242,47 @@ def test_a_dependency_that_does_not_stop_is_told(around: Surroundings) -> None:
     with pytest.raises(JobFailed, match="dependency deaf: it did not stop within"):
         run_steps(Jobs((step,)), attrs.evolve(around, grace=0.05))
     release.set()
+
+
+def test_a_job_that_gives_up_by_itself_is_a_failure(around: Surroundings) -> None:
+    """Interrupted, raised by a job that nobody stopped, is no silent success."""
+
+    def work(job: JobContext) -> None:
+        raise Interrupted("the terminal was closed")
+
+    with pytest.raises(JobFailed, match="the terminal was closed"):
+        run_steps(Jobs((make_job("shell", work),)), around)
+
+
+def test_a_job_that_was_stopped_and_says_so_is_not_told(around: Surroundings, told: Told) -> None:
+    """Interrupted is the right end of a cancelled job."""
+    meet = Meeting(2)
+
+    def work(job: JobContext) -> None:
+        meet()
+        if job.data["robot"] == "r1":
+            broken(job)
+        until_cancelled(job)
+        raise Interrupted("stopped")
+
+    body = Jobs((make_job("deploy", work),))
+    with pytest.raises(JobFailed, match="registry is full"):
+        run_steps(Jobs((make_branches({"robot": ["r1", "r2"]}, body),)), around)
+    assert told.of("warn") == []
+
+
+def test_a_part_of_a_stopped_run_is_stopped_from_its_start() -> None:
+    """A branch that starts while Ctrl-C is handled must not run on."""
+    scope = Scope()
+    early = scope.part().part()
+    calls: list[int] = []
+    scope.on_cancel(lambda: calls.append(1))
+    scope.cancel()
+    scope.cancel()
+    scope.on_cancel(lambda: calls.append(2))
+    assert early.cancelled.is_set()
+    assert scope.part().cancelled.is_set()
+    assert calls == [1, 2]
 
 
 def test_what_goes_wrong_after_the_first_failure_is_told(around: Surroundings, told: Told) -> None:

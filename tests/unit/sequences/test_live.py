@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -125,6 +126,8 @@ def test_a_job_that_ignores_cancel_is_left_and_told(around: Surroundings, told: 
     release.set()
 
 
+ROOT = Path(__file__).parents[3]
+
 PROGRAM = """
 import sys, threading
 from rigel_k8s.errors import Interrupted
@@ -177,7 +180,7 @@ def start(tmp_path: Path, *words: str) -> subprocess.Popen[str]:
         [sys.executable, str(program), *words],
         stdout=subprocess.PIPE,
         text=True,
-        env={"PYTHONPATH": str(Path(__file__).parents[3])},
+        env={"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "src")))},
     )
     assert process.stdout
     assert process.stdout.readline() == "running\n"

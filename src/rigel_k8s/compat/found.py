@@ -91,9 +91,9 @@ def _rendered(
 
 
 def _candidates(rigelfile: Rigelfile, line: CommandLine) -> Iterator[Use]:
-    if line.job in rigelfile.jobs:
+    if line.job and line.job in rigelfile.jobs:
         yield Use(rigelfile.jobs[line.job])
-    elif line.sequence in rigelfile.sequences:
+    elif line.sequence and line.sequence in rigelfile.sequences:
         for used in _uses(rigelfile.sequences[line.sequence]):
             yield Use(rigelfile.jobs[used.name], used.overrides)
     else:

@@ -18,7 +18,7 @@ from rigel_k8s.settings import Application, Settings
 __all__ = ["Preview"]
 
 Known = Mapping[str, Any]
-#: A job and the data known so far to its options (None: wrong, or not known yet) and what is wrong.
+#: A job and the data known so far to its options (None: something is wrong) and what is wrong.
 Options = Callable[[Job, Known], tuple[Any | None, Sequence[Finding]]]
 #: A matrix and the data known so far to {key: values} (None: not known yet) and what is wrong.
 Matrix = Callable[[Branches, Known], tuple[Mapping[str, list[Any]] | None, Sequence[Finding]]]
@@ -65,7 +65,9 @@ class Preview:
             return {}
         exclusive = getattr(job.type, "exclusive", None)
         key = exclusive(options, self._application, self._settings) if exclusive else None
-        return {key: f"job {job.name}{f' ({branch})' if branch else ''}"} if key else {}
+        if key is None or "{{" in key:  # a value that an earlier job will store
+            return {}
+        return {key: f"job {job.name}{f' ({branch})' if branch else ''}"}
 
     def _serving(self, step: Serving, known: Known, branch: str) -> Held:
         held = [self._job(job, known, branch) for job in step.dependencies]

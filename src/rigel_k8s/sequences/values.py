@@ -13,7 +13,6 @@ from rigel_k8s.rigelfile import (
     Finding,
     Node,
     Rigelfile,
-    merged,
     place,
     plain,
     preview,
@@ -39,8 +38,11 @@ class Values:
 
     def previewed(self, job: Job, known: Mapping[str, Any]) -> tuple[Any | None, list[Finding]]:
         """Return a job's options as far as they are known before the run, and what is wrong."""
-        seen = preview(self._rigelfile, job.spec, job.overrides, dict(known), job.type.options)
-        return seen.options, [*seen.findings, *self._against(job, seen.options)]
+        seen = preview(self._rigelfile, job.spec, job.overrides, known, job.type.options)
+        findings = list(seen.findings)
+        if seen.draft is not None:
+            findings += seen.placed(job.type.check(seen.draft, self._rigelfile.application))
+        return seen.options, findings
 
     def realised(self, job: Job, data: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
         """Return a job's options and its raw `with`, now that all data is there.
@@ -49,18 +51,16 @@ class Values:
             ProblemsError: something in it is wrong, with its places.
         """
         real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
-        self._raise(self._against(job, real.options))
+        findings = real.placed(job.type.check(real.options, self._rigelfile.application))
+        if any(finding.severity == "error" for finding in findings):
+            raise problems_error(self._rigelfile.source, findings)
         return real.options, real.raw
 
     def previewed_matrix(
         self, step: Branches, known: Mapping[str, Any]
     ) -> tuple[Mapping[str, list[Any]] | None, list[Finding]]:
         """Return a matrix if it is known before the run, and what is wrong with it."""
-        if step.matrix is None:
-            return {}, []
-        seen = render_node(self._rigelfile, step.matrix, dict(known))
-        findings = [*seen.findings, *_matrix_faults(seen.node)]
-        return (None if findings or not seen.complete else plain(seen.node)), findings
+        return self._rendered(step, known, final=False)
 
     def matrix(self, step: Branches, data: Mapping[str, Any]) -> Mapping[str, list[Any]]:
         """Return a matrix, now that all data is there.
@@ -68,22 +68,19 @@ class Values:
         Raises:
             ProblemsError: it is none, with its places.
         """
-        matrix, findings = self.previewed_matrix(step, data)
+        matrix, findings = self._rendered(step, data, final=True)
         if matrix is None:
             raise problems_error(self._rigelfile.source, findings)
         return matrix
 
-    def _against(self, job: Job, options: Any | None) -> list[Finding]:
-        """Return what the job type has against options that are known."""
-        if options is None:
-            return []
-        node = merged(job.spec.options, job.overrides)
-        problems = job.type.check(options, self._rigelfile.application)
-        return [place(node, problem) for problem in problems]
-
-    def _raise(self, findings: list[Finding]) -> None:
-        if any(finding.severity == "error" for finding in findings):
-            raise problems_error(self._rigelfile.source, findings)
+    def _rendered(
+        self, step: Branches, data: Mapping[str, Any], *, final: bool
+    ) -> tuple[Mapping[str, list[Any]] | None, list[Finding]]:
+        if step.matrix is None:
+            return {}, []
+        seen = render_node(self._rigelfile, step.matrix, data, final=final)
+        findings = [*seen.findings, *_matrix_faults(seen.node)]
+        return (None if findings or not seen.complete else plain(seen.node)), findings
 
 
 def _matrix_faults(matrix: Node) -> Iterator[Finding]:

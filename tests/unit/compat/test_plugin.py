@@ -152,7 +152,7 @@ def test_what_is_wrong_is_rigels_error_with_our_words(
     plugin = rigel_k8s.OrchestrationPlugin(raw, {}, None, {}, {})
     with pytest.raises(RigelError) as caught:
         plugin.setup()
-    assert "Rigelfile:22:" in str(caught.value)
+    assert "Rigelfile:21:18:" in str(caught.value)
     assert "Not_A_Name" in str(caught.value)
 
 

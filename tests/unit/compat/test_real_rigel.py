@@ -59,7 +59,7 @@ def test_rigel_tells_what_is_wrong_with_our_words(here: Path) -> None:
     """Line, column, and Rigel's exit code."""
     done = rigel(here, "run", "job", "deploy")
     assert done.returncode == 1
-    assert "Rigelfile:22:" in done.stderr
+    assert "Rigelfile:21:18:" in done.stderr
     assert "Not_A_Name" in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -71,7 +71,8 @@ class Rigels:
 def directory(tmp_path: Path) -> Iterator[Path]:
     (tmp_path / "mine.py").write_text(TYPES)
     yield tmp_path
-    sys.modules.pop("mine", None)
+    for name in ("mine", "lists"):
+        sys.modules.pop(name, None)
 
 
 def settings(directory: Path, text: str) -> Settings:
@@ -323,7 +324,7 @@ jobs: {deploy: {plugin: mine.Say, with: {}}}
 sequences: {deploy_all: {stages: [{jobs: [deploy]}]}}
 """
     chosen = settings(directory, text)
-    with pytest.raises(UserError, match=f'there is no {what} "deplyo", did you mean deploy'):
+    with pytest.raises(UserError, match=f'no {what} "deplyo" .*did you mean deploy'):
         run(load(chosen.rigelfile), "deplyo", settings=chosen, report=told)
 
 

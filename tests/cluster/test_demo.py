@@ -25,6 +25,7 @@ Demo = Callable[..., subprocess.CompletedProcess[str]]
 def space(cluster: Any) -> Iterator[str]:
     """A namespace for all tests of this file: the demo is deployed once."""
     name = "t-demo"
+    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
     yield name
     cluster.delete(ObjectRef("v1", "Namespace", "", name))
 

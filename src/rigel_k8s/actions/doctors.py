@@ -75,7 +75,8 @@ def allowed(cluster: Cluster, namespace: str, group: str, resource: str) -> bool
 
 def nodes(cluster: Cluster) -> Finding:
     """Tell which machines are ready."""
-    ready, other = [], []
+    ready: list[str] = []
+    other: list[str] = []
     for node in cluster.nodes():
         conditions = {c["type"]: c["status"] for c in node["status"].get("conditions", [])}
         names = ready if conditions.get("Ready") == "True" else other

@@ -12,6 +12,7 @@ from rigel_k8s.rigelfile import CheckResult
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.sequences import registry
 from rigel_k8s.sequences.job import JobType, ProviderType
+from rigel_k8s.sequences.names import Kind
 from rigel_k8s.settings import Settings
 
 __all__ = ["check", "check_rigel03", "init", "load", "schema"]
@@ -71,7 +72,7 @@ def schema() -> dict[str, Any]:
     return grammar.schema(known_options("job"), known_options("provider"))
 
 
-def known_options(kind: registry.Kind) -> dict[tuple[str, ...], type[Any]]:
+def known_options(kind: Kind) -> dict[tuple[str, ...], type[Any]]:
     """Return the option class of each known job type or provider, by all its names."""
     find = registry.job_type if kind == "job" else registry.provider_type
     return {(short, *paths): find(short).options for short, paths in registry.known(kind).items()}

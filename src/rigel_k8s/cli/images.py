@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Literal, TypeAlias
+
 import click
 
 from rigel_k8s.cli.words import colored, quiet
 
 __all__ = ["image"]
+
+Variant: TypeAlias = Literal["core", "devel"]
 
 
 @click.group()
@@ -19,7 +23,7 @@ def image() -> None:
 @click.option("--variant", type=click.Choice(["core", "devel"]), default="core", show_default=True)
 @click.option("--force", is_flag=True, help="Build it anew.")
 @click.pass_context
-def ros1_base(ctx: click.Context, /, push: str | None, variant: str, force: bool) -> None:  # noqa: FBT001
+def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: bool) -> None:  # noqa: FBT001
     """A ROS 1 base image from Debian's packages, used just as ros:noetic is."""
     from rigel_k8s.actions import images
     from rigel_k8s.cli.reports import reporter

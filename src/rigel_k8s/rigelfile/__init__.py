@@ -16,10 +16,15 @@ from rigel_k8s.rigelfile.options import (
     realise,
     render_node,
 )
+from rigel_k8s.rigelfile.reference import reference
+from rigel_k8s.rigelfile.rigel03 import rigel03
+from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Node, Source, Span, locate, plain
+from rigel_k8s.rigelfile.starter import STARTER
 from rigel_k8s.rigelfile.structure import Structured, structure
 
 __all__ = [
+    "STARTER",
     "CheckResult",
     "ComponentSpec",
     "Finding",
@@ -42,7 +47,10 @@ __all__ = [
     "preview",
     "problems_error",
     "realise",
+    "reference",
     "render",
     "render_node",
+    "rigel03",
+    "schema",
     "structure",
 ]

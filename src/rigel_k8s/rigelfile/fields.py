@@ -30,6 +30,7 @@ __all__ = [
     "nested_under",
     "resolved",
     "summary",
+    "type_arguments",
 ]
 
 _LISTS = (list, tuple, set, frozenset, collections.abc.Sequence, collections.abc.Collection)
@@ -72,9 +73,14 @@ class Field:
         return (self.key, *self.aliases)
 
 
-@cache
-def fields_of(cls: Any) -> tuple[Field, ...]:
+def fields_of(cls: type[Any]) -> tuple[Field, ...]:
     """Return the keys of an option class, in its order."""
+    hashable: Any = cls
+    return _fields(hashable)
+
+
+@cache
+def _fields(cls: Any) -> tuple[Field, ...]:
     docs = _documented(cls)
     return tuple(
         _field(attribute, docs)
@@ -161,6 +167,14 @@ def is_list(kind: Any) -> bool:
 def is_mapping(kind: Any) -> bool:
     """Return whether a type is a mapping with free keys."""
     return (typing.get_origin(kind) or kind) in _MAPPINGS
+
+
+def type_arguments(kind: Any) -> tuple[Any, ...]:
+    """Return what a list or mapping holds: `(T,)`, or `(K, V)`; nothing for another type."""
+    given = tuple(kind_ for kind_ in typing.get_args(kind) if kind_ is not Ellipsis)
+    if is_mapping(kind):
+        return given or (Any, Any)
+    return (given or (Any,))[:1] if is_list(kind) else ()
 
 
 def is_scalar_class(kind: Any) -> bool:

@@ -22,6 +22,7 @@ from rigel_k8s.rigelfile.fields import (
     is_mapping,
     members,
     resolved,
+    type_arguments,
 )
 from rigel_k8s.rigelfile.findings import meant, nearest
 from rigel_k8s.rigelfile.numbers import written
@@ -209,7 +210,7 @@ class _Structurer:
     def _mapping(self, node: Node, kind: Any, path: Path) -> Any:
         if not isinstance(node.value, dict):
             return self._mismatch(mismatch(node, kind), path)
-        key_kind, value_kind = typing.get_args(kind) or (Any, Any)
+        key_kind, value_kind = type_arguments(kind)
         result = {}
         for key, child in node.value.items():
             place = (*path, key)
@@ -236,8 +237,8 @@ class _Structurer:
             one = not isinstance(node.value, dict) and node.value is not None
             hint = f": write [{node.raw}]" if one and node.raw else ""
             return self._mismatch(mismatch(node, kind, hint), path)
-        arguments = [a for a in typing.get_args(kind) if a is not Ellipsis] or [Any]
-        values = [self.value(c, arguments[0], (*path, i)) for i, c in enumerate(node.value)]
+        inner = type_arguments(kind)[0]
+        values = [self.value(c, inner, (*path, i)) for i, c in enumerate(node.value)]
         known = [value for value in values if value is not _UNKNOWN]
         if len(known) < len(values):  # the places of the others have moved
             self.doubts.wrong.append(path)

@@ -1,0 +1,176 @@
+"""The JSON schema of Rigelfiles, for editors; made from the same classes that a check structures.
+
+It is a little more lenient than a check: what needs the whole file or a value's text is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.rigelfile import forms
+from rigel_k8s.rigelfile.fields import (
+    Field,
+    choices,
+    expects,
+    fields_of,
+    is_list,
+    is_mapping,
+    is_scalar_class,
+    members,
+    nested_under,
+    resolved,
+    summary,
+    type_arguments,
+)
+from rigel_k8s.rigelfile.source import Node
+
+__all__ = ["schema"]
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
+Schema = dict[str, Any]
+#: An option class under each of the names that may stand behind `plugin:` or `provider:`.
+Types = Mapping[tuple[str, ...], type[Any]]
+
+_TEMPLATE: Schema = {"type": "string", "pattern": r"\{\{"}
+_TEXT: Schema = {"type": ["string", "number"]}  # 1.10 and 8080 need no quotes
+_MATRIX: Schema = {
+    "type": "object",
+    "additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, _TEMPLATE]},
+}
+
+
+def schema(jobs: Types, providers: Types) -> Schema:
+    """Return the schema of Rigelfiles whose jobs and providers may be these."""
+    made = _Definitions()
+    sections: dict[str, Schema] = {
+        "application": made.of(forms.ApplicationForm),
+        "vars": {"type": ["object", "null"]},
+        "jobs": _named(made.component(forms.JobForm, "plugin", jobs)),
+        "providers": _named(made.component(forms.ProviderForm, "provider", providers)),
+        "sequences": _named(made.of(forms.SequenceForm)),
+    }
+    fields = {field.key: field for field in fields_of(forms.RigelfileForm)}
+    properties = {key: {**inner, "description": fields[key].doc} for key, inner in sections.items()}
+    return {
+        "$schema": DRAFT,
+        "title": "Rigelfile",
+        "type": "object",
+        "properties": properties,
+        "required": [field.key for field in fields.values() if field.required],
+        "additionalProperties": False,
+        "$defs": made.definitions,
+    }
+
+
+def _named(inner: Schema) -> Schema:
+    return {"type": ["object", "null"], "additionalProperties": inner}
+
+
+class _Definitions:
+    """Schemas of classes, each once, under its name in `$defs`."""
+
+    def __init__(self) -> None:
+        self.definitions: dict[str, Schema] = {}
+        self._names: dict[type[Any], str] = {}
+
+    def component(self, form: type[Any], key: str, types: Types) -> Schema:
+        """Return the schema of a job or provider: its plugin tells what `with` may hold."""
+        known = [name for names in types for name in names]
+        base = self._object(form)
+        base["properties"][key] |= {"anyOf": [{"enum": known}, {"type": "string"}]}
+        base["properties"]["with"] = {"type": "object"}
+        base["allOf"] = [
+            {
+                "if": {"properties": {key: {"enum": list(names)}}, "required": [key]},
+                "then": {"properties": {"with": self._options(options)}},
+            }
+            for names, options in types.items()
+            if attrs.has(options)
+        ]
+        return base
+
+    def _options(self, cls: type[Any]) -> Schema:
+        """Return what `with` may hold, directly or below the class's own key."""
+        direct = self.of(cls)
+        under = nested_under(cls)
+        if not under:
+            return direct
+        nested = {"type": "object", "properties": {under: direct}, "required": [under]}
+        return {"if": {"required": [under]}, "then": nested, "else": direct}
+
+    def of(self, kind: Any) -> Schema:
+        """Return the schema of a type, templates left out at its top."""
+        kind = resolved(kind)
+        if kind is Node:
+            return {"type": "object"}
+        if kind is Any or kind is object:
+            return {}
+        if len(members(kind)) > 1:
+            return {"anyOf": [self.of(member) for member in members(kind)]}
+        if isinstance(kind, type) and attrs.has(kind):
+            return {"$ref": f"#/$defs/{self._name(kind)}"}
+        if is_mapping(kind):
+            return {"type": "object", "additionalProperties": self._value(type_arguments(kind)[1])}
+        if is_list(kind):
+            return {"type": "array", "items": self._value(type_arguments(kind)[0])}
+        return _scalar(kind)
+
+    def _value(self, kind: Any) -> Schema:
+        """Return the schema of a value, where a template may stand for it."""
+        inner = self.of(kind)
+        if not inner or inner == _TEXT or inner.get("type") == _TEXT["type"]:
+            return inner
+        options = inner["anyOf"] if set(inner) == {"anyOf"} else [inner]
+        return {"anyOf": [*options, _TEMPLATE]}
+
+    def _name(self, cls: type[Any]) -> str:
+        if cls not in self._names:
+            taken = self._names.values()
+            name = cls.__name__
+            number = 2
+            while name in taken:
+                name, number = f"{cls.__name__}{number}", number + 1
+            self._names[cls] = name
+            self.definitions[name] = {}
+            self.definitions[name] = self._object(cls)
+        return self._names[cls]
+
+    def _object(self, cls: type[Any]) -> Schema:
+        fields = fields_of(cls)
+        made: Schema = {
+            "type": "object",
+            "description": summary(cls),
+            "properties": {key: self._property(f) for f in fields for key in f.keys},
+            "patternProperties": {r"\{\{": {}},
+            "additionalProperties": False,
+        }
+        required = [field for field in fields if field.required]
+        if required:
+            made["allOf"] = [{"anyOf": [{"required": [k]} for k in f.keys]} for f in required]
+        return made
+
+    def _property(self, field: Field) -> Schema:
+        made = dict(_MATRIX) if field.key == "matrix" else self._value(field.type)
+        if field.doc:
+            made = {**made, "description": field.doc}
+        if isinstance(field.default, str | int | float):
+            made = {**made, "default": field.default}
+        return made
+
+
+def _scalar(kind: Any) -> Schema:
+    values = choices(kind)
+    if values is not None:
+        return {"enum": list(values)}
+    if kind is bool:
+        return {"type": "boolean"}
+    if kind is type(None):
+        return {"type": "null"}
+    if is_scalar_class(kind):
+        base = "integer" if issubclass(kind, int) else _TEXT["type"]
+        return {"type": base, "description": expects(kind)}
+    return {int: {"type": "integer"}, float: {"type": "number"}}.get(kind, dict(_TEXT))

@@ -70,7 +70,7 @@ def node_objects(around: Surroundings, node: Node) -> Iterator[Object]:
     """Yield a node's objects."""
     command = command_of(node.key, node.options, node.files)
     if command.files:
-        yield config_map(around, parameters_config(node), command.files)
+        yield config_map(around, parameters_config(node), command.files, part_of=node.name)
     yield node_deployment(around, node, command)
     if node.options.ports:
         yield service(around, node.name, [service_port(port) for port in ports_of(node.options)])

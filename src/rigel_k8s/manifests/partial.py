@@ -16,9 +16,9 @@ WHOLE = ("nodes", "application_image", "deploy_ros_master")
 
 def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
     """Return a job's `with` without the level that the peer's users write, as plain data."""
-    nested = raw.get(OrchestrationOptions.nested_under)
-    result: dict[str, Any] = plain(nested if isinstance(nested, Mapping) else raw)
-    return result
+    result: dict[str, Any] = plain(raw)
+    nested = result.pop(OrchestrationOptions.nested_under, None)
+    return {**(nested or {}), **result}
 
 
 def is_partial(raw: Mapping[str, Any]) -> bool:

@@ -12,6 +12,7 @@ from rigel_k8s.manifests.images import pinned
 from rigel_k8s.manifests.master import master_deployment, master_service
 from rigel_k8s.manifests.nodes import Node, node_objects
 from rigel_k8s.manifests.options import OrchestrationOptions
+from rigel_k8s.manifests.overlay import plain
 from rigel_k8s.manifests.partial import flat
 from rigel_k8s.manifests.pods import MASTER_PORT, MASTER_URI, Object, scripts_config
 from rigel_k8s.manifests.storage import storage
@@ -74,7 +75,7 @@ def desired(
         ros1=is_ros1(application.distro),
         pull_secrets=tuple(dict.fromkeys([*map(str, options.image_pull_secrets), *pull_secrets])),
     )
-    traced = list(objects(options, around, scripts, files or {}))
+    traced = [(path, plain(item)) for path, item in objects(options, around, scripts, files or {})]
     return Desired(
         release=release,
         objects=tuple(pinned(item, digests or {}) for _, item in traced),
@@ -90,7 +91,8 @@ def objects(
 ) -> Traced:
     """Yield every object with the path of the options that it comes from."""
     if has_workloads(options):
-        yield (), config_map(around, scripts_config(around.release), scripts)
+        name = scripts_config(around.release)
+        yield (), config_map(around, name, scripts, part_of=around.release)
     volumes = options.persistent_storage.volumes
     for index, item in storage(volumes, around.namespace, around.release):
         yield ("persistent_storage", "volumes", index), item

@@ -35,13 +35,15 @@ class Surroundings:
         """The image of roscore, and of an application that names none."""
         return f"ros:{self.distro}-ros-core"
 
-    def metadata(self, name: str, annotations: Mapping[str, str] | None = None) -> Object:
-        """Return an object's metadata."""
+    def metadata(
+        self, name: str, annotations: Mapping[str, str] | None = None, part_of: str | None = None
+    ) -> Object:
+        """Return an object's metadata; what is part of a workload has its label."""
         return compact(
             {
                 "name": name,
                 "namespace": self.namespace,
-                "labels": labels(name, self.release),
+                "labels": labels(part_of or name, self.release),
                 "annotations": dict(annotations or {}),
             }
         )
@@ -90,12 +92,12 @@ def service(around: Surroundings, name: str, ports: Sequence[Object]) -> Object:
     }
 
 
-def config_map(around: Surroundings, name: str, data: Mapping[str, str]) -> Object:
-    """Return a ConfigMap of texts."""
+def config_map(around: Surroundings, name: str, data: Mapping[str, str], *, part_of: str) -> Object:
+    """Return a ConfigMap of texts; its own name may be too long for a label."""
     return {
         "apiVersion": "v1",
         "kind": "ConfigMap",
-        "metadata": around.metadata(name),
+        "metadata": around.metadata(name, part_of=part_of),
         "data": dict(data),
     }
 

@@ -1,0 +1,112 @@
+"""The job that deploys: options to objects, objects to the cluster, results back.
+
+It joins manifests/ (pure), the registries and deploy/; each of its parts is a module beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.manifests.checks import check
+from rigel_k8s.manifests.options import OrchestrationOptions
+from rigel_k8s.manifests.partial import is_partial
+from rigel_k8s.plugins.orchestration_release import (
+    Preparation,
+    preparation,
+    prepare,
+    release_of,
+    timeout_of,
+)
+from rigel_k8s.problems import Problem
+from rigel_k8s.sequences.job import JobContext
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["OrchestrationJob", "is_partial", "prepare", "release_of"]
+
+
+class OrchestrationJob:
+    """Makes a release on a cluster what the options say, and waits until it is ready."""
+
+    options: ClassVar[type[OrchestrationOptions]] = OrchestrationOptions
+
+    def check(self, options: OrchestrationOptions, application: Application) -> Sequence[Problem]:
+        """Return what Kubernetes or ROS would refuse, or do otherwise than it looks."""
+        return tuple(check(options, application.distro))
+
+    def exclusive(
+        self, options: OrchestrationOptions, application: Application, settings: Settings
+    ) -> str | None:
+        """Return the release: two branches must not deploy it at once."""
+        namespace = settings.namespace or options.namespace
+        return f"release {options.deployment_name}{f' in {namespace}' if namespace else ''}"
+
+    def run(self, options: OrchestrationOptions, job: JobContext) -> None:
+        """Deploy, and copy the results.
+
+        Raises:
+            UserError: the options do not fit the cluster or the release; nothing was written.
+            ClusterError, RolloutFailed: it went wrong; the causes are in the details.
+        """
+        from rigel_k8s.kube import connect
+
+        if options.observability_only:
+            job.report.warn("observability is not deployed by this version: nothing to do")
+            return
+        with connect(job.settings) as cluster:
+            from rigel_k8s.plugins.orchestration_places import check_places
+
+            prepared = preparation(
+                options,
+                job.raw,
+                job.application,
+                job.settings,
+                cluster,
+                data=job.data,
+                providers=job.providers,
+            )
+            check_places(prepared.desired.objects, cluster)
+            _deploy(prepared, cluster, job)
+            _copy_results(prepared, cluster, job)
+
+
+def _deploy(prepared: Preparation, cluster: object, job: JobContext) -> None:
+    from rigel_k8s.deploy.release import deploy
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.plugins.orchestration_secrets import pull_secret
+
+    assert isinstance(cluster, Cluster)
+    with pull_secret(prepared.desired, prepared.credentials, cluster):
+        revision = deploy(
+            prepared.desired,
+            cluster,
+            report=job.report,
+            cancel=job.cancel,
+            timeout=timeout_of(prepared.options, job.settings),
+            adopt=job.settings.adopt,
+            description=job.name,
+        )
+    job.report.line(
+        f"release {revision.release.name} in {revision.release.namespace}:"
+        f" revision {revision.number}"
+    )
+
+
+def _copy_results(prepared: Preparation, cluster: object, job: JobContext) -> None:
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.plugins.orchestration_results import copy_results
+
+    results = prepared.options.results
+    if results is None:
+        return
+    assert isinstance(cluster, Cluster)
+    target = job.application.dir / results.target
+    try:
+        copied = copy_results(results, prepared.desired.release, cluster, target, job.cancel)
+    except RigelK8sError as error:
+        if results.wait is not None:
+            raise
+        job.report.warn(f"{error.message}; results.wait waits for them")
+    else:
+        job.report.line(f"results: {copied}")

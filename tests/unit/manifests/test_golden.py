@@ -1,0 +1,60 @@
+"""Every shape of manifest has a golden file; a changed one restarts robots, so it must be seen."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import pytest
+import yaml
+
+from .shapes import GOLDEN, release
+
+CASES = sorted(path.name.removesuffix(".with.yaml") for path in GOLDEN.glob("*.with.yaml"))
+FILES = {
+    "config/planner.yaml": "speed: 1\n",
+    "config/common.yaml": "frame: map\n",
+}
+DIGEST = "sha256:" + "ab" * 32
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_manifests_are_those_of_the_golden_file(case: str, update_golden: bool) -> None:
+    """The same options give the same objects, to the last field."""
+    made = release((GOLDEN / f"{case}.with.yaml").read_text("utf-8"), files=FILES)
+    text = yaml.safe_dump_all(made.objects, sort_keys=False, width=100)
+    golden = GOLDEN / f"{case}.yaml"
+    if update_golden:
+        golden.write_text(text, "utf-8")
+    assert text == golden.read_text("utf-8")
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_object_is_marked_as_the_releases(case: str) -> None:
+    """Labels select, name the release and the tool; the selector is the peer's."""
+    made = release((GOLDEN / f"{case}.with.yaml").read_text("utf-8"), files=FILES)
+    for item in made.objects:
+        labels = item["metadata"]["labels"]
+        assert labels["rigel-k8s/release"] == made.release.name
+        assert labels["app.kubernetes.io/managed-by"] == "rigel"
+        if item["kind"] == "Deployment":
+            selector = item["spec"]["selector"]["matchLabels"]
+            assert selector == {"app.kubernetes.io/name": item["metadata"]["name"]}
+            template = item["spec"]["template"]["metadata"]["labels"]
+            assert selector.items() <= template.items()
+            assert template["rigel-k8s/release"] == made.release.name
+
+
+def test_building_leaves_the_options_alone() -> None:
+    """Twice the same options are twice the same objects: nothing is changed in passing."""
+    text = (GOLDEN / "peer.with.yaml").read_text("utf-8")
+    first = release(text, digests={"registry.example:5000/turtle:1.0": "x@" + DIGEST})
+    again = copy.deepcopy(first.objects)
+    assert release(text, digests={"registry.example:5000/turtle:1.0": "x@" + DIGEST}).objects == again
+    assert first.objects == again
+
+
+def test_golden_files_have_their_options() -> None:
+    """No golden file outlives its case."""
+    golden = {path.stem for path in Path(GOLDEN).glob("*.yaml") if ".with" not in path.name}
+    assert golden == set(CASES)

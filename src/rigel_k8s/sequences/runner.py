@@ -133,7 +133,7 @@ def run(
         prepared: what prepare_job or prepare_sequence returned.
         report: where it is told how it goes.
         data: what was stored before; jobs write into it.
-        connected: connections of providers that somebody else connects.
+        connected: connections of providers that somebody else has connected.
         scope: what stops the run from outside.
 
     Raises:
@@ -141,6 +141,7 @@ def run(
         Interrupted: Ctrl-C or SIGTERM.
     """
     values = Values(prepared.rigelfile)
+    declared = [d for d in prepared.providers if d.name not in (connected or {})]
     around = Surroundings(
         application=prepared.rigelfile.application,
         settings=prepared.settings,
@@ -152,7 +153,7 @@ def run(
         grace=GRACE,
     )
     with importable(prepared.settings.rigelfile.parent):
-        return run_steps(prepared.steps, around, prepared.providers, data=data, scope=scope)
+        return run_steps(prepared.steps, around, declared, data=data, scope=scope)
 
 
 def _told(prepared: Prepared, report: Reporter) -> dict[str, Any]:

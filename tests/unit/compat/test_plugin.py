@@ -20,6 +20,8 @@ from rigel_k8s.plugins.registry import ContainerRegistry
 
 from .rigelfiles import DOCKERFILE
 
+REGISTRY = "{server: reg.example, username: u, password: p}"
+
 
 class Plugin:
     """What a plugin of Rigel 0.3 must be a subclass of."""
@@ -167,12 +169,17 @@ def test_no_rigelfile_is_rigels_error(
 
 
 def running(
-    monkeypatch: pytest.MonkeyPatch, work: Any, shared: dict[str, Any] | None = None
+    monkeypatch: pytest.MonkeyPatch,
+    work: Any,
+    shared: dict[str, Any] | None = None,
+    providers: dict[str, Any] | None = None,
 ) -> Any:
     """Return a plugin that is set up, whose job's work is a function."""
     monkeypatch.setattr(DockerfileJob, "run", lambda self, options, job: work(job))
     say(monkeypatch, "rigel run job dockerfile")
-    plugin = rigel_k8s.DockerfilePlugin(given("roslaunch a b.launch"), {}, None, {"p": 1}, shared)
+    plugin = rigel_k8s.DockerfilePlugin(
+        given("roslaunch a b.launch"), {}, None, providers or {"p": 1}, shared
+    )
     plugin.setup()
     return plugin
 
@@ -205,6 +212,51 @@ def test_a_failure_is_rigels_error(
         "  line 1",
         "hint: see the log",
     ]
+
+
+@pytest.mark.parametrize("name", ["rigel.providers.core.", "rigel_k8s."])
+def test_the_registry_is_connected_once_for_our_plugins(
+    rigel: None, here: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """By ourselves where Rigel's own hands no credentials on, else by Rigel, through ours."""
+    text = (here / "Rigelfile").read_text()
+    provider = f"{{provider: {name}ContainerRegistryProvider, with: {REGISTRY}}}"
+    (here / "Rigelfile").write_text(f"{text}\nproviders: {{r: {provider}}}\n")
+    events: list[str] = []
+
+    def connect(self: Any, options: Any, name: str, report: Any) -> str:
+        events.append(f"connect {name} {options.server}")
+        return f"of {name}"
+
+    monkeypatch.setattr(ContainerRegistry, "connect", connect)
+    monkeypatch.setattr(ContainerRegistry, "disconnect", lambda self, c: events.append(f"end {c}"))
+    connected: dict[str, Any] = {}
+    if name == "rigel_k8s.":
+        outer = rigel_k8s.ContainerRegistryProvider("r", {}, {}, connected)
+        outer.connect()
+    seen = []
+    plugin = running(monkeypatch, lambda job: seen.append(job.providers["r"]), providers=connected)
+    plugin.start()
+    if name == "rigel_k8s.":
+        outer.disconnect()
+    assert seen == ["of r"]
+    assert events == ["connect r reg.example", "end of r"]
+
+
+def test_a_registry_that_refuses_is_rigels_error(
+    rigel: None, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rigel tells it as one of its own."""
+
+    def refuse(self: Any, options: Any, name: str, report: Any) -> None:
+        raise RigelK8sError("wrong password")
+
+    text = (here / "Rigelfile").read_text()
+    provider = f"{{provider: rigel_k8s.ContainerRegistryProvider, with: {REGISTRY}}}"
+    (here / "Rigelfile").write_text(f"{text}\nproviders: {{r: {provider}}}\n")
+    monkeypatch.setattr(ContainerRegistry, "connect", refuse)
+    with pytest.raises(RigelError, match="wrong password"):
+        rigel_k8s.ContainerRegistryProvider("r", {}, {}, {}).connect()
 
 
 def test_stop_from_a_signal_handler_ends_the_work_and_waits(

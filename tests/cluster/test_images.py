@@ -17,8 +17,9 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import attrs
 import pytest
@@ -29,6 +30,7 @@ from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.images.registry import resolve_digest
 from rigel_k8s.plugins.buildx import DIGESTS, BuildXJob, BuildXOptions
+from rigel_k8s.plugins.dockerfile import Compiler, DockerfileJob, DockerfileOptions, EnvVar
 from rigel_k8s.plugins.registry import ContainerRegistry, ContainerRegistryOptions
 from rigel_k8s.sequences.job import JobContext
 from rigel_k8s.settings import Application, Settings
@@ -373,6 +375,105 @@ def wait_for(condition: Callable[[], object]) -> None:
     while not condition():
         assert time.monotonic() < deadline, "it did not come to pass in 120 s"
         time.sleep(0.1)
+
+
+# ROS workspaces
+
+PACKAGE = """<package format="2">
+  <name>{name}</name>
+  <version>0.1.0</version>
+  <description>Says its name.</description>
+  <maintainer email="robot@example.org">robot</maintainer>
+  <license>Apache-2.0</license>
+  <buildtool_depend>catkin</buildtool_depend>
+</package>
+"""
+CMAKE = """cmake_minimum_required(VERSION 3.10)
+project({name})
+find_package(catkin REQUIRED)
+catkin_package()
+add_executable({name} main.cpp)
+target_compile_definitions({name} PRIVATE GREETING="${{GREETING}}")
+install(TARGETS {name} RUNTIME DESTINATION ${{CATKIN_PACKAGE_BIN_DESTINATION}})
+"""
+MAIN = """#include <cstdio>
+int main() { std::puts("NAME says " GREETING); }
+"""
+
+
+def write_package(place: Path, name: str) -> None:
+    place.mkdir(parents=True)
+    (place / "package.xml").write_text(PACKAGE.format(name=name))
+    (place / "CMakeLists.txt").write_text(CMAKE.format(name=name))
+    (place / "main.cpp").write_text(MAIN.replace("NAME", name))
+
+
+def git(place: Path, *words: str) -> None:
+    who = ["-c", "user.name=robot", "-c", "user.email=robot@example.org"]
+    subprocess.run(["git", *who, *words], cwd=place, check=True, capture_output=True)
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Iterator[str]:
+    """The URL of a git repository with a package `extra`, on loopback."""
+    served = tmp_path / "served"
+    write_package(served / "extra", "extra")
+    for words in (["init", "-b", "main"], ["add", "."], ["commit", "-m", "x"]):
+        git(served / "extra", *words)
+    git(served / "extra", "update-server-info")
+    handler = partial(SimpleHTTPRequestHandler, directory=str(served))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/extra/.git"
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.parametrize("compiler", ["catkin_make", "colcon"])
+def test_a_workspace_is_compiled_and_its_nodes_start(
+    compiler: Literal["catkin_make", "colcon"], base_image: str, repository: str, tmp_path: Path
+) -> None:
+    """From a Dockerfile job and a BuildX job to a program that rosrun finds, its own and cloned."""
+    workspace = tmp_path / "workspace"
+    write_package(workspace / "src" / "hello", "hello")
+    (workspace / "deps.rosinstall").write_text(
+        f"- git: {{local-name: extra, uri: '{repository}', version: main}}\n"
+    )
+    options = DockerfileOptions(
+        Compiler(compiler, {"GREETING": "good day"}),
+        ros_image=base_image,
+        rosdep=False,
+        rosinstall=["deps.rosinstall"],
+        env=[EnvVar("ROBOT", "r2")],
+        entrypoint=["echo entrypoint of $ROBOT"],
+        docker_run=["echo one\necho two > /two"],
+    )
+    DockerfileJob().run(options, JobContext("docker", Application("noetic", workspace), Told()))
+    image = f"localhost/workspace-{compiler}:1"
+    build(workspace, image, tags=[], force_tag_latest=False)
+    for name in ("hello", "extra"):
+        said = in_image(image, "rosrun", name, name)
+        assert said == ["entrypoint of r2", f"{name} says good day"]
+    podman("rmi", "--force", image)
+
+
+def in_image(image: str, *words: str) -> list[str]:
+    """Run words under the image's entrypoint and return what they print."""
+    entrypoint = ["/bin/bash", "/home/rigeluser/robot-entrypoint.sh"]
+    container = subprocess.run(
+        ["buildah", "from", image], check=True, capture_output=True, text=True
+    ).stdout.strip()
+    try:
+        done = subprocess.run(
+            ["buildah", "run", "--isolation", "chroot", container, "--", *entrypoint, *words],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+    finally:
+        subprocess.run(["buildah", "rm", container], check=True, capture_output=True)
+    return done.stdout.splitlines()
 
 
 # The local cluster

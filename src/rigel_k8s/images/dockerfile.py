@@ -32,6 +32,11 @@ ROS1_DISTROS = frozenset({"hydro", "indigo", "jade", "kinetic", "lunar", "melodi
 
 _PYTHON2_DISTROS = ROS1_DISTROS - {"noetic"}
 _SETUP_FILE = {"catkin_make": "devel/setup.bash", "colcon": "install/setup.bash"}
+#: Debian's colcon merely recommends what makes it colcon.
+_COLCON_PARTS = (
+    *("bash", "cmake", "defaults", "library-path", "metadata", "output"),
+    *("package-selection", "parallel-executor", "recursive-crawl", "ros"),
+)
 _NO_RECOMMENDS = "/etc/apt/apt.conf.d/90rosdep"
 _NEEDS_SHELL = re.compile(r"""[$`&|;<>(){}*?!~#\n]|^\w+=""")
 
@@ -160,7 +165,7 @@ def _clones(recipe: Recipe) -> Iterator[str]:
         return
     about = "Repositories of others, cloned in a stage of their own: git stays out of the image."
     yield f"# {about}\nFROM {recipe.base} AS repositories\nUSER root\n"
-    vcs = _by_system("vcstool", f"{_python(recipe.distro)}-vcstool")
+    vcs = _by_system(["vcstool"], [f"{_python(recipe.distro)}-vcstool"])
     yield _run(f"{vcs}{_install(['git', 'openssh-client', '$tools'])}")
     yield "WORKDIR /repositories\n"
     for number, file in enumerate(recipe.rosinstall):
@@ -225,13 +230,13 @@ def _install_by_system(recipe: Recipe) -> str:
         debian.append("catkin")
         ubuntu.append(f"ros-{recipe.distro}-catkin")
     if recipe.compiler == "colcon":
-        debian.append("colcon")
+        debian += ["colcon", *(f"python3-colcon-{part}" for part in _COLCON_PARTS)]
         ubuntu.append("python3-colcon-common-extensions")
     if recipe.rosdep:
         debian.append("python3-rosdep2")
         ubuntu.append(f"{_python(recipe.distro)}-rosdep")
     install = _install(["build-essential", "cmake", "$tools"])
-    return f"{_by_system(' '.join(debian), ' '.join(ubuntu))}{install}"
+    return f"{_by_system(debian, ubuntu)}{install}"
 
 
 def _dependencies(recipe: Recipe) -> Iterator[str]:
@@ -301,9 +306,12 @@ def _python(distro: str) -> str:
     return "python" if distro in _PYTHON2_DISTROS else "python3"
 
 
-def _by_system(debian: str, ubuntu: str) -> str:
-    tools = f'case "$ID" in debian) tools="{debian}" ;; *) tools="{ubuntu}" ;; esac'
-    return f". /etc/os-release \\\n    && {tools} \\\n    && "
+def _by_system(debian: Iterable[str], ubuntu: Iterable[str]) -> str:
+    cases = f"""case "$ID" in \\
+        debian) tools="{" ".join(debian)}" ;; \\
+        *) tools="{" ".join(ubuntu)}" ;; \\
+    esac"""
+    return f". /etc/os-release \\\n    && {cases} \\\n    && "
 
 
 def _install(packages: Iterable[str]) -> str:

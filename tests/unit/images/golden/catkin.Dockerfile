@@ -12,7 +12,10 @@ RUN { id -u rigeluser >/dev/null 2>&1 || useradd --create-home --user-group --sh
 
 # What builds the workspace; Debian and packages.ros.org name it differently.
 RUN . /etc/os-release \
-    && case "$ID" in debian) tools="catkin python3-rosdep2" ;; *) tools="ros-noetic-catkin python3-rosdep" ;; esac \
+    && case "$ID" in \
+        debian) tools="catkin python3-rosdep2" ;; \
+        *) tools="ros-noetic-catkin python3-rosdep" ;; \
+    esac \
     && apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
         build-essential \

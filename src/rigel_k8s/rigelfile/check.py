@@ -138,12 +138,8 @@ def _variables(root: Node) -> dict[str, Node]:
 def _rendered(root: Node, scope: Scope) -> Node:
     """Return the tree with vars filled in; each var is rendered once, whoever uses it."""
     section = root.value.get("vars")
-    if section is None:
+    if section is None or not isinstance(section.value, dict):
         return scope.render(root)
-    if not isinstance(section.value, dict | None):
-        scope.findings.append(
-            at(section, f"expected a mapping, got {kind_of(section.value)}", "wrong-type")
-        )
     rest = {key: node for key, node in root.value.items() if key != "vars"}
     variables = attrs.evolve(section, value=scope.render_variables())
     rendered = scope.render(attrs.evolve(root, value=rest))

@@ -35,6 +35,7 @@ __all__ = [
 
 _LISTS = (list, tuple, set, frozenset, collections.abc.Sequence, collections.abc.Collection)
 _MAPPINGS = (dict, collections.abc.Mapping, collections.abc.MutableMapping)
+_SINGLE = (str, int, float, bool)
 _WORDS: dict[Any, str] = {
     str: "text",
     int: "a whole number",
@@ -193,8 +194,11 @@ def choices(kind: Any) -> tuple[Any, ...] | None:
 
 def expects(kind: Any) -> str:
     """Return what people call the values of a type: `a list`, `text or a mapping`."""
-    words = dict.fromkeys(_expected(resolved(kind)))
-    return " or ".join(word for word in words if word != "nothing") or "nothing"
+    words = dict.fromkeys(word for word in _expected(resolved(kind)) if word != "nothing")
+    if words.keys() >= {_WORDS[str], _WORDS[float]}:
+        words = {word: None for word in words if word not in map(_WORDS.get, _SINGLE)}
+        words = {"a single value": None, **words}
+    return " or ".join(words) or "nothing"
 
 
 def _expected(kind: Any) -> Iterator[str]:
@@ -203,7 +207,8 @@ def _expected(kind: Any) -> Iterator[str]:
         for member in members(kind):
             yield from _expected(member)
     elif values is not None:
-        yield f"one of {', '.join(map(str, values))}"
+        quoted = ", ".join(f'"{value}"' for value in values)
+        yield f"one of {quoted}" if len(values) > 1 else quoted
     elif is_list(kind):
         yield "a list"
     elif is_mapping(kind):

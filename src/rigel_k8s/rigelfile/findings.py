@@ -36,7 +36,7 @@ class Finding:
 def at(node: Node, message: str, kind: str, *, key: bool = False) -> Finding:
     """Return an error about a node, or about its key."""
     if key and node.key_span:
-        return Finding(node.key_span, message, kind)
+        return Finding(node.key_span, message, kind, defined_at=node.key_defined_at)
     return Finding(
         node.span, message, kind, defined_at=node.defined_at, environment=node.environment
     )

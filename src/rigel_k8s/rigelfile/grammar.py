@@ -123,11 +123,7 @@ class _Reader:
 
     def section(self, name: str) -> Iterator[tuple[Path, Node]]:
         node = self._root.value.get(name) if isinstance(self._root.value, dict) else None
-        if node is None or node.value is None or node.hole:
-            return
-        if not isinstance(node.value, dict):
-            self.tell((name,), f"expected a mapping, got {kind_of(node.value)}", "wrong-type")
-        else:
+        if node is not None and isinstance(node.value, dict):
             yield from _entries(self._root, (name,))
 
     def application(self, directory: FilePath) -> Application | None:
@@ -173,6 +169,9 @@ class _Reader:
                 self.tell((*path, key), f"`{key}` is empty: nothing would run", "empty")
 
     def _matrix(self, path: Path, node: Node) -> None:
+        matrix = node.value.get("matrix") if isinstance(node.value, dict) else None
+        if not matrix or not isinstance(matrix.value, dict):
+            return
         for place_, values in _entries(node, ("matrix",), path):
             if values.value == []:
                 self.tell(place_, f"{place_[-1]} has no values: nothing would run", "empty")

@@ -27,7 +27,7 @@ _TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
 _START = Span(1, 1, 1, 2)
 _BRACKET = re.compile(r"[\[\]{}]")
 _DEEP_LINE = re.compile(rf"^[ ?:-]{{{DEEPEST},}}", re.MULTILINE)
-_BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\})")
+_BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\}[^\s,\]}]*)")
 
 
 def parse(source: Source) -> tuple[Node | None, list[Finding]]:

@@ -147,13 +147,13 @@ def _choice(node: Node, kind: Any) -> Any:
     known = {str(value): value for value in values}
     if isinstance(node.value, bool) and node.value in (v for v in values if isinstance(v, bool)):
         text = str(node.value)
-    elif isinstance(node.value, dict | list) or node.value is None:
+    elif isinstance(node.value, dict | list) or node.value is None or (isinstance(node.value, bool) and node.raw not in known):
         raise mismatch(node, kind)
     else:
         text = _text(node, kind)
     if text not in known:
         near = nearest(text, known)
         hint = f', did you mean "{near}"?' if near else ""
-        raise Mismatch(f'"{text}" is none of {", ".join(known)}{hint}', "bad-choice")
+        raise Mismatch(f'"{text}" is not {expects(kind)}{hint}', "bad-choice")
     is_enum = isinstance(kind, type) and issubclass(kind, enum.Enum)
     return kind(known[text]) if is_enum else known[text]

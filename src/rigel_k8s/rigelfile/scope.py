@@ -128,7 +128,7 @@ class Scope:
         except _Waits:
             return attrs.evolve(node, hole=True)
         if len(pieces) == 1:
-            return attrs.evolve(values[0], key_span=node.key_span)
+            return values[0]
         return _joined(node, values)
 
     def _values(self, node: Node, pieces: list[Part]) -> list[Node]:
@@ -140,7 +140,7 @@ class Scope:
                 values.append(Node(piece, node.span, raw=piece))
                 continue
             try:
-                value = self._placed(node, self._value(node, piece))
+                value = _placed(node, self._value(node, piece))
                 waits = waits or value.has_hole()
                 values.append(value)
                 if len(pieces) > 1 and isinstance(value.value, dict | list):
@@ -163,23 +163,6 @@ class Scope:
 
     def _tell(self, node: Node, message: str) -> None:
         self.findings.append(at(node, message, "template"))
-
-    def _placed(self, node: Node, value: Node) -> Node:
-        """Return a var's value where it is used."""
-        inner: Any = value.value
-        if isinstance(inner, dict):
-            inner = {key: self._placed(node, child) for key, child in inner.items()}
-        elif isinstance(inner, list):
-            inner = [self._placed(node, child) for child in inner]
-        if value.span == node.span and value.value is inner:
-            return value
-        return attrs.evolve(
-            value,
-            value=inner,
-            span=node.span,
-            key_span=node.key_span,
-            defined_at=node.defined_at or value.defined_at or _definition(value, node),
-        )
 
     # Names
 
@@ -241,6 +224,9 @@ class Scope:
             return _Wrong(f"no job before this one has stored data.{name}, {hint}", "unknown-data")
         if not name:
             return _Wrong("vars. needs a name behind the dot", "unknown-variable")
+        first, dot, rest = name.partition(".")
+        if dot and first in self.variables:
+            return _Wrong(f'vars.{first} has no "{rest}" in it', "unknown-variable")
         near = nearest(name, self.variables)
         hint = f"did you mean vars.{near}?" if near else f"declare it there or export {name}"
         message = f"vars.{name} is neither in vars nor in the environment, {hint}"
@@ -282,8 +268,29 @@ class Scope:
 _NOWHERE = Span(0, 0, 0, 0)
 
 
-def _definition(value: Node, node: Node) -> Span | None:
-    return None if value.environment or value.span == node.span else value.span
+def _placed(use: Node, value: Node) -> Node:
+    """Return a var's value where it is used."""
+    return attrs.evolve(
+        _moved(use, value), key_span=use.key_span, key_defined_at=use.key_defined_at
+    )
+
+
+def _moved(use: Node, value: Node) -> Node:
+    """Return a value with its place, and the places of all in it, as definition of what is used."""
+    inner: Any = value.value
+    if isinstance(inner, dict):
+        inner = {key: _moved(use, child) for key, child in inner.items()}
+    elif isinstance(inner, list):
+        inner = [_moved(use, child) for child in inner]
+    here = value.span == use.span
+    return attrs.evolve(
+        value,
+        value=inner,
+        span=use.span,
+        defined_at=value.defined_at or (None if here or value.environment else value.span),
+        key_span=use.span,
+        key_defined_at=value.key_defined_at or (None if here else value.key_span),
+    )
 
 
 def _walk(data: Mapping[str, Any], name: str) -> Any:

@@ -50,6 +50,7 @@ class Node:
         raw: the text as written, for a scalar ("1.10" stays "1.10").
         key_span: the place of the key, for a value of a mapping.
         defined_at: the place of the var that gave the value, if a template gave it.
+        key_defined_at: the key's place in that var, for a value inside of one.
         hole: a text that waits: with `{{ data.x }}` in it that only a run can fill, or with a
             template that is wrong and told already. It stands for a value of any type.
         untyped: a text that nobody wrote as one (the environment's, or made of several parts): it
@@ -62,6 +63,7 @@ class Node:
     raw: str | None = None
     key_span: Span | None = None
     defined_at: Span | None = None
+    key_defined_at: Span | None = None
     hole: bool = False
     untyped: bool = False
     environment: str | None = None

@@ -53,8 +53,8 @@ class Doubts:
         """Return whether a problem at this path may come of one of them."""
         return (
             any(_begins(path, doubt) for doubt in (*self.texts, *self.wrong, *self.missing))
-            or any(_begins(doubt, path) for doubt in self.wrong)
-            or any(_begins(doubt, path[:-1]) for doubt in self.missing)
+            or any(_begins(doubt, path) for doubt in (*self.wrong, *self.missing))
+            or any(doubt[:-1] == path[:-1] for doubt in self.missing)
         )
 
     def include(self, other: Doubts) -> None:
@@ -198,7 +198,8 @@ class _Structurer:
                 yield near
 
     def _missing(self, field: Field, path: Path) -> None:
-        message = f'the key "{field.key}" is missing: {expects(field.type)}'
+        what = f"{expects(field.type)}: {field.doc}" if field.doc else expects(field.type)
+        message = f'the key "{field.key}" is missing ({what})'
         self._wrong(path, message, "missing-key", at_key=True)
 
     def _built(self, cls: type[Any], values: dict[str, Any], path: Path) -> Any:

@@ -1,0 +1,82 @@
+"""Every message has a bad file in err/ and its exact output beside it; what is in ok/ is clean.
+
+`pytest tests/unit/rigelfile --update-golden` writes the outputs anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.rigelfile import CheckResult, check_file, rigel03
+from rigel_k8s.sequences import registry
+
+HERE = Path(__file__).parent
+ENVIRON = {"REGISTRY": "localhost:5000", "WORD": "ten", "BASE_IMAGE": "ros:noetic"}
+
+
+def files(folder: str) -> list[Any]:
+    found = sorted((HERE / folder).glob("*.Rigelfile"))
+    assert found
+    return [pytest.param(file, id=file.stem) for file in found]
+
+
+def compare(result: CheckResult, golden: Path, *, update: bool) -> None:
+    text = "\n".join([*result.rendered(), ""])
+    if update:
+        golden.write_text(text)
+    assert text == golden.read_text()
+
+
+def real(kind: str, name: str) -> Any:
+    """Resolve this package's own job types and providers."""
+    return registry.job_type(name) if kind == "job" else registry.provider_type(name)
+
+
+@pytest.fixture
+def resolver(resolve: Callable[[str, str], Any]) -> Callable[[str, str], Any]:
+    """What finds the tests' own types by their names, and this package's by theirs."""
+    return lambda kind, name: (real if name.startswith("rigel_k8s.") else resolve)(kind, name)
+
+
+@pytest.mark.parametrize("file", files("err"))
+def test_a_bad_file_is_told_with_places(
+    file: Path,
+    resolver: Callable[[str, str], Any],
+    update_golden: bool,  # noqa: FBT001 - a fixture
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All problems of a file are told at once, each with its line and a caret."""
+    monkeypatch.chdir(file.parent)
+    result = check_file(Path(file.name), ENVIRON, resolver)
+    assert result.findings
+    compare(result, file.with_suffix(".out"), update=update_golden)
+
+
+@pytest.mark.parametrize("file", files("ok"))
+def test_a_good_file_is_clean(file: Path, resolver: Callable[[str, str], Any]) -> None:
+    """Nothing is told of a file that is right."""
+    result = check_file(file, ENVIRON, resolver)
+    assert result.rendered() == []
+    assert result.rigelfile is not None
+
+
+@pytest.mark.parametrize("file", files("rigel03"))
+def test_what_rigel_reads_otherwise_is_told(
+    file: Path,
+    update_golden: bool,  # noqa: FBT001 - a fixture
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of what we take, what Rigel 0.3 refuses is an error, what it reads otherwise a warning."""
+    monkeypatch.chdir(file.parent)
+    compare(rigel03(Path(file.name), ENVIRON), file.with_suffix(".out"), update=update_golden)
+
+
+def test_eight_kinds_of_mistake_are_told_at_once(resolver: Callable[[str, str], Any]) -> None:
+    """One file has eight kinds of mistake and more, some of them inside substituted lists."""
+    result = check_file(HERE / "err" / "eight-kinds.Rigelfile", ENVIRON, resolver)
+    assert len({finding.kind for finding in result.findings}) >= 8
+    assert sum(1 for finding in result.findings if finding.defined_at) >= 3

@@ -19,7 +19,7 @@ DIGEST = "sha256:" + "ab" * 32
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_manifests_are_those_of_the_golden_file(case: str, update_golden: bool) -> None:
+def test_manifests_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
     """The same options give the same objects, to the last field."""
     made = release((GOLDEN / f"{case}.with.yaml").read_text("utf-8"), files=FILES)
     text = yaml.safe_dump_all(made.objects, sort_keys=False, width=100)
@@ -50,7 +50,9 @@ def test_building_leaves_the_options_alone() -> None:
     text = (GOLDEN / "peer.with.yaml").read_text("utf-8")
     first = release(text, digests={"registry.example:5000/turtle:1.0": "x@" + DIGEST})
     again = copy.deepcopy(first.objects)
-    assert release(text, digests={"registry.example:5000/turtle:1.0": "x@" + DIGEST}).objects == again
+    assert (
+        release(text, digests={"registry.example:5000/turtle:1.0": "x@" + DIGEST}).objects == again
+    )
     assert first.objects == again
 
 

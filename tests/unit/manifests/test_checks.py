@@ -1,0 +1,168 @@
+"""What Kubernetes or ROS would refuse is told before anything is sent, at its place."""
+
+from __future__ import annotations
+
+import pytest
+
+from rigel_k8s.manifests.checks import check
+
+from .shapes import GOLDEN, options, problems
+
+#: (what is told, where, the job's `with`)
+WRONG = [
+    (
+        "two-masters",
+        "ros_master_uri",
+        "{ros_master_uri: 'http://a:11311', deploy_ros_master: true}",
+    ),
+    ("name-taken", "deployment_name", "{deployment_name: ros-master, application_image: a}"),
+    ("name-taken", "nodes.b/c", "{image: a, nodes: {b_c: {args: x}, b/c: {args: x}}}"),
+    ("name-taken", "nodes.ros_master", "{image: a, nodes: {ros_master: {args: x}}}"),
+    (
+        "name-taken",
+        "nodes.app",
+        "{application_image: a, image: a, deployment_name: app, nodes: {app: {}}}",
+    ),
+    ("name-taken", "nodes.c", "{image: a, nodes: {b: {args: x}, c: {args: x, name: b}}}"),
+    (
+        "name-taken",
+        "persistent_storage.volumes.1.name",
+        "{persistent_storage: {volumes: [{name: v}, {name: v}]}}",
+    ),
+    ("conflict", "readiness.file", "{readiness: {command: a, file: /b}}"),
+    ("bad-command", "readiness.command", '{readiness: {command: "a \'b"}}'),
+    ("bad-command", "readiness.command", "{readiness: {command: ''}}"),
+    (
+        "bad-update",
+        "rolling_update.max_surge",
+        "{rolling_update: {strategy: Recreate, max_surge: 1}}",
+    ),
+    ("bad-update", "rolling_update", "{rolling_update: {max_surge: 0, max_unavailable: 0}}"),
+    ("bad-update", "rolling_update", "{rolling_update: {max_surge: 0%}}"),
+    (
+        "fixed-field",
+        "additional_k8s_params.application.metadata.name",
+        "{additional_k8s_params: {application: {metadata: {name: x}}}}",
+    ),
+    (
+        "fixed-field",
+        "additional_k8s_params.ros_master.spec.selector",
+        "{additional_k8s_params: {ros_master: {spec: {selector: {}}}}}",
+    ),
+    ("no-application", "results", "{image: a, nodes: {b: {}}, results: {source_path: /r}}"),
+]
+
+#: The same for one node: its options follow `n:`.
+WRONG_NODES = [
+    ("bad-ros-name", "", "my-node", "{}"),
+    ("conflict", "name", "n", "{name: x, anonymous: true}"),
+    ("duplicate-node", "replicas", "n", "{replicas: 2}"),
+    ("incomplete", "package", "n", "{package: a}"),
+    ("incomplete", "executable", "n", "{executable: a}"),
+    ("conflict", "args", "n", "{command: a, args: b}"),
+    ("conflict", "launch", "n", "{args: b, launch: {file: a}}"),
+    ("conflict", "package", "n", "{command: b, package: a, executable: b}"),
+    ("bad-command", "args", "n", '{args: "a \'b"}'),
+    ("bad-command", "args", "n", "{args: []}"),
+    ("not-appendable", "parameters", "n", "{parameters: {a: 1}}"),
+    ("not-appendable", "remappings", "n", "{remappings: {a: b}}"),
+    ("not-appendable", "parameter_files", "n", "{parameter_files: [a.yaml]}"),
+    ("not-appendable", "remappings", "n", "{args: [bash, -c, x], remappings: {a: b}}"),
+    ("not-appendable", "parameters", "n", "{launch: {file: x}, parameters: {a: 1}}"),
+    ("not-appendable", "remappings", "n", "{launch: {file: x}, remappings: {a: b}}"),
+    ("not-appendable", "parameter_files", "n", "{args: x, anonymous: true, parameter_files: [a]}"),
+    ("bad-ros-name", "parameters.a-b", "n", "{args: x, parameters: {a-b: 1}}"),
+    ("conflict", "env.0.value", "n", "{env: [{name: A, value: 1, valueFrom: {fieldRef: {}}}]}"),
+    ("name-taken", "env.1.name", "n", "{env: [{name: A, value: 1}, {name: A, value: 2}]}"),
+    ("unknown-volume", "volumes.0", "n", "{volumes: [data]}"),
+    ("bad-volume", "volumes.0", "n", "{volumes: [{mount_path: /a}]}"),
+    ("bad-volume", "volumes.0", "n", "{volumes: [{secret: a, config_map: b, mount_path: /a}]}"),
+    ("bad-volume", "volumes.0", "n", "{volumes: [{secret: a}]}"),
+    (
+        "name-taken",
+        "volumes.1",
+        "n",
+        "{volumes: [{secret: a, mount_path: /a}, {secret: b, mount_path: /a}]}",
+    ),
+    ("bad-device", "devices.0", "n", "{devices: [{count: 1}]}"),
+    ("bad-device", "devices.0", "n", "{devices: [{path: /dev/a, resource: b}]}"),
+    ("name-taken", "ports.1", "n", "{ports: [80, 80]}"),
+    ("name-taken", "ports.1", "n", "{ports: [{name: a, port: 80}, {name: a, port: 81}]}"),
+    ("unknown-node", "placement.apart_from.0", "n", "{placement: {apart_from: [other]}}"),
+    ("unknown-node", "placement.apart_from.0", "n", "{placement: {apart_from: [n]}}"),
+    ("conflict", "tolerations.0.value", "n", "{tolerations: [{operator: Exists, value: a}]}"),
+    ("conflict", "tolerations.0.seconds", "n", "{tolerations: [{key: a, seconds: 3}]}"),
+    ("fixed-field", "patch.metadata.namespace", "n", "{patch: {metadata: {namespace: a}}}"),
+    ("bad-update", "update.max_surge", "n", "{update: {strategy: recreate, max_surge: 1}}"),
+    ("conflict", "readiness.file", "n", "{readiness: {command: a, file: /b}}"),
+]
+
+WARNINGS = [
+    ("surge", "rolling_update", "{application_image: a, rolling_update: {strategy: Rolling}}"),
+    ("surge", "nodes.n.update", "{image: a, nodes: {n: {update: {max_unavailable: 1}}}}"),
+    ("no-master", "deploy_ros_master", "{image: a, deploy_ros_master: false, nodes: {n: {}}}"),
+    ("not-deployed", "observability", "{observability: {enabled: true}}"),
+    ("not-deployed", "observability_only", "{observability_only: true}"),
+    ("device-access", "nodes.n.devices.0", "{image: a, nodes: {n: {devices: [/dev/a]}}}"),
+]
+
+
+def told(text: str, severity: str, distro: str = "noetic") -> set[tuple[str, str]]:
+    """Return (kind, place) of all problems of a severity."""
+    found = [p for p in problems(text, distro) if p.severity == severity]
+    for problem in found:
+        assert problem.message
+        assert not problem.message.endswith(".")
+    return {(p.kind, ".".join(map(str, p.path))) for p in found}
+
+
+@pytest.mark.parametrize(("kind", "place", "text"), WRONG)
+def test_contradictions_are_told_at_their_place(kind: str, place: str, text: str) -> None:
+    """One mistake is one problem, of its kind, at its place."""
+    assert told(text, "error") == {(kind, place)}
+
+
+@pytest.mark.parametrize(("kind", "place", "key", "text"), WRONG_NODES)
+def test_a_nodes_mistakes_are_told(kind: str, place: str, key: str, text: str) -> None:
+    """One mistake of a node is one problem below its key."""
+    where = f"nodes.{key}" + (f".{place}" if place else "")
+    assert told(f"{{image: a, nodes: {{{key}: {text}}}}}", "error") == {(kind, where)}
+
+
+@pytest.mark.parametrize(("kind", "place", "text"), WARNINGS)
+def test_what_works_otherwise_than_it_looks_is_a_warning(kind: str, place: str, text: str) -> None:
+    """A warning stops nothing."""
+    assert told(text, "warning") == {(kind, place)}
+    assert told(text, "error") == set()
+
+
+def test_a_node_without_an_image_is_told() -> None:
+    """The image is the node's own or that of all nodes."""
+    assert told("{nodes: {n: {}}}", "error") == {("missing-image", "nodes.n")}
+    assert told("{nodes: {n: {image: a}}}", "error") == set()
+
+
+def test_ros2_is_told_to_come_later() -> None:
+    """A master makes no sense there; its images run as plain containers."""
+    text = "{application_image: a}"
+    assert told(text, "error", "jazzy") == {("ros2", "deploy_ros_master")}
+    assert told("{application_image: a, deploy_ros_master: false}", "error", "jazzy") == set()
+
+
+def test_anonymous_nodes_may_be_many_and_surge() -> None:
+    """Their names differ, so nothing is thrown out."""
+    text = "{image: a, nodes: {my-node: {anonymous: true, replicas: 3, update: {max_surge: 1}}}}"
+    assert problems(text) == []
+
+
+def test_a_partial_job_is_not_asked_for_the_rest() -> None:
+    """The peer's update_k8s has nothing but these two keys."""
+    text = "{rolling_update: {strategy: Recreate}, readiness: {command: /ready}}"
+    assert problems(text) == []
+
+
+@pytest.mark.parametrize("path", sorted(GOLDEN.glob("*.with.yaml")), ids=lambda p: p.name)
+def test_golden_options_have_no_errors(path: object) -> None:
+    """The shapes that are documented by golden files pass the checks."""
+    text = (GOLDEN / str(path)).read_text("utf-8")
+    assert [p for p in check(options(text), "noetic") if p.severity == "error"] == []

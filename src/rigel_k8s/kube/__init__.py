@@ -8,7 +8,7 @@ Importing this package is free: HTTP and TLS are imported when a cluster is touc
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.kube.objects import Manifest, ObjectRef, ref_of
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
     from rigel_k8s.settings import Settings
 
-__all__ = ["Manifest", "ObjectRef", "connect", "ref_of"]
+__all__ = ["Cluster", "Manifest", "ObjectRef", "connect", "ref_of"]
 
 
 def connect(settings: Settings) -> Cluster:
@@ -29,3 +29,12 @@ def connect(settings: Settings) -> Cluster:
     from rigel_k8s.kube.kubeconfig import load
 
     return Cluster(load(settings.kubeconfig, settings.context))
+
+
+def __getattr__(name: str) -> Any:
+    """Return `Cluster` lazily: its module imports HTTP and TLS."""
+    if name != "Cluster":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from rigel_k8s.kube.cluster import Cluster
+
+    return Cluster

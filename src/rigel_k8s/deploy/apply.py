@@ -1,0 +1,181 @@
+"""The steps of a plan, done: the only module that writes a release's objects."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.deploy.order import WORKLOADS, rank, wave
+from rigel_k8s.deploy.ownership import managers, taken_over
+from rigel_k8s.deploy.plan import predecessors
+from rigel_k8s.deploy.readiness import readiness
+from rigel_k8s.deploy.report import Reporter
+from rigel_k8s.deploy.types import Manifest, ObjectRef, Plan, Step
+from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
+from rigel_k8s.kube.cluster import Cluster
+
+__all__ = ["Applier"]
+
+Live = dict[str, Any]
+GONE_TIMEOUT = 120.0  # seconds that what is being deleted may take
+DEFINED_TIMEOUT = 30.0
+LOOK = 0.2
+SLICE = 2.0  # seconds of one watch for the end of pods
+CLAIMS = frozenset({"PersistentVolumeClaim", "PersistentVolume"})
+
+
+@attrs.frozen
+class Applier:
+    """Carries out a plan.
+
+    Attributes:
+        adopt: take over what other managers own.
+    """
+
+    cluster: Cluster
+    report: Reporter
+    cancel: threading.Event
+    adopt: bool = False
+
+    def apply(self, plan: Plan) -> dict[ObjectRef, Live]:
+        """Create and change what the plan says; return the live objects, also of what is kept."""
+        steps = [step for step in plan.steps if step.manifest is not None]
+        applied = {s.ref: dict(s.live) for s in steps if s.action == "keep" and s.live}
+        self.end(predecessors(plan))
+        writes = [step for step in steps if step.action in ("create", "change")]
+        for number in sorted({wave(step.ref.kind) for step in writes}):
+            self.go_on()
+            chosen = [step for step in writes if wave(step.ref.kind) == number]
+            done = self.cluster.parallel(self.write, chosen)
+            applied |= {s.ref: live for s, live in zip(chosen, done, strict=True)}
+            self.until_defined(step.ref for step in chosen)
+        return applied
+
+    def write(self, step: Step) -> Live:
+        """Apply one manifest."""
+        if step.live is not None and step.live["metadata"].get("deletionTimestamp"):
+            self.until_gone(step.ref)
+        elif step.live is not None and self.adopt and managers(step.live):
+            self.take_over(step.ref, step.live)
+        if step.manifest is None:
+            raise AssertionError("only steps with a manifest write")
+        return self.cluster.apply(step.manifest, force=self.adopt)
+
+    def take_over(self, ref: ObjectRef, live: Manifest) -> None:
+        """Make what other tools had set ours, so that what nobody says any more goes away."""
+        meta = {
+            "managedFields": taken_over(live),
+            "resourceVersion": live["metadata"]["resourceVersion"],
+        }
+        self.cluster.patch(ref, {"metadata": meta})
+
+    def prune(self, steps: Iterable[Step]) -> None:
+        """Delete what the plan prunes: workloads first, then what they used, data last."""
+        todo = [step for step in steps if step.action == "prune"]
+        workloads = [step for step in todo if step.ref.kind in WORKLOADS]
+        others = [step for step in todo if step.ref.kind not in WORKLOADS]
+        self.cluster.parallel(self.delete, workloads)
+        if any(step.ref.kind in CLAIMS for step in others):
+            self.until_no_pods(workloads)
+        for number in sorted({rank(step.ref.kind) for step in others}, reverse=True):
+            self.cluster.parallel(self.delete, [s for s in others if rank(s.ref.kind) == number])
+
+    def end(self, steps: Sequence[Step]) -> None:
+        """Delete workloads and wait for the end of their pods."""
+        self.cluster.parallel(self.delete, steps)
+        for step in steps:
+            self.report.progress(step.ref.name, "ends before its successor starts")
+        self.until_no_pods(steps)
+        for step in steps:
+            self.report.progress(step.ref.name, "gone", done=True)
+
+    def delete(self, step: Step) -> None:
+        """Delete the very object that the plan saw."""
+        uid = step.live["metadata"]["uid"] if step.live else None
+        try:
+            self.cluster.delete(step.ref, uid=uid)
+        except ConflictError:
+            self.report.warn(f"{step.ref} was made anew by somebody else meanwhile: left alone")
+
+    def until_no_pods(self, steps: Iterable[Step]) -> None:
+        """Wait until no pod of some workloads is left."""
+        for step in steps:
+            if step.ref.kind == "Pod":
+                self.until_gone(step.ref)
+            elif labels := selector(step.live):
+                self.until_no_pods_of(step.ref, labels)
+
+    def until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
+        """Wait until no pod has some labels."""
+        end = time.monotonic() + GONE_TIMEOUT
+        while time.monotonic() < end:
+            self.go_on()
+            found = self.cluster.list("v1", "Pod", ref.namespace, labels=labels, metadata_only=True)
+            left = {pod["metadata"]["name"] for pod in found}
+            if not left:
+                return
+            self.drain(ref, labels, left)
+        raise ClusterError(
+            f"the pods of {ref} did not end within {GONE_TIMEOUT:g} s: {', '.join(sorted(left))}",
+            hint=f"is their node reachable? kubectl -n {ref.namespace} get pods -o wide",
+        )
+
+    def drain(self, ref: ObjectRef, labels: Mapping[str, str], left: set[str]) -> None:
+        """Watch pods for a while, or until none is left."""
+        for event in self.cluster.watch(
+            "v1", "Pod", ref.namespace, labels=labels, seconds=SLICE, cancel=self.cancel
+        ):
+            name = event.object["metadata"]["name"]
+            if event.type == "DELETED":
+                left.discard(name)
+                if not left:
+                    return
+            else:
+                left.add(name)
+
+    def until_gone(self, ref: ObjectRef) -> None:
+        """Wait until an object that is being deleted is gone."""
+        end = time.monotonic() + GONE_TIMEOUT
+        while (live := self.cluster.get(ref)) is not None:
+            if not live["metadata"].get("deletionTimestamp"):
+                return
+            if time.monotonic() > end:
+                held = ", ".join(live["metadata"].get("finalizers") or []) or "nothing known"
+                raise ClusterError(
+                    f"{ref} is not gone {GONE_TIMEOUT:g} s after its deletion: {held} holds it",
+                    hint="something still uses it; see kubectl describe",
+                )
+            self.go_on()
+            self.cancel.wait(LOOK)
+
+    def until_defined(self, refs: Iterable[ObjectRef]) -> None:
+        """Wait until the kinds that were just defined are served."""
+        end = time.monotonic() + DEFINED_TIMEOUT
+        for ref in refs:
+            while ref.kind == "CustomResourceDefinition":
+                live = self.cluster.get(ref)
+                if live is not None and readiness(live).done:
+                    break
+                if time.monotonic() > end:
+                    raise ClusterError(f"{ref} was not served within {DEFINED_TIMEOUT:g} s")
+                self.go_on()
+                self.cancel.wait(LOOK)
+
+    def go_on(self) -> None:
+        """Raise Interrupted where the user asked to stop."""
+        if self.cancel.is_set():
+            raise Interrupted(
+                "interrupted while objects were being applied: some are new, some old",
+                hint="run it again to see it through, or `rigel rollback`",
+            )
+
+
+def selector(live: Manifest | None) -> Mapping[str, str]:
+    """Return the labels that a workload selects its pods by."""
+    spec = (live or {}).get("spec") or {}
+    labels: Mapping[str, str] = (spec.get("selector") or {}).get("matchLabels") or {}
+    return labels

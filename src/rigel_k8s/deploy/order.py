@@ -1,0 +1,42 @@
+"""Which kinds come first: what others need is there before them, and goes after them."""
+
+from __future__ import annotations
+
+__all__ = ["PROTECTED", "WORKLOADS", "rank", "wave"]
+
+FIRST = ("Namespace", "CustomResourceDefinition", "PriorityClass", "StorageClass")
+ORDER = (
+    *FIRST,
+    "ServiceAccount",
+    "Role",
+    "ClusterRole",
+    "RoleBinding",
+    "ClusterRoleBinding",
+    "ResourceQuota",
+    "LimitRange",
+    "ConfigMap",
+    "Secret",
+    "PersistentVolume",
+    "PersistentVolumeClaim",
+    "NetworkAttachmentDefinition",
+    "NetworkPolicy",
+    "Service",
+)
+#: Kinds that run pods, and the pod itself.
+WORKLOADS = ("DaemonSet", "StatefulSet", "Deployment", "Job", "CronJob", "Pod")
+#: Kinds that hold data: they go only when that is asked for.
+PROTECTED = frozenset({"PersistentVolumeClaim", "PersistentVolume"})
+
+
+def rank(kind: str) -> int:
+    """Return where a kind stands in the order of apply; kinds we do not know come before pods."""
+    if kind in ORDER:
+        return ORDER.index(kind)
+    return len(ORDER) + (1 + WORKLOADS.index(kind) if kind in WORKLOADS else 0)
+
+
+def wave(kind: str) -> int:
+    """Return which objects are applied at once: 0 what defines kinds, 1 the rest, 2 workloads."""
+    if kind in FIRST:
+        return 0
+    return 2 if kind in WORKLOADS else 1

@@ -103,8 +103,9 @@ def program(node: NodeOptions) -> list[str]:
     """Return the program and its own arguments; empty for the image's CMD."""
     own = words(node.args or [])
     if node.launch:
-        head = ["roslaunch", *([node.launch.package] if node.launch.package else [])]
-        return [*head, node.launch.file, *assignments(node.launch.args)]
+        # Without --wait it ends at once where there is no master yet.
+        package = [node.launch.package] if node.launch.package else []
+        return ["roslaunch", "--wait", *package, node.launch.file, *assignments(node.launch.args)]
     if node.package:
         return ["rosrun", node.package, node.executable or "", *own]
     return words(node.command) if node.command is not None else own

@@ -30,10 +30,10 @@ def command(node: str, files: dict[str, str] | None = None) -> Command:
         ("{args: [roslaunch, a, b.launch]}", ["roslaunch", "a", "b.launch"]),
         ("{args: [sleep, 1000]}", ["sleep", "1000"]),
         ("{package: p, executable: e, args: x}", ["rosrun", "p", "e", "x", "__name:=n"]),
-        ("{launch: {file: /a.launch}}", ["roslaunch", "/a.launch"]),
+        ("{launch: {file: /a.launch}}", ["roslaunch", "--wait", "/a.launch"]),
         (
             "{launch: {package: p, file: a.launch, args: {sim: true, n: 1}}}",
-            ["roslaunch", "p", "a.launch", "sim:=true", "n:=1"],
+            ["roslaunch", "--wait", "p", "a.launch", "sim:=true", "n:=1"],
         ),
         ("{args: x, remappings: {a: /b}}", ["x", "__name:=n", "a:=/b"]),
         (

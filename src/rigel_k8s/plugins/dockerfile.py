@@ -57,7 +57,12 @@ class Compiler:
 
 @attrs.frozen
 class EnvVar:
-    """An environment variable of the image; `$NAME` in the value is expanded."""
+    """An environment variable of the image.
+
+    Attributes:
+        name: the variable's name.
+        value: its value; `$NAME` in it is expanded.
+    """
 
     name: str
     value: Scalar = ""

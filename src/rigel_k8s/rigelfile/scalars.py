@@ -143,11 +143,12 @@ def _parsed(node: Node, kind: Any) -> Any:
 
 
 def _choice(node: Node, kind: Any) -> Any:
-    values = choices(kind) or ()
-    known = {str(value): value for value in values}
-    if isinstance(node.value, bool) and node.value in (v for v in values if isinstance(v, bool)):
-        text = str(node.value)
-    elif isinstance(node.value, dict | list) or node.value is None or (isinstance(node.value, bool) and node.raw not in known):
+    known = {str(value): value for value in choices(kind) or ()}
+    if isinstance(node.value, bool) and node.raw not in known:
+        text = str(node.value)  # a choice may be a boolean itself
+        if not isinstance(known.get(text), bool):
+            raise mismatch(node, kind)
+    elif isinstance(node.value, dict | list) or node.value is None:
         raise mismatch(node, kind)
     else:
         text = _text(node, kind)

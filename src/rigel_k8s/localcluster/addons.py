@@ -165,6 +165,7 @@ def storage(layout: Layout) -> list[Object]:
         "args": ["start", "--config", "/etc/config/config.json"],
         "env": [
             {"name": "POD_NAMESPACE", "value": space},
+            {"name": "SERVICE_ACCOUNT_NAME", "value": name},
             {"name": "CONFIG_MOUNT_PATH", "value": "/etc/config/"},
         ],
         "volumeMounts": [{"name": "config", "mountPath": "/etc/config/"}],

@@ -30,6 +30,8 @@ root = "/var/lib/containerd"
 state = "/run/containerd"
 [grpc]
   address = "/run/containerd/containerd.sock"
+[plugins."io.containerd.internal.v1.opt"]
+  path = "/var/lib/containerd/opt"
 [plugins."io.containerd.grpc.v1.cri"]
   sandbox_image = "{layout.registry}/rigel-k8s/pause:1"
   restrict_oom_score_adj = {json.dumps(not may_raise_limits())}

@@ -195,7 +195,7 @@ def furnish(state: State, report: Report) -> None:
     report("Installing DNS and storage")
     path = addons.write(layout)
     api.kubectl(layout, "apply", "--server-side", "--force-conflicts", "-f", str(path))
-    report(f"Waiting for {state.nodes} nodes")
+    report("Waiting for the nodes to be Ready")
     wait_for_nodes(layout, state.node_names)
     report("Waiting for DNS and storage")
     for space, name in addons.DEPLOYMENTS:

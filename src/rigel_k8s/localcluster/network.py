@@ -11,12 +11,10 @@ from pathlib import Path
 from rigel_k8s.errors import CommandFailed
 from rigel_k8s.localcluster import forwarding
 from rigel_k8s.localcluster.addresses import Addresses
-from rigel_k8s.localcluster.commands import run
+from rigel_k8s.localcluster.commands import run, succeeds
 from rigel_k8s.localcluster.layout import Layout, number
 
 __all__ = ["create", "mtu", "remove", "route", "wire"]
-
-LINKS = Path("/sys/class/net")
 
 
 def prefix(cluster: str) -> str:
@@ -42,14 +40,20 @@ def table_name(cluster: str) -> str:
 def mtu() -> int:
     """Return the largest packet that leaves this machine whole, at most Ethernet's."""
     routes = json.loads(run(["ip", "-j", "-4", "route", "show", "default"]) or "[]")
-    found = [LINKS / route["dev"] / "mtu" for route in routes if "dev" in route]
-    return min([1500, *(int(path.read_text()) for path in found)])
+    ways_out = {route["dev"] for route in routes if "dev" in route}
+    links = json.loads(run(["ip", "-j", "link", "show"]))
+    return min([1500, *(link["mtu"] for link in links if link["ifname"] in ways_out)])
+
+
+def exists(link: str) -> bool:
+    """Return whether there is an interface; /sys may show another namespace's."""
+    return succeeds(["ip", "link", "show", "dev", link])
 
 
 def create(cluster: str, addresses: Addresses) -> None:
     """Make the segment of a cluster, and its way out."""
     bridge = bridge_name(cluster)
-    if not (LINKS / bridge).exists():
+    if not exists(bridge):
         run(["ip", "link", "add", bridge, "type", "bridge"])
     run(["ip", "link", "set", bridge, "mtu", str(mtu()), "up"])
     address = f"{addresses.machine(1)}/{addresses.machines.prefixlen}"
@@ -100,7 +104,7 @@ def route(layout: Layout, machine: str, nodes: Iterable[str]) -> None:
 def unwire(layout: Layout, machine: str) -> None:
     """Remove a machine's cable and namespace, whose processes have ended."""
     link = link_name(layout.name, machine)
-    if (LINKS / link).exists():
+    if exists(link):
         run(["ip", "link", "del", link])
     if Path("/run/netns", layout.namespace(machine)).exists():
         run(["ip", "netns", "del", layout.namespace(machine)])
@@ -111,7 +115,7 @@ def remove(layout: Layout, machines: Iterable[str]) -> None:
     for machine in machines:
         unwire(layout, machine)
     bridge = bridge_name(layout.name)
-    if (LINKS / bridge).exists():
+    if exists(bridge):
         run(["ip", "link", "del", bridge])
     with suppress(CommandFailed):
         run(["nft", "delete", "table", "ip", table_name(layout.name)])

@@ -8,7 +8,7 @@ from pathlib import Path
 from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.localcluster import cgroups, kubeconfig, machine, network, shared
 from rigel_k8s.localcluster.commands import Report
-from rigel_k8s.localcluster.paths import boot_id
+from rigel_k8s.localcluster.paths import boot_id, names
 from rigel_k8s.localcluster.state import State
 
 __all__ = ["remove"]
@@ -26,9 +26,18 @@ def remove(state: State, report: Report) -> None:
         network.remove(layout, state.machine_names)
         cgroups.remove(state.name)
     for file, before in state.kubeconfigs.items():
+        hand_over(state.context, file, before)
         kubeconfig.remove(Path(file), state.context, before)
     remove_tree(state.directory)
     shared.release(state.name, report)
+
+
+def hand_over(context: str, file: str, before: str | None) -> None:
+    """Let clusters that came after a context go back to the one before it."""
+    for other in filter(None, map(State.load, names())):
+        if other.kubeconfigs.get(file) == context:
+            other.kubeconfigs[file] = before
+            other.save()
 
 
 def remove_tree(path: Path) -> None:

@@ -144,7 +144,8 @@ def restore_sysctls(record: Record, report: Report) -> None:
 
 def bridges() -> list[str]:
     """Return the machine's bridges."""
-    return sorted(path.parent.name for path in Path("/sys/class/net").glob("*/bridge"))
+    links = json.loads(run(["ip", "-j", "link", "show", "type", "bridge"]) or "[]")
+    return sorted(link["ifname"] for link in links if "ifname" in link)
 
 
 def read_sysctl(key: str) -> str | None:

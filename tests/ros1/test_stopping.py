@@ -43,6 +43,33 @@ FILES = {
 RELAY = "/a /b __name:=node"
 NODES = {"rospy": "/usr/share/demo/talker.py", "roscpp": f"/usr/lib/topic_tools/relay {RELAY}"}
 ROSRUN = {"rospy": "rosrun demo talker.py", "roscpp": f"rosrun topic_tools relay {RELAY}"}
+#: A program below roslaunch that counts its signals and needs a second to end.
+COUNTING = {
+    "/usr/share/demo/count.py": """#!/usr/bin/env python
+import signal, time
+signal.signal(signal.SIGINT, lambda *_: print("got SIGINT", flush=True))
+print("counting", flush=True)
+signal.pause()
+time.sleep(1)
+""",
+    "/count.launch": """<launch>
+<node pkg="demo" type="count.py" name="count" output="screen"/>
+</launch>
+""",
+}
+#: A node that takes a second to end and then asks whether the master is still there.
+SLOW = """#!/usr/bin/env python
+import time
+import rospy
+import rosgraph
+def end():
+    time.sleep(1)
+    pid = rosgraph.Master("/slow").getPid()
+    print("unregistering, master answers %d" % bool(pid), flush=True)
+rospy.init_node("slow")
+rospy.on_shutdown(end)
+rospy.spin()
+"""
 #: Says when it has seen /node at the master, and then how long after a line of input it was gone.
 WATCH = f"""
 import sys, time
@@ -133,14 +160,23 @@ def test_roslaunch(pods, eventually, command):
     assert took < 20, "the container had to be killed"
 
 
-def test_own_roscore(pods):
-    """An image that starts roscore itself: the node ends before roscore and so can unregister."""
+def test_launched_once(pods, eventually):
+    """What roslaunch started gets one SIGINT, from roslaunch: a second one would cut it short."""
+    pods.master()
+    pod = pods.start("counts", "roslaunch", "/count.launch", files={**FILES, **COUNTING})
+    eventually(lambda: "counting" in pod.log(), "the node runs")
+    pod.terminate(grace=20)
+    assert pod.log().count("got SIGINT") == 1
+
+
+def test_own_roscore(pods, eventually):
+    """An image that starts roscore itself: roscore outlives the node, which can unregister."""
     pods.master_uri = "http://10.123.0.2:11311"
-    command = "roscore & sleep 3; exec /usr/share/demo/talker.py"
-    pod = pods.node("all", "bash", "-c", command, files=FILES)
-    took = pod.terminate(grace=20)
-    assert took < 20, "the container had to be killed"
-    assert "[/node]" not in pod.log()
+    files = {**FILES, "/slow.py": SLOW}
+    pod = pods.node("all", "bash", "-c", "roscore & sleep 2; exec /slow.py", files=files)
+    assert pod.probe().stdout == "ready: /slow\n", "roscore's own /rosout makes nothing ready"
+    assert pod.terminate(grace=20) < 20, "the container had to be killed"
+    assert "unregistering, master answers 1" in pod.log()
 
 
 def test_hangs(pods):
@@ -159,9 +195,10 @@ def test_only_sigterm(pods, eventually):
     eventually(lambda: pod.pids("sleep 50"), "the shell goes on")
 
 
-def test_master(pods):
+def test_master(pods, eventually):
     """A roscore that gets the hook ends in order, too."""
     master = pods.master()
+    eventually(lambda: "started core service [/rosout]" in master.log(), "roscore is complete")
     assert master.terminate(grace=20) < 20
     assert "shutting down processing monitor complete" in master.log()
 

@@ -32,6 +32,7 @@ ANSWER = 3.0  # seconds that a node has to answer; a busy rospy node needs some
 TICK = 0.2  # seconds between two looks while waiting
 CALM = 10  # looks after which a tick gets five times as long: all pods ask one master
 FRESH = 2.0  # seconds that "this name belongs to another pod" is believed
+ROSOUT = "/rosout"  # belongs to a roscore; where an image starts one itself it makes nothing ready
 SEARCHES = 3  # times that the master is searched for the nodes of one process
 
 
@@ -166,14 +167,14 @@ class Look(object):
         state = self._ask("getSystemState") or [[], [], []]
         entries = [entry for part in state for entry in part]
         names = []  # the latest to register first; each registers /rosout early
-        for _, entry in sorted(entries, key=lambda e: e[0] != "/rosout"):
+        for _, entry in sorted(entries, key=lambda e: e[0] != ROSOUT):
             names += reversed(entry)
         age = {name: index for index, name in reversed(list(enumerate(names)))}
         likely = self._hints()
         return [
             name
             for name in sorted(age, key=lambda n: (not likely(n), age[n]))
-            if time.time() - self.elsewhere.get(name, 0) > FRESH
+            if name != ROSOUT and time.time() - self.elsewhere.get(name, 0) > FRESH
         ]
 
     def _hints(self):

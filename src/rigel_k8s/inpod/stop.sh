@@ -74,9 +74,9 @@ list() {
   done
 }
 
-# Sends SIGINT to process $1, once.
+# Sends SIGINT to process $1, once, unless it is this script or started it.
 interrupt() {
-  has "$told" "$1" && return
+  has "$told$mine" "$1" && return
   told="$told$1 "
   kill -INT "$1" 2>/dev/null
 }
@@ -90,8 +90,8 @@ round() {
     if has "$cores" "$pid" || launched "$pid"; then rest="$rest $pid"; else first="$first $pid"; fi
   done
   for pid in $first; do interrupt "$pid"; done
-  has "$launches" 1 && interrupt 1
-  if [ -z "$first" ] && ! has "$launches" 1 || [ "$1" -ge "$patience" ]; then
+  if [ -z "$first" ] || has "$launches" 1; then interrupt 1; fi
+  if [ "$1" -ge "$patience" ] || [ -z "$first" ] && ! heeds 2; then
     for pid in $rest; do interrupt "$pid"; done
   fi
   [ "$1" -lt $((bound / 2)) ] && return
@@ -102,13 +102,13 @@ round() {
   done
 }
 
-# Whether SIGTERM means nothing to process 1: it neither handles it nor waits for it.
-indifferent() {
+# Whether signal number $1 means something to process 1: it handles it, or waits for it.
+heeds() {
   masks=0
   while read -r key value; do
     case $key in SigBlk: | SigCgt:) masks=$((masks | 0x${value#????????})) ;; esac
   done </proc/1/status
-  [ $((masks >> 14 & 1)) = 0 ]
+  [ $((masks >> ($1 - 1) & 1)) = 1 ]
 }
 
 # Rounds until all but process 1 have ended, then process 1's turn.
@@ -121,17 +121,16 @@ work() {
     [ -z "$first$rest" ] && break
     if sleep 0.1 2>/dev/null; then tenth=$((tenth + 1)); else sleep 1 && tenth=$((tenth + 10)); fi
   done
-  has "$ancestors" 1 || interrupt 1
+  interrupt 1
 }
 
 mine=" $$ " parent=$$
 while look "$parent" && [ "$parent" -gt 0 ]; do mine="$mine$parent "; done
-ancestors=$mine
 group $$
 home=$cgroup
-if indifferent; then
-  work </dev/null >/dev/null 2>&1 &
-else
+if heeds 15; then
   work
+else
+  work </dev/null >/dev/null 2>&1 &
 fi
 exit 0

@@ -6,12 +6,13 @@ It joins manifests/ (pure), the registries and deploy/; each of its parts is a m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.manifests.checks import check
 from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.manifests.partial import is_partial
+from rigel_k8s.plugins.orchestration_places import check_places
 from rigel_k8s.plugins.orchestration_release import (
     Preparation,
     preparation,
@@ -19,9 +20,14 @@ from rigel_k8s.plugins.orchestration_release import (
     release_of,
     timeout_of,
 )
+from rigel_k8s.plugins.orchestration_results import copy_results
+from rigel_k8s.plugins.orchestration_secrets import write_pull_secret
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext
 from rigel_k8s.settings import Application, Settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
 
 __all__ = ["OrchestrationJob", "is_partial", "prepare", "release_of"]
 
@@ -55,8 +61,6 @@ class OrchestrationJob:
             job.report.warn("observability is not deployed by this version: nothing to do")
             return
         with connect(job.settings) as cluster:
-            from rigel_k8s.plugins.orchestration_places import check_places
-
             prepared = preparation(
                 options,
                 job.raw,
@@ -67,46 +71,37 @@ class OrchestrationJob:
                 providers=job.providers,
             )
             check_places(prepared.desired.objects, cluster)
+            write_pull_secret(prepared.desired, prepared.credentials, cluster)
             _deploy(prepared, cluster, job)
             _copy_results(prepared, cluster, job)
 
 
-def _deploy(prepared: Preparation, cluster: object, job: JobContext) -> None:
+def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     from rigel_k8s.deploy.release import deploy
-    from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.plugins.orchestration_secrets import pull_secret
 
-    assert isinstance(cluster, Cluster)
-    with pull_secret(prepared.desired, prepared.credentials, cluster):
-        revision = deploy(
-            prepared.desired,
-            cluster,
-            report=job.report,
-            cancel=job.cancel,
-            timeout=timeout_of(prepared.options, job.settings),
-            adopt=job.settings.adopt,
-            description=job.name,
-        )
-    job.report.line(
-        f"release {revision.release.name} in {revision.release.namespace}:"
-        f" revision {revision.number}"
+    revision = deploy(
+        prepared.desired,
+        cluster,
+        report=job.report,
+        cancel=job.cancel,
+        timeout=timeout_of(prepared.options, job.settings),
+        adopt=job.settings.adopt,
+        description=job.name,
     )
+    release = revision.release
+    job.report.line(f"{release.name} in {release.namespace} is at revision {revision.number}")
 
 
-def _copy_results(prepared: Preparation, cluster: object, job: JobContext) -> None:
-    from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.plugins.orchestration_results import copy_results
-
+def _copy_results(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     results = prepared.options.results
     if results is None:
         return
-    assert isinstance(cluster, Cluster)
     target = job.application.dir / results.target
     try:
         copied = copy_results(results, prepared.desired.release, cluster, target, job.cancel)
     except RigelK8sError as error:
-        if results.wait is not None:
+        if results.wait is not None or isinstance(error, Interrupted):
             raise
-        job.report.warn(f"{error.message}; results.wait waits for them")
+        job.report.warn(f"{error.message}; `results: {{wait: 1m}}` would wait for them")
     else:
-        job.report.line(f"results: {copied}")
+        job.report.line(f"results copied to {copied}")

@@ -9,9 +9,7 @@ from rigel_k8s.sequences.job import Reporter
 __all__ = ["ros1_base"]
 
 
-def ros1_base(
-    report: Reporter, *, variant: ros1base.Variant, push: str | None, force: bool
-) -> str:
+def ros1_base(report: Reporter, *, variant: ros1base.Variant, push: str | None, force: bool) -> str:
     """Build (once) the base image, load it into podman or docker, push it; return its name."""
     image = ros1base.build(report, variant=variant, force=force)
     if push is None:

@@ -1,9 +1,7 @@
-"""logs, exec, forward: what is done with the pods of a ROS node."""
+"""exec and forward, and how the pods of a ROS node are found."""
 
 from __future__ import annotations
 
-import queue
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from typing import Any, BinaryIO
@@ -12,59 +10,62 @@ import attrs
 
 from rigel_k8s.actions.targets import Release, release
 from rigel_k8s.deploy.types import RELEASE_LABEL
-from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.errors import UserError
 from rigel_k8s.kube import Cluster
-from rigel_k8s.manifests.naming import NAME_LABEL, ROS_NAME_ANNOTATION
+from rigel_k8s.manifests.naming import (
+    NAME_LABEL,
+    NODE_ANNOTATION,
+    ROS_NAME_ANNOTATION,
+    object_name,
+)
+from rigel_k8s.manifests.pods import SCRIPTS_PATH
 from rigel_k8s.rigelfile import nearest
 from rigel_k8s.settings import Settings
 
-__all__ = ["LogLine", "LogOptions", "Pod", "execute", "forward", "logs", "pods_of"]
+__all__ = ["Pod", "execute", "forward", "pod_of", "pods_of", "release_pods"]
+
+LOOK = 1.0  # seconds between two looks at a forward
 
 
 @attrs.frozen
 class Pod:
-    """A pod of a release: its object's name, the workload and ROS name it stands for."""
+    """A pod of a release.
+
+    Attributes:
+        workload: the Kubernetes name of what it belongs to.
+        aliases: all names under which a user may mean its node.
+        container: its first container.
+        scripts: whether that has the in-pod scripts.
+    """
 
     name: str
     namespace: str
     workload: str
-    ros_name: str
+    aliases: frozenset[str]
     container: str
+    scripts: bool
     phase: str
     created: str
     ready: bool
 
 
-@attrs.frozen
-class LogOptions:
-    """Which log lines: of the last seconds, the last so many, of the container before."""
-
-    follow: bool = False
-    since: int | None = None
-    tail: int | None = None
-    previous: bool = False
-    timestamps: bool = False
-
-
-@attrs.frozen
-class LogLine:
-    """One line, and the workload and pod it is of."""
-
-    workload: str
-    pod: str
-    text: str
-
-
 def pod_of(item: dict[str, Any]) -> Pod:
     """Return what we need of a pod object."""
     meta, status = item["metadata"], item.get("status", {})
-    conditions = {c["type"]: c["status"] for c in status.get("conditions", [])}
+    notes = meta.get("annotations") or {}
+    workload = (meta.get("labels") or {}).get(NAME_LABEL, "")
+    ros_name = notes.get(ROS_NAME_ANNOTATION, "")
+    conditions = {c["type"]: c["status"] for c in status.get("conditions") or []}
+    container = item["spec"]["containers"][0]
+    mounts = [mount["mountPath"] for mount in container.get("volumeMounts") or []]
+    known = {meta["name"], workload, notes.get(NODE_ANNOTATION, ""), ros_name, ros_name[1:]}
     return Pod(
         name=meta["name"],
         namespace=meta["namespace"],
-        workload=meta.get("labels", {}).get(NAME_LABEL, ""),
-        ros_name=meta.get("annotations", {}).get(ROS_NAME_ANNOTATION, ""),
-        container=item["spec"]["containers"][0]["name"],
+        workload=workload,
+        aliases=frozenset(known - {""}),
+        container=container["name"],
+        scripts=SCRIPTS_PATH in mounts,
         phase="Terminating" if meta.get("deletionTimestamp") else status.get("phase", "Unknown"),
         created=meta.get("creationTimestamp", ""),
         ready=conditions.get("Ready") == "True",
@@ -73,9 +74,8 @@ def pod_of(item: dict[str, Any]) -> Pod:
 
 def release_pods(found: Release) -> list[Pod]:
     """Return all pods of a release."""
-    items = found.cluster.list(
-        "v1", "Pod", found.id.namespace, labels={RELEASE_LABEL: found.id.name}
-    )
+    own = {RELEASE_LABEL: found.id.name}
+    items = found.cluster.list("v1", "Pod", found.id.namespace, labels=own)
     return sorted((pod_of(item) for item in items), key=lambda p: (p.workload, p.created))
 
 
@@ -86,18 +86,15 @@ def pods_of(found: Release, node: str) -> list[Pod]:
         UserError: no pod of the release is of such a node.
     """
     everything = release_pods(found)
-    wanted = {node, "/" + node.lstrip("/")}
-    chosen = [p for p in everything if {p.workload, p.ros_name, p.name} & wanted]
+    chosen = [pod for pod in everything if node in pod.aliases]
+    chosen = chosen or [pod for pod in everything if pod.workload == object_name(node)]
     if chosen:
         return chosen
-    chosen = [p for p in everything if p.workload == node.strip("/").replace("_", "-").lower()]
-    if chosen:
-        return chosen
-    names = sorted({p.workload for p in everything})
+    names = sorted({pod.workload for pod in everything})
     if not names:
         raise UserError(
             f"no pod of {found.id.name} is in the namespace {found.id.namespace}",
-            hint="`rigel status` tells what is there",
+            hint="`rigel status` tells what is there; -n names another namespace",
         )
     close = nearest(node, names)
     meant = f', did you mean "{close}"?' if close else ""
@@ -110,113 +107,13 @@ def running(pods: Sequence[Pod]) -> Pod:
     Raises:
         UserError: none runs.
     """
-    alive = [p for p in pods if p.phase == "Running"]
+    alive = [pod for pod in pods if pod.phase == "Running"]
     if not alive:
         raise UserError(
-            f"no pod of {pods[0].workload} runs ({pods[-1].name} is {pods[-1].phase})",
+            f"no pod of {pods[0].workload} runs: {pods[-1].name} is {pods[-1].phase}",
             hint="`rigel status` says why",
         )
-    return max(alive, key=lambda p: (p.ready, p.created))
-
-
-def logs(settings: Settings, nodes: Sequence[str], options: LogOptions) -> Iterator[LogLine]:
-    """Yield log lines of the nodes (all, where none is named); follows new pods where asked to."""
-    found = release(settings)
-    with found.cluster as cluster:
-        chosen = [p for n in nodes for p in pods_of(found, n)] if nodes else release_pods(found)
-        if options.follow:
-            yield from followed(cluster, found, {p.workload for p in chosen}, options)
-            return
-        for pod in chosen:
-            for text in pod_lines(cluster, pod, options):
-                yield LogLine(pod.workload, pod.name, text)
-
-
-def pod_lines(cluster: Cluster, pod: Pod, options: LogOptions, **more: Any) -> Iterator[str]:
-    """Yield one pod's log lines."""
-    return cluster.logs(
-        pod.namespace,
-        pod.name,
-        pod.container,
-        since_seconds=options.since,
-        tail=options.tail,
-        previous=options.previous,
-        timestamps=options.timestamps,
-        **more,
-    )
-
-
-def followed(
-    cluster: Cluster, found: Release, workloads: set[str], options: LogOptions
-) -> Iterator[LogLine]:
-    """Yield lines of all pods of the workloads as they come, through roll-outs, until interrupted."""
-    lines: queue.Queue[LogLine] = queue.Queue()
-    stop = threading.Event()
-    watcher = threading.Thread(
-        target=follow_pods, args=(cluster, found, workloads, options, lines, stop), daemon=True
-    )
-    watcher.start()
-    try:
-        while watcher.is_alive() or not lines.empty():
-            try:
-                yield lines.get(timeout=0.2)
-            except queue.Empty:
-                continue
-    finally:
-        stop.set()
-
-
-def follow_pods(
-    cluster: Cluster,
-    found: Release,
-    workloads: set[str],
-    options: LogOptions,
-    lines: queue.Queue[LogLine],
-    stop: threading.Event,
-) -> None:
-    """Watch the pods, and give each container's run a thread that follows its log."""
-    known: set[tuple[str, int]] = set()
-    while not stop.is_set():
-        events = cluster.watch(
-            "v1", "Pod", found.id.namespace, labels={RELEASE_LABEL: found.id.name}, cancel=stop
-        )
-        for event in events:
-            pod = pod_of(event.object)
-            restarts = started_runs(event.object)
-            if pod.workload not in workloads or restarts is None:
-                continue
-            if (pod.name, restarts) not in known:
-                first = not any(name == pod.name for name, _ in known)
-                known.add((pod.name, restarts))
-                threading.Thread(
-                    target=follow_one,
-                    args=(cluster, pod, options if first else LogOptions(), lines, stop),
-                    daemon=True,
-                ).start()
-
-
-def started_runs(item: dict[str, Any]) -> int | None:
-    """Return how often the first container was restarted, None while it has not started."""
-    statuses = item.get("status", {}).get("containerStatuses", [])
-    if not statuses or not ({"running", "terminated"} & set(statuses[0].get("state", {}))):
-        return None
-    return int(statuses[0].get("restartCount", 0))
-
-
-def follow_one(
-    cluster: Cluster,
-    pod: Pod,
-    options: LogOptions,
-    lines: queue.Queue[LogLine],
-    stop: threading.Event,
-) -> None:
-    """Put one container's log lines into the queue until it ends."""
-    try:
-        for text in pod_lines(cluster, pod, options, follow=True, cancel=stop):
-            lines.put(LogLine(pod.workload, pod.name, text))
-    except ClusterError as error:
-        if not stop.is_set():
-            lines.put(LogLine(pod.workload, pod.name, f"(its log ended: {error.message})"))
+    return max(alive, key=lambda pod: (pod.ready, pod.created))
 
 
 def execute(
@@ -228,17 +125,19 @@ def execute(
     stdout: BinaryIO,
     stderr: BinaryIO,
     tty: bool,
+    job: str | None = None,
 ) -> int:
-    """Run a command in a node's container with ROS set up; return its exit code."""
-    from rigel_k8s.manifests.pods import SCRIPTS_PATH
+    """Run a command in a node's container with ROS set up; return its exit code.
 
-    found = release(settings)
+    Without a command it is a shell. A container without our scripts gets the command as it is.
+    """
+    found = release(settings, job)
     with found.cluster as cluster:
         pod = running(pods_of(found, node))
         return cluster.exec(
             pod.namespace,
             pod.name,
-            ["/bin/sh", f"{SCRIPTS_PATH}/exec.sh", *command],
+            in_pod(pod, command),
             container=pod.container,
             stdin=stdin,
             stdout=stdout,
@@ -247,12 +146,36 @@ def execute(
         )
 
 
-def forward(settings: Settings, node: str, ports: dict[int, int]) -> Iterator[dict[int, int]]:
-    """Forward local ports to a node's pod (remote -> local, 0 any); yield once, end by closing."""
-    found = release(settings)
+def in_pod(pod: Pod, command: Sequence[str]) -> list[str]:
+    """Return what to run in a pod, so that it finds ROS set up."""
+    if pod.scripts:
+        return ["/bin/sh", f"{SCRIPTS_PATH}/exec.sh", *command]
+    return list(command) or ["/bin/sh"]
+
+
+def forward(
+    settings: Settings, node: str, ports: dict[int, int], job: str | None = None
+) -> Iterator[str]:
+    """Forward local ports to a node's pod (remote -> local, 0 any); yield what is told meanwhile.
+
+    Ends when the pod has gone, with a UserError that says so; else when it is closed.
+    """
+    found = release(settings, job)
     with found.cluster as cluster:
         pod = running(pods_of(found, node))
-        with cluster.port_forward(pod.namespace, pod.name, ports) as open_ports:
-            yield dict(open_ports.ports)
+        with cluster.port_forward(pod.namespace, pod.name, ports) as opened:
+            yield from (f"127.0.0.1:{lo} -> {pod.name}:{re}" for re, lo in opened.ports.items())
+            told = 0
             while True:
-                time.sleep(3600)
+                time.sleep(LOOK)
+                if told < len(opened.errors):
+                    yield from opened.errors[told:]
+                    told = len(opened.errors)
+                    still_there(cluster, pod, node)
+
+
+def still_there(cluster: Cluster, pod: Pod, node: str) -> None:
+    """Raise where a pod has ended: connections to it can only fail from now on."""
+    there = cluster.list("v1", "Pod", pod.namespace, fields=f"metadata.name={pod.name}")
+    if not there or pod_of(there[0]).phase != "Running":
+        raise UserError(f"the pod {pod.name} is gone", hint=f"run it again for {node}'s next pod")

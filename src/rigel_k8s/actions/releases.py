@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import attrs
 
-from rigel_k8s.actions.targets import release, target
+from rigel_k8s.actions.interruption import interruptible
+from rigel_k8s.actions.targets import job_of, release
 from rigel_k8s.deploy import release as deploys
+from rigel_k8s.deploy import removal
+from rigel_k8s.deploy import status as states
 from rigel_k8s.deploy.difference import difference
 from rigel_k8s.deploy.prepare import prepared
-from rigel_k8s.deploy.status import ReleaseStatus
-from rigel_k8s.deploy.status import status as status_of
 from rigel_k8s.deploy.types import Manifest, Plan, ReleaseId, Revision
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import connect
@@ -19,38 +20,48 @@ from rigel_k8s.plugins.orchestration import is_partial, prepare
 from rigel_k8s.sequences.job import Reporter
 from rigel_k8s.settings import Settings
 
-__all__ = ["Difference", "diff", "down", "history", "render", "rollback", "status"]
+__all__ = ["Difference", "Manifests", "diff", "down", "history", "render", "rollback", "status"]
+
+
+@attrs.frozen
+class Manifests:
+    """What apply would send, and the warnings of the job's check."""
+
+    objects: tuple[Manifest, ...]
+    warnings: tuple[str, ...]
 
 
 @attrs.frozen
 class Difference:
-    """What a job would change: the plan, and the same as text ("" where nothing)."""
+    """What a job would change: the plan, the same as text ("" where nothing), and warnings."""
 
     plan: Plan
     text: str
+    warnings: tuple[str, ...]
 
 
-def render(settings: Settings, job: str | None) -> tuple[Manifest, ...]:
+def render(settings: Settings, job: str | None) -> Manifests:
     """Return the manifests that apply would send.
 
     The cluster is asked only where the Rigelfile alone does not say enough: a job that describes
     a part of a release is laid over the release's last revision.
     """
-    found = target(settings, job)
+    found = job_of(settings, job)
     cluster = connect(settings) if is_partial(found.raw) else None
-    return prepared(prepare(found.options, found.raw, found.application, settings, cluster=cluster))
+    desired = prepare(found.options, found.raw, found.application, settings, cluster=cluster)
+    return Manifests(prepared(desired), found.warnings)
 
 
 def diff(settings: Settings, job: str | None) -> Difference:
     """Return what a job would change on the cluster; nothing is written."""
-    found = target(settings, job)
+    found = job_of(settings, job)
     with connect(settings) as cluster:
         desired = prepare(found.options, found.raw, found.application, settings, cluster=cluster)
         plan = deploys.diff(desired, cluster, adopt=settings.adopt)
-    return Difference(plan, difference(plan))
+    return Difference(plan, difference(plan), found.warnings)
 
 
-def status(settings: Settings, job: str | None) -> ReleaseStatus:
+def status(settings: Settings, job: str | None) -> states.ReleaseStatus:
     """Return what of a release runs where.
 
     Raises:
@@ -58,7 +69,7 @@ def status(settings: Settings, job: str | None) -> ReleaseStatus:
     """
     found = release(settings, job)
     with found.cluster as cluster:
-        return status_of(cluster, found.id)
+        return states.status(cluster, found.id)
 
 
 def history(settings: Settings, job: str | None) -> Sequence[Revision]:
@@ -71,12 +82,13 @@ def history(settings: Settings, job: str | None) -> Sequence[Revision]:
 def rollback(settings: Settings, job: str | None, number: int | None, report: Reporter) -> Revision:
     """Deploy an earlier revision's objects again; None is the good one before the present."""
     found = release(settings, job)
-    with found.cluster as cluster:
+    with found.cluster as cluster, interruptible() as cancel:
         return deploys.rollback(
             cluster,
             found.id,
             number,
             report=report,
+            cancel=cancel,
             timeout=settings.timeout,
             adopt=settings.adopt,
         )
@@ -85,14 +97,24 @@ def rollback(settings: Settings, job: str | None, number: int | None, report: Re
 def down(
     settings: Settings, job: str | None, report: Reporter, *, volumes: bool
 ) -> tuple[ReleaseId, Plan]:
-    """Delete a release's objects; claims and volumes only where asked for."""
+    """Delete a release's objects; claims and volumes only where asked for.
+
+    Raises:
+        UserError: there is nothing of it.
+    """
     found = release(settings, job)
-    with found.cluster as cluster:
-        if not deploys.history(cluster, found.id):
-            raise UserError(
-                f"there is no release {found.id.name} in the namespace {found.id.namespace}",
-                hint="-n NAMESPACE or --context NAME, if it is elsewhere",
-            )
-        return found.id, deploys.down(
-            cluster, found.id, volumes=volumes, report=report, timeout=settings.timeout
+    with found.cluster as cluster, interruptible() as cancel:
+        plan = removal.down(
+            cluster,
+            found.id,
+            volumes=volumes,
+            report=report,
+            cancel=cancel,
+            timeout=settings.timeout,
         )
+    if not plan.steps:
+        raise UserError(
+            f"there is no release {found.id.name} in the namespace {found.id.namespace}",
+            hint="-n NAMESPACE or --context NAME, if it is elsewhere",
+        )
+    return found.id, plan

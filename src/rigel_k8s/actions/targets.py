@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import attrs
@@ -17,82 +18,130 @@ from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.sequences import registry
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Release", "Target", "release", "target"]
+__all__ = ["Job", "Release", "job_of", "names", "release"]
 
 
 @attrs.frozen
-class Target:
-    """An orchestration job with its options, as far as they are known without a run."""
+class Job:
+    """An orchestration job, all of whose options are known and right.
 
-    job: str
+    Attributes:
+        warnings: what its options' check has to say, rendered.
+    """
+
+    name: str
     options: Any
     raw: Mapping[str, Any]
     application: Application
-    settings: Settings
+    warnings: tuple[str, ...]
 
 
 @attrs.frozen
 class Release:
-    """A release on a cluster."""
+    """A release on a cluster, connected."""
 
     cluster: Cluster
     id: ReleaseId
-    target: Target
 
 
-def target(settings: Settings, job: str | None) -> Target:
+def job_of(settings: Settings, name: str | None) -> Job:
     """Return the named orchestration job, or the one that the Rigelfile has.
 
     Raises:
         UserError: there is none, or several releases and no name; they are listed.
-        ProblemsError: the job's options are wrong.
+        ProblemsError: the job's options are wrong, or wait for data of other jobs.
     """
     rigelfile = load(settings)
-    targets = [realised(rigelfile, spec, settings) for spec in candidates(rigelfile, job)]
-    full = [t for t in targets if not is_partial(t.raw)] or targets
-    names = {(t.options.namespace, t.options.deployment_name) for t in full}
-    if len(names) > 1:
-        listed = ", ".join(t.job for t in full)
-        raise UserError(f"the Rigelfile has several releases: name a job of {listed}")
-    return full[0]
+    spec = chosen(rigelfile, settings, name)
+    made = grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
+    findings = made.placed(OrchestrationJob().check(made.options, rigelfile.application))
+    if any(finding.severity == "error" for finding in findings):
+        raise grammar.problems_error(rigelfile.source, findings)
+    told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
+    return Job(spec.name, made.options, made.raw, rigelfile.application, told)
 
 
-def candidates(rigelfile: Rigelfile, job: str | None) -> list[ComponentSpec]:
-    """Return the orchestration jobs that may be meant."""
-    ours = {n: s for n, s in rigelfile.jobs.items() if is_orchestration(rigelfile, s)}
-    if job is None:
-        if not ours:
-            raise UserError(
-                f"{rigelfile.source.name} has no orchestration job",
-                hint="a job with `plugin: rigel_k8s.OrchestrationPlugin` deploys an application",
-            )
-        return list(ours.values())
-    if job in ours:
-        return [ours[job]]
-    if job in rigelfile.jobs:
-        raise UserError(f'the job "{job}" deploys nothing', hint=f"jobs that do: {', '.join(ours)}")
-    close = grammar.nearest(job, ours)
+def release(settings: Settings, job: str | None = None) -> Release:
+    """Return the release of a job, connected; of its options only the two names must be known.
+
+    Raises: as job_of.
+    """
+    rigelfile = load(settings)
+    options = names_of(rigelfile, chosen(rigelfile, settings, job))
+    cluster = connect(settings)
+    return Release(cluster, release_of(options, settings, cluster))
+
+
+def names(settings: Settings) -> list[str]:
+    """Return the names of all orchestration jobs."""
+    return [spec.name for spec in candidates(load(settings), settings)]
+
+
+def chosen(rigelfile: Rigelfile, settings: Settings, name: str | None) -> ComponentSpec:
+    """Return the job that is meant: deploy and update jobs of one release count as one."""
+    specs = candidates(rigelfile, settings)
+    if name is not None:
+        return named(rigelfile, specs, name)
+    if not specs:
+        raise UserError(
+            f"{rigelfile.source.name} has no orchestration job",
+            hint="a job with `plugin: rigel_k8s.OrchestrationPlugin` deploys an application",
+        )
+    by_release: dict[tuple[str, str], list[ComponentSpec]] = {}
+    for spec in specs:
+        options = names_of(rigelfile, spec)
+        where = settings.namespace or str(options.namespace or "")
+        by_release.setdefault((where, str(options.deployment_name)), []).append(spec)
+    if len(by_release) > 1:
+        listed = ", ".join(same[0].name for same in by_release.values())
+        raise UserError("the Rigelfile has several releases", hint=f"name a job, one of: {listed}")
+    return next((spec for spec in specs if not is_partial(spec_keys(spec))), specs[0])
+
+
+def candidates(rigelfile: Rigelfile, settings: Settings) -> list[ComponentSpec]:
+    """Return all orchestration jobs."""
+    directory = settings.rigelfile.absolute().parent
+    return [spec for spec in rigelfile.jobs.values() if is_orchestration(spec, directory)]
+
+
+def named(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> ComponentSpec:
+    """Return the job of that name."""
+    ours = {spec.name: spec for spec in specs}
+    if name in ours:
+        return ours[name]
+    hint = f"jobs that deploy: {', '.join(ours) or 'none'}"
+    if name in rigelfile.jobs:
+        raise UserError(f'the job "{name}" deploys nothing', hint=hint)
+    close = grammar.nearest(name, ours)
     meant = f', did you mean "{close}"?' if close else ""
-    raise UserError(f'there is no job "{job}"{meant}', hint=f"jobs that deploy: {', '.join(ours)}")
+    raise UserError(f'there is no job "{name}"{meant}', hint=hint)
 
 
-def is_orchestration(rigelfile: Rigelfile, spec: ComponentSpec) -> bool:
+def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
     """Return whether a job's type is ours; an unknown one is somebody else's."""
     try:
-        found = registry.job_type(spec.plugin, rigelfile.application.dir)
+        found = registry.job_type(spec.plugin, directory)
     except UserError:
         return False
     return isinstance(found, OrchestrationJob)
 
 
-def realised(rigelfile: Rigelfile, spec: ComponentSpec, settings: Settings) -> Target:
-    """Return a job with its options; data of earlier jobs is not known here."""
-    result = grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
-    return Target(spec.name, result.options, result.raw, rigelfile.application, settings)
+def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
+    """Return a job's `with` as far as it stands in the file."""
+    plain: dict[str, Any] = grammar.plain(spec.options)
+    return plain
 
 
-def release(settings: Settings, job: str | None = None) -> Release:
-    """Return the release of a job, connected."""
-    found = target(settings, job)
-    cluster = connect(settings)
-    return Release(cluster, release_of(found.options, settings, cluster), found)
+def names_of(rigelfile: Rigelfile, spec: ComponentSpec) -> Any:
+    """Return a job's options as far as they are known without a run, and the release's names.
+
+    Raises:
+        ProblemsError: something is wrong with them, or a name waits for data of another job.
+    """
+    seen = grammar.preview(rigelfile, spec, None, {}, OrchestrationJob.options)
+    if seen.findings:
+        raise grammar.problems_error(rigelfile.source, seen.findings)
+    options = seen.options if seen.options is not None else seen.draft
+    if any("{{" in str(name) for name in (options.namespace, options.deployment_name)):
+        grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
+    return options

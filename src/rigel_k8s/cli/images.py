@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import click
 
-from rigel_k8s.cli.words import colored, quiet
+from rigel_k8s.cli.words import reporting
 
 __all__ = ["image"]
 
@@ -26,8 +26,7 @@ def image() -> None:
 def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: bool) -> None:  # noqa: FBT001
     """A ROS 1 base image from Debian's packages, used just as ros:noetic is."""
     from rigel_k8s.actions import images
-    from rigel_k8s.cli.reports import reporter
 
-    with reporter(quiet=quiet(ctx), color=colored(ctx)) as report:
+    with reporting(ctx) as report:
         name = images.ros1_base(report, variant=variant, push=push, force=force)
     click.echo(name)

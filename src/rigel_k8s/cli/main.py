@@ -95,12 +95,16 @@ class Commands(click.Group):
 )
 @click.option("-n", "--namespace", metavar="NAME", help="The Kubernetes namespace.")
 @click.option("-q", "--quiet", is_flag=True, help="Tell only warnings and results.")
+@click.option(
+    "-v", "--verbose", is_flag=True, help="Every change as a line, errors with their traceback."
+)
 @click.option("--no-color", is_flag=True, help="No colour, no live rows (as $NO_COLOR).")
 @click.version_option(__version__, prog_name="rigel-k8s")
 @click.pass_context
 def cli(ctx: click.Context, /, **options: Any) -> None:
     """ROS applications on Kubernetes from one Rigelfile."""
-    ctx.obj = options
+    ctx.obj = {} if ctx.obj is None else ctx.obj
+    ctx.obj.update(options)
     if options["no_color"] or os.environ.get("NO_COLOR"):
         ctx.color = False
 
@@ -110,18 +114,32 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
 
     Exit codes: 0, 1 something went wrong, 2 what the user wrote is wrong, 130 interrupted; `exec`
     passes on its command's, `diff --exit-code` says 1 where there are differences.
+
+    Args:
+        name: the program's name where it was not called by it; never handed over to Rigel then.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    if name is None and words[:1] in (["init"], ["run"]):
+        from rigel_k8s.compat import handover
+
+        entry = handover([sys.argv[0], *words])
+        if entry is not None:
+            sys.exit(entry())
     sys.exit(run(words, name))
 
 
 def run(words: list[str], name: str | None) -> int:
     """Run the words and return the exit code."""
+    options: dict[str, Any] = {}
     try:
-        result = cli.main(args=words, prog_name=name or program(), standalone_mode=False)
+        result = cli.main(
+            args=words, prog_name=name or program(), standalone_mode=False, obj=options
+        )
+        sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except RigelK8sError as error:
-        show(error)
+        color = False if options.get("no_color") or os.environ.get("NO_COLOR") else None
+        show(error, causes=bool(options.get("verbose")), color=color)
         return error.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message())
@@ -136,6 +154,8 @@ def run(words: list[str], name: str | None) -> int:
         # Whoever read our output has ended (`| head`): nothing is wrong, nothing can be told.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except Exception:
+        return report_bug()
 
 
 def program() -> str:
@@ -143,13 +163,30 @@ def program() -> str:
     return Path(sys.argv[0]).name if sys.argv and sys.argv[0] else "rigel"
 
 
-def show(error: RigelK8sError) -> None:
+def report_bug() -> int:
+    """Print the traceback of what should not have happened, and where to tell it."""
+    from traceback import format_exc
+
+    click.echo(format_exc(), err=True, nl=False)
+    click.echo(
+        f"This is a bug in rigel-k8s {__version__}: please report it, with the lines above and the"
+        " command that you ran.",
+        err=True,
+    )
+    return 1
+
+
+def show(error: RigelK8sError, *, causes: bool = False, color: bool | None = None) -> None:
     """Print an error: what went wrong, what helps to understand it, what to do next."""
-    click.secho("error: ", fg="red", bold=True, nl=False, err=True)
+    if causes:
+        from traceback import format_exc
+
+        click.echo(format_exc(), err=True, nl=False)
+    click.secho("error: ", fg="red", bold=True, nl=False, err=True, color=color)
     click.echo(error.message, err=True)
     for detail in error.details:
         for line in detail.splitlines():
             click.echo(f"  {line}", err=True)
     if error.hint:
-        click.secho("hint: ", fg="cyan", bold=True, nl=False, err=True)
+        click.secho("hint: ", fg="cyan", bold=True, nl=False, err=True, color=color)
         click.echo(error.hint, err=True)

@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from rigel_k8s.cli.words import Timeout, settings
+from rigel_k8s.cli.words import Timeout, job_option, settings
 
 __all__ = ["exec_", "forward", "logs"]
 
@@ -14,12 +14,13 @@ COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_cyan", "bright_g
 
 
 @click.command()
-@click.argument("nodes", nargs=-1)
+@click.argument("nodes", nargs=-1, metavar="[NODE]...")
 @click.option("-f", "--follow", is_flag=True, help="Go on with new lines, and with new pods.")
 @click.option("--since", type=Timeout(), help="Only the last 30s, 5m, 1h ...")
 @click.option("--tail", type=click.IntRange(min=0), help="Only so many last lines of each pod.")
 @click.option("-p", "--previous", is_flag=True, help="Of the container before its last restart.")
 @click.option("--timestamps", is_flag=True, help="With the time of each line.")
+@job_option
 @click.pass_context
 def logs(
     ctx: click.Context,
@@ -30,11 +31,16 @@ def logs(
     tail: int | None,
     previous: bool,  # noqa: FBT001
     timestamps: bool,  # noqa: FBT001
+    job: str | None,
 ) -> None:
-    """Print the logs of ROS nodes; of all, where none is named."""
-    from rigel_k8s.actions import pods
+    """Print the logs of ROS nodes; of all, where none is named.
 
-    options = pods.LogOptions(
+    Lines of one node are printed as they are, those of several with the node's name before them.
+    """
+    from rigel_k8s.actions.logs import LogOptions
+    from rigel_k8s.actions.logs import logs as lines_of
+
+    options = LogOptions(
         follow=follow,
         since=None if since is None else max(1, round(since)),
         tail=tail,
@@ -42,19 +48,19 @@ def logs(
         timestamps=timestamps,
     )
     colors: dict[str, str] = {}
-    for line in pods.logs(settings(ctx), nodes, options):
-        if len(nodes) == 1:
-            click.echo(line.text)
-            continue
+    for line in lines_of(settings(ctx), nodes, options, job):
         color = colors.setdefault(line.workload, COLORS[len(colors) % len(COLORS)])
-        click.echo(click.style(f"[{line.workload}] ", fg=color) + line.text)
+        alone = len(nodes) == 1 and not line.note
+        prefix = "" if alone else click.style(f"[{line.workload}] ", fg=color)
+        click.echo(prefix + line.text, err=line.note)
 
 
 @click.command("exec", context_settings={"ignore_unknown_options": True})
 @click.argument("node")
 @click.option("-i", "--stdin", is_flag=True, help="Pass standard input on.")
 @click.option("-t", "--tty", is_flag=True, help="Give the command a terminal.")
-@click.argument("command", nargs=-1, type=click.UNPROCESSED)
+@job_option
+@click.argument("command", nargs=-1, type=click.UNPROCESSED, metavar="-- [COMMAND]...")
 @click.pass_context
 def exec_(
     ctx: click.Context,
@@ -62,16 +68,21 @@ def exec_(
     node: str,
     stdin: bool,  # noqa: FBT001 - click passes them by name
     tty: bool,  # noqa: FBT001
+    job: str | None,
     command: tuple[str, ...],
 ) -> int:
     """Run a command in a ROS node's container, with ROS set up.
 
-    rigel exec talker -- rostopic list; without a command, a shell (-it).
+    rigel exec talker -- rostopic list; without a command, a shell (-it). The command's exit code
+    becomes rigel's.
     """
     from rigel_k8s.actions import pods
 
+    terminal = sys.stdin.isatty()
     if not command and not (stdin or tty):
-        stdin = tty = sys.stdin.isatty()
+        stdin, tty = True, terminal
+    if tty and not terminal:
+        click.echo("warning: standard input is no terminal, so the command gets none", err=True)
     sys.stdout.flush()
     return pods.execute(
         settings(ctx),
@@ -80,7 +91,8 @@ def exec_(
         stdin=sys.stdin.buffer if stdin else None,
         stdout=sys.stdout.buffer,
         stderr=sys.stderr.buffer,
-        tty=tty,
+        tty=tty and terminal,
+        job=job,
     )
 
 
@@ -101,12 +113,13 @@ def port_pair(text: str) -> tuple[int, int]:
 @click.command()
 @click.argument("node")
 @click.argument("ports", nargs=-1, required=True, metavar="[LOCAL:]PORT...")
+@job_option
 @click.pass_context
-def forward(ctx: click.Context, /, node: str, ports: tuple[str, ...]) -> None:
+def forward(ctx: click.Context, /, node: str, ports: tuple[str, ...], job: str | None) -> None:
     """Forward local ports to a ROS node's pod until Ctrl-C."""
     from rigel_k8s.actions import pods
 
     wanted = dict(port_pair(text) for text in ports)
-    for found in pods.forward(settings(ctx), node, wanted):
-        for remote, local in found.items():
-            click.echo(f"127.0.0.1:{local} -> {node}:{remote}")
+    for text in pods.forward(settings(ctx), node, wanted, job):
+        click.echo(text)
+        sys.stdout.flush()

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
-import attrs
 import click
 
-from rigel_k8s.cli.words import Timeout, colored, json_option, print_json, quiet, settings
+from rigel_k8s.cli.words import (
+    Timeout,
+    job_argument,
+    job_option,
+    json_option,
+    print_json,
+    quiet,
+    reporting,
+    settings,
+    warn,
+)
+from rigel_k8s.errors import UserError
 
 __all__ = ["diff", "down", "history", "render", "rollback", "status"]
-
-job_argument = click.argument("job", required=False)
 
 
 @click.command()
@@ -22,7 +31,9 @@ def render(ctx: click.Context, /, job: str | None) -> None:
     from rigel_k8s.actions import releases
     from rigel_k8s.actions.yaml_text import documents
 
-    click.echo(documents(releases.render(settings(ctx), job)), nl=False)
+    found = releases.render(settings(ctx), job)
+    warn(found.warnings)
+    click.echo(documents(found.objects), nl=False)
 
 
 @click.command()
@@ -35,6 +46,7 @@ def diff(ctx: click.Context, /, job: str | None, exit_code: bool, adopt: bool) -
     from rigel_k8s.actions import releases
 
     found = releases.diff(settings(ctx, adopt=adopt), job)
+    warn(found.warnings)
     for line in found.text.splitlines():
         click.secho(line, fg=line_color(line))
     changes = len(found.plan.changes)
@@ -72,14 +84,11 @@ def summary(plan: Any) -> str:
 def status(ctx: click.Context, /, job: str | None, output: str) -> int:
     """Show what runs where, and why something is not ready. Exit code 1 where something is not."""
     from rigel_k8s.actions import releases
-    from rigel_k8s.cli.tables import status_table
+    from rigel_k8s.cli.tables import status_json, status_text
 
     found = releases.status(settings(ctx), job)
-    if output == "json":
-        print_json(attrs.asdict(found))
-    else:
-        click.echo(status_table(found))
-    return 0 if all(w.ready >= w.desired for w in found.workloads) else 1
+    print_json(status_json(found)) if output == "json" else click.echo(status_text(found))
+    return 0 if all(workload.done for workload in found.workloads) else 1
 
 
 @click.command()
@@ -105,7 +114,7 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
 
 @click.command()
 @click.argument("revision", required=False, type=click.IntRange(min=1))
-@click.option("--job", help="The job whose release is meant, where there are several.")
+@job_option
 @click.option("--timeout", type=Timeout(), help="How long the roll-out may take, 5m say.")
 @click.option("--adopt", is_flag=True, help="As in `run`: take over other tools' fields.")
 @click.pass_context
@@ -119,10 +128,9 @@ def rollback(
 ) -> None:
     """Deploy an earlier revision again; without a number, the good one before the present."""
     from rigel_k8s.actions import releases
-    from rigel_k8s.cli.reports import reporter
 
     words = settings(ctx, timeout=timeout, adopt=adopt)
-    with reporter(quiet=quiet(ctx), color=colored(ctx)) as report:
+    with reporting(ctx) as report:
         new = releases.rollback(words, job, revision, report)
     click.echo(f"revision {new.number}: {new.description}")
 
@@ -143,11 +151,21 @@ def down(
 ) -> None:
     """Take a release away. Claims and volumes stay unless --volumes."""
     from rigel_k8s.actions import releases
-    from rigel_k8s.cli.reports import reporter
 
     if volumes and not yes:
-        click.confirm("Delete claims and volumes with all their data?", abort=True, err=True)
-    with reporter(quiet=quiet(ctx), color=colored(ctx)) as report:
+        confirm("Delete claims and volumes with all their data?")
+    with reporting(ctx) as report:
         found, plan = releases.down(settings(ctx, timeout=timeout), job, report, volumes=volumes)
     gone = sum(1 for step in plan.steps if step.action == "prune")
     click.echo(f"{found.name} is gone from {found.namespace}: {gone} objects deleted")
+
+
+def confirm(question: str) -> None:
+    """Ask; without a terminal nobody can answer.
+
+    Raises:
+        UserError: there is no terminal.
+    """
+    if not sys.stdin.isatty():
+        raise UserError("--volumes deletes data, and there is no terminal to ask", hint="say -y")
+    click.confirm(question, abort=True, err=True)

@@ -123,12 +123,12 @@ class _Table:
 
 
 @contextmanager
-def reporter(*, quiet: bool = False, color: bool | None = None) -> Iterator[Lines | Rows]:
+def reporter(*, quiet: bool = False, plain: bool = False) -> Iterator[Lines | Rows]:
     """Give the reporter that suits where the output goes: rows in a terminal, else lines.
 
     Both write to standard error: standard output belongs to results.
     """
-    if quiet or color is False or not sys.stderr.isatty():
+    if quiet or plain or not sys.stderr.isatty():
         yield Lines(quiet=quiet)
         return
     from rich.console import Console

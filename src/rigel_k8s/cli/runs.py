@@ -6,7 +6,7 @@ from typing import Literal
 
 import click
 
-from rigel_k8s.cli.words import Timeout, colored, quiet, settings
+from rigel_k8s.cli.words import Timeout, reporting, settings
 
 __all__ = ["run"]
 
@@ -29,7 +29,6 @@ def run(
 ) -> None:
     """Run a job or a sequence of the Rigelfile."""
     from rigel_k8s.actions import runs
-    from rigel_k8s.cli.reports import reporter
 
-    with reporter(quiet=quiet(ctx), color=colored(ctx)) as report:
+    with reporting(ctx) as report:
         runs.run(kind, name, settings(ctx, timeout=timeout, adopt=adopt), report)

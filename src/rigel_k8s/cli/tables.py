@@ -1,14 +1,21 @@
-"""Results as columns of text."""
+"""Results as columns of text for people, and as JSON for scripts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from datetime import datetime, timezone
+from typing import Any
 
+import attrs
 import click
 
-from rigel_k8s.deploy.status import ReleaseStatus
+from rigel_k8s.deploy.status import PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.manifests.naming import ROS_NAME_ANNOTATION
 
-__all__ = ["status_table", "table"]
+__all__ = ["age", "status_json", "status_text", "table"]
+
+#: In the words of inpod/ready.py: nothing in ROS 1 registers such a node again.
+ORPHAN = "is an orphan"
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -19,22 +26,105 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def status_table(found: ReleaseStatus) -> str:
+def status_text(found: ReleaseStatus, now: datetime | None = None) -> str:
     """Return a release's workloads and pods, and below them why something is not ready."""
-    rows, reasons = [], []
+    now = now or datetime.now(timezone.utc)
+    heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
+    rows = [row for workload in found.workloads for row in rows_of(workload, now)]
+    parts = [headline(found), table(heads, rows) if rows else "nothing runs"]
+    reasons = "\n".join(click.style(reason, fg="yellow") for reason in reasons_of(found))
+    return "\n\n".join(part for part in (*parts, reasons, way_out(found)) if part)
+
+
+def headline(found: ReleaseStatus) -> str:
+    """Return what it is about."""
+    where = f"release {found.release.name} in namespace {found.release.namespace}"
+    if not found.revision:
+        return f"{where}: no revision"
+    state = {"good": "", "pending": " (not ended)"}
+    told = state.get(found.revision_status, f" ({found.revision_status})")
+    return f"{where}, revision {found.revision}{told}"
+
+
+def rows_of(workload: WorkloadStatus, now: datetime) -> Iterator[list[str]]:
+    """Yield a row for each pod of a workload, or one where it has none."""
+    ros_name = workload.annotations.get(ROS_NAME_ANNOTATION, "-")
+    name = [workload.name, ros_name, f"{workload.ready}/{workload.desired}"]
+    for pod in workload.pods:
+        on = pod.node or "-"
+        yield [*name, pod.name, on, str(pod.restarts), age(pod.created, now), short(pod.image)]
+    if not workload.pods:
+        yield [*name, "-", "-", "-", "-", "-"]
+
+
+def reasons_of(found: ReleaseStatus) -> Iterator[str]:
+    """Yield why something is not ready: of each workload, and of its pods what adds to it."""
     for workload in found.workloads:
-        ready = f"{workload.ready}/{workload.desired}"
-        pods = workload.pods or [None]
-        for pod in pods:
-            cells = (
-                (pod.name, pod.node, str(pod.restarts), pod.age) if pod else ("-", "-", "-", "-")
-            )
-            rows.append([workload.name, ready, *cells])
-            if pod and pod.message:
-                reasons.append(f"{pod.name}: {pod.message}")
-        if workload.message:
-            reasons.append(f"{workload.name}: {workload.message}")
-    heads = ["NODE", "READY", "POD", "ON", "RESTARTS", "AGE"]
-    text = table(heads, rows) if rows else "nothing runs"
-    told = "\n".join(click.style(reason, fg="yellow") for reason in reasons)
-    return f"{text}\n\n{told}" if told else text
+        if not workload.done and workload.message:
+            yield f"{workload.name}: {workload.message}"
+        for pod in unready(workload):
+            if pod.message and pod.message not in workload.message:
+                yield f"{pod.name}: {pod.message}"
+
+
+def unready(workload: WorkloadStatus) -> list[PodStatus]:
+    """Return the pods that are not ready and should be; one that ends has no need to."""
+    return [pod for pod in workload.pods if not pod.ready and pod.phase != "Terminating"]
+
+
+def way_out(found: ReleaseStatus) -> str:
+    """Return the command that brings nodes back which roscore has forgotten."""
+    orphans = [w.name for w in found.workloads if any(ORPHAN in p.message for p in unready(w))]
+    if not orphans:
+        return ""
+    names = " ".join(orphans)
+    count = "It comes" if len(orphans) == 1 else "They come"
+    return (
+        f"roscore has restarted and forgotten {names}. {count} back with\n"
+        f"  kubectl -n {found.release.namespace} rollout restart deployment {names}"
+    )
+
+
+def age(created: str, now: datetime) -> str:
+    """Return how long ago a time of Kubernetes' was: 42s, 12m, 5h, 3d."""
+    try:
+        then = datetime.strptime(created, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=timezone.utc)
+    except ValueError:
+        return "-"
+    seconds = max(0, int((now - then).total_seconds()))
+    for unit, size in (("d", 86400), ("h", 3600), ("m", 60)):
+        if seconds >= 2 * size:
+            return f"{seconds // size}{unit}"
+    return f"{seconds}s"
+
+
+def short(image: str) -> str:
+    """Return an image with a digest short enough for a table."""
+    name, at, digest = image.partition("@sha256:")
+    return f"{name}{at}{digest[:7]}" if at else image or "-"
+
+
+def status_json(found: ReleaseStatus) -> dict[str, Any]:
+    """Return a release as scripts get it (docs/cli.md)."""
+    return {
+        "release": found.release.name,
+        "namespace": found.release.namespace,
+        "revision": found.revision,
+        "revision_status": found.revision_status,
+        "ready": all(workload.done for workload in found.workloads),
+        "workloads": [workload_json(workload) for workload in found.workloads],
+    }
+
+
+def workload_json(workload: WorkloadStatus) -> dict[str, Any]:
+    """Return a workload as scripts get it."""
+    return {
+        "kind": workload.kind,
+        "name": workload.name,
+        "ros_name": workload.annotations.get(ROS_NAME_ANNOTATION),
+        "ready": workload.ready,
+        "desired": workload.desired,
+        "done": workload.done,
+        "message": workload.message,
+        "pods": [attrs.asdict(pod) for pod in workload.pods],
+    }

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from collections.abc import Iterable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rigel_k8s.settings import Settings
 
-__all__ = ["Timeout", "colored", "json_option", "print_json", "quiet", "settings"]
+if TYPE_CHECKING:
+    from rigel_k8s.sequences.job import Reporter
+
+__all__ = [
+    "Timeout",
+    "job_argument",
+    "job_option",
+    "json_option",
+    "print_json",
+    "quiet",
+    "reporting",
+    "settings",
+    "warn",
+]
 
 
 def settings(ctx: click.Context, *, timeout: float | None = None, adopt: bool = False) -> Settings:
@@ -30,9 +46,19 @@ def quiet(ctx: click.Context) -> bool:
     return bool(ctx.find_root().obj["quiet"])
 
 
-def colored(ctx: click.Context) -> bool | None:
-    """Return False where colour was refused, None where the terminal decides."""
-    return ctx.find_root().color
+def reporting(ctx: click.Context) -> AbstractContextManager[Reporter]:
+    """Return the reporter that suits the options and the terminal."""
+    from rigel_k8s.cli.reports import reporter
+
+    words = ctx.find_root().obj
+    plain = words["verbose"] or ctx.find_root().color is False
+    return reporter(quiet=words["quiet"], plain=plain)
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """Print warnings on standard error."""
+    for text in warnings:
+        click.echo(text, err=True)
 
 
 class Timeout(click.ParamType[float]):
@@ -65,3 +91,25 @@ json_option = click.option(
 def print_json(data: Any) -> None:
     """Print data for a script."""
     click.echo(json.dumps(data, indent=2, default=str))
+
+
+def complete_job(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Return the Rigelfile's orchestration jobs; a shell's completion must not fail."""
+    from rigel_k8s.actions import targets
+    from rigel_k8s.errors import RigelK8sError
+
+    file = ctx.find_root().params.get("rigelfile") or Path("Rigelfile")
+    try:
+        found = targets.names(Settings(rigelfile=Path(file)))
+    except RigelK8sError:
+        return []
+    return [name for name in found if name.startswith(incomplete)]
+
+
+job_argument = click.argument("job", required=False, shell_complete=complete_job)
+job_option = click.option(
+    "--job",
+    metavar="JOB",
+    help="The job whose release is meant, where there are several.",
+    shell_complete=complete_job,
+)

@@ -38,6 +38,7 @@ class PodStatus:
         node: the cluster node that it runs on, "" before one takes it.
         message: why it is not ready, "" where it is.
         created: when it was made, as Kubernetes writes times.
+        image: that of its first container.
     """
 
     name: str
@@ -48,6 +49,7 @@ class PodStatus:
     restarts: int
     message: str
     created: str
+    image: str = ""
 
 
 @attrs.frozen
@@ -173,6 +175,7 @@ def of_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
         sum(int(c.get("restartCount", 0)) for c in containers(state)),
         "" if ready else why(pod, events),
         meta.get("creationTimestamp", ""),
+        next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
     )
 
 

@@ -26,8 +26,8 @@ class ObjectRef:
 
 
 def ref_of(manifest: Manifest) -> ObjectRef:
-    """Return the reference of a manifest or live object."""
+    """Return the reference of a manifest or live object; a review, say, has no name."""
     meta = manifest["metadata"]
     return ObjectRef(
-        manifest["apiVersion"], manifest["kind"], meta.get("namespace", ""), meta["name"]
+        manifest["apiVersion"], manifest["kind"], meta.get("namespace", ""), meta.get("name", "")
     )

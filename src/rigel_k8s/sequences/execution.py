@@ -181,12 +181,12 @@ class Execution:
                 self._work(job, branch, scope, where, ready)
         except Stopped as end:
             failed = end.__cause__ and not isinstance(end.__cause__, Interrupted)
-            branch.report.progress(job.name, "failed" if failed else "stopped", done=True)
+            branch.report.progress(job.name, "failed" if failed else "stopped")
             raise
         finally:
             scope.cancel()
         stopped = branch.scope.cancelled.is_set()
-        branch.report.progress(job.name, "stopped" if stopped else "done", done=True)
+        branch.report.progress(job.name, "stopped" if stopped else "done", done=not stopped)
 
     def _work(
         self, job: Job, branch: Branch, scope: Scope, where: str, ready: threading.Event | None

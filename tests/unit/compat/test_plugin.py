@@ -218,7 +218,7 @@ def test_a_failure_is_rigels_error(
 def test_the_registry_is_connected_once_for_our_plugins(
     rigel: None, here: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """By ourselves where Rigel's own hands no credentials on, else by Rigel, through ours."""
+    """By ourselves where Rigel's own hands none on, else by Rigel, through ours."""
     text = (here / "Rigelfile").read_text()
     provider = f"{{provider: {name}ContainerRegistryProvider, with: {REGISTRY}}}"
     (here / "Rigelfile").write_text(f"{text}\nproviders: {{r: {provider}}}\n")

@@ -106,8 +106,8 @@ def test_the_failed_job_and_the_stopped_one_are_told_apart(
     body = Jobs((make_job("deploy", work),))
     with pytest.raises(JobFailed):
         run_steps(Jobs((make_branches({"robot": ["r1", "r2"]}, body),)), around)
-    assert ("/robot=r2", "progress", "deploy failed .") in told.told
-    assert ("/robot=r1", "progress", "deploy stopped .") in told.told
+    assert ("/robot=r2", "progress", "deploy failed") in told.told
+    assert ("/robot=r1", "progress", "deploy stopped") in told.told
 
 
 def test_an_error_of_the_user_keeps_exit_code_two(around: Surroundings) -> None:

@@ -9,8 +9,8 @@
 # to a roscore after the nodes, so that they can unregister; to what a roslaunch started not at all,
 # since roslaunch stops it itself and would start it again otherwise; and to process 1 last. What
 # lives on gets SIGINT after 1.5 s whatever it is, and SIGTERM after half of SECONDS (default 8).
-# It waits for all but process 1, unless SIGTERM does nothing to process 1 (a shell, roscpp): then
-# it goes on in the background. For the end of process 1 ends this script with it, and Kubernetes
+# It waits for all but process 1 and what that launched, unless SIGTERM does nothing to process 1 (a
+# shell, roscpp): then it goes on in the background. For the end of process 1 ends this script with it, and Kubernetes
 # tells that as a failed hook.
 # Needs sh, sleep, tr and /proc.
 
@@ -119,6 +119,7 @@ work() {
   while [ "$tenth" -lt "$bound" ]; do
     round "$tenth"
     [ -z "$first$rest" ] && break
+    [ -z "$first" ] && has "$cores$launches" 1 && break # ends what it started by itself
     if sleep 0.1 2>/dev/null; then tenth=$((tenth + 1)); else sleep 1 && tenth=$((tenth + 10)); fi
   done
   interrupt 1

@@ -66,7 +66,7 @@ def test_plain_data_is_of_jsons_own_types() -> None:
         ({"nodes": {}}, False),
     ],
 )
-def test_which_jobs_describe_a_part(raw: dict[str, Any], partial: bool) -> None:  # noqa: FBT001 - a table's column
+def test_which_jobs_describe_a_part(raw: dict[str, Any], *, partial: bool) -> None:
     """Those that name neither nodes nor an application's image nor the master."""
     assert is_partial(raw) is partial
 

@@ -28,6 +28,18 @@ _REFERENCE = re.compile(
 )
 _UNKNOWN_NAME = re.compile(r"[\w-]*\w")
 _PREFIX = "rigel_"
+#: What computing with values of a wrong kind may raise.
+_FAILURES = (
+    TemplateError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    re.error,
+)
 
 
 class ExpressionError(Exception):
@@ -94,9 +106,7 @@ def evaluate(source: str, values: Mapping[Reference, Any]) -> Any:
     except UndefinedError as error:
         message = f"in {source}: {error.message}{_hint(str(error))}"
         raise ExpressionError(message, undefined=True) from error
-    except (TemplateError, ArithmeticError, TypeError, ValueError, LookupError, re.error) as error:
-        raise ExpressionError(f"in {source}: {error}") from error
-    except (AttributeError, OverflowError, RecursionError, MemoryError) as error:
+    except _FAILURES as error:
         raise ExpressionError(f"in {source}: {error}") from error
 
 

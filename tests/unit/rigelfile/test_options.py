@@ -73,12 +73,15 @@ jobs:
       port: "{{ vars.N }}{{ vars.N }}"
       enabled: "{{ vars.OFF }}"
       env: {A: "{{ vars.N }}"}
+      speed: "{{ vars.N }}"
+      seconds!: "{{ vars.N | default(1) }}"
 """,
         {"N": "7", "OFF": "off"},
     )
     options = realise(rigelfile, rigelfile.jobs["robot"], None, {}, types["Robot"]).options
     assert (options.image, options.count, options.port, options.enabled) == ("7", 7, 77, False)
     assert options.env == {"A": "7"}
+    assert (options.speed, options.seconds) == (7.0, 7)
 
 
 def test_a_preview_knows_what_waits(loaded: Loader, types: Any) -> None:
@@ -121,3 +124,22 @@ def test_free_options_are_plain_data(loaded: Loader) -> None:
     rigelfile = loaded("jobs: {a: {plugin: x, with: {b: [1, '{{ data.c }}']}}}\n")
     real = realise(rigelfile, rigelfile.jobs["a"], None, {"c": 2}, dict)
     assert real.options == real.raw == {"b": [1, 2]}
+
+
+def test_keys_may_wait_for_data(loaded: Loader, types: Any) -> None:
+    """What such a key will be is not known, so nothing is said to be unknown or missing."""
+    rigelfile = loaded(
+        """
+jobs:
+  robot:
+    plugin: test.Robot
+    with: {"{{ data.key }}": x, env: {"{{ data.name }}": y}, named: {"{{ data.size }}": {name: a}}}
+"""
+    )
+    spec = rigelfile.jobs["robot"]
+    seen = preview(rigelfile, spec, None, None, types["Robot"])
+    assert seen.findings == ()
+    assert not seen.complete
+    data = {"key": "image", "name": "N", "size": "1Mi"}
+    options = realise(rigelfile, spec, None, data, types["Robot"]).options
+    assert (options.image, options.env, list(options.named)) == ("x", {"N": "y"}, ["1Mi"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NewType
 
 import attrs
 import pytest
@@ -34,6 +34,12 @@ class Whole(int):
 
     @classmethod
     def parse(cls, raw: str) -> Whole:
+        return cls(raw)
+
+
+class Part(float):
+    @classmethod
+    def parse(cls, raw: str) -> Part:
         return cls(raw)
 
 
@@ -145,6 +151,8 @@ def test_anything_stays_what_yaml_says(text: str) -> None:
         ("null", int | None, None),
         ("low", Level, Level.LOW),
         ("a", Annotated[str, "x"], "a"),
+        ("a", NewType("Word", str), "a"),
+        ("1", Part, Part(1)),
     ],
 )
 def test_values_are_converted_without_loss(text: str, kind: Any, value: Any) -> None:

@@ -184,6 +184,25 @@ def test_unknown_data_is_told_when_the_job_runs(loaded: Loader) -> None:
     ]
 
 
+def test_data_that_is_none(loaded: Loader) -> None:
+    """What a job stored may be no data, or have nothing of that name in it."""
+    assert filled(loaded, "{a: '{{ data.o }}'}", {"o": object()}) == ["data.o: object is not data"]
+    assert filled(loaded, "{a: '{{ data.n.x }}'}", {"n": 1}) == [
+        "no job before this one has stored data.n.x, earlier jobs stored data.n"
+    ]
+
+
+def test_an_expression_waits_for_what_its_vars_wait_for(loaded: Loader) -> None:
+    """A filter is applied when the value is there."""
+    rigelfile = loaded(
+        "vars: {a: 'x{{ data.n }}'}\n"
+        + JOB % "{one: '{{ vars.a | upper }}', two: '{{ data.n + 1 }}'}"
+    )
+    node = rigelfile.jobs["job"].options
+    assert not render_node(rigelfile, node, {}).complete
+    assert plain(render_node(rigelfile, node, {"n": 1}).node) == {"one": "X1", "two": 2}
+
+
 def test_jinja2_is_imported_only_for_expressions() -> None:
     """A file of plain names pays nothing for expressions."""
     program = "import sys, rigel_k8s.rigelfile; sys.exit('jinja2' in sys.modules)"

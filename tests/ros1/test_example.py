@@ -53,6 +53,18 @@ def test_rate(pods, eventually):
     eventually(lambda: talker.log().count("hello world") > 300, "many messages", seconds=10)
 
 
+def test_master_away(pods, eventually):
+    """Both go on talking while the master is away."""
+    master = pods.master()
+    talker = pods.node("talker", "rosrun", "talker_listener", "talker.py", files=package())
+    listener = pods.node("listener", "rosrun", "talker_listener", "listener.py", files=package())
+    eventually(lambda: numbers(listener.log(), "none"), "a message")
+    master.kill()
+    before = len(numbers(listener.log(), "none"))
+    eventually(lambda: len(numbers(listener.log(), "none")) > before + 20, "more messages")
+    assert talker.alive()
+
+
 @pytest.mark.parametrize("name", ["std_msgs", "rospy", "roscpp", "topic_tools", "rosgraph_msgs"])
 def test_rospack(pods, name):
     """rospack finds the packages where the official image has them."""

@@ -18,11 +18,11 @@ def main():
     publisher = rospy.Publisher("chatter", String, queue_size=10)
     rate = rospy.Rate(rospy.get_param("~rate", 10))
     rospy.loginfo("talker version %s", os.environ.get("VERSION", "unknown"))
-    number = 0
+    number, nonce = 0, "none"
     while not rospy.is_shutdown():
         number += 1
-        # Cached: rospy asks the master once and is told of changes.
-        nonce = rospy.get_param_cached("/nonce", "none")
+        with contextlib.suppress(OSError):  # the master is away; the listener hears us all the same
+            nonce = rospy.get_param_cached("/nonce", "none")
         message = f"hello world {nonce} {number}"
         rospy.loginfo(message)
         publisher.publish(message)

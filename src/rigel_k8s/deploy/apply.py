@@ -12,7 +12,6 @@ import attrs
 from rigel_k8s.deploy.order import WORKLOADS, rank, wave
 from rigel_k8s.deploy.ownership import managers, taken_over
 from rigel_k8s.deploy.plan import predecessors
-from rigel_k8s.deploy.readiness import readiness
 from rigel_k8s.deploy.report import Reporter
 from rigel_k8s.deploy.types import Manifest, ObjectRef, Plan, Step
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
@@ -52,7 +51,7 @@ class Applier:
             chosen = [step for step in writes if wave(step.ref.kind) == number]
             done = self.cluster.parallel(self.write, chosen)
             applied |= {s.ref: live for s, live in zip(chosen, done, strict=True)}
-            self.until_defined(step.ref for step in chosen)
+            self.until_defined(chosen)
         return applied
 
     def write(self, step: Step) -> Live:
@@ -152,18 +151,16 @@ class Applier:
             self.go_on()
             self.cancel.wait(LOOK)
 
-    def until_defined(self, refs: Iterable[ObjectRef]) -> None:
+    def until_defined(self, steps: Iterable[Step]) -> None:
         """Wait until the kinds that were just defined are served."""
         end = time.monotonic() + DEFINED_TIMEOUT
-        for ref in refs:
-            while ref.kind == "CustomResourceDefinition":
-                live = self.cluster.get(ref)
-                if live is not None and readiness(live).done:
-                    break
-                if time.monotonic() > end:
-                    raise ClusterError(f"{ref} was not served within {DEFINED_TIMEOUT:g} s")
-                self.go_on()
-                self.cancel.wait(LOOK)
+        for step in steps:
+            for api_version, kind in defined(step.manifest):
+                while not self.cluster.serves(api_version, kind):
+                    if time.monotonic() > end:
+                        raise ClusterError(f"{step.ref} is not served after {DEFINED_TIMEOUT:g} s")
+                    self.go_on()
+                    self.cancel.wait(LOOK)
 
     def go_on(self) -> None:
         """Raise Interrupted where the user asked to stop."""
@@ -179,3 +176,12 @@ def selector(live: Manifest | None) -> Mapping[str, str]:
     spec = (live or {}).get("spec") or {}
     labels: Mapping[str, str] = (spec.get("selector") or {}).get("matchLabels") or {}
     return labels
+
+
+def defined(manifest: Manifest | None) -> list[tuple[str, str]]:
+    """Return the API versions and kinds that a CustomResourceDefinition brings."""
+    if manifest is None or manifest["kind"] != "CustomResourceDefinition":
+        return []
+    spec = manifest["spec"]
+    served = [version["name"] for version in spec["versions"] if version.get("served")]
+    return [(f"{spec['group']}/{version}", spec["names"]["kind"]) for version in served]

@@ -154,11 +154,18 @@ def of_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[Cause]
     if reason == BAD_NAME:
         yield Cause("image-name", f"image {image!r} is no image name: {message}", name, own)
     elif reason in IMAGE:
-        yield Cause("image", f"image {image} cannot be pulled: {message or reason}", name, own)
+        yield Cause(
+            "image", f"image {image} cannot be pulled: {core(message) or reason}", name, own
+        )
     elif reason in START:
         yield Cause("start", f"container {own} cannot be started: {message or reason}", name, own)
     elif not container.get("ready"):
         yield from of_exit(name, container)
+
+
+def core(message: str) -> str:
+    """Return the part of a runtime's message that says something: its layers repeat the image."""
+    return message.rpartition('": ')[2] or message
 
 
 def of_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:

@@ -6,7 +6,7 @@ nodes, and a ROS node that ends while there is no master yet is started again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 import attrs
 
@@ -61,11 +61,18 @@ class Ledger:
     busy: float = 0.0
 
     def note(
-        self, now: float, current: Iterable[tuple[ObjectRef, Cause]], *, others_coming: bool
+        self,
+        now: float,
+        current: Iterable[tuple[ObjectRef, Cause]],
+        *,
+        others_coming: bool,
+        unsteady: Collection[ObjectRef] = (),
     ) -> list[Seen]:
         """Take in what holds now; return what is new.
 
         Args:
+            unsteady: workloads that are up at the moment and have crashed before: what was wrong
+                with them still counts.
             others_coming: some workload is not ready and nothing is wrong with it.
         """
         if others_coming:
@@ -78,7 +85,11 @@ class Ledger:
             else:
                 self.seen[key] = Seen(ref, cause, now)
                 fresh.append(self.seen[key])
-        self.seen = {key: value for key, value in self.seen.items() if key in found}
+        for key, seen in list(self.seen.items()):
+            if key not in found and seen.ref not in unsteady:
+                del self.seen[key]
+            elif key not in found:
+                seen.cause = attrs.evolve(seen.cause, kind="restarted")
         return fresh
 
     def hopeless(self, now: float) -> Iterator[Seen]:

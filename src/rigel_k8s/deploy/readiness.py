@@ -13,7 +13,9 @@ import attrs
 
 from rigel_k8s.deploy.types import Manifest
 
-__all__ = ["Readiness", "readiness"]
+__all__ = ["UNSEEN", "Readiness", "readiness"]
+
+UNSEEN = "its controller has not seen the change yet"
 
 
 @attrs.frozen
@@ -48,7 +50,7 @@ def readiness(live: Manifest) -> Readiness:
         return going("is being deleted")
     status = live.get("status") or {}
     if status.get("observedGeneration", 0) < expected_generation(live):
-        return going("waiting for its controller to see the change")
+        return going(UNSEEN)
     return KINDS.get(live["kind"], by_conditions)(live.get("spec") or {}, status)
 
 

@@ -6,13 +6,14 @@ never lets anybody change.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from rigel_k8s.deploy.ownership import managers
 from rigel_k8s.deploy.survey import Survey, belongs
 from rigel_k8s.deploy.types import RELEASE_LABEL, Manifest, ObjectRef
 from rigel_k8s.errors import ConflictError, UserError
-from rigel_k8s.kube.failures import Cause, Conflict, Missing, Refusal
+from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.problems import Problem
 
 __all__ = ["Refused", "check"]
@@ -24,9 +25,9 @@ SELECTOR = (
     "give it another name, or delete it first: {delete}"
 )
 JOB = "Kubernetes never changes a Job's pods; give it another name, or delete it first: {delete}"
-SHRINK = (
-    "a claim can grow but not shrink; ask for at least {size}, "
-    "or delete it with its data first: {delete}"
+SIZE = (
+    "a claim cannot go from {old} to {new}: it never shrinks, and grows only when it is bound and "
+    "its storage class allows it; keep {old}, or delete it with its data first: {delete}"
 )
 CLAIM = (
     "Kubernetes never changes {fields} of a claim; keep what it has, give the volume another name, "
@@ -130,7 +131,7 @@ def explained(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: M
     text = " ".join(cause.message for cause in error.causes)
     if live is not None:
         if ref.kind == "PersistentVolumeClaim":
-            return claim(error.causes, live, manifest, delete) or plain(error)
+            return claim(live, manifest, delete) or plain(error)
         if ref.kind == "PersistentVolume" and "immutable" in text:
             return VOLUME.format(delete=delete)
         if ref.kind == "Job" and "immutable" in text:
@@ -142,11 +143,12 @@ def explained(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: M
     return plain(error)
 
 
-def claim(causes: Sequence[Cause], live: Manifest, manifest: Manifest, delete: str) -> str | None:
+def claim(live: Manifest, manifest: Manifest, delete: str) -> str | None:
     """Return what is wrong with a changed claim."""
-    if any(cause.field.startswith("spec.resources") for cause in causes):
-        return SHRINK.format(size=live["spec"]["resources"]["requests"]["storage"], delete=delete)
-    asked: Mapping[str, object] = manifest["spec"]
+    asked: Mapping[str, Any] = manifest["spec"]
+    old, new = (spec["resources"]["requests"]["storage"] for spec in (live["spec"], asked))
+    if old != new:
+        return SIZE.format(old=old, new=new, delete=delete)
     names = ("storageClassName", "accessModes", "volumeName", "selector", "volumeMode")
     changed = [
         f"{name} ({live['spec'].get(name)} to {asked[name]})"

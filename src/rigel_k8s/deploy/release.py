@@ -198,7 +198,7 @@ def is_settled(found: Survey, plan: Plan) -> bool:
     """Whether the last revision is good and is what is wanted, and so is the cluster."""
     if found.last is None or found.last.status != "good" or plan.changes:
         return False
-    wanted = [m for m in found.manifests if m["kind"] != "Secret"]
+    wanted = revisions.recordable(found.manifests)
     before = (found.last.objects, found.last.options)
     return json.dumps(before, sort_keys=True) == json.dumps(
         (wanted, found.desired.options), sort_keys=True
@@ -267,7 +267,7 @@ def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
         number=found.next_number,
         status="pending",
         created=datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        objects=found.manifests,
+        objects=revisions.recordable(found.manifests),
         inventory=tuple(InventoryItem(ref, uid) for ref, uid in sorted(known.items())),
         options=run.desired.options,
         description=run.description,

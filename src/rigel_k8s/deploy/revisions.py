@@ -14,11 +14,21 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.deploy.types import InventoryItem, ObjectRef, ReleaseId, Revision
+from rigel_k8s.deploy.types import InventoryItem, Manifest, ObjectRef, ReleaseId, Revision
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["LIMIT", "Record", "create", "forget", "forget_old", "record", "records", "update"]
+__all__ = [
+    "LIMIT",
+    "Record",
+    "create",
+    "forget",
+    "forget_old",
+    "record",
+    "recordable",
+    "records",
+    "update",
+]
 
 LIMIT = 10
 FORMAT = 1
@@ -101,12 +111,17 @@ def record(revision: Revision) -> Record:
     return Record(revision.release, encoded(revision))
 
 
+def recordable(manifests: Iterable[Manifest]) -> tuple[Manifest, ...]:
+    """Return the manifests that may stand in a record: all but Secrets."""
+    return tuple(manifest for manifest in manifests if manifest["kind"] != "Secret")
+
+
 def encoded(revision: Revision) -> dict[str, Any]:
     """Return the Secret of a revision."""
     ref = secret_ref(revision.release, revision.number)
     payload = {
         "format": FORMAT,
-        "objects": [m for m in revision.objects if m["kind"] != "Secret"],
+        "objects": recordable(revision.objects),
         "inventory": [[*attrs.astuple(item.ref), item.uid] for item in revision.inventory],
         "options": revision.options,
     }

@@ -185,12 +185,17 @@ def dry_runs(
                 return dict(manifest)
             return error
         except Refusal as error:
-            if error.status not in (409, 422) and "quota" not in error.message:
+            if error.status not in (409, 422) and not is_about_object(error):
                 raise
             return error
 
     refs = [ref_of(m) for m in candidates]
     return dict(zip(refs, cluster.parallel(tried, candidates), strict=True))
+
+
+def is_about_object(error: Refusal) -> bool:
+    """Whether a 403 is about what the object asks for, not about who we are."""
+    return "quota" in error.message or "can be resized" in error.message
 
 
 def strangers(

@@ -10,10 +10,10 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.deploy.causes import Cause, causes, pods_of, probe_failure
+from rigel_k8s.deploy.causes import Cause, causes, containers, pods_of, probe_failure
 from rigel_k8s.deploy.order import WORKLOADS
 from rigel_k8s.deploy.patience import Ledger, Patience, Seen
-from rigel_k8s.deploy.readiness import Readiness, readiness
+from rigel_k8s.deploy.readiness import UNSEEN, Readiness, readiness
 from rigel_k8s.deploy.report import Reporter
 from rigel_k8s.deploy.types import RELEASE_LABEL, Manifest, ObjectRef, ReleaseId, ref_of
 from rigel_k8s.deploy.view import EVENT, POD, REPLICA_SET, Kind, View
@@ -26,6 +26,7 @@ LOOK = 0.25  # seconds between two looks at the clock
 EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none
 LOG_LINES = 12
+STEADY = 12.0  # seconds that a workload must stay up after its last crash to count as ready
 WAITED = (*WORKLOADS, "PersistentVolumeClaim", "CustomResourceDefinition")
 
 
@@ -55,6 +56,9 @@ class Waiter:
     states: dict[ObjectRef, Readiness] = attrs.field(factory=dict)
     shown: dict[ObjectRef, tuple[str, bool]] = attrs.field(factory=dict)
     claims_that_wait: set[ObjectRef] = attrs.field(factory=set)
+    rolling: set[ObjectRef] = attrs.field(factory=set)
+    crashes: dict[ObjectRef, tuple[int, float]] = attrs.field(factory=dict)
+    unsteady: set[ObjectRef] = attrs.field(factory=set)
     explained: float = 0.0
 
     def __attrs_post_init__(self) -> None:
@@ -102,6 +106,7 @@ class Waiter:
 
     def all_ready(self, view: View, targets: dict[ObjectRef, Manifest]) -> bool:
         """Whether everything is ready; shows what has changed."""
+        self.look_for_crashes(view, targets)
         for ref in targets:
             live = view.find(ref)
             if live is not None:
@@ -109,16 +114,35 @@ class Waiter:
         waiting = [ref for ref in targets if not self.ready(ref)]
         return not waiting
 
+    def look_for_crashes(self, view: View, targets: dict[ObjectRef, Manifest]) -> None:
+        """Note which workloads crashed lately: without probes they look ready in between."""
+        pods, sets, now = view.owned(POD), view.owned(REPLICA_SET), time.monotonic()
+        for ref in targets:
+            live = view.find(ref)
+            if live is None or ref.kind not in WORKLOADS or ref not in self.rolling:
+                continue
+            own = sets.get(live["metadata"]["uid"], [])
+            count = sum(map(crash_count, its_pods(live, own, pods)))
+            if count != self.crashes.get(ref, (0, 0.0))[0]:
+                self.crashes[ref] = (count, now)
+        lately = {ref for ref, (_, since) in self.crashes.items() if now - since < STEADY}
+        self.unsteady = lately
+
     def settled(self, ref: ObjectRef, live: Manifest) -> bool:
         """Take in an object's state, show it, and return whether it is ready."""
-        self.states[ref] = readiness(live)
-        if ref.kind in WORKLOADS and ref not in {seen.ref for seen in self.ledger.seen.values()}:
-            self.show(ref, self.states[ref].message, done=self.ready(ref))
+        state = self.states[ref] = readiness(live)
+        if not state.done:
+            self.rolling.add(ref)
+        told = {seen.ref for seen in self.ledger.seen.values()}
+        if ref.kind in WORKLOADS and ref not in told and state.message != UNSEEN:
+            self.show(ref, state.message, done=self.ready(ref))
         return self.ready(ref)
 
     def ready(self, ref: ObjectRef) -> bool:
         """Whether an object is ready, or a claim that waits for its pod."""
         state = self.states.get(ref)
+        if ref in self.unsteady and ref.kind != "Job":
+            return False
         return ref in self.claims_that_wait or bool(state and state.done and state.ok)
 
     def show(self, ref: ObjectRef, text: str, *, done: bool) -> None:
@@ -135,7 +159,7 @@ class Waiter:
         found = list(self.current(view, targets))
         wrong = {ref for ref, _ in found}
         coming = any(not self.ready(ref) and ref not in wrong for ref in targets)
-        for seen in self.ledger.note(now, found, others_coming=coming):
+        for seen in self.ledger.note(now, found, others_coming=coming, unsteady=self.unsteady):
             if seen.cause.kind != "restarted":
                 self.tell(seen)
         for ref, cause in found:
@@ -241,6 +265,13 @@ def its_pods(
     """Return the pods of a workload's newest template from those sorted by their owners."""
     owners = [workload["metadata"]["uid"], *(s["metadata"]["uid"] for s in sets)]
     return pods_of(workload, sets, [pod for uid in owners for pod in pods.get(uid, [])])
+
+
+def crash_count(pod: Manifest) -> int:
+    """Return how often the containers of a pod have ended."""
+    states = containers(pod.get("status") or {})
+    ended = sum(1 for c in states if (c.get("state") or {}).get("terminated", {}).get("exitCode"))
+    return ended + sum(int(c.get("restartCount", 0)) for c in states)
 
 
 def labelled(live: Manifest) -> bool:

@@ -217,6 +217,10 @@ class Cluster:
         """Return the API server's version: v1.34.4."""
         return str(self.client.call("GET", "/version", "ask for the version")["gitVersion"])
 
+    def serves(self, api_version: str, kind: str) -> bool:
+        """Whether the cluster has a kind (now; it may be defined later)."""
+        return self.client.resources.find(api_version, kind) is not None
+
     def nodes(self) -> Sequence[dict[str, Any]]:
         """Return all nodes."""
         return self.list("v1", "Node")

@@ -104,6 +104,10 @@ class Transport:
         self.known: Credentials | None = None
         self.tls: ssl.SSLContext | None = None
 
+    def __del__(self) -> None:
+        if hasattr(self, "lock"):  # a target that makes no sense leaves a half-made object
+            self.close()
+
     def request(
         self,
         method: str,

@@ -17,6 +17,7 @@ from rigel_k8s.compat.words import LogReport
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.plugins.dockerfile import DockerfileJob
 from rigel_k8s.plugins.registry import ContainerRegistry
+from rigel_k8s.problems import Problem
 
 from .rigelfiles import DOCKERFILE
 
@@ -241,6 +242,33 @@ def test_the_registry_is_connected_once_for_our_plugins(
         outer.disconnect()
     assert seen == ["of r"]
     assert events == ["connect r reg.example", "end of r"]
+
+
+def test_providers_that_only_rigel_knows_are_not_our_matter(
+    rigel: None, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rigel has connected them; what they stored is handed on."""
+    text = (here / "Rigelfile").read_text()
+    (here / "Rigelfile").write_text(f"{text}\nproviders: {{s: {{provider: no.Ssh, with: {{}}}}}}\n")
+    seen = []
+    work = running(monkeypatch, lambda job: seen.append(dict(job.providers)), providers={"s": 2})
+    work.start()
+    assert seen == [{"s": 2}]
+
+
+def test_warnings_are_logged(
+    rigel: None,
+    here: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """What only deserves a look is told, with its place, and the job runs."""
+    problem = Problem(("command",), "roslaunch is slow", "slow", "warning")
+    monkeypatch.setattr(DockerfileJob, "check", lambda self, options, application: [problem])
+    running(monkeypatch, lambda job: None)
+    (record,) = caplog.records
+    assert record.levelname == "WARNING"
+    assert "roslaunch is slow [slow]" in record.getMessage()
 
 
 def test_a_registry_that_refuses_is_rigels_error(

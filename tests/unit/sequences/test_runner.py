@@ -302,6 +302,47 @@ sequences: {s: {stages: [{parallel: [{jobs: [a]}], matrix: {w: "{{ vars.w }}"}}]
     assert "list" in "\n".join(caught.value.details)
 
 
+STORING = """
+class Store:
+    options = dict
+    def check(self, options, application): return ()
+    def run(self, options, job): job.data.update(options)
+"""
+
+
+@pytest.mark.parametrize(
+    ("store", "words"),
+    [("{w: x}", "must be a list, not str"), ("{other: [x]}", "data.w")],
+)
+def test_a_matrix_that_data_spoils_is_told(
+    directory: Path, told: Told, store: str, words: str
+) -> None:
+    """What an earlier job stored is no list, or not there: known only when the stage starts."""
+    (directory / "lists.py").write_text(STORING)
+    text = """
+jobs: {l: {plugin: lists.Store, with: STORE}, a: {plugin: mine.Say, with: {}}}
+sequences: {s: {stages: [{jobs: [l]}, {parallel: [{jobs: [a]}], matrix: {w: "{{ data.w }}"}}]}}
+"""
+    text = text.replace("STORE", store)
+    with pytest.raises(JobFailed, match="the matrix of a parallel stage") as caught:
+        sequence(directory, text, told)
+    assert words in "\n".join(caught.value.details)
+    assert caught.value.exit_code == 2
+
+
+def test_keys_that_are_not_known_yet_are_no_conflict(directory: Path, told: Told) -> None:
+    """Each branch stores its own release's name; before the run both look alike."""
+    (directory / "lists.py").write_text(STORING)
+    text = """
+jobs:
+  l: {plugin: lists.Store, with: {r: "demo{{ data.n }}"}}
+  a: {plugin: mine.Say, with: {release: "{{ data.r }}"}}
+sequences: {s: {stages: [{parallel: [{jobs: [l, a]}], matrix: {n: [1, 2]}}]}}
+"""
+    sequence(directory, text, told)
+    assert len(told.of("line")) == 2
+
+
 def test_a_class_for_rigel_gets_what_rigel_would_give(directory: Path, told: Told) -> None:
     """Raw data as it is written, vars, application, connections."""
     text = """

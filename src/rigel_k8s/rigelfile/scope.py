@@ -358,8 +358,6 @@ def _bad_header(name: Name) -> str:
 def _within(source: Source, node: Node, text: str, number: int) -> Span:
     """Return the place of the number-th occurrence of a text inside a scalar, if it is there."""
     span = node.span
-    if node.defined_at:
-        return span
     lines = source.text.splitlines()
     for found in _occurrences(lines, span, text):
         if number == 0:

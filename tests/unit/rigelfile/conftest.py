@@ -110,7 +110,7 @@ class RobotJob:
         if options.image == "forbidden":
             found.append(Problem(("image",), f"not on {application.distro}", "bad-image"))
         if options.limits.least > options.limits.most:
-            found.append(Problem(("limits",), "least is more than most", "bad-limits"))
+            found.append(Problem(("limits", "least"), "least is more than most", "bad-limits"))
         if options.count > 100:
             message = "more than a hundred"
             found.append(Problem(("count",), message, "many", severity="warning", at_key=True))

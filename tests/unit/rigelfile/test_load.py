@@ -52,6 +52,16 @@ sequences:
     assert third.stages[0].jobs[0].path[4:] == ("parallel", 0, "jobs", 0)
 
 
+def test_merged_mappings(loaded: Loader) -> None:
+    """A mapping's own keys win over merged ones, and of several merged mappings the first."""
+    rigelfile = loaded(
+        "vars: {a: &a {x: 1, y: 1}, b: &b {y: 2, z: 2},"
+        " c: {<<: [*a, *b], x: 3}, d: {x: 4, <<: *a}}\n"
+    )
+    assert rigelfile.vars["c"] == {"x": 3, "y": 1, "z": 2}
+    assert rigelfile.vars["d"] == {"x": 4, "y": 1}
+
+
 def test_directories_are_relative_to_the_file(tmp_path: Path) -> None:
     """application.dir stands beside the Rigelfile, wherever the command is run."""
     file = tmp_path / "Rigelfile"

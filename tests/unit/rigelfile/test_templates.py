@@ -162,6 +162,12 @@ def test_data_is_filled_in_when_a_job_runs(loaded: Loader, text: str, value: Any
     assert filled(loaded, f"{{a: '{quoted}'}}", {}, final=False) == {"a": text}
 
 
+def test_a_text_is_filled_once(loaded: Loader) -> None:
+    """What was meant as braces when the file was read stays that when a job runs."""
+    text = """{a: "{{ '{{ vars.image }}' }}"}"""
+    assert filled(loaded, text, {}) == {"a": "{{ vars.image }}"}
+
+
 def test_a_var_may_wait_for_data(loaded: Loader) -> None:
     """What refers to such a var waits with it."""
     rigelfile = loaded(

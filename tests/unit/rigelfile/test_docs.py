@@ -1,0 +1,37 @@
+"""What docs/rigelfile.md shows is what the code takes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.rigelfile import check_file
+from rigel_k8s.sequences import registry
+
+PAGE = Path(__file__).parents[3] / "docs" / "rigelfile.md"
+SNIPPETS = re.findall(r"```yaml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+REST = {
+    "application": "application: {distro: noetic}\n",
+    "jobs": "jobs: {build: {plugin: buildx, with: {image: x}}, deploy: {plugin: orchestration}}\n",
+}
+
+
+@pytest.mark.parametrize("snippet", SNIPPETS)
+def test_the_snippets_pass_the_check(snippet: str, tmp_path: Path) -> None:
+    """Each is a Rigelfile, with the sections added that it does not show."""
+    rest = (text for section, text in REST.items() if f"\n{section}:" not in f"\n{snippet}")
+    file = tmp_path / "Rigelfile"
+    file.write_text("".join([snippet, *rest]))
+
+    def resolve(kind: str, name: str) -> Any:
+        return registry.job_type(name) if kind == "job" else registry.provider_type(name)
+
+    assert check_file(file, {"GHCR_TOKEN": "secret"}, resolve).rendered() == []
+
+
+def test_there_are_snippets() -> None:
+    """The page shows the whole grammar."""
+    assert len(SNIPPETS) >= 4

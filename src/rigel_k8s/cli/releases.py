@@ -18,7 +18,7 @@ from rigel_k8s.cli.words import (
     settings,
     warn,
 )
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import RigelK8sError, UserError
 
 __all__ = ["diff", "down", "history", "render", "rollback", "status"]
 
@@ -45,7 +45,12 @@ def diff(ctx: click.Context, /, job: str | None, exit_code: bool, adopt: bool) -
     """Show what a job would change on the cluster; nothing is written."""
     from rigel_k8s.actions import releases
 
-    found = releases.diff(settings(ctx, adopt=adopt), job)
+    try:
+        found = releases.diff(settings(ctx, adopt=adopt), job)
+    except RigelK8sError as error:
+        if exit_code and error.exit_code == 1:
+            error.exit_code = 2  # 1 says that there are differences
+        raise
     warn(found.warnings)
     for line in found.text.splitlines():
         click.secho(line, fg=line_color(line))
@@ -156,8 +161,12 @@ def down(
         confirm("Delete claims and volumes with all their data?")
     with reporting(ctx) as report:
         found, plan = releases.down(settings(ctx, timeout=timeout), job, report, volumes=volumes)
-    gone = sum(1 for step in plan.steps if step.action == "prune")
-    click.echo(f"{found.name} is gone from {found.namespace}: {gone} objects deleted")
+    counts = {action: 0 for action in ("prune", "forget")}
+    for step in plan.steps:
+        counts[step.action] = counts.get(step.action, 0) + 1
+    left = f", {counts['forget']} kept for its data" if counts["forget"] else ""
+    deleted = f"{counts['prune']} object{'s' * (counts['prune'] != 1)} deleted"
+    click.echo(f"{found.name} is gone from {found.namespace}: {deleted}{left}")
 
 
 def confirm(question: str) -> None:

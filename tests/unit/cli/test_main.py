@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -80,15 +81,59 @@ def test_errors_are_told_without_a_traceback(
     assert error.hint is None or f"hint: {error.hint}" in told
 
 
-def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Anything that is not our error is a bug and must not be swallowed."""
+def test_a_bug_keeps_its_traceback_and_asks_to_be_reported(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Anything that is not our error is a bug; it is told as one."""
 
     def fail(**_: object) -> None:
         raise ZeroDivisionError
 
     monkeypatch.setattr(main.cli, "main", fail)
-    with pytest.raises(ZeroDivisionError):
-        main.run(["status"], "rigel")
+    assert main.run(["status"], "rigel") == 1
+    told = capsys.readouterr().err
+    assert "ZeroDivisionError" in told
+    assert "This is a bug in rigel-k8s" in told.splitlines()[-1]
+
+
+def test_verbose_tells_where_an_error_came_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """-v shows an error's traceback, which users are spared otherwise."""
+    file = ["-f", str(tmp_path / "Rigelfile")]
+    assert main.run([*file, "check"], "rigel") == 2
+    assert "Traceback" not in capsys.readouterr().err
+    assert main.run([*file, "-v", "check"], "rigel") == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_rigels_own_commands_are_rigels_where_it_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Our `rigel run` hands over to Rigel; `rigel-k8s run` and `python -m rigel_k8s` never do."""
+    package = tmp_path / "rigel"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "orchestrator.py").touch()
+    (package / "main.py").write_text("def main(): print('it is Rigel')\n")
+    code = (
+        "import sys; sys.argv = {argv!r}; from rigel_k8s.cli.main import main; main(name={name!r})"
+    )
+
+    def output(argv: list[str], name: str | None) -> str:
+        done = subprocess.run(
+            [sys.executable, "-c", code.format(argv=argv, name=name)],
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        )
+        return done.stdout + done.stderr
+
+    assert output(["/bin/rigel", "run", "job", "x"], None) == "it is Rigel\n"
+    assert "there is no Rigelfile" in output(["/bin/rigel-k8s", "run", "job", "x"], None)
+    assert "there is no Rigelfile" in output(["/bin/rigel", "run", "job", "x"], "rigel-k8s")
 
 
 def test_ctrl_c_is_130(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,379 @@
+"""Every command against a real release: what it prints, what it does, its exit code."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+import threading
+import time
+import uuid
+import xmlrpc.client
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from rigel_k8s.deploy.types import ObjectRef
+
+pytestmark = pytest.mark.cluster
+
+TALKER = """
+import rospy, std_msgs.msg
+rospy.init_node("talker")
+rospy.loginfo("talker begins")
+publisher = rospy.Publisher("chatter", std_msgs.msg.String, queue_size=1)
+rate = rospy.Rate(5)
+while not rospy.is_shutdown():
+    publisher.publish("hello")
+    rospy.loginfo("said hello")
+    rate.sleep()
+"""
+LISTENER = """
+import rospy, std_msgs.msg
+rospy.init_node("listener")
+rospy.Subscriber("/chatter", std_msgs.msg.String, lambda s: rospy.loginfo("heard " + s.data))
+rospy.spin()
+"""
+
+Done = subprocess.CompletedProcess[str]
+
+
+class Robot:
+    """A Rigelfile in a directory of its own, and the command line beside it."""
+
+    def __init__(self, directory: Path, context: str, namespace: str, image: str) -> None:
+        self.file = directory / "Rigelfile"
+        self.context = context
+        self.namespace = namespace
+        self.image = image
+        self.write()
+
+    def write(self, **env: str) -> None:
+        """Write the Rigelfile (JSON is YAML); `env` is the talker's."""
+        nodes = {
+            "talker": {"args": ["python3", "-c", TALKER], "env": env},
+            "lab/listener": {"args": ["python3", "-c", LISTENER]},
+        }
+        options = {"ros_master_image": self.image, "image": self.image, "nodes": nodes}
+        self.save({"deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}})
+
+    def save(self, jobs: dict[str, Any]) -> None:
+        """Write a Rigelfile with these jobs."""
+        self.file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
+
+    def command(self, *words: str) -> list[str]:
+        """Return the command line's words, cluster and namespace before the command."""
+        place = ["-f", str(self.file), "--context", self.context, "-n", self.namespace]
+        return [sys.executable, "-m", "rigel_k8s", *place, *words]
+
+    def __call__(self, *words: str, code: int = 0, **options: Any) -> Done:
+        """Run a command that ends with this exit code."""
+        done = subprocess.run(
+            self.command(*words),
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=300,
+            **options,
+        )
+        assert done.returncode == code, f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"
+        return done
+
+
+@pytest.fixture(scope="module")
+def robot(
+    context: str, cluster: Any, base_image: str, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Robot]:
+    """A talker and a listener, deployed once for all tests of this file."""
+    name = f"t-cli-{uuid.uuid4().hex[:6]}"
+    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
+    made = Robot(tmp_path_factory.mktemp("robot"), context, name, base_image)
+    made("run", "job", "deploy", "--timeout", "2m")
+    yield made
+    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+
+
+def until(found: Callable[[], Any], seconds: float = 60) -> Any:
+    """Return what is found once it is; fail after some seconds."""
+    deadline = time.monotonic() + seconds
+    while not (result := found()):
+        assert time.monotonic() < deadline, "waited too long"
+        time.sleep(0.2)
+    return result
+
+
+class Background:
+    """A command that goes on, and its output so far."""
+
+    def __init__(self, command: list[str]) -> None:
+        self._process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        self.lines: list[str] = []
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def has(self, pattern: str) -> Callable[[], Any]:
+        """Return a test for a line that matches."""
+        return lambda: next((m for line in self.lines if (m := re.search(pattern, line))), None)
+
+    def interrupt(self) -> int:
+        """Press Ctrl-C and return the exit code."""
+        self._process.send_signal(2)
+        code = self._process.wait(timeout=30)
+        self._reader.join()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        return code
+
+
+@pytest.fixture
+def start(robot: Robot) -> Iterator[Callable[..., Background]]:
+    """Start commands that go on; those that still run are interrupted in the end."""
+    started: list[Background] = []
+
+    def call(*words: str) -> Background:
+        started.append(Background(robot.command(*words)))
+        return started[-1]
+
+    yield call
+    for one in started:
+        if one._process.poll() is None:
+            one.interrupt()
+
+
+def test_render_is_what_apply_sends(robot: Robot, cluster: Any) -> None:
+    """The API server takes every rendered document, and finds nothing to change by it."""
+    for manifest in yaml.safe_load_all(robot("render").stdout):
+        live = cluster.get(
+            ObjectRef(
+                manifest["apiVersion"],
+                manifest["kind"],
+                manifest["metadata"]["namespace"],
+                manifest["metadata"]["name"],
+            )
+        )
+        after = cluster.apply(manifest, dry_run=True)
+        for meta in (live["metadata"], after["metadata"]):
+            meta.pop("managedFields")
+        assert after == live
+
+
+def test_kubectl_reads_the_render(robot: Robot, context: str) -> None:
+    """`rigel render | kubectl apply` works: kubectl's reader sees the same text."""
+    status = subprocess.run(
+        [sys.executable, "-m", "rigel_k8s", "cluster", "status", "-o", "json"]
+        + ["--name", context.removeprefix("rigel-")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if status.returncode:
+        pytest.skip("no local cluster, which would bring kubectl along")
+    kubectl = json.loads(status.stdout)["kubectl"]
+    done = subprocess.run(
+        [*kubectl.split(), "--context", context, "apply", "--server-side", "--dry-run=server"]
+        + ["--field-manager=rigel", "-f", "-"],
+        input=robot("render").stdout,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "deployment.apps/talker serverside-applied (server dry run)" in done.stdout
+
+
+def test_status_says_what_runs_where(robot: Robot) -> None:
+    """ROS name, pod, machine, image and revision are in the table; the exit code is 0."""
+    text = robot("status").stdout
+    assert re.search(rf"release \S+ in namespace {robot.namespace}, revision 1\n", text)
+    assert re.search(r"lab-listener +/lab/listener +1/1 +lab-listener-\S+ +\S+ +0 +\d+", text)
+    found = json.loads(robot("status", "-o", "json").stdout)
+    assert found["ready"] is True
+    assert [w["name"] for w in found["workloads"]] == ["lab-listener", "ros-master", "talker"]
+    assert found["workloads"][0]["ros_name"] == "/lab/listener"
+    pod = found["workloads"][2]["pods"][0]
+    assert pod["image"].startswith(robot.image)
+    assert pod["node"]
+
+
+def test_diff_tells_by_its_exit_code(robot: Robot) -> None:
+    """As kubectl's: 0 nothing, 1 differences, more than 1 an error; nothing is written."""
+    assert robot("diff", "--exit-code").stdout == ""
+    robot.write(COLOR="blue")
+    try:
+        done = robot("diff", "--exit-code", code=1)
+        assert re.search(r"^\+.*name: COLOR$", done.stdout, re.MULTILINE)
+        assert "1 to change" in done.stderr
+        assert robot("diff").returncode == 0
+        wrong = Robot(robot.file.parent, "no-such-context", robot.namespace, robot.image)
+        assert "no-such-context" in wrong("diff", "--exit-code", code=2).stderr
+    finally:
+        robot.write()
+    assert robot("diff", "--exit-code").stdout == ""
+
+
+def test_logs_of_one_are_plain_and_of_many_are_told_apart(robot: Robot) -> None:
+    """One node's lines can be piped on; those of several carry the node's name."""
+    lines = robot("logs", "talker", "--tail", "3").stdout.splitlines()
+    assert len(lines) == 3
+    assert all("said hello" in line for line in lines)
+    assert not any(line.startswith("[talker]") for line in lines)
+    many = robot("logs", "--tail", "2").stdout.splitlines()
+    assert {line.split("]")[0] for line in many} == {"[talker", "[lab-listener", "[ros-master"}
+    timed = robot("logs", "talker", "--timestamps", "--since", "10s").stdout
+    assert re.match(r"20\d\d-\d\d-\d\dT", timed)
+
+
+def test_nodes_have_many_names(robot: Robot) -> None:
+    """The key, the ROS name, the Kubernetes name and a pod's name all mean the node."""
+    found = json.loads(robot("status", "-o", "json").stdout)
+    pod = found["workloads"][0]["pods"][0]["name"]
+    for name in ("lab/listener", "/lab/listener", "lab-listener", pod):
+        assert "heard hello" in robot("logs", name, "--tail", "1").stdout
+    error = robot("logs", "taker", code=2).stderr
+    assert 'did you mean "talker"?' in error
+    assert "lab-listener, ros-master, talker" in error
+
+
+def test_exec_has_ros_set_up_and_passes_the_exit_code_on(robot: Robot) -> None:
+    """As if one stood in the container's own shell; standard input goes in with -i."""
+    assert "/lab/listener" in robot("exec", "talker", "--", "rosnode", "list").stdout
+    assert robot("exec", "talker", "--", "sh", "-c", "echo no >&2; exit 7", code=7).stderr == "no\n"
+    assert robot("exec", "-i", "talker", "--", "tr", "a-z", "A-Z", input="abc").stdout == "ABC"
+    assert "no-such-command" in robot("exec", "talker", "--", "no-such-command", code=127).stderr
+
+
+def test_exec_gives_a_terminal(robot: Robot) -> None:
+    """-it gives the command a terminal of the user's size, without -it a shell gets one too."""
+    leader, follower = pty.openpty()
+    child = subprocess.Popen(
+        robot.command("exec", "-it", "talker", "--", "sh", "-c", "tty && stty size; rosnode list"),
+        stdin=follower,
+        stdout=follower,
+        stderr=follower,
+    )
+    os.close(follower)
+    written = b""
+    while True:
+        try:
+            chunk = os.read(leader, 4096)
+        except OSError:
+            break
+        if not chunk:
+            break
+        written += chunk
+    os.close(leader)
+    assert child.wait(timeout=60) == 0, written
+    assert b"/dev/pts/" in written
+    assert b"/talker" in written
+
+
+def test_forward_reaches_a_port_of_a_node(robot: Robot, start: Any) -> None:
+    """roscore answers on a local port; Ctrl-C ends it."""
+    running = start("forward", "ros-master", ":11311")
+    port = int(until(running.has(r"127\.0\.0\.1:(\d+) -> ros-master-\S+:11311")).group(1))
+    with xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}") as master:
+        code, _, uri = master.lookupNode("/test", "/talker")  # type: ignore[misc]
+    assert code == 1
+    assert str(uri).startswith("http://")
+    assert running.interrupt() == 130
+
+
+def test_logs_follow_through_a_restart_and_a_roll_out(
+    robot: Robot, cluster: Any, start: Any
+) -> None:
+    """A container that starts again, and the pod of the next version, go on in the same output."""
+    running = start("logs", "-f", "--tail", "1", "talker")
+    until(running.has("said hello"))
+    assert not running.has("talker begins")(), "--tail left the beginning out"
+    robot("exec", "talker", "--", "sh", "-c", "kill -9 $(pgrep -f init_node | tail -1)", code=137)
+    until(running.has("talker begins"))
+    begun = len([line for line in running.lines if "talker begins" in line])
+    robot.write(COLOR="green")
+    robot("run", "job", "deploy", "--timeout", "2m")
+    until(lambda: len([x for x in running.lines if "talker begins" in x]) > begun)
+    assert running.interrupt() == 130
+    assert not any("Traceback" in line for line in running.lines)
+
+
+def test_history_and_rollback(robot: Robot) -> None:
+    """The last deploy can be undone; what is deployed is a new revision that says so."""
+    robot.write(COLOR="red")
+    robot("run", "job", "deploy", "--timeout", "2m")
+    before = json.loads(robot("history", "-o", "json").stdout)
+    done = robot("rollback", "--timeout", "2m")
+    assert f"rollback to revision {before[-2]['number']}" in done.stdout
+    after = json.loads(robot("history", "-o", "json").stdout)
+    assert len(after) == len(before) + 1
+    assert after[-1]["status"] == "good"
+    assert after[-1]["description"] == f"rollback to revision {before[-2]['number']}"
+    assert "COLOR=red" not in robot("exec", "talker", "--", "env").stdout
+    assert "has no revision 99" in robot("rollback", "99", code=2).stderr
+    assert "REVISION" in robot("history").stdout
+
+
+def test_status_tells_orphans_and_the_way_out(robot: Robot, cluster: Any) -> None:
+    """When roscore has come back empty, status says so, exits with 1 and names the command."""
+    master = json.loads(robot("status", "-o", "json").stdout)["workloads"][1]["pods"][0]["name"]
+    cluster.delete(ObjectRef("v1", "Pod", robot.namespace, master))
+
+    def told() -> Done | None:
+        done = subprocess.run(
+            robot.command("status"), capture_output=True, text=True, check=False, timeout=60
+        )
+        return done if done.returncode == 1 and "rollout restart" in done.stdout else None
+
+    done = until(told, seconds=90)
+    assert "is an orphan" in done.stdout
+    way_out = next(line for line in done.stdout.splitlines() if "rollout restart" in line)
+    assert f"kubectl -n {robot.namespace} rollout restart deployment" in way_out
+    assert "talker" in way_out
+
+
+def test_doctor_finds_what_a_deploy_needs(robot: Robot) -> None:
+    """Each need is a line; without a cluster it says what to do and exits with 1."""
+    assert "rights in" in robot("doctor").stdout
+    found = json.loads(robot("doctor", "-o", "json").stdout)
+    assert all(finding["ok"] for finding in found)
+    wrong = Robot(robot.file.parent, "no-such-context", robot.namespace, robot.image)
+    assert "no-such-context" in wrong("doctor", code=1).stdout
+
+
+def test_several_releases_need_a_name(robot: Robot) -> None:
+    """Without JOB a command does not guess; with --job it goes to the one that is meant."""
+    options = {"image": robot.image, "nodes": {"other": {"args": ["true"]}}}
+    plugin = {"plugin": "rigel_k8s.OrchestrationPlugin"}
+    jobs = json.loads(robot.file.read_text())["jobs"]
+    jobs["second"] = {**plugin, "with": {**options, "deployment_name": "second"}}
+    try:
+        robot.save(jobs)
+        error = robot("logs", "talker", code=2).stderr
+        assert "name a job, one of: deploy, second" in error
+        assert robot("exec", "talker", "--job", "deploy", "--", "true").returncode == 0
+        assert "no release second" in robot("status", "second", code=2).stderr
+    finally:
+        robot.write()
+
+
+def test_down_takes_the_release_away(robot: Robot, cluster: Any) -> None:
+    """Afterwards nothing of it is there, and a second time is told, not done."""
+    assert "is gone from" in robot("down").stdout
+    assert cluster.list("apps/v1", "Deployment", robot.namespace) == []
+    assert "there is no release" in robot("down", code=2).stderr
+    assert "there is no release" in robot("status", code=2).stderr

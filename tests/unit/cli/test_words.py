@@ -1,0 +1,308 @@
+"""Each command's words arrive at its action as they were meant; results come out as documented."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from rigel_k8s.actions import doctors, images, logs, pods, releases, runs
+from rigel_k8s.cli.main import cli
+from rigel_k8s.cli.pods import port_pair
+from rigel_k8s.cli.words import Timeout
+from rigel_k8s.deploy.types import ObjectRef, Plan, ReleaseId, Step
+from rigel_k8s.settings import Settings
+
+GLOBAL = ["-f", "robots/Rigelfile", "--context", "lab", "--kubeconfig", "kc", "-n", "test"]
+SETTINGS = Settings(Path("robots/Rigelfile"), "lab", Path("kc"), "test")
+
+
+class Recorder:
+    """Stands for an action: keeps what it was called with."""
+
+    def __init__(self, result: Any = None) -> None:
+        self.result = result
+        self.calls: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        self.calls.append((args, kwargs))
+        return self.result
+
+    @property
+    def args(self) -> tuple[Any, ...]:
+        return self.calls[-1][0]
+
+    @property
+    def kwargs(self) -> dict[str, Any]:
+        return self.calls[-1][1]
+
+
+def call(*words: str, **options: Any) -> Result:
+    """Run the command line with all global options."""
+    result = CliRunner().invoke(cli, [*GLOBAL, *words], standalone_mode=False, **options)
+    if result.exception:
+        raise result.exception
+    return result
+
+
+@pytest.fixture
+def record(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Put a recorder in an action's place."""
+
+    def put(module: Any, name: str, result: Any = None) -> Recorder:
+        recorder = Recorder(result)
+        monkeypatch.setattr(module, name, recorder)
+        return recorder
+
+    return put
+
+
+def test_run(record: Any) -> None:
+    """`run sequence NAME` with a time and --adopt."""
+    action = record(runs, "run")
+    call("run", "sequence", "demo", "--timeout", "5m", "--adopt")
+    kind, name, settings, _ = action.args
+    assert (kind, name) == ("sequence", "demo")
+    assert settings == Settings(
+        Path("robots/Rigelfile"), "lab", Path("kc"), "test", timeout=300, adopt=True
+    )
+
+
+def test_render(record: Any) -> None:
+    """Warnings go to standard error, so that the YAML can be piped on."""
+    found = releases.Manifests(({"kind": "A"}, {"kind": "B"}), ("R:1:1: beware [x]",))
+    action = record(releases, "render", found)
+    done = call("render", "deploy")
+    assert action.args == (SETTINGS, "deploy")
+    assert done.stdout == "---\nkind: A\n---\nkind: B\n"
+    assert done.stderr == "R:1:1: beware [x]\n"
+
+
+@pytest.mark.parametrize(("changes", "code"), [(True, 1), (False, 0)])
+def test_diff(record: Any, *, changes: bool, code: int) -> None:
+    """The exit code tells only where asked to, the summary counts."""
+    ref = ObjectRef("v1", "Service", "test", "a")
+    keep, change = Step("keep", ref), Step("change", ref)
+    plan = Plan(ReleaseId("test", "app"), (keep, change) if changes else (keep,))
+    text = "--- a\n+++ b\n@@ -1 +1 @@\n-old\n+new\n" if changes else ""
+    action = record(releases, "diff", releases.Difference(plan, text, ()))
+    done = call("diff", "--exit-code", "--adopt", color=True)
+    assert done.return_value == code
+    assert call("diff").return_value == 0
+    assert action.calls[0][0][0].adopt is True
+    assert done.stderr == ("1 to change, 1 unchanged\n" if changes else "1 unchanged\n")
+    assert ("\x1b[32m+new\x1b[0m" in done.stdout) is changes
+
+
+def test_logs(record: Any) -> None:
+    """Options of kubectl's meaning; our own notes are no output of a node's."""
+    lines = [
+        logs.LogLine("talker", "talker-1", "hello"),
+        logs.LogLine("listener", "listener-1", "no log yet", note=True),
+    ]
+    action = record(logs, "logs", lines)
+    done = call(
+        "logs", "-f", "-p", "--since", "5m", "--tail", "3", "--timestamps", "talker", "listener"
+    )
+    options = logs.LogOptions(follow=True, since=300, tail=3, previous=True, timestamps=True)
+    assert action.args == (SETTINGS, ("talker", "listener"), options, None)
+    assert done.stdout == "[talker] hello\n"
+    assert done.stderr == "[listener] no log yet\n"
+    assert call("logs", "talker").stdout == "hello\n"
+    call("logs", "--job", "second")
+    assert action.args[3] == "second"
+
+
+def test_exec(record: Any) -> None:
+    """What stands behind -- is the command's, its exit code is ours."""
+    action = record(pods, "execute", 7)
+    done = call("exec", "-i", "talker", "--", "rostopic", "echo", "-n", "1", "/chatter")
+    assert done.return_value == 7
+    settings, node, command = action.args
+    assert (settings, node) == (SETTINGS, "talker")
+    assert command == ("rostopic", "echo", "-n", "1", "/chatter")
+    assert action.kwargs["stdin"] is not None
+    assert action.kwargs["tty"] is False
+
+
+def test_exec_without_a_command_is_a_shell(record: Any) -> None:
+    """Its standard input is ours; a terminal only where there is one."""
+    action = record(pods, "execute", 0)
+    call("exec", "talker")
+    assert action.args[2] == ()
+    assert action.kwargs["stdin"] is not None
+    assert "no terminal" in call("exec", "-it", "talker").stderr
+    assert action.kwargs["tty"] is False
+
+
+def test_forward(record: Any) -> None:
+    """LOCAL:REMOTE as kubectl has it."""
+    action = record(pods, "forward", ["127.0.0.1:80 -> a:90"])
+    assert call("forward", "talker", "80:90", "7000").stdout == "127.0.0.1:80 -> a:90\n"
+    assert action.args == (SETTINGS, "talker", {90: 80, 7000: 7000}, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "pair"), [("80", (80, 80)), ("8080:80", (80, 8080)), (":80", (80, 0))]
+)
+def test_ports(text: str, pair: tuple[int, int]) -> None:
+    """PORT, LOCAL:REMOTE and :REMOTE."""
+    assert port_pair(text) == pair
+
+
+@pytest.mark.parametrize("text", ["", "0", "70000", "a", "1:2:3", "80:", "-1", "99999:80"])
+def test_ports_that_are_none(text: str) -> None:
+    """The message says how a port is written."""
+    with pytest.raises(click.BadParameter, match="is no port: write PORT"):
+        port_pair(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("90", 90), ("90s", 90), ("5m", 300), ("1.5h", 5400)]
+)
+def test_durations(text: str, seconds: float) -> None:
+    """As people write them."""
+    assert Timeout().convert(text, None, None) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "m", "0", "-5s", "5 days", "nan", "inf"])
+def test_durations_that_are_none(text: str) -> None:
+    """The message says how one is written."""
+    with pytest.raises(click.BadParameter, match="is no duration"):
+        Timeout().convert(text, None, None)
+
+
+def test_history(record: Any) -> None:
+    """A table for people, JSON for scripts."""
+    one = SimpleNamespace(number=1, status="good", created="2026-01-01T00:00:00Z", description="d")
+    record(releases, "history", [one])
+    assert json.loads(call("history", "-o", "json").stdout) == [
+        {"number": 1, "status": "good", "created": "2026-01-01T00:00:00Z", "description": "d"}
+    ]
+    assert call("history").stdout == (
+        "REVISION  STATUS  CREATED               DESCRIPTION\n"
+        "1         good    2026-01-01T00:00:00Z  d\n"
+    )
+
+
+def test_rollback(record: Any) -> None:
+    """To a number or to the last good one; --job where there are several releases."""
+    new = SimpleNamespace(number=4, description="rollback to revision 2")
+    action = record(releases, "rollback", new)
+    assert call("rollback", "2", "--job", "b").stdout == "revision 4: rollback to revision 2\n"
+    assert action.args[1:3] == ("b", 2)
+    call("rollback")
+    assert action.args[1:3] == (None, None)
+
+
+def test_down(record: Any) -> None:
+    """Data goes only with --volumes, and then only after a yes."""
+    ref = ObjectRef("v1", "Service", "test", "a")
+    plan = Plan(ReleaseId("test", "app"), (Step("prune", ref), Step("forget", ref)))
+    action = record(releases, "down", (plan.release, plan))
+    assert call("down").stdout == "app is gone from test: 1 object deleted, 1 kept for its data\n"
+    assert action.kwargs == {"volumes": False}
+    call("down", "--volumes", "-y")
+    assert action.kwargs == {"volumes": True}
+
+
+def test_down_does_not_ask_where_nobody_can_answer(record: Any) -> None:
+    """In a script --volumes without -y deletes nothing and says how to say yes."""
+    action = record(releases, "down")
+    with pytest.raises(Exception, match="no terminal to ask"):
+        call("down", "--volumes")
+    assert action.calls == []
+
+
+def test_doctor(record: Any) -> None:
+    """A line for each need, what to do where one lacks, exit code 1."""
+    found = [
+        doctors.Finding("cluster", ok=True, found="lab, v1.34.4"),
+        doctors.Finding("storage", ok=False, found="none", hint="make one"),
+    ]
+    record(doctors, "examine", found)
+    done = call("doctor")
+    assert done.return_value == 1
+    assert done.stdout == "✓ cluster: lab, v1.34.4\n✗ storage: none\n    make one\n"
+    assert json.loads(call("doctor", "-o", "json").stdout)[1]["hint"] == "make one"
+
+
+def test_image(record: Any) -> None:
+    """The name that was pushed goes to standard output, for scripts."""
+    action = record(images, "ros1_base", "host:5000/ros:noetic")
+    done = call("image", "ros1-base", "--push", "host:5000/ros:noetic", "--variant", "devel")
+    assert done.stdout == "host:5000/ros:noetic\n"
+    assert action.kwargs == {"variant": "devel", "push": "host:5000/ros:noetic", "force": False}
+
+
+@pytest.fixture
+def starter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A directory with what `rigel init` writes."""
+    monkeypatch.chdir(tmp_path)
+    CliRunner().invoke(cli, ["init"], catch_exceptions=False)
+    return tmp_path / "Rigelfile"
+
+
+def test_init_writes_what_check_takes(starter: Path) -> None:
+    """The first two commands of a new user work; a file that is there is not overwritten."""
+    done = CliRunner().invoke(cli, ["check"], standalone_mode=False)
+    assert (done.return_value, done.stdout) == (0, "Rigelfile: no problems\n")
+    starter.write_text("mine")
+    refused = CliRunner().invoke(cli, ["init"], standalone_mode=False)
+    assert "is there already" in str(refused.exception)
+    assert starter.read_text() == "mine"
+    CliRunner().invoke(cli, ["init", "--force"], catch_exceptions=False)
+    assert "rigel run sequence demo" in starter.read_text()
+
+
+def test_check_tells_in_json(starter: Path) -> None:
+    """Editors and scripts get places; exit code 2 as without -o."""
+    starter.write_text(starter.read_text().replace("deploy_ros_master: true", "deploy_ros: true"))
+    done = CliRunner().invoke(cli, ["check", "-o", "json"], standalone_mode=False)
+    assert done.return_value == 2
+    (finding,) = json.loads(done.stdout)
+    assert finding["kind"] == "unknown-key"
+    assert (finding["file"], finding["severity"]) == ("Rigelfile", "error")
+    line = starter.read_text().splitlines()[finding["line"] - 1]
+    assert line[finding["column"] - 1 :].startswith("deploy_ros: true")
+
+
+def test_check_for_rigel_0_3(starter: Path) -> None:
+    """--rigel03 adds what Rigel would not take; without it the same file is fine."""
+    starter.write_text(starter.read_text().replace("  demo:\n", "  demo:\n    description: all\n"))
+    assert CliRunner().invoke(cli, ["check"], standalone_mode=False).return_value == 0
+    done = CliRunner().invoke(cli, ["check", "--rigel03"], standalone_mode=False)
+    assert done.return_value == 2
+    assert "description" in done.stdout
+
+
+def test_schema_is_json(starter: Path) -> None:
+    """An editor can load it."""
+    done = CliRunner().invoke(cli, ["schema"], catch_exceptions=False)
+    assert json.loads(done.stdout)["type"] == "object"
+
+
+def test_jobs_are_completed_from_the_rigelfile(starter: Path) -> None:
+    """`rigel render <TAB>` offers the jobs that deploy; a broken file offers nothing."""
+    from click.shell_completion import ShellComplete
+
+    def offered(*words: str) -> list[str]:
+        completion = ShellComplete(cli, {}, "rigel", "_RIGEL_COMPLETE")
+        return [item.value for item in completion.get_completions(list(words), "")]
+
+    assert offered("render") == ["deploy"]
+    assert offered("-f", str(starter), "logs", "--job") == ["deploy"]
+    starter.write_text("jobs: [")
+    assert offered("render") == []
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion(shell: str) -> None:
+    """The script that a shell sources."""
+    done = CliRunner().invoke(cli, ["completion", shell], prog_name="rigel")
+    assert "_RIGEL_COMPLETE" in done.stdout

@@ -99,7 +99,7 @@ def _field(attribute: attrs.Attribute[Any], docs: dict[str, str]) -> Field:
         type=attribute.type if attribute.type is not None else Any,
         required=attribute.default is attrs.NOTHING,
         default=attribute.default,
-        doc=metadata.get("doc", docs.get(attribute.name, "")),
+        doc=metadata.get("doc", docs.get(attribute.name, "")).removesuffix("."),
     )
 
 

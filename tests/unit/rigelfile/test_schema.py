@@ -85,7 +85,7 @@ def test_descriptions_come_from_the_classes(validator: Draft202012Validator) -> 
     """Metadata, or else the docstring's list of attributes."""
     definitions = validator.schema["$defs"]
     assert definitions["Robot"]["properties"]["image"]["description"] == "what to run"
-    assert definitions["Ready"]["properties"]["command"]["description"] == "what to ask, in words."
+    assert definitions["Ready"]["properties"]["command"]["description"] == "what to ask, in words"
     assert definitions["Ready"]["description"] == "When it is ready."
 
 

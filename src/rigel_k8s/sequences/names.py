@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 
 import attrs
 
-__all__ = ["BUILTIN", "ENTRY_POINT_GROUPS", "RIGELS_OWN", "Builtin", "Kind", "by_name"]
+__all__ = ["BUILTIN", "ENTRY_POINT_GROUPS", "Builtin", "Kind", "by_name"]
 
 Kind: TypeAlias = Literal["job", "provider"]
 
@@ -75,17 +75,6 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
         ),
     ),
 }
-
-#: What Rigel 0.3 has and this package has not: usable where Rigel is installed.
-RIGELS_OWN = frozenset(
-    {
-        "rigel.plugins.core.ComposePlugin",
-        "rigel.plugins.core.TestPlugin",
-        "rigel.plugins.aws.RoboMakerPlugin",
-        "rigel.providers.core.SSHProvider",
-        "rigel.providers.aws.AWSProvider",
-    }
-)
 
 
 def by_name(kind: Kind) -> dict[str, Builtin]:

@@ -20,7 +20,7 @@ from typing import Any
 from rigel_k8s.errors import UserError
 from rigel_k8s.sequences import rigelstyle
 from rigel_k8s.sequences.job import JobType, ProviderType
-from rigel_k8s.sequences.names import BUILTIN, ENTRY_POINT_GROUPS, RIGELS_OWN, Kind, by_name
+from rigel_k8s.sequences.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, by_name
 from rigel_k8s.sequences.validation import looks_like, validate, word
 
 __all__ = ["importable", "job_type", "known", "provider_type"]
@@ -150,14 +150,16 @@ def _missing_class(
 
 
 def _unknown(kind: Kind, name: str) -> UserError:
-    if name in RIGELS_OWN:
+    names = [n for short, paths in known(kind).items() for n in (short, *paths)]
+    of_rigel = name.startswith(("rigel.plugins.", "rigel.providers."))
+    # Rigel's paths resemble each other: only a slip of the pen is near there.
+    near = difflib.get_close_matches(name, names, 1, 0.95 if of_rigel else 0.6)
+    if of_rigel and not near:
         return UserError(
             f"{word(kind)} {name} is Rigel's own, and Rigel is not installed here",
             hint="install Rigel 0.3 beside this package (docs/rigel.md), or take one of: "
             + ", ".join(known(kind)),
         )
-    names = [n for short, paths in known(kind).items() for n in (short, *paths)]
-    near = difflib.get_close_matches(name, names, 1)
     meant = f", did you mean {near[0]}?" if near else ""
     return UserError(
         f'unknown {word(kind)} "{name}"{meant}',

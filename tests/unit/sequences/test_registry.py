@@ -125,6 +125,11 @@ def test_an_entry_point_is_found_by_its_name(beside: Path) -> None:
         ("src.plugn.OrchestrationPlugin", "did you mean src.plugin.OrchestrationPlugin?", "known"),
         ("nothing.at.All", 'unknown job type "nothing.at.All"', "beside the Rigelfile"),
         ("rigel.plugins.core.ComposePlugin", "is Rigel's own, and Rigel is not installed", "docs"),
+        (
+            "rigel.plugins.core.DockerfilPlugin",
+            "mean rigel.plugins.core.DockerfilePlugin?",
+            "known",
+        ),
         ("os.path.Nothing", "module os.path has no Nothing", "see what module os.path defines"),
         (".x.Y", 'unknown job type ".x.Y"', "known"),
         ("collections.abc", "collections.abc is a module, not a class", "class"),

@@ -7,12 +7,14 @@ drops what it forwards, as machines with Docker do. So what `down` leaves can be
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -22,7 +24,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.localcluster import components, paths
+from rigel_k8s.localcluster import addons, components, oci, paths
 
 pytestmark = [
     pytest.mark.cluster,
@@ -47,6 +49,20 @@ class Host:
         self.directory = directory
         self.kubeconfig = directory / "kubeconfig"
         self.kubeconfig.write_text(KUBECONFIG)
+        self.environment = {
+            **os.environ,
+            "KUBECONFIG": str(self.kubeconfig),
+            "CONTAINERS_STORAGE_CONF": str(directory / "storage.conf"),
+            "CONTAINERS_CONF": str(directory / "containers.conf"),
+        }
+        (directory / "storage.conf").write_text(
+            f'[storage]\ndriver = "vfs"\ngraphroot = "{directory}/podman/graph"\n'
+            f'runroot = "{directory}/podman/run"\n'
+        )
+        (directory / "containers.conf").write_text(
+            f'[engine]\nstatic_dir = "{directory}/podman/libpod"\n'
+            f'tmp_dir = "{directory}/podman/tmp"\n'
+        )
         self.holder = self._start()
 
     def _start(self) -> subprocess.Popen[bytes]:
@@ -56,7 +72,9 @@ class Host:
             "set -eu\n"
             "mkdir -p /var/lib/rigel-k8s\n"
             f"mount --bind {self.directory}/state /var/lib/rigel-k8s\n"
+            "for m in $(grep -o ' /run/[^ ]*' /proc/self/mounts); do umount -l $m || true; done\n"
             "mount -t tmpfs tmpfs /run\n"
+            "mount --make-shared /run\n"
             "mount -t tmpfs tmpfs /opt\n"
             "ip link set lo up\n"
             "ip link add eth0 type veth peer name out mtu 1400\n"
@@ -71,7 +89,7 @@ class Host:
         process = subprocess.Popen(
             ["unshare", *namespaces, "--propagation", "private", "/bin/sh", "-x", str(script)]
         )
-        until(lambda: (self.directory / "made").exists(), "the machine")
+        until((self.directory / "made").exists, "machine", process.kill)
         return process
 
     @property
@@ -107,14 +125,13 @@ class Host:
 
     def run(self, *words: str, check: bool = True, text: str | None = None) -> str:
         """Run a program inside and return what it printed."""
-        environment = {**os.environ, "KUBECONFIG": str(self.kubeconfig)}
         done = subprocess.run(
             self.command(*words),
             check=False,
             input=text,
             capture_output=True,
             text=True,
-            env=environment,
+            env=self.environment,
             timeout=300,
         )
         if check and done.returncode != 0:
@@ -195,11 +212,15 @@ def sysctls(text: str) -> list[str]:
     return [line for line in text.splitlines() if not re.search(moving, line)]
 
 
-def until(true: Callable[[], object], what: str, seconds: float = 60) -> None:
+def until(
+    true: Callable[[], object], what: str, otherwise: Callable[[], object] = lambda: None
+) -> None:
     """Wait until something is true, or say what did not come."""
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + 60
     while not true():
-        assert time.monotonic() < deadline, f"no {what} within {seconds:.0f} s"
+        if time.monotonic() > deadline:
+            otherwise()
+            raise AssertionError(f"no {what} within a minute")
         time.sleep(0.1)
 
 
@@ -244,8 +265,9 @@ def before(host: Host) -> dict[str, list[str]]:
 @pytest.fixture(scope="module")
 def one(host: Host, before: dict[str, list[str]]) -> str:
     """A cluster of two nodes."""
-    host.run("ip", "netns", "add", "somebody")
+    host.run("sh", "-c", "mkdir /run/somebody && mount -t tmpfs tmpfs /run/somebody")
     host.rigel("up", "--name", "t-one", "--nodes", "2")
+    host.run("sh", "-c", "umount /run/somebody && rmdir /run/somebody")
     return "t-one"
 
 
@@ -350,39 +372,48 @@ def test_a_claim_keeps_its_data(host: Host, one: str, registry: str) -> None:
     assert told == "kept\n"
 
 
-def image_tar(host: Host, name: str) -> Path:
-    """Write an image archive as `docker save` does: a shell that says which image it is."""
-    program = (
-        "import io, json, sys, tarfile\n"
-        "from pathlib import Path\n"
-        "from rigel_k8s.localcluster import addons, components, oci\n"
-        "shell = addons.images(components.obtain(print))[3]\n"
-        "layer = shell.layer()\n"
-        "config = json.dumps({'architecture': oci.machine_architecture(), 'os': 'linux',\n"
-        "  'config': {'Entrypoint': ['sh']},\n"
-        "  'rootfs': {'type': 'layers', 'diff_ids': [oci.digest(layer)]}}).encode()\n"
-        "manifest = [{'Config': 'config.json', 'RepoTags': [sys.argv[1]], 'Layers': ['l.tar']}]\n"
-        "parts = {'config.json': config, 'l.tar': layer,\n"
-        "  'manifest.json': json.dumps(manifest).encode()}\n"
-        "with tarfile.open(sys.argv[2], 'w') as tar:\n"
-        "    for name, data in parts.items():\n"
-        "        entry = tarfile.TarInfo(name)\n"
-        "        entry.size = len(data)\n"
-        "        tar.addfile(entry, io.BytesIO(data))\n"
-    )
-    path = host.directory / "image.tar"
-    host.run(sys.executable, "-c", program, name, str(path))
+def write_layer(host: Host) -> Path:
+    """Write the file system of an image: a shell."""
+    layer = addons.images(components.obtain(print))[3].layer()
+    path = host.directory / "layer.tar"
+    path.write_bytes(layer)
     return path
 
 
-def test_a_loaded_image_runs_on_every_node(host: Host, one: str) -> None:
+def docker_archive(host: Host, name: str) -> Path:
+    """Write an image as `docker save` does."""
+    layer = write_layer(host).read_bytes()
+    rootfs = {"type": "layers", "diff_ids": [oci.digest(layer)]}
+    config = {"architecture": oci.machine_architecture(), "os": "linux", "rootfs": rootfs}
+    manifest = [{"Config": "config.json", "RepoTags": [name], "Layers": ["layer.tar"]}]
+    path = host.directory / "image.tar"
+    with tarfile.open(path, "w") as tar:
+        for part, content in (("config.json", config), ("manifest.json", manifest)):
+            data = json.dumps(content).encode()
+            entry = tarfile.TarInfo(part)
+            entry.size = len(data)
+            tar.addfile(entry, io.BytesIO(data))
+        tar.add(host.directory / "layer.tar", "layer.tar")
+    return path
+
+
+def test_a_loaded_archive_runs_on_every_node(host: Host, one: str) -> None:
     """After `load` of an archive, pods on all nodes run the image, which no registry has."""
-    path = image_tar(host, "docker.io/library/loaded:7")
-    host.rigel("load", "--name", one, str(path))
+    host.rigel("load", "--name", one, str(docker_archive(host, "docker.io/library/loaded:7")))
     for node in ("node1", "node2"):
         text = pod(f"l-{node}", "loaded:7", "echo runs", nodeName=node, restartPolicy="Never")
         host.kubectl(one, "apply", "-f", "-", text=text)
         assert finished(host, one, f"l-{node}") == "runs\n"
+
+
+@pytest.mark.skipif(not shutil.which("podman"), reason="needs podman")
+def test_an_image_of_podman_runs(host: Host, one: str) -> None:
+    """After `load` of an image by its name in podman, a pod runs it."""
+    host.run("podman", "import", "-q", str(write_layer(host)), "localhost/mine:3")
+    host.rigel("load", "--name", one, "localhost/mine:3")
+    text = pod("mine", "localhost/mine:3", "echo runs", restartPolicy="Never")
+    host.kubectl(one, "apply", "-f", "-", text=text)
+    assert finished(host, one, "mine") == "runs\n"
 
 
 def test_load_says_which_image_nobody_has(host: Host, one: str) -> None:
@@ -425,8 +456,7 @@ def test_the_kubeconfig_gains_a_context(host: Host, one: str) -> None:
 
 
 def test_nothing_of_others_is_held(host: Host, one: str) -> None:
-    """A namespace that somebody made before the cluster, and deletes now, is gone."""
-    host.run("ip", "netns", "del", "somebody")
+    """What somebody had mounted before the cluster, and unmounted since, no node holds."""
     held = "cat /proc/[0-9]*/mountinfo 2>/dev/null | grep -c somebody || true"
     assert host.run("sh", "-c", held).strip() == "0"
 
@@ -486,7 +516,7 @@ def test_two_clusters_side_by_side(host: Host, one: str) -> None:
         until(lambda: "sleep 1000" in host.processes().values(), "stranger")
         host.rigel("down", "--name", one)
         assert stranger.poll() is None, "down killed what it had not started"
-        stranger.kill()
+        host.run("pkill", "-f", "sleep 1000")
     after = host.snapshot()
     assert "t-one/" not in json.dumps(after["processes"])
     assert host.status("t-one-2")["running"]
@@ -526,8 +556,9 @@ def be_killed(host: Host) -> None:
 def be_interrupted(host: Host) -> None:
     """`up` is killed while it starts the nodes."""
     words = host.command(sys.executable, "-m", "rigel_k8s", "cluster", "up", "--name", "t-gone")
-    environment = {**os.environ, "KUBECONFIG": str(host.kubeconfig)}
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=environment) as process:
+    with subprocess.Popen(
+        words, stderr=subprocess.PIPE, text=True, env=host.environment
+    ) as process:
         assert process.stderr is not None
         assert any("Starting node1" in line for line in process.stderr)
         host.run("pkill", "-KILL", "-f", "rigel_k8s cluster up")

@@ -53,11 +53,12 @@ def context() -> Iterator[str]:
 
 
 @pytest.fixture(scope="session")
-def cluster(context: str) -> Any:
+def cluster(context: str) -> Iterator[Any]:
     """A connection to the cluster of `context`."""
     from rigel_k8s.kube import connect
 
-    return connect(Settings(context=context))
+    with connect(Settings(context=context)) as connected:
+        yield connected
 
 
 @pytest.fixture

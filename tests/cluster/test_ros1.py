@@ -153,14 +153,61 @@ def test_orphans_of_a_lost_roscore_turn_unready_and_status_says_why(robot: Robot
     assert "listener" in told
 
 
+def signal_rospy(robot: Robot, name: str, signal: str) -> None:
+    """Send a signal to the rospy process of a pod; process 1 cannot be stopped from inside."""
+    robot.run(
+        name,
+        "sh",
+        "-c",
+        'for p in /proc/[0-9]*; do tr "\\0" " " <$p/cmdline | grep -q "[i]mport rospy"'
+        f" && kill -{signal} ${{p#/proc/}}; done; true",
+    )
+
+
 def test_a_stopped_process_turns_unready_and_comes_back(robot: Robot) -> None:
     """SIGSTOP leaves the pod Running; readiness sees that the node does not answer."""
-    robot.write({"talker": talker()})
+    code = TALKER.format(anonymous=False)
+    robot.write(
+        {"talker": {"env": {"CODE": code}, "args": ["sh", "-c", 'python3 -c "$CODE"; true']}}
+    )
     robot.deploy()
-    robot.run("talker", "sh", "-c", "kill -STOP 1 || true; pkill -STOP -f rospy || true")
+    signal_rospy(robot, "talker", "STOP")
     eventually("talker is NotReady", lambda: not robot.ready("talker"))
-    robot.run("talker", "sh", "-c", "kill -CONT 1 || true; pkill -CONT -f rospy || true")
+    signal_rospy(robot, "talker", "CONT")
     eventually("talker is ready again", lambda: robot.ready("talker"))
+
+
+def restarts(robot: Robot, name: str) -> int:
+    """Return how often a workload's containers were restarted."""
+    return sum(
+        status["restartCount"]
+        for pod in robot.pods(name)
+        for status in pod["status"]["containerStatuses"]
+    )
+
+
+def test_nodes_start_after_their_master(robot: Robot) -> None:
+    """A node that asks the master for a parameter at once finds it: nothing crashes at first."""
+    hasty = "import rospy; rospy.get_param('/rosversion'); " + TALKER.format(anonymous=False)
+    robot.write({"talker": python(hasty)})
+    robot.deploy()
+    assert restarts(robot, "talker") == 0
+
+
+def test_a_changed_master_takes_its_nodes_along(robot: Robot) -> None:
+    """A new roscore knows nobody: its nodes start anew after it, so no deploy makes orphans."""
+    robot.write({"talker": talker(), "listener": python(LISTENER)})
+    robot.deploy()
+    before = robot.pods("talker")[0]["metadata"]["uid"]
+    changed = {"spec": {"template": {"metadata": {"annotations": {"generation": "2"}}}}}
+    robot.write(
+        {"talker": talker(), "listener": python(LISTENER)},
+        additional_k8s_params={"ros_master": changed},
+    )
+    robot.deploy()
+    assert robot.pods("talker")[0]["metadata"]["uid"] != before
+    assert all(robot.ready(name) for name in ("ros-master", "talker", "listener"))
+    assert "/talker" in robot.run("ros-master", "rosnode", "list").split()
 
 
 def test_data_survives_down_unless_volumes_are_asked_for(robot: Robot) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -13,7 +13,7 @@ from rigel_k8s.deploy.order import WORKLOADS, rank, wave
 from rigel_k8s.deploy.ownership import managers, taken_over
 from rigel_k8s.deploy.plan import predecessors
 from rigel_k8s.deploy.report import Reporter
-from rigel_k8s.deploy.types import Manifest, ObjectRef, Plan, Step
+from rigel_k8s.deploy.types import FIRST_ANNOTATION, Manifest, ObjectRef, Plan, Step
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.kube.cluster import Cluster
 
@@ -33,12 +33,14 @@ class Applier:
 
     Attributes:
         adopt: take over what other managers own.
+        until_ready: waits for live objects; called between those that come first and the rest.
     """
 
     cluster: Cluster
     report: Reporter
     cancel: threading.Event
     adopt: bool = False
+    until_ready: Callable[[Sequence[Manifest]], None] = lambda _: None
 
     def apply(self, plan: Plan) -> dict[ObjectRef, Live]:
         """Create and change what the plan says; return the live objects, also of what is kept."""
@@ -46,12 +48,14 @@ class Applier:
         applied = {s.ref: dict(s.live) for s in steps if s.action == "keep" and s.live}
         self.end(predecessors(plan))
         writes = [step for step in steps if step.action in ("create", "change")]
-        for number in sorted({wave(step.ref.kind) for step in writes}):
+        ordered = groups(writes)
+        for chosen in ordered:
             self.go_on()
-            chosen = [step for step in writes if wave(step.ref.kind) == number]
             done = self.cluster.parallel(self.write, chosen)
             applied |= {s.ref: live for s, live in zip(chosen, done, strict=True)}
             self.until_defined(chosen)
+            if comes_first(chosen[0]) and chosen is not ordered[-1]:
+                self.until_ready(done)
         return applied
 
     def write(self, step: Step) -> Live:
@@ -185,3 +189,18 @@ def defined(manifest: Manifest | None) -> list[tuple[str, str]]:
     spec = manifest["spec"]
     served = [version["name"] for version in spec["versions"] if version.get("served")]
     return [(f"{spec['group']}/{version}", spec["names"]["kind"]) for version in served]
+
+
+def comes_first(step: Step) -> bool:
+    """Whether the other workloads of the release start only when this one is ready."""
+    annotations = (step.manifest or {}).get("metadata", {}).get("annotations", {})
+    return bool(annotations.get(FIRST_ANNOTATION) == "true")
+
+
+def groups(writes: Sequence[Step]) -> list[list[Step]]:
+    """Return steps in the order of apply: those of a group go side by side."""
+
+    def place(step: Step) -> tuple[int, bool]:
+        return wave(step.ref.kind), not comes_first(step)
+
+    return [[step for step in writes if place(step) == p] for p in sorted(set(map(place, writes)))]

@@ -236,7 +236,13 @@ def written(run: Run, found: Survey, plan: Plan, lease: Held) -> Revision:
     tell_plan(run, plan)
     pending = new_revision(run, found, plan)
     revisions.create(run.cluster, pending)
-    applier = Applier(run.cluster, run.report, run.cancel, run.adopt)
+    applier = Applier(
+        run.cluster,
+        run.report,
+        run.cancel,
+        run.adopt,
+        until_ready=lambda live: waiter(run, found, lease).wait(live),
+    )
     try:
         applied = applier.apply(plan)
         pending = attrs.evolve(pending, inventory=with_uids(pending.inventory, applied))

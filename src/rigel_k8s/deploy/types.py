@@ -12,6 +12,7 @@ from rigel_k8s.problems import Path
 
 __all__ = [
     "FIELD_MANAGER",
+    "FIRST_ANNOTATION",
     "RELEASE_LABEL",
     "SINGLETON_ANNOTATION",
     "Desired",
@@ -30,6 +31,8 @@ FIELD_MANAGER = "rigel"
 RELEASE_LABEL = "rigel-k8s/release"
 #: On a workload: an identity that only one workload of a namespace may have at a time (a ROS name).
 SINGLETON_ANNOTATION = "rigel-k8s/singleton"
+#: On a workload, "true": the release's other workloads start when it is ready (a ROS master).
+FIRST_ANNOTATION = "rigel-k8s/first"
 
 
 @attrs.frozen

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rigel_k8s.deploy.types import SINGLETON_ANNOTATION
+from rigel_k8s.deploy.types import FIRST_ANNOTATION, SINGLETON_ANNOTATION
 from rigel_k8s.manifests.overlay import merge
 from rigel_k8s.manifests.pods import (
     MASTER_NAME,
@@ -45,7 +45,7 @@ def master_deployment(around: Surroundings, image: str | None, params: Mapping[s
         MASTER_NAME,
         {"containers": [container], "volumes": [volume]},
         strategy={"type": "Recreate"},
-        annotations={SINGLETON_ANNOTATION: "/rosout"},
+        annotations={SINGLETON_ANNOTATION: "/rosout", FIRST_ANNOTATION: "true"},
     )
     merged: Object = merge(made, params)
     return merged

@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.deploy.types import Desired, ObjectRef, ReleaseId, ref_of
+from rigel_k8s.deploy.types import Desired, Manifest, ObjectRef, ReleaseId, ref_of
 from rigel_k8s.manifests.application import application_deployment, has_application
 from rigel_k8s.manifests.distros import is_ros1
 from rigel_k8s.manifests.images import pinned
 from rigel_k8s.manifests.master import master_deployment, master_service
 from rigel_k8s.manifests.nodes import Node, node_objects
 from rigel_k8s.manifests.options import OrchestrationOptions
-from rigel_k8s.manifests.overlay import plain
+from rigel_k8s.manifests.overlay import merge, plain
 from rigel_k8s.manifests.partial import flat
-from rigel_k8s.manifests.pods import MASTER_PORT, MASTER_URI, Object, scripts_config
+from rigel_k8s.manifests.pods import (
+    MASTER_NAME,
+    MASTER_PORT,
+    MASTER_URI,
+    Object,
+    scripts_config,
+)
 from rigel_k8s.manifests.storage import storage
 from rigel_k8s.manifests.workloads import Surroundings, config_map
 from rigel_k8s.problems import Path
 from rigel_k8s.settings import Application
 
 __all__ = ["Files", "deploys_master", "desired", "has_workloads", "master_uri"]
+
+#: On the pods of ROS nodes: which roscore they register with.
+MASTER_ANNOTATION = "rigel-k8s/master"
 
 #: The texts of parameter files, by the names that the Rigelfile gives them.
 Files = Mapping[str, str]
@@ -76,14 +87,35 @@ def desired(
         pull_secrets=tuple(dict.fromkeys([*map(str, options.image_pull_secrets), *pull_secrets])),
     )
     traced = [(path, plain(item)) for path, item in objects(options, around, scripts, files or {})]
+    pins = [pinned(item, digests or {}) for _, item in traced]
     return Desired(
         release=release,
-        objects=tuple(pinned(item, digests or {}) for _, item in traced),
+        objects=tuple(bound_to_master(pins)),
         origins={ref_of(item): path for path, item in traced},
         options=kept(raw or {}),
         create_namespace=create_namespace,
         protected=frozenset(protected(item for _, item in traced)),
     )
+
+
+def bound_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
+    """Yield the objects, the pods of all nodes bound to the very roscore that they register with.
+
+    A roscore that is changed is started anew and knows nobody; nobody registers again. So its nodes
+    must start anew too, after it: a hash of its pod template stands in theirs.
+    """
+    masters = [item for item in made if is_master(item)]
+    text = json.dumps([item["spec"]["template"] for item in masters], sort_keys=True)
+    mark = {MASTER_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:12]}
+    over = {"spec": {"template": {"metadata": {"annotations": mark}}}}
+    for item in made:
+        follows = masters and item["kind"] == "Deployment" and not is_master(item)
+        yield merge(item, over) if follows else item
+
+
+def is_master(item: Manifest) -> bool:
+    """Return whether an object is our roscore."""
+    return bool(item["kind"] == "Deployment" and item["metadata"]["name"] == MASTER_NAME)
 
 
 def objects(

@@ -73,11 +73,17 @@ def test_which_jobs_describe_a_part(raw: dict[str, Any], *, partial: bool) -> No
 
 def test_a_partial_job_is_laid_over_the_last_revision() -> None:
     """Both may be nested; nothing that it does not name is reset."""
-    previous = {"orchestration": {"application_image": "a:1", "readiness": {"command": "x"}}}
-    part = {"readiness": {"period_seconds": 3}, "rolling_update": {"strategy": "Recreate"}}
+    previous = {
+        "orchestration": {
+            "application_image": "a:1",
+            "distributed": {"enabled": True, "default_to_remote": True},
+            "rolling_update": {"max_surge": 1},
+        }
+    }
+    part = {"rolling_update": {"strategy": "Recreate"}, "distributed": {"force_local_flag": True}}
     assert overlay(previous, part) == {
         "application_image": "a:1",
-        "readiness": {"command": "x", "period_seconds": 3},
+        "distributed": {"enabled": True, "default_to_remote": True, "force_local_flag": True},
         "rolling_update": {"strategy": "Recreate"},
     }
 

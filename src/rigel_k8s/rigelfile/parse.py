@@ -175,7 +175,7 @@ class _Reader:
                 return _CONSTRUCT.construct_yaml_int(item)
             if item.tag == f"{_TAG}float":
                 return _CONSTRUCT.construct_yaml_float(item)
-        except (ValueError, KeyError):  # an explicit tag on a text that does not fit it
+        except (ValueError, LookupError):  # an explicit tag on a text that does not fit it
             self._refused(item, f'"{item.value}" does not fit its tag')
         else:
             if item.tag not in _TEXT_TAGS:

@@ -47,11 +47,11 @@ def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
         LocalClusterError: another process holds it, and `wait` is False.
     """
     while True:
-        path.parent.mkdir(parents=True, exist_ok=True)
         try:
+            path.parent.mkdir(parents=True, exist_ok=True)
             file = path.open("w")
-        except FileNotFoundError:  # the last holder took the directory away
-            continue
+        except (FileExistsError, FileNotFoundError):
+            continue  # the last holder took the directory away just then
         with file:
             lock(file.fileno(), path, wait=wait)
             if not is_file(file.fileno(), path):

@@ -1,0 +1,93 @@
+"""What is remembered between two commands."""
+
+from __future__ import annotations
+
+import multiprocessing
+from pathlib import Path
+
+import pytest
+
+from rigel_k8s.errors import LocalClusterError, UserError
+from rigel_k8s.localcluster import paths, removal
+from rigel_k8s.localcluster.components import Components
+from rigel_k8s.localcluster.state import State, find
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A state directory of the test's own."""
+    monkeypatch.setattr(paths, "STATE", tmp_path)
+    return tmp_path
+
+
+def state(name: str, **rest: object) -> State:
+    found = State(name, 2, "10.64.0.0/14", "boot", "1.34.4", Components({"kubectl": "/k"}, "/p"))
+    for key, value in rest.items():
+        setattr(found, key, value)
+    return found
+
+
+def test_it_is_read_back(place: Path) -> None:
+    """A saved state is the same after loading; clusters are listed by name."""
+    state("b").save()
+    state("a", furnished=True).save()
+    assert State.load("a") == state("a", furnished=True)
+    assert paths.names() == ["a", "b"]
+
+
+def test_an_unknown_cluster_is_told_with_those_that_are_there(place: Path) -> None:
+    """The error names the others and how to start one."""
+    state("dev").save()
+    with pytest.raises(UserError, match="no local cluster local; there is dev") as caught:
+        find("local")
+    assert caught.value.hint == "rigel cluster up --name local"
+
+
+def test_machines_of_one_cluster_are_not_those_of_another(place: Path) -> None:
+    """Names are exact: `dev` has none of the namespaces of `dev-2`."""
+    ours = {state("dev").layout.namespace(m) for m in state("dev").machine_names}
+    theirs = {state("dev-2").layout.namespace(m) for m in state("dev-2").machine_names}
+    assert ours == {"rigel-dev-control-plane", "rigel-dev-node1", "rigel-dev-node2"}
+    assert not ours & theirs
+
+
+def test_the_context_before_is_handed_over(place: Path) -> None:
+    """A cluster that came after a removed one goes back to what was before that."""
+    state("b", kubeconfigs={"/k": "rigel-a", "/other": "rigel-a"}).save()
+    removal.hand_over("rigel-a", "/k", "robots")
+    loaded = State.load("b")
+    assert loaded is not None
+    assert loaded.kubeconfigs == {"/k": "robots", "/other": "rigel-a"}
+
+
+def test_one_command_at_a_time(tmp_path: Path) -> None:
+    """A second rigel on the same cluster is refused; the lock leaves nothing."""
+    path = tmp_path / "locks" / "cluster a.lock"
+    with (
+        paths.locked(path, wait=False),
+        pytest.raises(LocalClusterError, match="another rigel is at work on cluster a"),
+        paths.locked(path, wait=False),
+    ):
+        pass
+    assert not path.parent.exists()
+
+
+def count(path: Path, counter: Path, times: int) -> None:
+    """Add one to a number in a file, under the lock."""
+    for _ in range(times):
+        with paths.locked(path):
+            counter.write_text(str(int(counter.read_text()) + 1))
+
+
+def test_a_lock_that_is_taken_away_still_locks(tmp_path: Path) -> None:
+    """Although each holder removes the file, no two hold it at once."""
+    counter = tmp_path / "counter"
+    counter.write_text("0")
+    context = multiprocessing.get_context("spawn")
+    arguments = (tmp_path / "locks" / "a.lock", counter, 200)
+    workers = [context.Process(target=count, args=arguments) for _ in range(3)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert counter.read_text() == "600"

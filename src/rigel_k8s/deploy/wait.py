@@ -178,7 +178,7 @@ class Waiter:
             live = view.find(ref)
             if live is None or self.ready(ref):
                 continue
-            if self.states[ref].done:
+            if self.states[ref].done and not self.states[ref].ok:
                 yield ref, Cause("failed", self.states[ref].message)
             elif ref.kind == "PersistentVolumeClaim":
                 yield from ((ref, cause) for cause in self.of_claim(ref, live))

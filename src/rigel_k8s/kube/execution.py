@@ -12,6 +12,7 @@ import select
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from typing import Any, BinaryIO
 
 import attrs
@@ -92,9 +93,10 @@ def exec_on(
     streams = {STDOUT: stdout, STDERR: stderr}
     result: bytes | None = None
     terminal = Terminal(stdin, lambda size: send_size(session, size)) if tty and stdin else None
-    with session, terminal or threading.Lock():
+    pumping = threading.Thread(target=pump, args=(stdin, session), daemon=True)
+    with session, terminal or nullcontext():
         if stdin is not None:
-            threading.Thread(target=pump, args=(stdin, session), daemon=True).start()
+            pumping.start()
         while (frame := session.receive(None)) is not None:
             channel, data = frame
             if channel in streams:
@@ -102,6 +104,8 @@ def exec_on(
                 streams[channel].flush()
             elif channel == RESULT:
                 result = data
+    if stdin is not None:
+        pumping.join()  # nobody reads the caller's stream any more
     return exit_code(result, namespace, pod)
 
 

@@ -15,6 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from email.message import Message
 from pathlib import Path
 from urllib.parse import SplitResult, urlsplit
@@ -47,11 +48,13 @@ class Answer:
 class Stream:
     """An answer that goes on: read its lines, abort it from any thread."""
 
-    def __init__(self, connection: http.client.HTTPConnection, response: http.client.HTTPResponse):
-        self.connection = connection
-        self.response = response
-        self.socket = connection.sock
-        self.aborted = False
+    def __init__(
+        self,
+        connection: http.client.HTTPConnection,
+        response: http.client.HTTPResponse,
+        sock: socket.socket,
+    ):
+        self.connection, self.response, self.socket = connection, response, sock
 
     def lines(self) -> Iterator[bytes]:
         """Yield lines without their end until the server or `abort` ends the stream."""
@@ -65,12 +68,8 @@ class Stream:
 
     def abort(self) -> None:
         """End the stream; a thread that reads it returns."""
-        self.aborted = True
-        if self.socket is not None:
-            try:
-                self.socket.shutdown(socket.SHUT_RDWR)
-            except OSError:
-                self.socket = None
+        with suppress(OSError):
+            self.socket.shutdown(socket.SHUT_RDWR)
         self.connection.close()
 
 
@@ -178,15 +177,17 @@ class Transport:
         connection, _ = self.take(new=True)
         try:
             self.send(connection, "GET", path, None, {"Accept": "application/json"}, fresh=False)
+            sock = connection.sock
             response = connection.getresponse()
             if response.status >= 400:
-                return Answer(response.status, response.headers, response.read())
+                answer = Answer(response.status, response.headers, response.read())
+                connection.close()
+                return answer
         except BROKEN as error:
             connection.close()
             raise self.unreachable(what, error) from error
-        if connection.sock is not None:
-            connection.sock.settimeout(timeout)
-        return Stream(connection, response)
+        sock.settimeout(timeout)
+        return Stream(connection, response, sock)
 
     def open_socket(self, what: str) -> socket.socket:
         """Return a connected socket (with TLS) for a protocol of its own."""

@@ -96,7 +96,9 @@ def test_a_quota_is_told(cluster: Any, make: Any, report: Any) -> None:
 def test_a_failed_mount_is_told(cluster: Any, make: Any, report: Any) -> None:
     """A volume that the kubelet cannot mount."""
     host = {"name": "dev", "hostPath": {"path": "/no/such/device", "type": "CharDevice"}}
-    told = failure(cluster, make, report, make.deployment(pod={"volumes": [host]}))
+    mount = [{"name": "dev", "mountPath": "/dev/motor"}]
+    node = make.deployment(pod={"volumes": [host]}, volumeMounts=mount)
+    told = failure(cluster, make, report, node)
     assert "FailedMount" in told
     assert "/no/such/device" in told
 

@@ -157,7 +157,7 @@ def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     cluster: Any, make: Any, report: Any
 ) -> None:
     """Ctrl-C: the revision stays pending, the Lease is free, the next run sees it through."""
-    slow = {"exec": {"command": ["test", "-e", "/tmp/ready"]}, "periodSeconds": 1}
+    slow = {"exec": {"command": ["sh", "-c", "test -e /ready"]}, "periodSeconds": 1}
     cancel = threading.Event()
     timer = threading.Timer(3, cancel.set)
     timer.start()
@@ -167,7 +167,7 @@ def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     assert [r.status for r in history(cluster, make.release)] == ["pending"]
     assert cluster.get(lease_ref(make.release)) is None
     pods = cluster.list("v1", "Pod", make.namespace, labels={RELEASE_LABEL: "demo"})
-    cluster.run(make.namespace, pods[0]["metadata"]["name"], ["touch", "/tmp/ready"])
+    cluster.run(make.namespace, pods[0]["metadata"]["name"], ["sh", "-c", ": > /ready"])
     deploy(wanted, cluster, report=report)
     assert [r.status for r in history(cluster, make.release)] == ["failed", "good"]
 

@@ -1,0 +1,324 @@
+"""The client against a real API server: objects, watches, logs, commands, ports."""
+
+from __future__ import annotations
+
+import io
+import os
+import pty
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError, UserError
+from rigel_k8s.kube import ObjectRef, connect
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.kubeconfig import load
+from rigel_k8s.settings import Settings
+
+pytestmark = pytest.mark.cluster
+
+
+@pytest.fixture(scope="module")
+def pod(cluster: Any, registry: str) -> Iterator[ObjectRef]:
+    """A running pod with a shell."""
+    namespace = ObjectRef("v1", "Namespace", "", f"kube-test-{os.getpid()}")
+    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace.name}})
+    manifest = shell_pod(namespace.name, registry)
+    wait_for_account(cluster, namespace.name)
+    cluster.apply(manifest)
+    for event in cluster.watch("v1", "Pod", namespace.name, seconds=60):
+        if event.object.get("status", {}).get("phase") == "Running":
+            break
+    yield ObjectRef("v1", "Pod", namespace.name, "shell")
+    cluster.delete(namespace)
+
+
+def shell_pod(namespace: str, registry: str) -> dict[str, Any]:
+    loop = "echo one; echo two; trap 'exit 0' TERM; while true; do sleep 0.2; date; done"
+    container = {
+        "name": "sh",
+        "image": f"{registry}/rigel-k8s/busybox:1",
+        "command": ["sh", "-c", loop],
+    }
+    return {
+        "apiVersion": "v1",
+        "kind": "Pod",
+        "metadata": {"name": "shell", "namespace": namespace},
+        "spec": {"terminationGracePeriodSeconds": 1, "containers": [container]},
+    }
+
+
+def wait_for_account(cluster: Any, namespace: str) -> None:
+    """A pod is refused while its namespace has no service account yet."""
+    for event in cluster.watch("v1", "ServiceAccount", namespace, seconds=30):
+        if event.object["metadata"]["name"] == "default":
+            return
+
+
+def config(namespace: str, **data: str) -> dict[str, Any]:
+    meta = {"name": "c", "namespace": namespace, "labels": {"app": "x"}}
+    return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": data}
+
+
+def test_objects_are_made_read_changed_and_deleted(cluster: Any, namespace: str) -> None:
+    """Create, get, list, patch, replace, apply, delete on plain dicts."""
+    ref = ObjectRef("v1", "ConfigMap", namespace, "c")
+    assert cluster.get(ref) is None
+    made = cluster.create(config(namespace, a="1"))
+    with pytest.raises(ConflictError) as caught:
+        cluster.create(config(namespace))
+    assert caught.value.reason == "AlreadyExists"
+    assert cluster.patch(ref, {"data": {"b": "2"}})["data"] == {"a": "1", "b": "2"}
+    with pytest.raises(ConflictError, match="modified"):
+        cluster.replace(made)
+    assert cluster.apply(config(namespace, c="3"), dry_run=True)["data"]["c"] == "3"
+    assert "c" not in cluster.get(ref)["data"]
+    [listed] = cluster.list("v1", "ConfigMap", namespace, labels={"app": "x"})
+    assert (listed["kind"], listed["data"]) == ("ConfigMap", {"a": "1", "b": "2"})
+    [bare] = cluster.list("v1", "ConfigMap", namespace, labels="app=x", metadata_only=True)
+    assert "data" not in bare
+    with pytest.raises(ConflictError):
+        cluster.delete(ref, uid="00000000-0000-0000-0000-000000000000")
+    assert cluster.delete(ref, uid=made["metadata"]["uid"]) is True
+    assert cluster.delete(ref) is False
+
+
+def test_a_list_longer_than_a_page_is_whole(
+    cluster: Any, namespace: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pages are put together."""
+    monkeypatch.setattr("rigel_k8s.kube.cluster.PAGE", 3)
+    for number in range(7):
+        meta = {"name": f"c{number}", "namespace": namespace, "labels": {"app": "x"}}
+        cluster.create({"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta})
+    found = cluster.list("v1", "ConfigMap", namespace, labels="app=x")
+    assert {live["metadata"]["name"] for live in found} == {f"c{n}" for n in range(7)}
+
+
+def test_a_conflict_names_manager_and_field(cluster: Any, namespace: str) -> None:
+    """Another manager's field, with another value."""
+    ref = ObjectRef("v1", "ConfigMap", namespace, "c")
+    url = cluster.path_of(ref, "test", query={"fieldManager": "other"})
+    media = "application/apply-patch+yaml"
+    cluster.client.call("PATCH", url, "test", body=config(namespace, a="theirs"), media=media)
+    with pytest.raises(ConflictError) as caught:
+        cluster.apply(config(namespace, a="ours"))
+    assert [(f.manager, f.field) for f in caught.value.fields] == [("other", ".data.a")]
+    assert cluster.apply(config(namespace, a="ours"), force=True)["data"] == {"a": "ours"}
+
+
+def test_what_is_not_there_is_told(cluster: Any) -> None:
+    """A missing namespace and an unknown kind, in words that help."""
+    with pytest.raises(NotFoundError, match='namespaces "nowhere" not found'):
+        cluster.apply(config("nowhere"))
+    with pytest.raises(NotFoundError, match=r"no kind Robot of example\.com/v1") as caught:
+        cluster.apply({**config("default"), "apiVersion": "example.com/v1", "kind": "Robot"})
+    assert "CustomResourceDefinition" in (caught.value.hint or "")
+    assert cluster.list("example.com/v1", "Robot") == []
+
+
+def test_a_watch_outlives_lost_connections_and_expired_versions(
+    cluster: Any, namespace: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Everything that happens is told, though connections end and the version is forgotten."""
+    from rigel_k8s.kube import watching
+
+    monkeypatch.setattr(watching, "PAUSE", 0.1)
+    original, opened = watching.events, []
+
+    def events(client: Any, url: str, *args: Any) -> Any:
+        opened.append(url)
+        if len(opened) == 2:  # a version that the server cannot know any more
+            error = watching.Refusal("too old resource version")
+            error.status = 410
+            raise error
+        stream = original(client, url, *args)
+        if len(opened) == 1:
+            yield next(stream)  # and then the connection is lost
+            stream.close()
+            cluster.delete(ObjectRef("v1", "ConfigMap", namespace, "c"))
+        else:
+            yield from stream
+
+    monkeypatch.setattr(watching, "events", events)
+    seen: list[tuple[str, str]] = []
+    over = threading.Event()
+    cluster.create(config(namespace))
+
+    def follow() -> None:
+        for event in cluster.watch("v1", "ConfigMap", namespace, labels="app=x", cancel=over):
+            seen.append((event.type, event.object["metadata"]["name"]))
+
+    thread = threading.Thread(target=follow)
+    thread.start()
+    until(lambda: ("ADDED", "c") in seen)
+    cluster.patch(ObjectRef("v1", "ConfigMap", namespace, "c"), {"data": {"a": "1"}})
+    until(lambda: ("DELETED", "c") in seen)
+    cluster.create(config(namespace))
+    until(lambda: seen[-1] == ("ADDED", "c"))
+    over.set()
+    thread.join(timeout=5)
+    assert not thread.is_alive()
+    assert len(opened) >= 3
+
+
+def until(condition: Any) -> None:
+    """Wait until a condition holds, 30 seconds at most."""
+    end = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < end, "it did not come true within 30 s"
+        time.sleep(0.05)
+
+
+def test_logs_are_lines_and_a_follow_can_be_ended(cluster: Any, pod: ObjectRef) -> None:
+    """The first lines, the last lines, and a follow that `cancel` ends."""
+    lines = list(cluster.logs(pod.namespace, pod.name))
+    assert lines[:2] == ["one", "two"]
+    assert len(list(cluster.logs(pod.namespace, pod.name, tail=2))) == 2
+    cancel, got = threading.Event(), []
+    for line in cluster.logs(pod.namespace, pod.name, follow=True, tail=0, cancel=cancel):
+        got.append(line)
+        if len(got) == 2:
+            cancel.set()
+    assert len(got) >= 2
+    with pytest.raises(NotFoundError):
+        list(cluster.logs(pod.namespace, "nobody"))
+
+
+def test_a_command_runs_with_input_output_and_exit_code(cluster: Any, pod: ObjectRef) -> None:
+    """Large input, both outputs, the exit code; a deadline; a command that is not there."""
+    script = "cat | wc -c; echo wrong >&2; exit 3"
+    done = cluster.run(pod.namespace, pod.name, ["sh", "-c", script], stdin=b"x" * 200_000)
+    assert (done.code, done.stdout.strip(), done.stderr) == (3, b"200000", b"wrong\n")
+    with pytest.raises(ClusterError, match="did not end within 1 s"):
+        cluster.run(pod.namespace, pod.name, ["sh", "-c", "sleep 5"], timeout=1)
+    with pytest.raises(ClusterError, match="no-such-command"):
+        cluster.run(pod.namespace, pod.name, ["no-such-command"])
+
+
+def test_a_terminal_is_a_terminal(cluster: Any, pod: ObjectRef) -> None:
+    """`exec -it`: raw keys, the window's size, and the terminal's own mode afterwards."""
+    import fcntl
+    import struct
+    import termios
+
+    outer, inner = pty.openpty()
+    fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", 33, 77, 0, 0))
+    before = termios.tcgetattr(inner)
+    output = io.BytesIO()
+    with open(inner, "rb", buffering=0) as stdin:  # noqa: PTH123  a descriptor, no path
+        keys = threading.Timer(1, os.write, (outer, b"sleep 0.5; stty size; tty; exit 5\r"))
+        keys.start()
+        code = cluster.exec(
+            pod.namespace, pod.name, ["sh"], stdin=stdin, stdout=output, stderr=output, tty=True
+        )
+        assert termios.tcgetattr(inner) == before
+    os.close(outer)
+    assert code == 5
+    assert b"/dev/pts/" in output.getvalue()
+    assert b"33 77" in output.getvalue()
+
+
+def test_a_port_is_forwarded_once_for_each_connection(cluster: Any, pod: ObjectRef) -> None:
+    """Two connections one after the other; one to a closed port fails and the next one works."""
+    server = "while true; do echo pong | nc -l -p 7000; done"
+    serving = threading.Thread(
+        target=lambda: run_until_killed(cluster, pod, ["sh", "-c", server]), daemon=True
+    )
+    serving.start()
+    with cluster.port_forward(pod.namespace, pod.name, {7000: 0, 7001: 0}) as forward:
+        until(lambda: answer(forward.ports[7000]) == b"pong\n")
+        assert answer(forward.ports[7001]) == b""
+        assert any("7001" in error for error in forward.errors)
+        until(lambda: answer(forward.ports[7000]) == b"pong\n")
+        port = forward.ports[7000]
+        with pytest.raises(UserError, match="cannot listen"):
+            cluster.port_forward(pod.namespace, pod.name, {1: port}).__enter__()
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.1", port), timeout=5)
+
+
+def run_until_killed(cluster: Any, pod: ObjectRef, command: list[str]) -> None:
+    with suppress(ClusterError):
+        cluster.run(pod.namespace, pod.name, command, timeout=20)
+
+
+def answer(port: int) -> bytes:
+    """Return what a local port says."""
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        try:
+            return connection.recv(100)
+        except ConnectionResetError:
+            return b""
+
+
+def test_events_are_those_of_the_object(cluster: Any, pod: ObjectRef) -> None:
+    """Oldest first."""
+    reasons = [event["reason"] for event in cluster.events(cluster.get(pod))]
+    assert "Started" in reasons
+
+
+def test_a_token_is_who_we_are(cluster: Any, context: str, namespace: str) -> None:
+    """A service account's token connects, and what it may not do is a hint to `auth can-i`."""
+    wait_for_account(cluster, namespace)
+    ref = ObjectRef("v1", "ServiceAccount", namespace, "default")
+    url = cluster.path_of(ref, "test", subresource="token")
+    body = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenRequest", "spec": {}}
+    token = cluster.client.call("POST", url, "test", body=body)["status"]["token"]
+
+    def credentials() -> Any:
+        from rigel_k8s.kube.target import Credentials
+
+        return Credentials(headers=lambda *, fresh: [("Authorization", f"Bearer {token}")])
+
+    with Cluster(attrs.evolve(load(context=context), credentials=credentials)) as other:
+        assert other.server_version().startswith("v1.")
+        with pytest.raises(ClusterError, match=f"serviceaccount:{namespace}:default") as caught:
+            other.get(ObjectRef("v1", "Secret", namespace, "x"))
+        assert "auth can-i" in (caught.value.hint or "")
+
+    def nobody() -> Any:
+        from rigel_k8s.kube.target import Credentials
+
+        return Credentials(headers=lambda *, fresh: [("Authorization", "Bearer wrong")])
+
+    with Cluster(attrs.evolve(load(context=context), credentials=nobody)) as other:
+        with pytest.raises(ClusterError) as caught:
+            other.nodes()
+        assert "log in again" in (caught.value.hint or "")
+
+
+def test_a_wrong_name_in_the_certificate_is_told(context: str) -> None:
+    """tls-server-name is what the certificate must be for."""
+    target = load(context=context)
+    with Cluster(attrs.evolve(target, server_name="kubernetes")) as right:
+        assert right.server_version()
+    with (
+        Cluster(attrs.evolve(target, server_name="wrong.example.com")) as wrong,
+        pytest.raises(ClusterError, match="certificate is not trusted"),
+    ):
+        wrong.server_version()
+
+
+def test_no_server_is_told_with_its_context(tmp_path: Path) -> None:
+    """Nothing listens there: which server, which context."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    path = tmp_path / "config"
+    path.write_text(
+        "contexts: [{name: gone, context: {cluster: c, user: u}}]\ncurrent-context: gone\n"
+        f"clusters: [{{name: c, cluster: {{server: 'https://127.0.0.1:{port}'}}}}]\n"
+    )
+    with (
+        connect(Settings(kubeconfig=path)) as cluster,
+        pytest.raises(ClusterError, match=f"127.0.0.1:{port} does not answer") as caught,
+    ):
+        cluster.nodes()
+    assert "context gone" in (caught.value.hint or "")

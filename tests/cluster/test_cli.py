@@ -302,8 +302,10 @@ def test_logs_follow_through_a_restart_and_a_roll_out(
     running = start("logs", "-f", "--tail", "1", "talker")
     until(running.has("said hello"))
     assert not running.has("talker begins")(), "--tail left the beginning out"
-    robot("exec", "talker", "--", "sh", "-c", "kill -9 $(pgrep -f init_node | tail -1)", code=137)
+    robot("exec", "talker", "--", "sh", "-c", "kill -INT 1")
     until(running.has("talker begins"))
+    before = robot("logs", "--previous", "--tail", "1", "talker").stdout
+    assert before in [f"{line}\n" for line in running.lines]
     begun = len([line for line in running.lines if "talker begins" in line])
     robot.write(COLOR="green")
     robot("run", "job", "deploy", "--timeout", "2m")

@@ -42,7 +42,7 @@ def mtu() -> int:
     routes = json.loads(run(["ip", "-j", "-4", "route", "show", "default"]) or "[]")
     ways_out = {route["dev"] for route in routes if "dev" in route}
     links = json.loads(run(["ip", "-j", "link", "show"]))
-    return min([1500, *(link["mtu"] for link in links if link["ifname"] in ways_out)])
+    return min([1500, *(int(link["mtu"]) for link in links if link["ifname"] in ways_out)])
 
 
 def exists(link: str) -> bool:

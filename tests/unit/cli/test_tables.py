@@ -1,0 +1,160 @@
+"""How results look: status for people and for scripts."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import attrs
+import click
+import pytest
+
+import rigel_k8s.inpod
+from rigel_k8s.cli.tables import ORPHAN, age, status_json, status_text
+from rigel_k8s.deploy.status import PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.deploy.types import ReleaseId
+
+NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
+DIGEST = "sha256:" + "ab" * 32
+
+TALKER = WorkloadStatus(
+    "Deployment",
+    "talker",
+    1,
+    1,
+    True,
+    "1 of 1 ready",
+    (
+        PodStatus(
+            "talker-1", "node1", "10.0.0.1", "Running", True, 0, "", "2026-01-02T11:58:00Z", "r/t:1"
+        ),
+    ),
+    {"rigel-k8s/ros-name": "/talker"},
+)
+LISTENER = WorkloadStatus(
+    "Deployment",
+    "listener",
+    0,
+    1,
+    False,
+    "0 of 1 ready; container ros-node exited with code 1, restarted 3 times",
+    (
+        PodStatus(
+            "listener-2",
+            "node2",
+            "10.0.0.2",
+            "Running",
+            False,
+            3,
+            "Readiness probe failed: no ROS node of this pod is registered",
+            "2026-01-01T12:00:00Z",
+            f"r/l:1@{DIGEST}",
+        ),
+        PodStatus("listener-1", "", "", "Terminating", False, 0, "old", "2026-01-01T12:00:00Z"),
+    ),
+)
+WAITING = WorkloadStatus("Deployment", "camera", 0, 1, False, "no pod can be made: quota", ())
+
+
+def release(*workloads: WorkloadStatus, revision: int = 3, state: str = "good") -> ReleaseStatus:
+    return ReleaseStatus(ReleaseId("robots", "app"), revision, state, workloads)
+
+
+def test_status_for_people() -> None:
+    """A row a pod, and below why something is not ready; a pod on its way out needs no reason."""
+    text = status_text(release(LISTENER, TALKER, WAITING, state="pending"), NOW)
+    assert click.unstyle(text) == (
+        "release app in namespace robots, revision 3 (not ended)\n"
+        "\n"
+        "NODE      ROS NAME  READY  POD         ON     RESTARTS  AGE  IMAGE\n"
+        "listener  -         0/1    listener-2  node2  3         24h  r/l:1@sha256:abababa\n"
+        "listener  -         0/1    listener-1  -      0         24h  -\n"
+        "talker    /talker   1/1    talker-1    node1  0         2m   r/t:1\n"
+        "camera    -         0/1    -           -      -         -    -\n"
+        "\n"
+        "listener: 0 of 1 ready; container ros-node exited with code 1, restarted 3 times\n"
+        "listener-2: Readiness probe failed: no ROS node of this pod is registered\n"
+        "camera: no pod can be made: quota"
+    )
+
+
+def test_a_release_that_is_in_order_has_no_reasons() -> None:
+    """Nothing but the table."""
+    assert status_text(release(TALKER), NOW).endswith("2m   r/t:1")
+
+
+def test_nothing_runs() -> None:
+    """Said in words."""
+    text = status_text(release(revision=0, state=""), NOW)
+    assert text == "release app in namespace robots: no revision\n\nnothing runs"
+
+
+def test_orphans_and_the_way_out() -> None:
+    """What roscore has forgotten never comes back by itself: the command that helps is told."""
+    (pod, old) = LISTENER.pods
+    orphan = attrs.evolve(pod, message=f"Readiness probe failed: /listener {ORPHAN}: ...")
+    text = status_text(release(attrs.evolve(LISTENER, pods=(orphan, old)), TALKER), NOW)
+    assert text.endswith(
+        "roscore has restarted and forgotten listener. It comes back with\n"
+        "  kubectl -n robots rollout restart deployment listener"
+    )
+
+
+def test_the_probe_still_says_orphan() -> None:
+    """The way out is told by a word of the in-pod script; it must not change alone."""
+    script = Path(rigel_k8s.inpod.__file__).with_name("ready.py").read_text()
+    assert ORPHAN in script
+
+
+def test_status_for_scripts() -> None:
+    """The shape that docs/cli.md promises."""
+    found = status_json(release(TALKER))
+    (workload,) = found.pop("workloads")
+    assert found == {
+        "release": "app",
+        "namespace": "robots",
+        "revision": 3,
+        "revision_status": "good",
+        "ready": True,
+    }
+    (pod,) = workload.pop("pods")
+    assert workload == {
+        "kind": "Deployment",
+        "name": "talker",
+        "ros_name": "/talker",
+        "ready": 1,
+        "desired": 1,
+        "done": True,
+        "message": "1 of 1 ready",
+    }
+    assert pod == {
+        "name": "talker-1",
+        "node": "node1",
+        "ip": "10.0.0.1",
+        "phase": "Running",
+        "ready": True,
+        "restarts": 0,
+        "message": "",
+        "created": "2026-01-02T11:58:00Z",
+        "image": "r/t:1",
+    }
+    assert status_json(release(TALKER, WAITING))["ready"] is False
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0, "0s"),
+        (119, "119s"),
+        (120, "2m"),
+        (7200, "2h"),
+        (86400, "24h"),
+        (172800, "2d"),
+        (-5, "0s"),
+    ],
+)
+def test_ages(seconds: int, text: str) -> None:
+    """Two digits say enough; a clock that goes wrong gives no negative age."""
+    then = (NOW - timedelta(seconds=seconds)).strftime("%Y-%m-%dT%H:%M:%SZ")
+    assert age(then, NOW) == text
+    assert age("", NOW) == "-"

@@ -12,6 +12,8 @@ __all__ = ["flat", "is_partial", "overlay"]
 
 #: A job that says one of these says what the release is.
 WHOLE = ("nodes", "application_image", "deploy_ros_master")
+#: Options whose parts belong together: half of an old and half of a new one would be neither.
+AS_ONE = ("readiness", "rolling_update", "results")
 
 
 def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
@@ -28,5 +30,7 @@ def is_partial(raw: Mapping[str, Any]) -> bool:
 
 def overlay(previous: Mapping[str, Any], raw: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a release's last revision with a partial job's laid over them."""
-    result: dict[str, Any] = merge(flat(previous), flat(raw))
+    part = flat(raw)
+    kept = {key: v for key, v in flat(previous).items() if key not in AS_ONE or key not in part}
+    result: dict[str, Any] = merge(kept, part)
     return result

@@ -135,12 +135,13 @@ def test_a_part_of_nothing_is_refused(revision: object) -> None:
 
 def test_a_part_that_does_not_fit_is_refused(revision: dict[str, Any]) -> None:
     """What the two make together is checked like any job."""
-    revision["options"] = {"application_image": "localhost:1/a", "readiness": {"file": "/r"}}
+    volumes = {"volumes": [{"name": "v"}, {"name": "v"}]}
+    revision["options"] = {"application_image": "localhost:1/a", "persistent_storage": volumes}
     raw = {"readiness": {"command": "x"}}
     with pytest.raises(UserError, match="does not fit revision 3") as caught:
         prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
     assert caught.value.details == (
-        "readiness.file: a command and a file: leave one out [conflict]",
+        'persistent_storage.volumes.1.name: there is a volume "v" already [name-taken]',
     )
 
 

@@ -1,0 +1,250 @@
+"""The orchestration job on a real cluster: valid objects, parameters, secrets, results, places."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from rigel_k8s.deploy.release import down, history
+from rigel_k8s.deploy.types import ObjectRef, ReleaseId
+from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.manifests.options import OrchestrationOptions
+from rigel_k8s.plugins.orchestration import OrchestrationJob
+from rigel_k8s.rigelfile.source import Node, Span, made
+from rigel_k8s.rigelfile.structure import structure
+from rigel_k8s.sequences.job import JobContext, Reporter
+from rigel_k8s.settings import Application, Settings
+
+pytestmark = pytest.mark.cluster
+
+GOLDEN = Path(__file__).parents[1] / "unit" / "manifests" / "golden"
+SHAPES = sorted(path for path in GOLDEN.glob("*.yaml") if ".with" not in path.name)
+PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
+
+Run = Callable[..., "Told"]
+
+
+class Told:
+    """A reporter that keeps lines and warnings."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.warnings: list[str] = []
+
+    def line(self, text: str) -> None:
+        self.lines.append(text)
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Nobody looks."""
+
+    def child(self, name: str) -> Reporter:
+        return self
+
+
+@pytest.fixture
+def run(context: str, namespace: str, base_image: str, tmp_path: Path) -> Run:
+    """Run an orchestration job in the test's namespace."""
+
+    def call(raw: Mapping[str, Any], *, fill: bool = True, **more: Any) -> Told:
+        images = {"ros_master_image": base_image, "image": base_image} if fill else {}
+        raw = {**images, **raw}
+        found = structure(made(raw, Node({}, Span(1, 1, 1, 1))), OrchestrationOptions)
+        assert not found.problems
+        told = Told()
+        settings = Settings(context=context, namespace=namespace)
+        application = Application("noetic", tmp_path)
+        job = JobContext("deploy", application, told, settings, raw=raw, **more)
+        OrchestrationJob().run(found.draft, job)
+        return told
+
+    return call
+
+
+def inside(cluster: Any, namespace: str, workload: str, *command: str) -> str:
+    """Return what a command prints in a workload's pod, with ROS set up."""
+    own = {"app.kubernetes.io/name": workload}
+    (pod,) = cluster.list("v1", "Pod", namespace, labels=own)
+    words = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
+    done = cluster.run(namespace, pod["metadata"]["name"], words)
+    assert done.code == 0, done
+    return str(done.stdout.decode())
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda path: path.stem)
+def test_kubernetes_accepts_every_golden_shape(cluster: Any, namespace: str, shape: Path) -> None:
+    """A server-side dry run takes each object as it is."""
+    for item in yaml.safe_load_all(shape.read_text("utf-8")):
+        if "namespace" in item["metadata"]:
+            item["metadata"]["namespace"] = namespace
+        cluster.apply(item, dry_run=True)
+
+
+def test_parameters_reach_the_node_as_they_are_meant(
+    cluster: Any, namespace: str, run: Run, tmp_path: Path
+) -> None:
+    """Lists, text that looks like a number, files; under the node's own name and namespace."""
+    (tmp_path / "a.yaml").write_text("speed: 1.5\nrate: 99\n")
+    node = {
+        "args": PUB,
+        "namespace": "robot1",
+        "parameters": {"gains": [1, 2.5], "serial": "0042", "rate": 3, "deep": {"a": True}},
+        "parameter_files": ["a.yaml"],
+    }
+    plain = {"args": PUB, "parameters": {"rate": 3, "text": "two words"}}
+    run({"nodes": {"pub": node, "plain": plain}})
+    found = yaml.safe_load(inside(cluster, namespace, "pub", "rosparam", "get", "/robot1/pub"))
+    assert found == {
+        "gains": [1, 2.5],
+        "serial": "0042",
+        "rate": 3,
+        "deep": {"a": True},
+        "speed": 1.5,
+    }
+    found = yaml.safe_load(inside(cluster, namespace, "pub", "rosparam", "get", "/plain"))
+    assert found == {"rate": 3, "text": "two words"}
+    assert "/robot1/pub" in inside(cluster, namespace, "pub", "rosnode", "list").split()
+
+
+def test_a_partial_job_changes_only_what_it_names(
+    cluster: Any, namespace: str, run: Run, base_image: str
+) -> None:
+    """The peer's update_k8s: strategy and readiness; image, volumes and master stay."""
+    args = PUB.split()
+    spec = {"template": {"spec": {"containers": [{"name": "ros-app", "args": args}]}}}
+    volumes = {"volumes": [{"name": "data"}]}
+    run(
+        {
+            "application_image": base_image,
+            "persistent_storage": volumes,
+            "additional_k8s_params": {"application": {"spec": spec}},
+        }
+    )
+    run(
+        {"readiness": {"command": "test -d /persistent/data"}, "rolling_update": {"max_surge": 1}},
+        fill=False,
+    )
+    live = cluster.get(ObjectRef("apps/v1", "Deployment", namespace, "rigel-k8s-application"))
+    (container,) = live["spec"]["template"]["spec"]["containers"]
+    assert live["spec"]["strategy"]["rollingUpdate"] == {"maxSurge": 1, "maxUnavailable": 0}
+    assert container["readinessProbe"]["exec"]["command"] == ["test", "-d", "/persistent/data"]
+    assert container["args"] == args
+    for kind, name in (("PersistentVolumeClaim", "data-pvc"), ("Service", "ros-master")):
+        assert cluster.get(ObjectRef("v1", kind, namespace, name)) is not None
+
+
+def test_a_label_that_no_node_has_stops_before_anything_is_applied(
+    cluster: Any, namespace: str, run: Run
+) -> None:
+    """With the command that sets it."""
+    node = {"args": PUB, "placement": {"labels": {"no-such-robot": "yes"}}}
+    with pytest.raises(UserError) as caught:
+        run({"nodes": {"pub": node}})
+    assert caught.value.hint == "kubectl label node NODE no-such-robot=yes"
+    assert cluster.list("apps/v1", "Deployment", namespace) == []
+
+
+def test_results_are_copied_out_of_the_application(
+    cluster: Any, namespace: str, run: Run, base_image: str, tmp_path: Path
+) -> None:
+    """They are waited for where the job says so, and a warning where it does not."""
+    script = "sleep 2; mkdir -p /tmp/out/deep; echo 42 >/tmp/out/deep/answer; exec sleep 1000"
+    container = {"name": "ros-app", "command": ["/bin/sh", "-c", script]}
+    spec = {"template": {"spec": {"containers": [container]}}}
+    job = {
+        "application_image": base_image,
+        "deploy_ros_master": False,
+        "readiness": "none",
+        "additional_k8s_params": {"application": {"spec": spec}},
+    }
+    told = run({**job, "results": {"source_path": "/tmp/none"}})
+    assert "/tmp/none is not there" in told.warnings[0]
+    run({**job, "results": {"source_path": "/tmp/out", "wait": "30s"}})
+    assert (tmp_path / "results" / "out" / "deep" / "answer").read_text() == "42\n"
+    with pytest.raises(RigelK8sError, match=r"is not there in pod .* after 1 s"):
+        run({**job, "results": {"source_path": "/tmp/none", "wait": "1s"}})
+
+
+def test_the_pull_secret_is_written_beside_the_release(
+    cluster: Any, namespace: str, run: Run, base_image: str
+) -> None:
+    """Pods get it, no revision has it, an unchanged one is not written again, down takes it."""
+    registry = base_image.split("/")[0]
+    providers = {"registry": Credentials(registry, "me", "pa55word")}
+    job = {"nodes": {"pub": {"args": PUB}}}
+    run(job, providers=providers)
+    ref = ObjectRef("v1", "Secret", namespace, "rigel-k8s-application-registry")
+    first = cluster.get(ref)
+    config = json.loads(base64.b64decode(first["data"][".dockerconfigjson"]))
+    assert list(config["auths"]) == [registry]
+    (pod,) = cluster.list("v1", "Pod", namespace, labels={"app.kubernetes.io/name": "pub"})
+    assert pod["spec"]["imagePullSecrets"] == [{"name": ref.name}]
+    release = ReleaseId(namespace, "rigel-k8s-application")
+    token = base64.b64encode(b"me:pa55word").decode()
+    assert all(token not in json.dumps([r.objects, r.options]) for r in history(cluster, release))
+    run(job, providers=providers)
+    assert cluster.get(ref)["metadata"]["resourceVersion"] == first["metadata"]["resourceVersion"]
+    down(cluster, release, volumes=False, report=Told())
+    assert cluster.get(ref) is None
+
+
+def test_a_digest_is_deployed_and_a_second_run_writes_nothing(
+    cluster: Any, namespace: str, run: Run
+) -> None:
+    """The registry tells the tag's digest."""
+    job = {"nodes": {"pub": {"args": PUB, "ports": [8080]}}}
+    run(job)
+    ref = ObjectRef("apps/v1", "Deployment", namespace, "pub")
+    first = cluster.get(ref)
+    assert "@sha256:" in first["spec"]["template"]["spec"]["containers"][0]["image"]
+    run(job)
+    assert cluster.get(ref)["metadata"]["generation"] == first["metadata"]["generation"]
+    assert len(history(cluster, ReleaseId(namespace, "rigel-k8s-application"))) == 1
+
+
+def test_the_peers_shape_deploys_and_updates(
+    cluster: Any, namespace: str, rigel: Any, base_image: str, tmp_path: Path
+) -> None:
+    """examples/peer-shape as it is, but for its images and its StorageClass."""
+    example = Path(__file__).parents[2] / "examples" / "peer-shape" / "Rigelfile"
+    (default,) = (
+        item["metadata"]["name"]
+        for item in cluster.list("storage.k8s.io/v1", "StorageClass")
+        if "true" in (item["metadata"].get("annotations") or {}).values()
+    )
+    text = example.read_text("utf-8")
+    for old, new in {
+        '"localhost:5000/peer-shape:1.0.0"': base_image,
+        '"ros:{{ vars.distro }}-ros-core"': base_image,
+        '"peer-shape"': namespace,
+        '"standard"': default,
+        '"maps"': f"maps-{namespace}",
+        '"/usr/local/bin/readiness_probe.sh"': "test -w /persistent/logs-volume",
+        "- containerPort: 8080": f"- containerPort: 8080\n                      args: [{PUB}]",
+    }.items():
+        assert old in text
+        text = text.replace(old, new)
+    text = text.replace(f"args: [{PUB}]", f"args: [{', '.join(map(json.dumps, PUB.split()))}]")
+    (tmp_path / "Rigelfile").write_text(text)
+    volume = ObjectRef("v1", "PersistentVolume", "", f"maps-{namespace}-pv")
+    try:
+        rigel("run", "job", "deploy_k8s", cwd=tmp_path)
+        nodes = inside(cluster, namespace, "rigel-k8s-application", "rosnode", "list")
+        assert "/rosout" in nodes
+        assert (tmp_path / "results" / "logs-volume").is_dir()
+        rigel("run", "job", "update_k8s", cwd=tmp_path)
+        ref = ObjectRef("apps/v1", "Deployment", namespace, "rigel-k8s-application")
+        assert cluster.get(ref)["spec"]["strategy"] == {"type": "Recreate"}
+        rigel("down", "deploy_k8s", "--volumes", "-y", cwd=tmp_path)
+        assert cluster.get(volume) is None
+    finally:
+        cluster.delete(volume)

@@ -12,10 +12,10 @@ import attrs
 from rigel_k8s.deploy.order import WORKLOADS, rank, wave
 from rigel_k8s.deploy.ownership import managers, taken_over
 from rigel_k8s.deploy.plan import predecessors
-from rigel_k8s.deploy.report import Reporter
 from rigel_k8s.deploy.types import FIRST_ANNOTATION, Manifest, ObjectRef, Plan, Step
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.report import Reporter
 
 __all__ = ["Applier"]
 

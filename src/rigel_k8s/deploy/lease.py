@@ -20,10 +20,10 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.deploy.report import Reporter
 from rigel_k8s.deploy.types import ObjectRef, ReleaseId
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted, NotFoundError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.report import Reporter
 
 __all__ = ["Held", "held"]
 

@@ -23,7 +23,6 @@ from rigel_k8s.deploy.lease import Held, held
 from rigel_k8s.deploy.patience import Patience
 from rigel_k8s.deploy.plan import compare, predecessors
 from rigel_k8s.deploy.removal import down
-from rigel_k8s.deploy.report import Reporter
 from rigel_k8s.deploy.survey import Survey, namespace_ref, survey
 from rigel_k8s.deploy.types import (
     Desired,
@@ -36,6 +35,7 @@ from rigel_k8s.deploy.types import (
 from rigel_k8s.deploy.wait import Waiter
 from rigel_k8s.errors import ClusterError, ConflictError, RigelK8sError, UserError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.report import Reporter
 
 __all__ = ["DEFAULT_TIMEOUT", "deploy", "diff", "down", "history", "last_good", "rollback"]
 

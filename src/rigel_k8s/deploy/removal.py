@@ -15,7 +15,6 @@ from rigel_k8s.deploy.apply import Applier
 from rigel_k8s.deploy.lease import held
 from rigel_k8s.deploy.ownership import is_applied
 from rigel_k8s.deploy.plan import prunes
-from rigel_k8s.deploy.report import Reporter
 from rigel_k8s.deploy.survey import belongs, namespace_ref
 from rigel_k8s.deploy.types import (
     RELEASE_LABEL,
@@ -27,6 +26,7 @@ from rigel_k8s.deploy.types import (
 )
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.report import Reporter
 
 __all__ = ["down"]
 

@@ -14,11 +14,11 @@ from rigel_k8s.deploy.causes import Cause, causes, containers, pods_of, probe_fa
 from rigel_k8s.deploy.order import WORKLOADS
 from rigel_k8s.deploy.patience import Ledger, Patience, Seen
 from rigel_k8s.deploy.readiness import UNSEEN, Readiness, readiness
-from rigel_k8s.deploy.report import Reporter
 from rigel_k8s.deploy.types import RELEASE_LABEL, Manifest, ObjectRef, ReleaseId, ref_of
 from rigel_k8s.deploy.view import EVENT, POD, REPLICA_SET, Kind, View
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.report import Reporter
 
 __all__ = ["Waiter", "is_waited_for"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from rigel_k8s.kube.objects import Manifest
+from rigel_k8s.deploy.types import Manifest
 
 __all__ = ["images_of", "pinned"]
 

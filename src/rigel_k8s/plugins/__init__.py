@@ -1,0 +1,1 @@
+"""The job types and providers, one module each; they do not print."""

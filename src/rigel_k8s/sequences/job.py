@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import attrs
 
+from rigel_k8s import report
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
@@ -16,23 +17,8 @@ __all__ = ["JobContext", "JobType", "ProviderType", "Reporter"]
 O_contra = TypeVar("O_contra", contravariant=True)  # the options of a job type or provider
 
 
-class Reporter(Protocol):
-    """Where a job tells how it goes. The command line implements it; jobs never print.
-
-    All methods may be called from several threads at once.
-    """
-
-    def line(self, text: str) -> None:
-        """Tell something that stays on the screen."""
-
-    def warn(self, text: str) -> None:
-        """Tell something that the user should look at; it stays on the screen."""
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Tell the present state of one thing.
-
-        A live row in a terminal, a line per change elsewhere.
-        """
+class Reporter(report.Reporter, Protocol):
+    """Where a job tells how it goes. The command line implements it; jobs never print."""
 
     def child(self, name: str) -> Reporter:
         """Return a reporter for a part (a job, a parallel branch) that runs beside others."""

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
-from rigel_k8s.sequences.job import Reporter
+from rigel_k8s.report import Reporter
 
 __all__ = ["bootstrap", "ensure_mmdebstrap"]
 

@@ -14,7 +14,7 @@ import attrs
 from rigel_k8s.images.ros1base import archive, overlay
 from rigel_k8s.images.ros1base.bootstrap import bootstrap
 from rigel_k8s.images.ros1base.packages import PACKAGES, REFERENCES, SUITE, Variant
-from rigel_k8s.sequences.job import Reporter
+from rigel_k8s.report import Reporter
 
 __all__ = ["BaseImage", "build", "cache_directory"]
 

@@ -7,7 +7,7 @@ import subprocess
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.images.ros1base.build import BaseImage
-from rigel_k8s.sequences.job import Reporter
+from rigel_k8s.report import Reporter
 
 __all__ = ["load", "push"]
 

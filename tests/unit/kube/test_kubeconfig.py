@@ -1,0 +1,232 @@
+"""Which cluster is meant, read as kubectl reads it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube.kubeconfig import load
+
+
+def write(path: Path, **content: Any) -> Path:
+    """Write a kubeconfig; JSON is YAML."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(content))
+    return path
+
+
+def named(section: str, name: str, **value: Any) -> dict[str, Any]:
+    return {"name": name, section: value}
+
+
+def whole(user: dict[str, Any], **cluster: Any) -> dict[str, Any]:
+    return {
+        "current-context": "one",
+        "contexts": [named("context", "one", cluster="c", user="u")],
+        "clusters": [named("cluster", "c", **{"server": "https://one:6443", **cluster})],
+        "users": [named("user", "u", **user)],
+    }
+
+
+def test_the_current_context_or_the_named_one(tmp_path: Path) -> None:
+    """Server and namespace come from the context's cluster and the context."""
+    path = write(
+        tmp_path / "config",
+        **{
+            "current-context": "one",
+            "contexts": [
+                named("context", "one", cluster="c1", user="u"),
+                named("context", "two", cluster="c2", user="u", namespace="robots"),
+            ],
+            "clusters": [
+                named("cluster", "c1", server="https://one:6443/"),
+                named("cluster", "c2", server="https://two:6443"),
+            ],
+        },
+    )
+    one, two = load(path), load(path, "two")
+    assert (one.server, one.context, one.namespace) == ("https://one:6443", "one", "default")
+    assert (two.server, two.context, two.namespace) == ("https://two:6443", "two", "robots")
+
+
+def test_several_files_are_one_and_the_first_wins(tmp_path: Path) -> None:
+    """$KUBECONFIG: what stands first wins; missing files do not matter; paths are each file's."""
+    first = write(
+        tmp_path / "a" / "config",
+        **{
+            "contexts": [named("context", "one", cluster="c", user="u")],
+            "users": [named("user", "u", **{"client-certificate": "cert.pem"})],
+        },
+    )
+    (tmp_path / "a" / "cert.pem").write_text("CERT A")
+    second = write(
+        tmp_path / "b" / "config",
+        **{
+            "current-context": "one",
+            "clusters": [named("cluster", "c", server="https://b:6443")],
+            "users": [named("user", "u", token="loses")],
+        },
+    )
+    missing = tmp_path / "none"
+    target = load(None, None, {"KUBECONFIG": f"{first}:{missing}:{second}"})
+    assert target.server == "https://b:6443"
+    credentials = target.credentials()
+    assert credentials.certificate == "CERT A"
+    assert list(credentials.headers(fresh=False)) == []
+
+
+def test_certificates_stand_inline_or_in_files(tmp_path: Path) -> None:
+    """Data wins over a file, as with kubectl."""
+    data = base64.b64encode(b"INLINE").decode()
+    (tmp_path / "ca.pem").write_text("FILE")
+    options = {
+        "certificate-authority": "ca.pem",
+        "tls-server-name": "name",
+        "proxy-url": "http://p",
+    }
+    path = write(tmp_path / "config", **whole({}, **options))
+    target = load(path)
+    assert (target.authority, target.server_name, target.proxy) == ("FILE", "name", "http://p")
+    path = write(tmp_path / "config", **whole({}, **{"certificate-authority-data": data}))
+    assert load(path).authority == "INLINE"
+    path = write(tmp_path / "config", **whole({}, **{"insecure-skip-tls-verify": True}))
+    assert load(path).insecure
+
+
+@pytest.mark.parametrize(
+    ("user", "headers"),
+    [
+        ({"token": "t"}, [("Authorization", "Bearer t")]),
+        ({"username": "ann", "password": "x"}, [("Authorization", "Basic YW5uOng=")]),
+        (
+            {"token": "t", "as": "bob", "as-groups": ["a", "b"]},
+            [
+                ("Impersonate-User", "bob"),
+                ("Impersonate-Group", "a"),
+                ("Impersonate-Group", "b"),
+                ("Authorization", "Bearer t"),
+            ],
+        ),
+    ],
+)
+def test_users_become_headers(tmp_path: Path, user: dict[str, Any], headers: Any) -> None:
+    """Tokens, passwords, impersonation."""
+    path = write(tmp_path / "config", **whole(user))
+    assert list(load(path).credentials().headers(fresh=False)) == headers
+
+
+def test_a_token_file_is_read_again(tmp_path: Path) -> None:
+    """A rotated token is used when the server refuses the old one."""
+    (tmp_path / "token").write_text("old\n")
+    path = write(tmp_path / "config", **whole({"tokenFile": "token"}))
+    credentials = load(path).credentials()
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer old")]
+    (tmp_path / "token").write_text("new\n")
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer old")]
+    assert list(credentials.headers(fresh=True)) == [("Authorization", "Bearer new")]
+
+
+PLUGIN = """
+import json, os, pathlib, sys
+info = json.loads(os.environ["KUBERNETES_EXEC_INFO"])
+count = pathlib.Path(sys.argv[1])
+number = int(count.read_text() or 0) + 1 if count.exists() else 1
+count.write_text(str(number))
+print(json.dumps({"apiVersion": info["apiVersion"], "kind": "ExecCredential", "status": {
+    "token": f"{os.environ['PREFIX']}{number}", "expirationTimestamp": sys.argv[2]}}))
+"""
+
+
+def plugin(tmp_path: Path, expiry: str, **more: Any) -> Path:
+    script = tmp_path / "plugin.py"
+    script.write_text(PLUGIN)
+    command = {
+        "apiVersion": "client.authentication.k8s.io/v1beta1",
+        "command": sys.executable,
+        "args": [str(script), str(tmp_path / "count"), expiry],
+        "env": [{"name": "PREFIX", "value": "token-"}],
+        **more,
+    }
+    return write(tmp_path / "config", **whole({"exec": command}))
+
+
+def test_a_credential_program_runs_once_until_its_answer_expires(tmp_path: Path) -> None:
+    """Its token is kept while it is good, asked for anew when it is not."""
+    credentials = load(plugin(tmp_path, "2999-01-01T00:00:00Z")).credentials()
+    for _ in range(3):
+        assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer token-1")]
+    assert list(credentials.headers(fresh=True)) == [("Authorization", "Bearer token-2")]
+    (tmp_path / "count").unlink()
+    credentials = load(plugin(tmp_path, "2001-01-01T00:00:00Z")).credentials()
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer token-2")]
+
+
+def test_a_credential_program_that_fails_is_named(tmp_path: Path) -> None:
+    """With its own words and the hint that the kubeconfig has for it."""
+    hint = {"installHint": "install the plugin"}
+    path = plugin(tmp_path, "x", command="no-such-program-anywhere", **hint)
+    with pytest.raises(ClusterError, match="no-such-program-anywhere gave no cred") as caught:
+        load(path).credentials()
+    assert caught.value.hint == "install the plugin"
+    path = plugin(tmp_path, "x", args=["-c", "import sys; sys.exit('log in first')"])
+    with pytest.raises(ClusterError) as caught:
+        load(path).credentials()
+    assert caught.value.details == ("log in first",)
+
+
+def test_no_kubeconfig_names_the_ways_to_a_cluster(tmp_path: Path) -> None:
+    """Where it was looked for, and how to get one."""
+    with pytest.raises(UserError, match="no cluster is configured") as caught:
+        load(None, None, {"HOME": str(tmp_path)})
+    assert str(tmp_path / ".kube" / "config") in caught.value.message
+    for word in ("rigel cluster up", "kind", "minikube"):
+        assert word in (caught.value.hint or "")
+    with pytest.raises(UserError, match="there is no kubeconfig"):
+        load(tmp_path / "none")
+
+
+def test_an_unknown_context_lists_the_known_ones(tmp_path: Path) -> None:
+    """A slip of the pen is easily mended."""
+    path = write(tmp_path / "config", **whole({}))
+    with pytest.raises(UserError, match="there is no context on in") as caught:
+        load(path, "on")
+    assert caught.value.hint == "there are: one"
+
+
+def test_a_kubeconfig_that_is_none_is_told(tmp_path: Path) -> None:
+    """Not YAML, no mapping, a context without its cluster."""
+    path = tmp_path / "config"
+    path.write_text("a: [")
+    with pytest.raises(UserError, match="is not YAML"):
+        load(path)
+    path.write_text("- a")
+    with pytest.raises(UserError, match="is no mapping"):
+        load(path)
+    write(path, **{**whole({}), "clusters": []})
+    with pytest.raises(UserError, match="which has no server"):
+        load(path)
+
+
+def test_a_pod_uses_its_service_account(tmp_path: Path) -> None:
+    """In a cluster, with no kubeconfig: its address, its CA, its token, its namespace."""
+    for name, text in (("token", "t\n"), ("ca.crt", "CA"), ("namespace", "robots\n")):
+        (tmp_path / name).write_text(text)
+    environ = {
+        "HOME": str(tmp_path),
+        "KUBERNETES_SERVICE_HOST": "fd00::1",
+        "KUBERNETES_SERVICE_PORT": "443",
+    }
+    target = load(None, None, environ, tmp_path)
+    assert (target.server, target.namespace, target.authority, target.context) == (
+        "https://[fd00::1]:443",
+        "robots",
+        "CA",
+        "",
+    )
+    assert list(target.credentials().headers(fresh=False)) == [("Authorization", "Bearer t")]

@@ -267,6 +267,21 @@ def test_an_unchanged_build_keeps_its_digest(image: str, project: Path) -> None:
     assert digests[0] == digests[1]
 
 
+def test_a_build_argument_is_never_that_of_another_build(image: str, project: Path) -> None:
+    """podman caches `ENV V=${V}` whatever V is; here each value has layers of its own."""
+    dockerfile = "FROM scratch\nARG VERSION=0\nCOPY content /content\nENV VERSION=${VERSION}\n"
+    (project / "Dockerfile").write_text(dockerfile)
+
+    def built(version: str) -> tuple[str, str]:
+        digests = build(project, f"{image}:1", push=True, buildargs={"VERSION": version}).data
+        words = ["image", "inspect", "--format", "{{.Config.Env}}", f"{image}:1"]
+        return podman(*words).stdout, digests[DIGESTS][image]
+
+    one, two, again = built("1"), built("2"), built("1")
+    assert ("VERSION=1" in one[0], "VERSION=2" in two[0]) == (True, True)
+    assert again == one
+
+
 def test_credentials_of_the_provider_push(private_registry: Registry, project: Path) -> None:
     """Without the provider the registry refuses; with it the push works, and nothing stays."""
     name = f"{private_registry.name}/team/secret"

@@ -17,6 +17,7 @@ from pathlib import Path
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.images.buildargs import mark
 from rigel_k8s.images.credentials import docker_config, is_loopback
 from rigel_k8s.images.engine import Build, Session, host_platform
 from rigel_k8s.images.process import stream
@@ -138,12 +139,26 @@ class _Run:
         )
 
     def build(self, build: Build, target: Sequence[str]) -> None:
-        words = ["build", "--file", str(build.dockerfile), *target]
+        words = ["build", "--file", str(self.dockerfile(build)), *target]
         if build.platforms:
             words += ["--platform", ",".join(build.platforms)]
         for name, value in build.buildargs.items():
             words += ["--build-arg", f"{name}={value}"]
         self([*words, str(build.context)], f"build of {build.names[0]}")
+
+    def dockerfile(self, build: Build) -> Path:
+        """Return the Dockerfile to build, its build arguments marked for the cache."""
+        text = build.dockerfile.read_text("utf-8")
+        marked = mark(text, build.buildargs)
+        if marked == text:
+            return build.dockerfile
+        file = self.session.directory / f"Dockerfile-{uuid.uuid4().hex}"
+        file.write_text(marked, "utf-8")
+        for ending in (".containerignore", ".dockerignore"):
+            ignored = build.dockerfile.with_name(build.dockerfile.name + ending)
+            if ignored.is_file():
+                file.with_name(file.name + ending).write_bytes(ignored.read_bytes())
+        return file
 
     def push(self, words: Sequence[str], image: str, name: str) -> str:
         """Push an image under a name and return its digest."""

@@ -19,6 +19,8 @@ from rigel_k8s.errors import RigelK8sError
 
 __all__ = ["COMMANDS", "cli", "main"]
 
+INTERRUPTED = 130
+
 #: Command -> (module of this package, one line of help), in the order in which help shows them.
 COMMANDS = {
     "init": ("rigelfiles", "Write a commented Rigelfile to start from."),
@@ -119,13 +121,18 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
         name: the program's name where it was not called by it; never handed over to Rigel then.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if name is None and words[:1] in (["init"], ["run"]):
+    if arguments is None and name is None and words[:1] in (["init"], ["run"]):
         from rigel_k8s.compat import handover
 
-        entry = handover([sys.argv[0], *words])
+        entry = handover(sys.argv)
         if entry is not None:
             sys.exit(entry())
-    sys.exit(run(words, name))
+    code = run(words, name)
+    if code == INTERRUPTED:
+        # Threads that were told to end and have not would hold the terminal until they do.
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def run(words: list[str], name: str | None) -> int:
@@ -149,7 +156,7 @@ def run(words: list[str], name: str | None) -> int:
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
         click.echo("interrupted", err=True)
-        return 130
+        return INTERRUPTED
     except BrokenPipeError:
         # Whoever read our output has ended (`| head`): nothing is wrong, nothing can be told.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -161,7 +161,7 @@ def down(
         confirm("Delete claims and volumes with all their data?")
     with reporting(ctx) as report:
         found, plan = releases.down(settings(ctx, timeout=timeout), job, report, volumes=volumes)
-    counts = {action: 0 for action in ("prune", "forget")}
+    counts = dict.fromkeys(("prune", "forget"), 0)
     for step in plan.steps:
         counts[step.action] = counts.get(step.action, 0) + 1
     left = f", {counts['forget']} kept for its data" if counts["forget"] else ""

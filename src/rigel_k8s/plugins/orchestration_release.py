@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,11 @@ from rigel_k8s.manifests.options import OrchestrationOptions, Readiness
 from rigel_k8s.manifests.partial import is_partial, overlay
 from rigel_k8s.manifests.release import desired, has_workloads
 from rigel_k8s.plugins.orchestration_digests import pins
-from rigel_k8s.plugins.orchestration_secrets import needed_credentials, secret_name
+from rigel_k8s.plugins.orchestration_secrets import (
+    has_pull_secret,
+    needed_credentials,
+    secret_name,
+)
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
@@ -77,7 +81,8 @@ def preparation(
         raw: the job's `with` as plain data.
         cluster: asked for the last revision; None: the Rigelfile and the registries say it all.
         data: the sequence's shared data, with the digests of images that it pushed.
-        providers: the connected providers; those of registries give credentials.
+        providers: the connected providers; those of registries give credentials. None: nobody
+            has connected them (`diff`), so a pull secret that the cluster has is believed.
 
     Raises:
         UserError: options that contradict the last revision's, or a parameter file that is missing.
@@ -97,7 +102,11 @@ def preparation(
             " of a release, and there is no such release yet",
             hint="run the job that describes all of it first: application_image, or nodes",
         )
-    return _prepared(options, raw, application, release, last, data or {}, providers or {})
+    known = [one for one in (providers or {}).values() if isinstance(one, Credentials)]
+    believed = providers is None and cluster is not None and has_pull_secret(release, cluster)
+    return _prepared(
+        options, raw, application, release, last, data or {}, known, secret_is_there=believed
+    )
 
 
 def _prepared(
@@ -107,12 +116,13 @@ def _prepared(
     release: ReleaseId,
     last: _LastRevision,
     data: Mapping[str, Any],
-    providers: Mapping[str, Any],
+    known: Sequence[Credentials],
+    *,
+    secret_is_there: bool,
 ) -> Preparation:
     texts, files = scripts(), _parameter_files(options, application.dir)
     plain = desired(options, release, application, texts, files=files)
     images = images_of(plain.objects)
-    known = [one for one in providers.values() if isinstance(one, Credentials)]
     credentials = needed_credentials(images, known)
     made = desired(
         options,
@@ -122,7 +132,7 @@ def _prepared(
         raw=raw,
         digests=pins(images, data, known, last.objects),
         files=files,
-        pull_secrets=[secret_name(release.name)] if credentials else [],
+        pull_secrets=[secret_name(release.name)] if credentials or secret_is_there else [],
         create_namespace=options.namespace == release.namespace,
     )
     return Preparation(made, options, credentials)

@@ -19,7 +19,7 @@ from rigel_k8s.manifests.naming import labels
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["needed_credentials", "secret_name", "secret_of", "write_pull_secret"]
+__all__ = ["has_pull_secret", "needed_credentials", "secret_name", "secret_of", "write_pull_secret"]
 
 KEY = ".dockerconfigjson"
 
@@ -27,6 +27,12 @@ KEY = ".dockerconfigjson"
 def secret_name(release: str) -> str:
     """Return the name of a release's pull secret."""
     return f"{release}-registry"
+
+
+def has_pull_secret(release: ReleaseId, cluster: Cluster) -> bool:
+    """Return whether an earlier run has left a pull secret."""
+    ref = ObjectRef("v1", "Secret", release.namespace, secret_name(release.name))
+    return cluster.get(ref) is not None
 
 
 def needed_credentials(

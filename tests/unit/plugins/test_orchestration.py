@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.deploy import release as deploys
-from rigel_k8s.deploy.types import ReleaseId, Revision
+from rigel_k8s.deploy.types import ObjectRef, ReleaseId, Revision
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.manifests.options import OrchestrationOptions
@@ -48,6 +48,10 @@ class Cluster:
     def __init__(self, namespace: str = "from-context", nodes: object = ()) -> None:
         self.namespace = namespace
         self._nodes = nodes
+        self.has_secret = False
+
+    def get(self, ref: ObjectRef) -> dict[str, Any] | None:
+        return {} if ref.kind == "Secret" and self.has_secret else None
 
     def nodes(self) -> Any:
         if isinstance(self._nodes, Exception):
@@ -250,6 +254,17 @@ def test_without_credentials_there_is_no_secret(revision: object) -> None:
     """A name of a Secret that is not there would be a warning on every pod."""
     raw = {"application_image": "localhost:1/app"}
     found = prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
+    assert "imagePullSecrets" not in json.dumps(found.objects)
+
+
+def test_an_unconnected_provider_takes_no_secret_away(revision: object) -> None:
+    """`diff` connects no provider, and must not show what `run` would not do."""
+    raw = {"application_image": "localhost:1/app"}
+    cluster = Cluster()
+    cluster.has_secret = True
+    found = prepare(options(raw), raw, NOETIC, Settings(), cluster)  # type: ignore[arg-type]
+    assert "rigel-k8s-application-registry" in json.dumps(found.objects)
+    found = prepare(options(raw), raw, NOETIC, Settings(), cluster, providers={})  # type: ignore[arg-type]
     assert "imagePullSecrets" not in json.dumps(found.objects)
 
 

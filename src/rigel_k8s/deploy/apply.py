@@ -17,7 +17,7 @@ from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.report import Reporter
 
-__all__ = ["Applier"]
+__all__ = ["GONE_TIMEOUT", "Applier"]
 
 Live = dict[str, Any]
 GONE_TIMEOUT = 120.0  # seconds that what is being deleted may take
@@ -34,6 +34,7 @@ class Applier:
     Attributes:
         adopt: take over what other managers own.
         until_ready: waits for live objects; called between those that come first and the rest.
+        gone_timeout: seconds that the end of what is deleted may take.
     """
 
     cluster: Cluster
@@ -41,6 +42,7 @@ class Applier:
     cancel: threading.Event
     adopt: bool = False
     until_ready: Callable[[Sequence[Manifest]], None] = lambda _: None
+    gone_timeout: float = GONE_TIMEOUT
 
     def apply(self, plan: Plan) -> dict[ObjectRef, Live]:
         """Create and change what the plan says; return the live objects, also of what is kept."""
@@ -114,7 +116,7 @@ class Applier:
 
     def until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
         """Wait until no pod has some labels."""
-        end = time.monotonic() + GONE_TIMEOUT
+        end = time.monotonic() + self.gone_timeout
         while time.monotonic() < end:
             self.go_on()
             found = self.cluster.list("v1", "Pod", ref.namespace, labels=labels, metadata_only=True)
@@ -123,7 +125,7 @@ class Applier:
                 return
             self.drain(ref, labels, left)
         raise ClusterError(
-            f"the pods of {ref} did not end within {GONE_TIMEOUT:g} s: {', '.join(sorted(left))}",
+            f"pods of {ref} did not end within {self.gone_timeout:g} s: {', '.join(sorted(left))}",
             hint=f"is their node reachable? kubectl -n {ref.namespace} get pods -o wide",
         )
 
@@ -142,14 +144,14 @@ class Applier:
 
     def until_gone(self, ref: ObjectRef) -> None:
         """Wait until an object that is being deleted is gone."""
-        end = time.monotonic() + GONE_TIMEOUT
+        end = time.monotonic() + self.gone_timeout
         while (live := self.cluster.get(ref)) is not None:
             if not live["metadata"].get("deletionTimestamp"):
                 return
             if time.monotonic() > end:
                 held = ", ".join(live["metadata"].get("finalizers") or []) or "nothing known"
                 raise ClusterError(
-                    f"{ref} is not gone {GONE_TIMEOUT:g} s after its deletion: {held} holds it",
+                    f"{ref} is not gone after {self.gone_timeout:g} s: {held} holds it",
                     hint="something still uses it; see kubectl describe",
                 )
             self.go_on()

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigel_k8s.deploy import revisions
-from rigel_k8s.deploy.apply import Applier
+from rigel_k8s.deploy.apply import GONE_TIMEOUT, Applier
 from rigel_k8s.deploy.lease import held
 from rigel_k8s.deploy.ownership import is_applied
 from rigel_k8s.deploy.plan import prunes
@@ -58,11 +58,11 @@ def down(
 
     Args:
         volumes: claims and volumes go too, with their data.
+        timeout: seconds that the end of the pods may take; None is GONE_TIMEOUT.
 
     Returns:
         What was deleted and what was left; without steps where there was nothing.
     """
-    del timeout  # each wait of the applier has its own end
     if cluster.get(namespace_ref(release)) is None:
         return Plan(release, ())
     cancel = cancel or threading.Event()
@@ -72,7 +72,7 @@ def down(
         live = find(cluster, release)
         items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
         plan = Plan(release, tuple(prunes(items, live, (), release, volumes=volumes)))
-        applier = Applier(cluster, report, cancel)
+        applier = Applier(cluster, report, cancel, gone_timeout=timeout or GONE_TIMEOUT)
         applier.prune(plan.steps)
         applier.until_no_pods(step for step in plan.steps if step.action == "prune")
         revisions.forget(cluster, revisions.records(cluster, release))

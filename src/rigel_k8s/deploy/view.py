@@ -25,7 +25,7 @@ HELPFUL = frozenset({REPLICA_SET, EVENT})  # without the right to see these, les
 
 
 class View:
-    """Objects of one namespace as they change; a context that ends its watches."""
+    """Objects of a namespace ("" is all) as they change; a context that ends its watches."""
 
     def __init__(self, cluster: Cluster, namespace: str, seconds: float):
         self.cluster, self.namespace, self.seconds = cluster, namespace, seconds

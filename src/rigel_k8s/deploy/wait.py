@@ -75,7 +75,9 @@ class Waiter:
         if all(self.settled(ref, live) for ref, live in targets.items()):
             return
         deadline = time.monotonic() + self.timeout
-        with View(self.cluster, self.release.namespace, self.timeout + 30) as view:
+        spaces = {ref.namespace for ref in targets if ref.namespace}
+        where = spaces.pop() if len(spaces) == 1 else ""
+        with View(self.cluster, where, self.timeout + 30) as view:
             self.watch(view, targets.values())
             started = time.monotonic()
             while not self.all_ready(view, targets):

@@ -199,8 +199,10 @@ class Transport:
         return connection.sock
 
     def authorization(self, *, fresh: bool = False) -> list[tuple[str, str]]:
-        """Return the headers that say who we are."""
-        return list(self.credentials().headers(fresh=fresh))
+        """Return the headers that say who we are; a credential program runs in one thread only."""
+        known = self.credentials()
+        with self.lock:
+            return list(known.headers(fresh=fresh))
 
     def close(self) -> None:
         """Close what is kept open."""

@@ -134,6 +134,17 @@ def test_a_failed_job_is_told(cluster: Any, make: Any, report: Any) -> None:
     assert "calibrate did not become ready" in failure(cluster, make, report, job)
 
 
+def test_what_looks_ready_between_two_crashes_is_not_ready(
+    cluster: Any, make: Any, report: Any
+) -> None:
+    """A container without probes counts as available while it lives; its crashes count more."""
+    dying = "if [ -e /state/seen ]; then sleep 3; fi; touch /state/seen; exit 1"
+    volume = {"name": "state", "emptyDir": {}}
+    mount = {"name": "state", "mountPath": "/state"}
+    node = make.deployment(command=dying, pod={"volumes": [volume]}, volumeMounts=[mount])
+    assert "exited with code 1, restarted" in failure(cluster, make, report, node)
+
+
 def test_a_crash_that_heals_is_no_failure(cluster: Any, make: Any, report: Any) -> None:
     """A node that ends once, as without a master, and then stays, is waited for."""
     once = (

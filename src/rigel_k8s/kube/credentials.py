@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -107,7 +108,8 @@ def expired(status: Mapping[str, Any]) -> bool:
     stamp = status.get("expirationTimestamp")
     if not stamp:
         return False
-    end = datetime.fromisoformat(str(stamp).replace("Z", "+00:00"))
+    plain = re.sub(r"\.\d+", "", str(stamp))  # Python 3.10 reads no nanoseconds
+    end = datetime.fromisoformat(plain.replace("Z", "+00:00"))
     return end.timestamp() - EARLY < time.time()
 
 

@@ -163,7 +163,7 @@ def test_a_credential_program_runs_once_until_its_answer_expires(tmp_path: Path)
         assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer token-1")]
     assert list(credentials.headers(fresh=True)) == [("Authorization", "Bearer token-2")]
     (tmp_path / "count").unlink()
-    credentials = load(plugin(tmp_path, "2001-01-01T00:00:00Z")).credentials()
+    credentials = load(plugin(tmp_path, "2001-01-01T00:00:00.123456789Z")).credentials()
     assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer token-2")]
 
 

@@ -62,14 +62,14 @@ class Rows:
 
     def line(self, text: str) -> None:
         """Print a line above the rows."""
-        self._live.console.print(self._prefix + text, markup=False, highlight=False)
+        self._live.console.print(self._prefix + text, markup=False, highlight=False, soft_wrap=True)
 
     def warn(self, text: str) -> None:
         """Print a warning above the rows."""
         from rich.text import Text
 
         warning = Text("warning: ", style="bold yellow") + Text(self._prefix + text)
-        self._live.console.print(warning)
+        self._live.console.print(warning, soft_wrap=True)
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
         """Change a row; one that is done becomes a line that stays."""

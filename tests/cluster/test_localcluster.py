@@ -75,6 +75,9 @@ class Host:
             "for m in $(grep -o ' /run/[^ ]*' /proc/self/mounts); do umount -l $m || true; done\n"
             "mount -t tmpfs tmpfs /run\n"
             "mount --make-shared /run\n"
+            "mkdir /run/somebody\n"
+            "echo 0 >/proc/sys/net/ipv4/ip_forward\n"
+            "echo 0 >/proc/sys/net/ipv4/conf/all/accept_redirects\n"
             "mount -t tmpfs tmpfs /opt\n"
             "ip link set lo up\n"
             "ip link add eth0 type veth peer name out mtu 1400\n"
@@ -265,9 +268,9 @@ def before(host: Host) -> dict[str, list[str]]:
 @pytest.fixture(scope="module")
 def one(host: Host, before: dict[str, list[str]]) -> str:
     """A cluster of two nodes."""
-    host.run("sh", "-c", "mkdir /run/somebody && mount -t tmpfs tmpfs /run/somebody")
+    host.run("mount", "-t", "tmpfs", "tmpfs", "/run/somebody")
     host.rigel("up", "--name", "t-one", "--nodes", "2")
-    host.run("sh", "-c", "umount /run/somebody && rmdir /run/somebody")
+    host.run("umount", "/run/somebody")
     return "t-one"
 
 

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from rigel_k8s.errors import CommandFailed
 
-__all__ = ["Report", "follow", "run", "succeeds"]
+__all__ = ["Report", "follow", "run", "search_path", "succeeds"]
 
 #: Takes one line about what is being done.
 Report = Callable[[str], None]
 
 LAST_LINES = 15
+
+#: Where ip, nft and iptables are; `su` leaves it out of $PATH.
+ADMINISTRATORS_PATH = "/usr/local/sbin:/usr/sbin:/sbin"
+
+
+def search_path() -> str:
+    """Return $PATH with the directories of the administrator's programs."""
+    return f"{os.environ.get('PATH', os.defpath)}:{ADMINISTRATORS_PATH}"
 
 
 def run(
@@ -28,7 +37,7 @@ def run(
     Args:
         command: the program and its arguments.
         cwd: where it runs.
-        env: its whole environment; None is ours.
+        env: its environment; None is ours.
         into: a file that takes its standard output instead.
 
     Raises:
@@ -39,7 +48,7 @@ def run(
             done = subprocess.run(
                 command,
                 cwd=cwd,
-                env=env,
+                env={**(os.environ if env is None else env), "PATH": search_path()},
                 check=False,
                 stdin=subprocess.DEVNULL,
                 stdout=file if into else subprocess.PIPE,
@@ -62,7 +71,9 @@ def failed(command: Sequence[str], status: int, lines: Sequence[str]) -> Command
 
 def succeeds(command: Sequence[str]) -> bool:
     """Return whether a program exits 0; what it prints is of no interest."""
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+    environment = {**os.environ, "PATH": search_path()}
+    done = subprocess.run(command, capture_output=True, check=False, env=environment)
+    return done.returncode == 0
 
 
 def follow(

@@ -9,7 +9,7 @@ import shutil
 from pathlib import Path
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.localcluster.commands import run
+from rigel_k8s.localcluster.commands import run, search_path
 from rigel_k8s.localcluster.paths import STATE
 
 __all__ = ["check_name", "require_host", "require_root"]
@@ -52,7 +52,8 @@ def require_root() -> None:
 def require_host() -> None:
     """Refuse a machine on which a cluster cannot run."""
     require_root()
-    missing = sorted({package for p, package in PROGRAMS.items() if not shutil.which(p)})
+    path = search_path()
+    missing = sorted({package for p, package in PROGRAMS.items() if not shutil.which(p, path=path)})
     if missing:
         raise UserError(
             f"the local cluster needs {', '.join(missing)}",

@@ -550,8 +550,18 @@ def live(host: Host) -> None:
 
 
 def be_killed(host: Host) -> None:
-    """All processes of the cluster are killed at once."""
+    """All processes of the cluster are killed at once; after `up` the pod runs again; once more."""
     live(host)
+    kill_all(host)
+    told = host.rigel("up", "--name", "t-gone")
+    assert all(f"Starting {name} again" in told for name in ("control-plane", "node1"))
+    ready = ["wait", "pod/p", "--for=condition=Ready", "--timeout=60s"]
+    assert "condition met" in host.kubectl("t-gone", *ready)
+    kill_all(host)
+
+
+def kill_all(host: Host) -> None:
+    """Kill -9 everything on the machine."""
     host.run("sh", "-c", "kill -9 -1", check=False)
     until(lambda: not host.processes(), "end of all")
 

@@ -107,6 +107,11 @@ def extract(archive: BinaryIO, target: Path) -> None:
     Raises:
         RigelK8sError: a member points out of the directory, or the archive is cut off.
     """
+    if not hasattr(tarfile, "data_filter"):  # 3.10 before 3.10.12, 3.11 before 3.11.4
+        raise RigelK8sError(
+            "results: this Python cannot unpack an archive safely",
+            hint="use a newer release of the same Python, 3.10.12 or 3.11.4 and later",
+        )
     target.mkdir(parents=True, exist_ok=True)
     try:
         with tarfile.open(fileobj=archive) as opened:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.errors import UserError
@@ -15,7 +15,7 @@ from rigel_k8s.sequences.job import JobType, ProviderType
 from rigel_k8s.sequences.names import Kind
 from rigel_k8s.settings import Settings
 
-__all__ = ["check", "check_rigel03", "init", "load", "schema"]
+__all__ = ["check", "check_rigel03", "init", "load", "runnable", "schema"]
 
 
 def load(settings: Settings) -> Rigelfile:
@@ -27,6 +27,12 @@ def load(settings: Settings) -> Rigelfile:
     """
     require(settings.rigelfile)
     return grammar.load(settings.rigelfile, os.environ)
+
+
+def runnable(settings: Settings, kind: Literal["job", "sequence"]) -> list[str]:
+    """Return the names that can be run. Raises as load."""
+    rigelfile = load(settings)
+    return list(rigelfile.jobs if kind == "job" else rigelfile.sequences)
 
 
 def require(path: Path) -> None:

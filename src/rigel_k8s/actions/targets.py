@@ -13,12 +13,15 @@ from rigel_k8s.actions.rigelfiles import load
 from rigel_k8s.deploy.types import ReleaseId
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.manifests.application import has_application
+from rigel_k8s.manifests.pods import MASTER_NAME
+from rigel_k8s.manifests.release import deploys_master
 from rigel_k8s.plugins.orchestration import OrchestrationJob, is_partial, release_of
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.sequences import registry
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Job", "Release", "job_of", "names", "release"]
+__all__ = ["Job", "Release", "job_of", "names", "node_names", "release"]
 
 
 @attrs.frozen
@@ -75,6 +78,14 @@ def release(settings: Settings, job: str | None = None) -> Release:
 def names(settings: Settings) -> list[str]:
     """Return the names of all orchestration jobs."""
     return [spec.name for spec in candidates(load(settings), settings)]
+
+
+def node_names(settings: Settings, job: str | None = None) -> list[str]:
+    """Return the keys of a job's nodes, and what else of it runs. Raises as job_of."""
+    rigelfile = load(settings)
+    options = names_of(rigelfile, chosen(rigelfile, settings, job))
+    own = [str(options.deployment_name)] if has_application(options) else []
+    return [*map(str, options.nodes), *own, *([MASTER_NAME] if deploys_master(options) else [])]
 
 
 def chosen(rigelfile: Rigelfile, settings: Settings, name: str | None) -> ComponentSpec:

@@ -6,7 +6,7 @@ import sys
 
 import click
 
-from rigel_k8s.cli.words import Timeout, job_option, settings
+from rigel_k8s.cli.words import Timeout, complete_node, job_option, settings
 
 __all__ = ["exec_", "forward", "logs"]
 
@@ -14,7 +14,7 @@ COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_cyan", "bright_g
 
 
 @click.command()
-@click.argument("nodes", nargs=-1, metavar="[NODE]...")
+@click.argument("nodes", nargs=-1, metavar="[NODE]...", shell_complete=complete_node)
 @click.option("-f", "--follow", is_flag=True, help="Go on with new lines, and with new pods.")
 @click.option("--since", type=Timeout(), help="Only the last 30s, 5m, 1h ...")
 @click.option("--tail", type=click.IntRange(min=0), help="Only so many last lines of each pod.")
@@ -56,7 +56,7 @@ def logs(
 
 
 @click.command("exec", context_settings={"ignore_unknown_options": True})
-@click.argument("node")
+@click.argument("node", shell_complete=complete_node)
 @click.option("-i", "--stdin", is_flag=True, help="Pass standard input on.")
 @click.option("-t", "--tty", is_flag=True, help="Give the command a terminal.")
 @job_option
@@ -111,7 +111,7 @@ def port_pair(text: str) -> tuple[int, int]:
 
 
 @click.command()
-@click.argument("node")
+@click.argument("node", shell_complete=complete_node)
 @click.argument("ports", nargs=-1, required=True, metavar="[LOCAL:]PORT...")
 @job_option
 @click.pass_context

@@ -6,14 +6,14 @@ from typing import Literal
 
 import click
 
-from rigel_k8s.cli.words import Timeout, reporting, settings
+from rigel_k8s.cli.words import Timeout, complete_runnable, reporting, settings
 
 __all__ = ["run"]
 
 
 @click.command()
 @click.argument("kind", type=click.Choice(["job", "sequence"]))
-@click.argument("name")
+@click.argument("name", shell_complete=complete_runnable)
 @click.option("--timeout", type=Timeout(), help="How long a roll-out may take, 5m say.")
 @click.option(
     "--adopt", is_flag=True, help="Take over what kubectl, helm or another tool had made."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Timeout",
+    "complete_node",
+    "complete_runnable",
     "job_argument",
     "job_option",
     "json_option",
@@ -93,17 +95,39 @@ def print_json(data: Any) -> None:
     click.echo(json.dumps(data, indent=2, default=str))
 
 
-def complete_job(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Return the Rigelfile's orchestration jobs; a shell's completion must not fail."""
-    from rigel_k8s.actions import targets
+def offered(
+    ctx: click.Context, incomplete: str, find: Callable[[Settings], Sequence[str]]
+) -> list[str]:
+    """Return the names that begin so, for a shell's completion, which must not fail."""
     from rigel_k8s.errors import RigelK8sError
 
-    file = ctx.find_root().params.get("rigelfile") or Path("Rigelfile")
+    file = ctx.find_root().params.get("rigelfile") or "Rigelfile"
     try:
-        found = targets.names(Settings(rigelfile=Path(file)))
+        return [n for n in find(Settings(rigelfile=Path(file))) if n.startswith(incomplete)]
     except RigelK8sError:
         return []
-    return [name for name in found if name.startswith(incomplete)]
+
+
+def complete_job(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Return the Rigelfile's orchestration jobs."""
+    from rigel_k8s.actions import targets
+
+    return offered(ctx, incomplete, targets.names)
+
+
+def complete_node(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Return the nodes of the release."""
+    from rigel_k8s.actions import targets
+
+    return offered(ctx, incomplete, lambda s: targets.node_names(s, ctx.params.get("job")))
+
+
+def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Return the Rigelfile's jobs or sequences, whichever was said before."""
+    from rigel_k8s.actions import rigelfiles
+
+    kind: Any = ctx.params.get("kind") or "job"
+    return offered(ctx, incomplete, lambda s: rigelfiles.runnable(s, kind))
 
 
 job_argument = click.argument("job", required=False, shell_complete=complete_job)

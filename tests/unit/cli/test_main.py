@@ -127,7 +127,7 @@ def test_rigels_own_commands_are_rigels_where_it_is_installed(
             text=True,
             check=False,
             cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
         )
         return done.stdout + done.stderr
 

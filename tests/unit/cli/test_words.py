@@ -287,18 +287,22 @@ def test_schema_is_json(starter: Path) -> None:
     assert json.loads(done.stdout)["type"] == "object"
 
 
-def test_jobs_are_completed_from_the_rigelfile(starter: Path) -> None:
-    """`rigel render <TAB>` offers the jobs that deploy; a broken file offers nothing."""
+def test_names_are_completed_from_the_rigelfile(starter: Path) -> None:
+    """`rigel render <TAB>` offers the jobs that deploy, and so on; a broken file offers nothing."""
     from click.shell_completion import ShellComplete
 
-    def offered(*words: str) -> list[str]:
+    def offered(*words: str, begin: str = "") -> list[str]:
         completion = ShellComplete(cli, {}, "rigel", "_RIGEL_COMPLETE")
-        return [item.value for item in completion.get_completions(list(words), "")]
+        return [item.value for item in completion.get_completions(list(words), begin)]
 
     assert offered("render") == ["deploy"]
     assert offered("-f", str(starter), "logs", "--job") == ["deploy"]
+    assert offered("logs", "-f") == ["talker", "listener", "ros-master"]
+    assert offered("exec", begin="l") == ["listener"]
+    assert offered("run", "sequence") == ["demo", "update"]
+    assert offered("run", "job", begin="b") == ["build"]
     starter.write_text("jobs: [")
-    assert offered("render") == []
+    assert offered("render") == offered("logs") == offered("run", "job") == []
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -115,6 +115,34 @@ def test_parameters_reach_the_node_as_they_are_meant(
     assert "/robot1/pub" in inside(cluster, namespace, "pub", "rosnode", "list").split()
 
 
+def test_a_launch_file_runs_in_its_namespace_with_its_parameters(
+    cluster: Any, namespace: str, run: Run, tmp_path: Path
+) -> None:
+    """From a ConfigMap; arguments, namespace and parameter files reach the nodes in it."""
+    text = (
+        "<launch><arg name='rate'/><node pkg='rostopic' type='rostopic' name='pub' required='true'"
+        " args='pub -r $(arg rate) chatter std_msgs/String hello'/></launch>"
+    )
+    meta = {"name": "launch", "namespace": namespace}
+    cluster.create(
+        {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": {"a.launch": text}}
+    )
+    (tmp_path / "a.yaml").write_text("speed: 1.5\n")
+    node = {
+        "launch": {"file": "/launch/a.launch", "args": {"rate": 7}},
+        "namespace": "robot1",
+        "parameter_files": ["a.yaml"],
+        "volumes": [{"config_map": "launch", "mount_path": "/launch"}],
+    }
+    run({"nodes": {"bringup": node}})
+    assert "/robot1/pub" in inside(cluster, namespace, "bringup", "rosnode", "list").split()
+    assert (
+        inside(cluster, namespace, "bringup", "rosparam", "get", "/robot1/speed").strip() == "1.5"
+    )
+    seen = inside(cluster, namespace, "bringup", "cat", "/proc/1/cmdline").split("\0")
+    assert "rate:=7" in seen
+
+
 def test_a_partial_job_changes_only_what_it_names(
     cluster: Any, namespace: str, run: Run, base_image: str
 ) -> None:

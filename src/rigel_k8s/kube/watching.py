@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import attrs
@@ -27,6 +27,24 @@ class WatchEvent:
 
     type: str
     object: dict[str, Any]
+
+
+@attrs.define
+class Watched:
+    """What a watch has seen: the newest version, "" for none, and the objects that are there."""
+
+    kind: str
+    version: str = ""
+    seen: dict[str, dict[str, Any]] = attrs.field(factory=dict)
+
+    def remember(self, event: WatchEvent) -> None:
+        """Take in one event."""
+        meta = event.object["metadata"]
+        if event.type == "DELETED":
+            self.seen.pop(meta["uid"], None)
+        elif event.type != "BOOKMARK":
+            self.seen[meta["uid"]] = event.object
+        self.version = str(meta.get("resourceVersion") or self.version)
 
 
 def label_selector(labels: str | Mapping[str, str] | None) -> str:
@@ -54,38 +72,47 @@ def watch(
     Raises:
         ClusterError: the first connection fails, or the server refuses.
     """
-    what = f"watch {kind}s"
-    resource = client.resource(api_version, kind, what)
+    resource = client.resource(api_version, kind, f"watch {kind}s")
+
+    def url(**query: object) -> str:
+        return path(api_version, resource, namespace, query={**selectors, **query})
+
+    state = Watched(kind)
     deadline = time.monotonic() + seconds
-    seen: dict[str, dict[str, Any]] = {}
-    version = ""
-    named = {"apiVersion": api_version, "kind": kind}
     while not (cancel and cancel.is_set()) and (left := deadline - time.monotonic()) > 0:
         try:
-            if not version:
-                version, found = relist(
-                    client, kind, path(api_version, resource, namespace, query=selectors), seen
-                )
-                for event in found:
-                    yield attrs.evolve(event, object={**event.object, **named})
-            live = {
-                "watch": "true",
-                "timeoutSeconds": max(1, round(left)),
-                "resourceVersion": version,
-                "allowWatchBookmarks": "true",
-            }
-            url = path(api_version, resource, namespace, query={**selectors, **live})
-            for event in events(client, url, what, left, cancel):
-                version = remember(event, seen, version)
-                if event.type != "BOOKMARK":
-                    yield attrs.evolve(event, object={**event.object, **named})
+            for event in one_life(client, url, state, left, cancel):
+                named = {**event.object, "apiVersion": api_version, "kind": kind}
+                yield attrs.evolve(event, object=named)
         except Refusal as error:
-            if not version or error.status in (401, 403, 404):
+            if not state.version or error.status in (401, 403, 404):
                 raise
             if error.status == 410:
-                version = ""
+                state.version = ""
                 continue
         pause(deadline, cancel)
+
+
+def one_life(
+    client: Client,
+    url: Callable[..., str],
+    state: Watched,
+    left: float,
+    cancel: threading.Event | None,
+) -> Iterator[WatchEvent]:
+    """Yield what comes until one connection ends; lists first where no version is known."""
+    if not state.version:
+        yield from relist(client, url(), state)
+    stream = url(
+        watch="true",
+        timeoutSeconds=max(1, round(left)),
+        resourceVersion=state.version,
+        allowWatchBookmarks="true",
+    )
+    for event in events(client, stream, f"watch {state.kind}s", left, cancel):
+        state.remember(event)
+        if event.type != "BOOKMARK":
+            yield event
 
 
 def events(
@@ -106,27 +133,17 @@ def events(
             yield WatchEvent(event["type"], event["object"])
 
 
-def remember(event: WatchEvent, seen: dict[str, dict[str, Any]], version: str) -> str:
-    """Note what is there after an event; return the version seen last."""
-    meta = event.object["metadata"]
-    if event.type == "DELETED":
-        seen.pop(meta["uid"], None)
-    elif event.type != "BOOKMARK":
-        seen[meta["uid"]] = event.object
-    return str(meta.get("resourceVersion") or version)
-
-
-def relist(
-    client: Client, kind: str, url: str, seen: dict[str, dict[str, Any]]
-) -> tuple[str, list[WatchEvent]]:
-    """Return the present version and what has happened since `seen`, which becomes the present."""
-    page = client.call("GET", url, f"list {kind}s")
+def relist(client: Client, url: str, state: Watched) -> list[WatchEvent]:
+    """Return what has happened since `state`, which becomes the present."""
+    page = client.call("GET", url, f"list {state.kind}s")
     there = {item["metadata"]["uid"]: item for item in page.get("items") or []}
-    gone = [WatchEvent("DELETED", old) for uid, old in seen.items() if uid not in there]
-    now = [WatchEvent("MODIFIED" if uid in seen else "ADDED", item) for uid, item in there.items()]
-    seen.clear()
-    seen.update(there)
-    return str(page["metadata"]["resourceVersion"]), gone + now
+    gone = [WatchEvent("DELETED", old) for uid, old in state.seen.items() if uid not in there]
+    now = [
+        WatchEvent("MODIFIED" if uid in state.seen else "ADDED", item)
+        for uid, item in there.items()
+    ]
+    state.seen, state.version = there, str(page["metadata"]["resourceVersion"])
+    return gone + now
 
 
 def pause(deadline: float, cancel: threading.Event | None) -> None:

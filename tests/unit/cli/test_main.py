@@ -160,3 +160,10 @@ def test_a_closed_pipe_is_silent() -> None:
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
     assert done.stderr == ""
     assert done.stdout.strip() == "{"
+
+
+def test_a_pipe_that_was_closed_before_is_silent_too() -> None:
+    """Little output is written only at the end, when nobody reads any more."""
+    line = f"{{ sleep 0.2; {sys.executable} -m rigel_k8s version; }} | true"
+    done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
+    assert done.stderr == ""

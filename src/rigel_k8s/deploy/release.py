@@ -333,7 +333,11 @@ def tell_plan(run: Run, plan: Plan) -> None:
 def waiter(run: Run, found: Survey, lease: Held) -> Waiter:
     """Return what waits for the release."""
     good = [record.number for record in found.history if record.status == "good"]
-    way_out = f"`rigel rollback` goes back to revision {good[-1]}" if good else "`rigel status`"
+    way_out = (
+        f"`rigel rollback` goes back to revision {good[-1]}"
+        if good
+        else "`rigel status` tells how far it is"
+    )
     return Waiter(
         run.cluster,
         run.release,

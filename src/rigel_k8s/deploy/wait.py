@@ -92,7 +92,7 @@ class Waiter:
                     raise Interrupted(
                         f"interrupted while {self.release.name} was rolling out: "
                         "the cluster goes on with it",
-                        hint="run it again to see it through, or " + self.way_out,
+                        hint=f"run it again to see it through; {self.way_out}",
                     )
                 view.refresh(LOOK)
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from rigel_k8s.manifests.application import has_application
 from rigel_k8s.manifests.commands import full_name, words
-from rigel_k8s.manifests.distros import is_ros1
+from rigel_k8s.manifests.distros import is_ros1, meant
 from rigel_k8s.manifests.naming import object_name
 from rigel_k8s.manifests.nodechecks import check_node
 from rigel_k8s.manifests.options import OrchestrationOptions, Readiness, RollingUpdate
@@ -30,6 +30,7 @@ SURGE = (
 
 def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     """Yield what is wrong, and what works otherwise than it looks."""
+    yield from check_distro(distro)
     yield from check_master(options, distro)
     yield from check_names(options)
     yield from check_volumes(options)
@@ -46,6 +47,15 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
             *check_fixed(("patch",), node.patch),
         ]
         yield from (problem.under(path) for problem in problems)
+
+
+def check_distro(distro: str) -> Iterator[Problem]:
+    """Yield a distribution that is probably misspelt; one of a user's own is no mistake."""
+    if name := meant(distro):
+        message = (
+            f'application.distro: "{distro}" is taken for a ROS 1 of your own, or is it "{name}"?'
+        )
+        yield Problem((), message, "unknown-distro", severity="warning")
 
 
 def check_master(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:

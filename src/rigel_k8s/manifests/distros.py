@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-__all__ = ["is_ros1"]
+import difflib
+
+__all__ = ["is_ros1", "meant"]
+
+ROS1 = frozenset(("hydro", "indigo", "jade", "kinetic", "lunar", "melodic", "noetic"))
 
 ROS2 = frozenset(
     ("ardent", "bouncy", "crystal", "dashing", "eloquent", "foxy", "galactic")
@@ -13,3 +17,11 @@ ROS2 = frozenset(
 def is_ros1(distro: str) -> bool:
     """Return whether a distribution is of ROS 1; one of a user's own is taken for that."""
     return distro.lower() not in ROS2
+
+
+def meant(distro: str) -> str | None:
+    """Return the distribution that an unknown name was probably meant to be."""
+    known = sorted(ROS1 | ROS2)
+    if distro.lower() in known:
+        return None
+    return next(iter(difflib.get_close_matches(distro.lower(), known, n=1, cutoff=0.7)), None)

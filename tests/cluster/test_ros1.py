@@ -229,6 +229,31 @@ def test_data_survives_down_unless_volumes_are_asked_for(robot: Robot) -> None:
     )
 
 
+def test_down_lets_nodes_take_leave_of_their_master(robot: Robot) -> None:
+    """roscore goes last: a node that cannot unregister would use up its grace, and be killed."""
+    robot.write({"talker": talker()})
+    robot.deploy()
+    killed: list[int] = []
+    done = threading.Event()
+
+    def watch() -> None:
+        events = robot.cluster.watch(
+            "v1", "Pod", robot.namespace, labels={"app.kubernetes.io/name": "talker"}, cancel=done
+        )
+        for event in events:
+            for status in event.object["status"].get("containerStatuses", []):
+                if ended := status["state"].get("terminated"):
+                    killed.append(ended["exitCode"])
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    robot.rigel("down")
+    done.set()
+    watcher.join()
+    assert killed
+    assert 137 not in killed
+
+
 def test_a_node_that_left_the_rigelfile_is_pruned(robot: Robot) -> None:
     """The cluster follows the file: what is not in it any more is deleted, the rest untouched."""
     robot.write({"talker": talker(), "listener": python(LISTENER)})

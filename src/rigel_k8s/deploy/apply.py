@@ -62,13 +62,26 @@ class Applier:
 
     def write(self, step: Step) -> Live:
         """Apply one manifest."""
-        if step.live is not None and step.live["metadata"].get("deletionTimestamp"):
-            self.until_gone(step.ref)
-        elif step.live is not None and self.adopt and managers(step.live):
-            self.take_over(step.ref, step.live)
         if step.manifest is None:
             raise AssertionError("only steps with a manifest write")
+        live = step.live
+        if live is not None and live["metadata"].get("deletionTimestamp"):
+            self.until_gone(step.ref)
+            live = None
+        if live is not None and keeps_rolling(step.manifest, live):
+            live = self.end_rolling(step.ref)
+        if live is not None and self.adopt and managers(live):
+            self.take_over(step.ref, live)
         return self.cluster.apply(step.manifest, force=self.adopt)
+
+    def end_rolling(self, ref: ObjectRef) -> Live:
+        """Make a rolling Deployment a Recreate one; its pods stay as they are.
+
+        Server-side apply cannot: what Kubernetes had filled in of the old strategy would stay, and
+        Kubernetes refuses it beside the new one.
+        """
+        strategy = {"type": "Recreate", "rollingUpdate": None}
+        return self.cluster.patch(ref, {"spec": {"strategy": strategy}})
 
     def take_over(self, ref: ObjectRef, live: Manifest) -> None:
         """Make what other tools had set ours, so that what nobody says any more goes away."""
@@ -79,13 +92,22 @@ class Applier:
         self.cluster.patch(ref, {"metadata": meta})
 
     def prune(self, steps: Iterable[Step]) -> None:
-        """Delete what the plan prunes: workloads first, then what they used, data last."""
+        """Delete what the plan prunes: workloads first, then what they used, data last.
+
+        What came first goes last of the workloads: ROS nodes take leave of their master, and hang
+        where nobody answers any more.
+        """
         todo = [step for step in steps if step.action == "prune"]
         workloads = [step for step in todo if step.ref.kind in WORKLOADS]
         others = [step for step in todo if step.ref.kind not in WORKLOADS]
-        self.cluster.parallel(self.delete, workloads)
+        last = [step for step in workloads if comes_first(step)]
+        before = [step for step in workloads if step not in last]
+        self.cluster.parallel(self.delete, before)
+        if last or any(step.ref.kind in CLAIMS for step in others):
+            self.until_no_pods(before)
+        self.cluster.parallel(self.delete, last)
         if any(step.ref.kind in CLAIMS for step in others):
-            self.until_no_pods(workloads)
+            self.until_no_pods(last)
         for number in sorted({rank(step.ref.kind) for step in others}, reverse=True):
             self.cluster.parallel(self.delete, [s for s in others if rank(s.ref.kind) == number])
 
@@ -195,8 +217,16 @@ def defined(manifest: Manifest | None) -> list[tuple[str, str]]:
 
 def comes_first(step: Step) -> bool:
     """Whether the other workloads of the release start only when this one is ready."""
-    annotations = (step.manifest or {}).get("metadata", {}).get("annotations", {})
-    return bool(annotations.get(FIRST_ANNOTATION) == "true")
+    meta = (step.manifest or step.live or {}).get("metadata", {})
+    return bool((meta.get("annotations") or {}).get(FIRST_ANNOTATION) == "true")
+
+
+def keeps_rolling(manifest: Manifest, live: Manifest) -> bool:
+    """Whether a live Deployment has parts of a strategy that a manifest gives up."""
+    if manifest["kind"] != "Deployment":
+        return False
+    wanted, there = (item.get("spec", {}).get("strategy") or {} for item in (manifest, live))
+    return bool(wanted.get("type") == "Recreate" and there.get("rollingUpdate"))
 
 
 def groups(writes: Sequence[Step]) -> list[list[Step]]:

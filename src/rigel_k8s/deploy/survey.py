@@ -187,6 +187,8 @@ def dry_runs(
         except Refusal as error:
             if error.status == 400 and "dry run" in error.message:
                 return untried(cluster, manifest)
+            if error.status == 422 and "spec.strategy.rollingUpdate" in error.message:
+                return untried(cluster, manifest)  # apply ends the old strategy before
             if error.status not in (409, 422) and not is_about_object(error):
                 raise
             return error
@@ -196,7 +198,7 @@ def dry_runs(
 
 
 def untried(cluster: Cluster, manifest: Manifest) -> Live:
-    """Return what stands for a dry run where an admission webhook allows none."""
+    """Return what stands for a dry run that says nothing of the deploy."""
     live = cluster.get(ref_of(manifest))
     version = live["metadata"]["resourceVersion"] if live else ""
     meta: dict[str, Any] = {**manifest["metadata"], "resourceVersion": version}

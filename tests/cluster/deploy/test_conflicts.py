@@ -115,3 +115,25 @@ def test_a_cluster_wide_volume_of_a_namesake_in_another_namespace_is_refused(
     other = Desired(ReleaseId("default", "demo"), (volume,))
     with pytest.raises(Refused, match="nothing was changed"):
         deploy(other, cluster, report=report)
+
+
+def test_a_rolling_deployment_of_another_tool_is_taken_over_as_recreate(
+    cluster: Any, make: Any, report: Any
+) -> None:
+    """What kubectl made has Kubernetes' own rolling defaults, which Recreate forbids."""
+    theirs = make.deployment(replicas=0)
+    theirs["spec"].pop("strategy", None)
+    cluster.client.call(
+        "POST",
+        f"/apis/apps/v1/namespaces/{make.namespace}/deployments?fieldManager=kubectl-create",
+        "test",
+        body=theirs,
+    )
+    ours = make.deployment(replicas=0)
+    ours["spec"]["strategy"] = {"type": "Recreate"}
+    with pytest.raises(ConflictError):
+        deploy(make.desired(ours), cluster, report=report)
+    deploy(make.desired(ours), cluster, report=report, adopt=True)
+    live = cluster.get(ObjectRef("apps/v1", "Deployment", make.namespace, "talker"))
+    assert live["spec"]["strategy"] == {"type": "Recreate"}
+    assert not diff(make.desired(ours), cluster).changes

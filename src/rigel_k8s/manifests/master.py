@@ -26,6 +26,11 @@ __all__ = ["MASTER_CONTAINER", "master_deployment", "master_service"]
 
 MASTER_CONTAINER = "ros-master-container"
 
+#: A replaced pod's address swallows what is sent to it. roscore tells the old node to end (and its
+#: cached parameters to change) all the same, each time in one of 3 threads, for two minutes: three
+#: such pods and no node hears of a new publisher. So 10 threads, and 3 s for a connection.
+ROSCORE = ["roscore", "-w", "10", "-t", "3"]
+
 
 def master_deployment(around: Surroundings, image: str | None, params: Mapping[str, Any]) -> Object:
     """Return roscore's Deployment with the user's own parts laid over it."""
@@ -33,7 +38,7 @@ def master_deployment(around: Surroundings, image: str | None, params: Mapping[s
     container = {
         "name": MASTER_CONTAINER,
         "image": str(image or around.default_image),
-        "args": ["roscore"],
+        "args": list(ROSCORE),
         "env": environment(f"http://localhost:{MASTER_PORT}"),
         "ports": [{"name": "ros", "containerPort": MASTER_PORT}],
         **probes("ros", kind="master"),

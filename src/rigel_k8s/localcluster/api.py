@@ -17,7 +17,16 @@ from rigel_k8s.localcluster import kubeconfig
 from rigel_k8s.localcluster.commands import run
 from rigel_k8s.localcluster.layout import Layout
 
-__all__ = ["access", "admin", "create_nodes", "kubectl", "ready", "ready_nodes", "wait_until_ready"]
+__all__ = [
+    "access",
+    "admin",
+    "create_nodes",
+    "kubectl",
+    "mark_lost",
+    "ready",
+    "ready_nodes",
+    "wait_until_ready",
+]
 
 
 def ready(layout: Layout) -> bool:
@@ -83,6 +92,14 @@ def node_object(name: str, pods: str) -> dict[str, Any]:
         "metadata": {"name": name, "labels": {"kubernetes.io/hostname": name}},
         "spec": {"podCIDR": pods, "podCIDRs": [pods]},
     }
+
+
+def mark_lost(layout: Layout, node: str) -> None:
+    """Tell the cluster that a node has ended, which it would believe Ready for a while."""
+    condition = {"type": "Ready", "status": "Unknown", "reason": "MachineEnded"}
+    patch = json.dumps({"status": {"conditions": [condition]}})
+    with suppress(CommandFailed):  # NotFound, where somebody has deleted it
+        kubectl(layout, "patch", "node", node, "--subresource=status", f"--patch={patch}")
 
 
 def ready_nodes(layout: Layout) -> set[str]:

@@ -50,15 +50,15 @@ def prepare(root: Path, path: Path) -> None:
                 (path.parent / "cgroup.subtree_control").write_text(f"+{controller}")
 
 
-def remove(cluster: str, seconds: float = 15) -> None:
-    """Remove a cluster's cgroups, whose processes have ended.
+def remove(cluster: str, node: str = "", *, seconds: float = 15) -> None:
+    """Remove the cgroups of a cluster, or of one node of it, whose processes have ended.
 
     Raises:
         LocalClusterError: one has processes still.
     """
     deadline = time.monotonic() + seconds
     # containerd makes cgroups in the v2 hierarchy beside v1 too.
-    tops = [root / f"rigel-{cluster}" for root in [*roots(), ROOT / "unified"]]
+    tops = [root / f"rigel-{cluster}" / node for root in [*roots(), ROOT / "unified"]]
     while left := [top for top in tops if top.exists()]:
         for top in left:
             for path in sorted([p for p in top.rglob("*") if p.is_dir()], reverse=True) + [top]:

@@ -148,6 +148,8 @@ def start_machines(state: State, report: Report) -> bool:
     for name in missing:
         again = " again: it had ended" if state.furnished else ""
         report(f"Starting {name}{again}")
+        if state.furnished and name != CONTROL_PLANE:
+            api.mark_lost(layout, name)
         start(state, layout, name)
         if name == CONTROL_PLANE:
             report("Filling the registry and waiting for the API server")
@@ -160,6 +162,8 @@ def start_machines(state: State, report: Report) -> bool:
 def start(state: State, layout: Layout, name: str) -> None:
     """Start one machine, in a namespace of its own that is plugged into the segment."""
     machine.end(state.directory / name, layout.namespace(name))
+    if name != CONTROL_PLANE:  # a kubelet takes 3 s for each cgroup of a container that is no more
+        cgroups.remove(state.name, name)
     network.wire(layout, name)
     network.route(layout, name, state.node_names)
     what_is(layout, name).start()

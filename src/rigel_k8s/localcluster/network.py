@@ -80,7 +80,8 @@ def wire(layout: Layout, machine: str) -> None:
     size = ["mtu", str(mtu())]
     run(
         ["ip", "link", "add", link, *size, "type", "veth"]
-        + ["peer", "name", "eth0", *size, "netns", namespace]
+        + ["peer", "name", "eth0", "address", hardware_address(layout.address(machine))]
+        + [*size, "netns", namespace]
     )
     run(["ip", "link", "set", link, "master", bridge_name(layout.name), "up"])
     inside = ["ip", "-n", namespace]
@@ -89,6 +90,15 @@ def wire(layout: Layout, machine: str) -> None:
     run([*inside, "addr", "add", address, "dev", "eth0"])
     run([*inside, "link", "set", "eth0", "up"])
     run([*inside, "route", "add", "default", "via", layout.addresses.machine(1)])
+
+
+def hardware_address(address: str) -> str:
+    """Return the MAC address that belongs to an IP address.
+
+    A machine that is started again keeps it; with a new one the others would go on sending to the
+    old one, until their neighbour tables forget it.
+    """
+    return "02:52:" + ":".join(f"{int(part):02x}" for part in address.split("."))
 
 
 def route(layout: Layout, machine: str, nodes: Iterable[str]) -> None:

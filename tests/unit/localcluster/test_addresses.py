@@ -8,6 +8,7 @@ import pytest
 
 from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.localcluster.addresses import Addresses, free_block, networks
+from rigel_k8s.localcluster.network import hardware_address
 
 
 def free(*used: str) -> str:
@@ -55,3 +56,8 @@ def test_lines_that_are_no_network_are_passed_over() -> None:
     """`default`, host names and IPv6 in routes and name servers are no IPv4 network."""
     found = networks(["default", "10.1.2.3", "fd00::1", "10.2.0.0/16", "10.3.0.9/24", "dns"])
     assert list(map(str, found)) == ["10.1.2.3/32", "10.2.0.0/16", "10.3.0.0/24"]
+
+
+def test_a_machine_started_again_has_the_same_hardware_address() -> None:
+    """It follows from the address, so nobody's neighbour table is wrong after a restart."""
+    assert hardware_address("10.66.0.11") == "02:52:0a:42:00:0b"

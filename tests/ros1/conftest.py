@@ -26,6 +26,7 @@ import pytest
 
 import rigel_k8s.inpod
 from rigel_k8s.images.ros1base import BaseImage, build
+from rigel_k8s.manifests.master import ROSCORE
 
 SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
 NODE = ("/bin/sh", "/rigel-k8s/ready.sh", "node")
@@ -173,7 +174,7 @@ class Pods:
         """Start a roscore and wait until it answers."""
         address = next(self.addresses)
         self.master_uri = f"http://{address}:11311"
-        pod = self.start("ros-master", "roscore", address=address)
+        pod = self.start("ros-master", *ROSCORE, address=address)
         return self.answering(pod)
 
     def answering(self, pod: Pod) -> Pod:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import http.client
 import os
+import select
 import socket
 import ssl
 import tempfile
@@ -231,10 +232,12 @@ class Transport:
 
     def take(self, *, new: bool) -> tuple[http.client.HTTPConnection, bool]:
         """Return a connection, and whether it was in use before."""
-        if not new:
-            with self.lock:
-                if self.idle:
-                    return self.idle.pop(), True
+        with self.lock:
+            while not new and self.idle:
+                kept = self.idle.pop()
+                if not is_closed(kept):
+                    return kept, True
+                kept.close()
         return self.connection(), False
 
     def give_back(
@@ -287,6 +290,16 @@ class Transport:
             reason = f"its certificate is not trusted: {error.verify_message}"
         target = self.target
         return unreachable(what, reason, context=target.context, server=target.server)
+
+
+def is_closed(connection: http.client.HTTPConnection) -> bool:
+    """Whether the server has closed a connection that waits: it has nothing else to say there.
+
+    API servers close what was idle for 90 s; a POST that meets that cannot be sent again safely.
+    """
+    poll = select.poll()
+    poll.register(connection.sock, select.POLLIN)
+    return bool(poll.poll(0))
 
 
 def tls_context(target: Target, credentials: Credentials) -> ssl.SSLContext:

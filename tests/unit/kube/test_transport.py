@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.server
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -14,7 +15,7 @@ from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.kube.proxy import proxy_for
 from rigel_k8s.kube.target import Target
-from rigel_k8s.kube.transport import Stream, Transport
+from rigel_k8s.kube.transport import Stream, Transport, is_closed
 
 Handler = Callable[["Server"], None]
 
@@ -216,3 +217,20 @@ def test_a_proxy_is_asked_for_the_server(server: Any) -> None:
     with pytest.raises(ClusterError, match="Tunnel connection failed: 502"):
         through.request("GET", "/x", "test")
     assert set(handler.requests) == {"CONNECT far.example.com:8080"}
+
+
+def test_a_post_does_not_meet_a_connection_that_was_closed_while_it_waited(server: Any) -> None:
+    """A deploy may pause for minutes; a POST that got no answer cannot be sent again safely."""
+
+    def answer(handler: Server) -> None:
+        handler.say(200, b"{}")
+        handler.close_connection = True
+
+    transport, own = server(answer)
+    for _ in range(3):
+        assert transport.request("POST", "/x", "make a thing", body=b"{}").status == 200
+        deadline = time.monotonic() + 10
+        while not is_closed(transport.idle[0]):
+            assert time.monotonic() < deadline, "the server closes"
+    assert len(own.requests) == 3
+    assert len(own.peers) == 3

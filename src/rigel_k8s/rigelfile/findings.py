@@ -57,10 +57,13 @@ def _order(finding: Finding) -> tuple[Span, Span, str]:
     return finding.span, finding.defined_at or finding.span, finding.message
 
 
-def render(source: Source, finding: Finding) -> str:
-    """Return a finding as text: the message, the line it is about, a caret below."""
+def render(source: Source, finding: Finding, *, marked: bool = True) -> str:
+    """Return a finding as text: the message, the line it is about, a caret below.
+
+    marked: a warning says that it is one; whoever says so already leaves it out.
+    """
     span = finding.span
-    mark = "warning: " if finding.severity == "warning" else ""
+    mark = "warning: " if marked and finding.severity == "warning" else ""
     head = f"{source.name}:{span.line}:{span.column}: {mark}{finding.message}{_origin(finding)}"
     lines = source.text.splitlines()
     shown = [span, finding.defined_at] if finding.defined_at else [span]

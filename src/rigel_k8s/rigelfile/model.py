@@ -62,7 +62,7 @@ class Sequential:
 
 @attrs.frozen
 class Concurrent:
-    """Jobs side by side; dependencies are started first and stopped when the jobs have ended."""
+    """Jobs in turn, beside dependencies that are started first and stopped when they have ended."""
 
     jobs: tuple[JobUse, ...]
     dependencies: tuple[JobUse, ...] = ()

@@ -55,7 +55,7 @@ GRACE = 30.0
 
 @attrs.frozen
 class Prepared:
-    """What will run, checked: no problem is known, `warnings` are rendered."""
+    """What will run, checked: no problem is known, `warnings` are rendered, without the word."""
 
     rigelfile: Rigelfile
     settings: Settings
@@ -178,7 +178,7 @@ def _prepare(
         findings += preview.look_at(steps)
     if any(finding.severity == "error" for finding in findings):
         raise problems_error(rigelfile.source, findings)
-    warnings = tuple(render(rigelfile.source, finding) for finding in findings)
+    warnings = tuple(render(rigelfile.source, found, marked=False) for found in findings)
     return Prepared(rigelfile, settings, steps, tuple(filter(None, declared)), warnings)
 
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Literal
 import attrs
 
 from rigel_k8s.manifests.fields import needed, option
+from rigel_k8s.manifests.network.options import Mode, Network
 from rigel_k8s.manifests.observability import Observability
 from rigel_k8s.manifests.scalars import (
     Count,
@@ -300,6 +301,23 @@ class OrchestrationOptions:
     application_image: ImageRef | None = option("the image of the one application's Deployment")
     image: ImageRef | None = option("the image of all `nodes` that name none")
     nodes: Mapping[str, NodeOptions] = option("the ROS nodes, each a Deployment, by ROS name", {})
+    ros: Literal["1", "2", "none"] | None = option(
+        "which ROS; none is a plain DDS application (default: that of application.distro)"
+    )
+    middleware: (
+        Literal["fastdds", "cyclonedds", "zenoh"]
+        | Literal["rmw_fastrtps_cpp", "rmw_cyclonedds_cpp", "rmw_zenoh_cpp"]
+        | None
+    ) = attrs.field(
+        default=None,
+        metadata={
+            "aliases": ("rmw",),
+            "doc": "ROS 2: RMW_IMPLEMENTATION; DDS: whose configuration the network writes",
+        },
+    )
+    network: Network | Mode | None = option(
+        "how pods find each other; a word is short for its `mode`"
+    )
     readiness: Readiness | Literal["ros", "none"] | None = option("when the application is ready")
     rolling_update: RollingUpdate | None = option("how the application is updated")
     persistent_storage: PersistentStorage = attrs.field(

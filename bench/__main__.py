@@ -146,10 +146,10 @@ def start_up(directory: Path, runs: int, registry: str) -> None:
         for name, command in commands.items():
             figures[name].samples.append(run(command))
     bare = figures["python -c pass"].median("wall")
-    print("\n| command | wall s | MiB | / python -c pass |\n|---|---|---|---|")
+    print("\n| command | wall s | / python -c pass |\n|---|---|---|")
     for name, figure in figures.items():
         wall = figure.median("wall")
-        print(f"| {name} | {wall:.3f} | {figure.median('memory'):.0f} | {wall / bare:.1f} |")
+        print(f"| {name} | {wall:.3f} | {wall / bare:.1f} |")
 
 
 if __name__ == "__main__":

@@ -6,11 +6,14 @@ import os
 from pathlib import Path
 from typing import Any, Literal
 
+import attrs
+
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.errors import UserError
 from rigel_k8s.rigelfile import CheckResult
+from rigel_k8s.rigelfile.findings import in_order
 from rigel_k8s.rigelfile.model import Rigelfile
-from rigel_k8s.sequences import registry
+from rigel_k8s.sequences import registry, runner
 from rigel_k8s.sequences.job import JobType, ProviderType
 from rigel_k8s.sequences.names import Kind
 from rigel_k8s.settings import Settings
@@ -44,7 +47,10 @@ def require(path: Path) -> None:
 
 
 def check(settings: Settings) -> CheckResult:
-    """Return every problem of the Rigelfile, with our job types' own checks."""
+    """Return every problem of the Rigelfile, with our job types' own checks.
+
+    What two jobs of a sequence do to each other is looked at where each by itself is right.
+    """
     require(settings.rigelfile)
     directory = settings.rigelfile.absolute().parent
 
@@ -53,7 +59,13 @@ def check(settings: Settings) -> CheckResult:
             return registry.job_type(name, directory)
         return registry.provider_type(name, directory)
 
-    return grammar.check_file(settings.rigelfile, os.environ, resolve)
+    result = grammar.check_file(settings.rigelfile, os.environ, resolve)
+    if result.rigelfile is None or result.errors:
+        return result
+    found = dict.fromkeys(result.findings)
+    for name in result.rigelfile.sequences:
+        found.update(dict.fromkeys(runner.check_sequence(result.rigelfile, name, settings)))
+    return attrs.evolve(result, findings=in_order(found))
 
 
 def check_rigel03(settings: Settings) -> CheckResult:

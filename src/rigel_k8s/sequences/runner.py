@@ -5,7 +5,7 @@ What a job does stays behind its job type, how a run goes behind live.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -39,6 +39,7 @@ from rigel_k8s.settings import Application, Settings
 
 __all__ = [
     "Prepared",
+    "check_sequence",
     "prepare_job",
     "prepare_sequence",
     "prepare_use",
@@ -86,7 +87,9 @@ def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared
         UserError: there is no such job.
     """
     spec = _named("job", name, rigelfile.jobs)
-    return _prepare(rigelfile, settings, [name], lambda types: of_job(spec, types[name]))
+    return _looked_at(
+        rigelfile, settings, [name], lambda types: of_job(spec, types[name])
+    ).prepared()
 
 
 def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
@@ -96,12 +99,17 @@ def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Pre
         ProblemsError: all that is wrong with its jobs and with the providers.
         UserError: there is no such sequence, or two of its jobs cannot run side by side.
     """
-    sequence = _named("sequence", name, rigelfile.sequences)
+    return _sequence_looked_at(rigelfile, name, settings).prepared()
 
-    def steps(types: Mapping[str, JobType[Any]]) -> Jobs:
-        return of_sequence(sequence, rigelfile.jobs, types)
 
-    return _prepare(rigelfile, settings, job_names(sequence), steps)
+def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Sequence[Finding]:
+    """Return what prepare_sequence would raise or warn of, each with its place."""
+    try:
+        return _sequence_looked_at(rigelfile, name, settings).findings
+    except UserError as error:  # two of its jobs cannot run side by side
+        message = "; ".join(filter(None, (error.message, error.hint)))
+        problem = Problem(("sequences", name), message, "side-by-side", at_key=True)
+        return [place(rigelfile.root, problem)]
 
 
 def prepare_use(
@@ -114,9 +122,9 @@ def prepare_use(
     """
     ours = {n: p for n, p in rigelfile.providers.items() if p.plugin in by_name("provider")}
     rigelfile = attrs.evolve(rigelfile, providers=ours)
-    return _prepare(
+    return _looked_at(
         rigelfile, settings, [spec.name], lambda types: of_job(spec, types[spec.name], overrides)
-    )
+    ).prepared()
 
 
 def run(
@@ -162,12 +170,40 @@ def _told(prepared: Prepared, report: Reporter) -> dict[str, Any]:
     return run(prepared, report)
 
 
-def _prepare(
+@attrs.frozen
+class _LookedAt:
+    """Steps with all that was found when they were looked at."""
+
+    rigelfile: Rigelfile
+    settings: Settings
+    steps: Jobs
+    providers: tuple[Declared, ...]
+    findings: Sequence[Finding]
+
+    def prepared(self) -> Prepared:
+        """Return what can run; raise ProblemsError where something is wrong."""
+        source = self.rigelfile.source
+        if any(finding.severity == "error" for finding in self.findings):
+            raise problems_error(source, self.findings)
+        warnings = tuple(render(source, found, marked=False) for found in self.findings)
+        return Prepared(self.rigelfile, self.settings, self.steps, self.providers, warnings)
+
+
+def _sequence_looked_at(rigelfile: Rigelfile, name: str, settings: Settings) -> _LookedAt:
+    sequence = _named("sequence", name, rigelfile.sequences)
+
+    def steps(types: Mapping[str, JobType[Any]]) -> Jobs:
+        return of_sequence(sequence, rigelfile.jobs, types)
+
+    return _looked_at(rigelfile, settings, job_names(sequence), steps)
+
+
+def _looked_at(
     rigelfile: Rigelfile,
     settings: Settings,
     names: Iterable[str],
     steps_of: Callable[[Mapping[str, JobType[Any]]], Jobs],
-) -> Prepared:
+) -> _LookedAt:
     findings: list[Finding] = []
     resolved = _Resolution(rigelfile, settings.rigelfile.parent, findings)
     steps = steps_of({name: resolved.job(rigelfile.jobs[name]) for name in names})
@@ -176,10 +212,8 @@ def _prepare(
     preview = Preview(values.previewed, values.previewed_matrix, rigelfile.application, settings)
     with importable(settings.rigelfile.parent):
         findings += preview.look_at(steps)
-    if any(finding.severity == "error" for finding in findings):
-        raise problems_error(rigelfile.source, findings)
-    warnings = tuple(render(rigelfile.source, found, marked=False) for found in findings)
-    return Prepared(rigelfile, settings, steps, tuple(filter(None, declared)), warnings)
+    providers = tuple(filter(None, declared))
+    return _LookedAt(rigelfile, settings, steps, providers, findings)
 
 
 class _Unresolved:

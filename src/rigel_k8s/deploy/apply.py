@@ -23,6 +23,7 @@ Live = dict[str, Any]
 GONE_TIMEOUT = 120.0  # seconds that what is being deleted may take
 DEFINED_TIMEOUT = 30.0
 LOOK = 0.2
+TAKE_OVER_TRIES = 10
 SLICE = 2.0  # seconds of one watch for the end of pods
 CLAIMS = frozenset({"PersistentVolumeClaim", "PersistentVolume"})
 
@@ -84,12 +85,23 @@ class Applier:
         return self.cluster.patch(ref, {"spec": {"strategy": strategy}})
 
     def take_over(self, ref: ObjectRef, live: Manifest) -> None:
-        """Make what other tools had set ours, so that what nobody says any more goes away."""
-        meta = {
-            "managedFields": taken_over(live),
-            "resourceVersion": live["metadata"]["resourceVersion"],
-        }
-        self.cluster.patch(ref, {"metadata": meta})
+        """Make what other tools had set ours, so that what nobody says any more goes away.
+
+        Controllers write an object's status at any time: who owns what is then read again.
+        """
+        for again in range(TAKE_OVER_TRIES):
+            meta = {
+                "managedFields": taken_over(live),
+                "resourceVersion": live["metadata"]["resourceVersion"],
+            }
+            try:
+                self.cluster.patch(ref, {"metadata": meta})
+                return
+            except ConflictError:
+                newer = self.cluster.get(ref)
+                if newer is None or again == TAKE_OVER_TRIES - 1:
+                    raise
+                live = newer
 
     def prune(self, steps: Iterable[Step]) -> None:
         """Delete what the plan prunes: workloads first, then what they used, data last.

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import attrs
 import click
 
 from rigel_k8s.cli.words import json_option, print_json, quiet
+
+if TYPE_CHECKING:
+    from rigel_k8s.localcluster import ClusterStatus
 
 __all__ = ["cluster"]
 
@@ -43,9 +47,18 @@ def cluster() -> None:
 @cluster.command()
 @name_option
 @click.option("--nodes", type=int, metavar="K", help="How many nodes a new cluster gets [2].")
+@click.option(
+    "--with",
+    "extras",
+    multiple=True,
+    type=click.Choice(["multus"]),
+    help="What the registry offers besides; may be repeated, also for a running cluster.",
+)
 @json_option
 @click.pass_context
-def up(ctx: click.Context, /, name: str, nodes: int | None, output: str) -> None:
+def up(
+    ctx: click.Context, /, name: str, nodes: int | None, extras: tuple[str, ...], output: str
+) -> None:
     """Start a cluster, or what of it does not run.
 
     The first time its programs are built (about 15 minutes on two cores) and kept in a cache. The
@@ -53,7 +66,7 @@ def up(ctx: click.Context, /, name: str, nodes: int | None, output: str) -> None
     """
     from rigel_k8s import localcluster
 
-    status = localcluster.up(name, nodes, report=steps(ctx))
+    status = localcluster.up(name, nodes, extras=extras, report=steps(ctx))
     if output == "json":
         print_json(attrs.asdict(status))
         return
@@ -63,6 +76,13 @@ def up(ctx: click.Context, /, name: str, nodes: int | None, output: str) -> None
     click.echo(f"  registry  {status.registry} (plain HTTP; nodes pull from it by the same name)")
     click.echo(f"  kubectl   {status.kubectl}")
     click.echo(f"  logs      {status.logs}/*/logs")
+    tell_offers(status)
+
+
+def tell_offers(status: ClusterStatus) -> None:
+    """Print which images the registry offers on request."""
+    for title, image in zip(("offers", *[""] * len(status.offers)), status.offers, strict=False):
+        click.echo(f"  {title:<9} {image}")
 
 
 @cluster.command()
@@ -95,6 +115,7 @@ def status(name: str, output: str) -> int:
     click.echo(f"  registry  {found.registry} (plain HTTP)")
     click.echo(f"  kubectl   {found.kubectl}")
     click.echo(f"  logs      {found.logs}/*/logs")
+    tell_offers(found)
     for node in found.nodes:
         click.echo(f"  {node.name:<9} {node.address} {'Ready' if node.ready else 'NotReady'}")
     return 0 if found.running else 1

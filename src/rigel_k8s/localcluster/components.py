@@ -8,7 +8,7 @@ nothing of clusters.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import attrs
@@ -18,7 +18,7 @@ from rigel_k8s.localcluster.commands import Report, run
 from rigel_k8s.localcluster.gobuild import GoBuild
 from rigel_k8s.localcluster.paths import cache_dir, locked
 
-__all__ = ["KUBERNETES_VERSION", "Components", "obtain"]
+__all__ = ["EXTRAS", "KUBERNETES_VERSION", "MULTUS", "WHEREABOUTS", "Components", "obtain"]
 
 KUBERNETES_VERSION = "1.34.4"
 
@@ -41,7 +41,62 @@ COREDNS = GoBuild("coredns", "1.15.0", ("github.com/coredns/coredns",), minutes=
 LOCAL_PATH = GoBuild(
     "local-path-provisioner", "0.0.37", ("github.com/rancher/local-path-provisioner",)
 )
+#: What every cluster needs.
 GO_BUILDS = (KUBERNETES, COREDNS, LOCAL_PATH)
+
+MULTUS_MODULE = "gopkg.in/k8snetworkplumbingwg/multus-cni.v4"
+MULTUS = GoBuild(
+    "multus",
+    "4.3.0",
+    tuple(
+        f"{MULTUS_MODULE}/cmd/{name}"
+        for name in (
+            "install_multus",
+            "multus",
+            "multus-daemon",
+            "multus-shim",
+            "passthru-cni",
+            "thin_entrypoint",
+        )
+    ),
+    stamps=(
+        f"{MULTUS_MODULE}/pkg/multus.version=v4.3.0",
+        f"{MULTUS_MODULE}/pkg/multus.releaseStatus=,released",
+    ),
+    renamed={"passthru-cni": "passthru"},
+    files={"multus-license": "LICENSE"},
+    minutes=2,
+)
+WHEREABOUTS_MODULE = "github.com/k8snetworkplumbingwg/whereabouts"
+WHEREABOUTS = GoBuild(
+    "whereabouts",
+    "0.9.4",
+    (
+        f"{WHEREABOUTS_MODULE}/cmd",
+        f"{WHEREABOUTS_MODULE}/cmd/controlloop",
+        f"{WHEREABOUTS_MODULE}/cmd/nodeslicecontroller",
+        f"{WHEREABOUTS_MODULE}/cmd/reconciler",
+    ),
+    stamps=(
+        f"{WHEREABOUTS_MODULE}/pkg/version.Version=v0.9.4",
+        f"{WHEREABOUTS_MODULE}/pkg/version.ReleaseStatus=released",
+    ),
+    renamed={
+        "cmd": "whereabouts",
+        "controlloop": "ip-control-loop",
+        "nodeslicecontroller": "node-slice-controller",
+        "reconciler": "ip-reconciler",
+    },
+    files={
+        "whereabouts-license": "LICENSE",
+        "install-cni.sh": "script/install-cni.sh",
+        "lib.sh": "script/lib.sh",
+        "token-watcher.sh": "script/token-watcher.sh",
+    },
+    minutes=2,
+)
+#: What a cluster gets on request (`--with`), by name.
+EXTRAS = {"multus": (MULTUS, WHEREABOUTS)}
 
 DEBIAN_PACKAGES = (
     "etcd-server",
@@ -92,21 +147,26 @@ class Components:
         )
 
 
-def obtain(report: Report) -> Components:
+def obtain(report: Report, extras: Iterable[str] = ()) -> Components:
     """Return all programs, built or downloaded where the cache lacks them.
+
+    Args:
+        report: takes one line for each step.
+        extras: names of EXTRAS, whose programs are wanted as well.
 
     Raises:
         LocalClusterError, CommandFailed: a build or a download failed.
     """
+    builds = [*GO_BUILDS, *(build for extra in extras for build in EXTRAS[extra])]
     found = Components(
-        {name: path for build in GO_BUILDS for name, path in build.programs().items()},
+        {name: path for build in builds for name, path in build.programs().items()},
         str(cache_dir() / "debian"),
     )
     if found.complete and not missing_packages():
         return found
     with locked(cache_dir() / "cache.lock"):
         unpack(report)
-        for build in GO_BUILDS:
+        for build in builds:
             build.build(report)
     return found
 

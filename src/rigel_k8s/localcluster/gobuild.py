@@ -34,7 +34,10 @@ class GoBuild:
 
     Attributes:
         packages: what to build; each program's name is its last part.
+        renamed: last part of a package -> the program's name, where upstream's is another.
+        files: our name -> path in the module of what is no program but goes with them.
         stamped: packages with Kubernetes' version variables.
+        stamps: variables of other projects that get their values, PACKAGE.NAME=VALUE.
         minutes: about how long it takes on two cores.
     """
 
@@ -43,6 +46,9 @@ class GoBuild:
     packages: tuple[str, ...]
     tags: str = ""
     stamped: tuple[str, ...] = ()
+    stamps: tuple[str, ...] = ()
+    renamed: Mapping[str, str] = attrs.field(factory=dict)
+    files: Mapping[str, str] = attrs.field(factory=dict)
     minutes: int = 1
 
     @property
@@ -55,9 +61,20 @@ class GoBuild:
         """Where the cache keeps its programs."""
         return cache_dir() / "go" / self.key()
 
+    @property
+    def module(self) -> str:
+        """The Go module of its packages."""
+        return self.packages[0].split("/cmd")[0]
+
+    @property
+    def program_names(self) -> list[str]:
+        """What its programs are called."""
+        built = [package.rsplit("/", 1)[-1] for package in self.packages]
+        return [self.renamed.get(name, name) for name in built]
+
     def programs(self) -> dict[str, str]:
-        """Return the paths of its programs by their names."""
-        names = [package.rsplit("/", 1)[-1] for package in self.packages]
+        """Return the paths of its programs and files by their names."""
+        names = [*self.program_names, *self.files]
         return {name: str(self.directory / name) for name in names}
 
     def flags(self) -> list[str]:
@@ -70,12 +87,15 @@ class GoBuild:
             "gitTreeState": "clean",
         }
         stamps = [f"-X {p}.{k}={v}" for p in self.stamped for k, v in values.items()]
+        stamps += [f"-X {stamp}" for stamp in self.stamps]
         flags = ["-trimpath", "-ldflags", " ".join(["-s", "-w", *stamps])]
         return [*flags, "-tags", self.tags] if self.tags else flags
 
     def key(self) -> str:
         """Return a name for the result that changes with everything it is made of."""
-        digest = hashlib.sha256(" ".join([*self.packages, *self.flags()]).encode())
+        words = [*self.packages, *self.flags()]
+        words += [f"{k}={v}" for names in (self.renamed, self.files) for k, v in names.items()]
+        digest = hashlib.sha256(" ".join(words).encode())
         for name in ("go.mod", "go.sum"):
             digest.update((self.lock / name).read_bytes())
         return f"{self.name}-{self.version}-{digest.hexdigest()[:12]}"
@@ -100,8 +120,20 @@ class GoBuild:
             cwd=work / "src",
             env=env,
         )
+        for built, name in self.renamed.items():
+            (work / "bin" / built).rename(work / "bin" / name)
+        self.copy_files(go, env, work)
         (work / "bin").rename(self.directory)
         shutil.rmtree(work)
+
+    def copy_files(self, go: str, env: Mapping[str, str], work: Path) -> None:
+        """Copy what goes with the programs out of the module, whose hash go.sum pins."""
+        if not self.files:
+            return
+        where = ["list", "-m", "-f", "{{.Dir}}", self.module]
+        module = Path(run([go, *where], cwd=work / "src", env=env).strip())
+        for name, path in self.files.items():
+            shutil.copyfile(module / path, work / "bin" / name)
 
 
 @attrs.define

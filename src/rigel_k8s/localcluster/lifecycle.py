@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import attrs
 import urllib3
 
 from rigel_k8s.errors import LocalClusterError, UserError
@@ -26,6 +27,7 @@ from rigel_k8s.localcluster import (
 )
 from rigel_k8s.localcluster.commands import Report
 from rigel_k8s.localcluster.control_plane import control_plane
+from rigel_k8s.localcluster.extras import extra_images
 from rigel_k8s.localcluster.layout import CONTROL_PLANE, Layout
 from rigel_k8s.localcluster.machine import Machine
 from rigel_k8s.localcluster.node import node, write_resolv_conf
@@ -41,7 +43,11 @@ MOST_NODES = 50
 
 
 def up(
-    name: str = DEFAULT_NAME, nodes: int | None = None, *, report: Report = lambda _: None
+    name: str = DEFAULT_NAME,
+    nodes: int | None = None,
+    *,
+    extras: Collection[str] = (),
+    report: Report = lambda _: None,
 ) -> ClusterStatus:
     """Start a cluster, or what of it does not run, and return it.
 
@@ -50,6 +56,7 @@ def up(
     Args:
         name: of the cluster; its context is rigel-NAME.
         nodes: how many; None leaves it to the cluster that is there, else two.
+        extras: what it offers besides (names of components.EXTRAS); a running cluster gains them.
         report: takes one line for each step.
 
     Raises:
@@ -60,12 +67,16 @@ def up(
     require_host()
     check_name(name)
     check_nodes(nodes)
+    check_extras(extras)
     file = kubeconfig.user_kubeconfig().absolute()
     kubeconfig.load(file)  # one that cannot be changed is told before anything is started
     with working_on(name):
+        parts = components.obtain(report, extras) if extras else None
         state = remembered(name, nodes, report) or create(name, nodes or DEFAULT_NODES, report)
         shared.acquire(name)
         started = start_machines(state, report)
+        if parts:
+            add_extras(state, parts, extras, report)
         if started or not state.furnished:
             furnish(state, report)
         else:
@@ -99,6 +110,15 @@ def check_nodes(nodes: int | None) -> None:
         raise UserError(f"a cluster of {nodes} nodes", hint=f"1 to {MOST_NODES} are possible")
 
 
+def check_extras(extras: Collection[str]) -> None:
+    """Refuse what no cluster offers."""
+    if unknown := sorted(set(extras) - set(components.EXTRAS)):
+        raise UserError(
+            f"a cluster cannot be had with {', '.join(unknown)}",
+            hint=f"there is: {', '.join(components.EXTRAS)}",
+        )
+
+
 def remembered(name: str, nodes: int | None, report: Report) -> State | None:
     """Return the state of a cluster that can go on; one of an earlier boot is removed."""
     state = State.load(name)
@@ -114,7 +134,7 @@ def remembered(name: str, nodes: int | None, report: Report) -> State | None:
             hint=f"rigel cluster down --name {name}, then up again",
         )
     if not state.components.complete:
-        components.obtain(report)
+        components.obtain(report, state.extras)
     return state
 
 
@@ -153,7 +173,7 @@ def start_machines(state: State, report: Report) -> bool:
         start(state, layout, name)
         if name == CONTROL_PLANE:
             report("Filling the registry and waiting for the API server")
-            push_images(layout)
+            push_images(layout, addons.images(layout.components))
             api.wait_until_ready(layout)
             api.create_nodes(layout, state.node_names)
     return True
@@ -176,10 +196,24 @@ def what_is(layout: Layout, name: str) -> Machine:
     return node(layout, name, cgroup=cgroups.create(layout.name, name), mtu=network.mtu())
 
 
-def push_images(layout: Layout, seconds: float = 30) -> None:
-    """Put the cluster's own images into its registry, as soon as that listens."""
+def add_extras(
+    state: State, parts: components.Components, extras: Collection[str], report: Report
+) -> None:
+    """Put what a cluster does not offer yet into its registry, which keeps it."""
+    if not (new := sorted(set(extras) - set(state.extras))):
+        return
+    added = {name: path for name, path in parts.go.items() if name not in state.components.go}
+    report(f"Adding {', '.join(new)} to the registry")
+    state.components = attrs.evolve(state.components, go=state.components.go | added)
+    push_images(state.layout, extra_images(state.components, new))
+    state.extras += new
+    state.save()
+
+
+def push_images(layout: Layout, images: Iterable[oci.Image], seconds: float = 30) -> None:
+    """Put images into the cluster's registry, as soon as that listens."""
     deadline = time.monotonic() + seconds
-    for image in addons.images(layout.components):
+    for image in images:
         while True:
             try:
                 oci.push(image, layout.registry)

@@ -21,6 +21,9 @@ from rigel_k8s.errors import LocalClusterError
 
 __all__ = ["Image", "push"]
 
+#: As nearly every image has it; CNI programs look for iptables along it on the node.
+PATH = "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+
 
 @attrs.frozen
 class Image:
@@ -29,12 +32,20 @@ class Image:
     Attributes:
         files: path inside (no leading slash) -> a program on this machine, or text.
         links: path inside -> target.
+        command: what it starts, or the arguments of the entrypoint, where nothing else is said.
     """
 
     name: str
     files: Mapping[str, Path | str]
     entrypoint: Sequence[str]
     links: Mapping[str, str] = attrs.field(factory=dict)
+    command: Sequence[str] = ()
+
+    @property
+    def config(self) -> dict[str, object]:
+        """What the image says of its start; what it does not say is left out."""
+        said = {"Entrypoint": list(self.entrypoint), "Cmd": list(self.command)}
+        return {**{key: words for key, words in said.items() if words}, "Env": [PATH]}
 
     def layer(self) -> bytes:
         """Return the uncompressed tar of the one layer."""
@@ -73,7 +84,7 @@ def push(image: Image, registry: str) -> None:
         {
             "architecture": machine_architecture(),
             "os": "linux",
-            "config": {"Entrypoint": list(image.entrypoint), "Env": ["PATH=/bin:/usr/bin"]},
+            "config": image.config,
             "rootfs": {"type": "layers", "diff_ids": [digest(layer)]},
         }
     ).encode()

@@ -27,6 +27,7 @@ class State:
         components: the programs it was made with; a newer rigel does not mix versions.
         kubeconfigs: each file that has its context -> the context that was current there before.
         furnished: whether all that belongs to a new cluster is in it.
+        extras: what was asked for besides (`--with`).
     """
 
     name: str
@@ -37,6 +38,7 @@ class State:
     components: Components
     kubeconfigs: dict[str, str | None] = attrs.field(factory=dict)
     furnished: bool = False
+    extras: list[str] = attrs.field(factory=list)
 
     @property
     def directory(self) -> Path:

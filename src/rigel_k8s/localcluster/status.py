@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import attrs
 
 from rigel_k8s.localcluster import api, kubeconfig, paths
+from rigel_k8s.localcluster.extras import offered
 from rigel_k8s.localcluster.requirements import require_root
 from rigel_k8s.localcluster.state import State, find
 
@@ -33,6 +34,8 @@ class ClusterStatus:
         kubectl: the path of a kubectl of the same version.
         logs: the directory below which every component's log is.
         problems: what does not run, one line each.
+        extras: what it offers on request (`--with`).
+        offers: the images of those, by the names under which nodes pull them.
     """
 
     name: str
@@ -45,6 +48,8 @@ class ClusterStatus:
     kubectl: str
     logs: str
     problems: tuple[str, ...] = ()
+    extras: tuple[str, ...] = ()
+    offers: tuple[str, ...] = ()
 
 
 def status(name: str) -> ClusterStatus:
@@ -72,6 +77,8 @@ def status_of(state: State) -> ClusterStatus:
         kubectl=state.components.go["kubectl"],
         logs=str(state.directory),
         problems=problems,
+        extras=tuple(state.extras),
+        offers=tuple(offered(state.extras)),
     )
 
 

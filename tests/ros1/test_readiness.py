@@ -266,3 +266,20 @@ def test_slow_name_service(pods, eventually):
     done = pod.probe()
     assert done.returncode == 1
     assert "timed out after" in done.stdout
+
+
+def test_a_starting_roscore_is_not_ready_before_its_parameters(pods):
+    """Nodes start when roscore is ready, and may ask for /rosversion at once."""
+    pods.master_uri = "http://localhost:11311"
+    slow = "from rosmaster.main import rosmaster_main; rosmaster_main(['--core'])"
+    master = pods.start("ros-master", "python3", "/roscore", files={"/roscore": slow})
+    early = master.exec(*MASTER, "--wait", "4")
+    assert (early.returncode, early.stdout) == (1, "roscore has not set /rosversion yet\n")
+    assert master.exec(*EXEC, "rosparam", "set", "/rosversion", "1.16.0").returncode == 0
+    pods.answering(master)
+
+
+def test_a_bare_rosmaster_is_ready_without_them(pods):
+    """Who runs rosmaster instead of roscore has no such parameters."""
+    pods.master_uri = "http://localhost:11311"
+    pods.answering(pods.start("ros-master", "rosmaster", "--core"))

@@ -22,7 +22,7 @@ try:
 except ImportError:  # Python 2
     from thread import start_new_thread
 
-from container import Listeners, command
+from container import Listeners, command, processes
 from memory import Memory, Node
 from rosrpc import Api, CallFailed, split
 
@@ -32,6 +32,7 @@ ANSWER = 3.0  # seconds that a node has to answer; a busy rospy node needs some
 TICK = 0.2  # seconds between two looks while waiting
 CALM = 10  # looks after which a tick gets five times as long: all pods ask one master
 FRESH = 2.0  # seconds that "this name belongs to another pod" is believed
+ROSVERSION = "/rosversion"  # a parameter that roscore sets after its master has started
 ROSOUT = "/rosout"  # belongs to a roscore; where an image starts one itself it makes nothing ready
 SEARCHES = 3  # times that the master is searched for the nodes of one process
 
@@ -221,15 +222,27 @@ def look_node(name, elsewhere):
         raise NotReady("ROS_MASTER_URI: %s" % error)
 
 
-def look_master():
-    """Return the line for a master that answers; raise NotReady otherwise."""
+def look_master(starting):
+    """Return the line for a master that answers; raise NotReady otherwise.
+
+    One that is `starting` must have the parameters that roscore sets shortly after: a node that
+    asks for /rosversion as soon as there is a master would fail. A bare rosmaster sets none.
+    """
     try:
         port = split(os.environ.get("ROS_MASTER_URI", "http://localhost:11311"))[1]
-        uri = "http://127.0.0.1:%d" % port
-        Api(uri, time.time() + ANSWER).call("getPid")
+        master = Api("http://127.0.0.1:%d" % port, time.time() + ANSWER)
+        master.call("getPid")
+        if starting and roscore_runs() and master.call("hasParam", ROSVERSION)[2] != "1":
+            raise NotReady("roscore has not set %s yet" % ROSVERSION)
     except CallFailed as error:
         raise NotReady("the ROS master of this pod does not answer: %s" % error)
     return "ready: ROS master at port %d" % port
+
+
+def roscore_runs():
+    """Return whether a process of this container is roscore, not a rosmaster alone."""
+    words = [word for pid in processes() for word in command(pid).split()]
+    return any(word.rpartition("/")[2] == "roscore" for word in words)
 
 
 def watch(limit, last):
@@ -273,7 +286,7 @@ def main(words):
     start_new_thread(watch, (wait + LOOK + 0.3, last))
     while True:
         try:
-            finish(0, look_node(name, elsewhere) if kind == "node" else look_master())
+            finish(0, look_node(name, elsewhere) if kind == "node" else look_master(wait > 0))
         except NotReady as why:
             last[:] = [str(why)]
         looks += 1

@@ -1,20 +1,31 @@
-"""image: the ROS 1 base image, built, loaded and pushed."""
+"""image: the base images, built, loaded and pushed."""
 
 from __future__ import annotations
 
 from rigel_k8s import localcluster
-from rigel_k8s.images import ros1base
+from rigel_k8s.images import ros1base, ros2base
+from rigel_k8s.images.base.build import BaseImage
+from rigel_k8s.images.base.engine import load
+from rigel_k8s.images.base.engine import push as push_image
 from rigel_k8s.sequences.job import Reporter
 
-__all__ = ["ros1_base"]
+__all__ = ["ros1_base", "ros2_base"]
 
 
 def ros1_base(report: Reporter, *, variant: ros1base.Variant, push: str | None, force: bool) -> str:
     """Build (once) the base image, load it into podman or docker, push it; return its name."""
-    image = ros1base.build(report, variant=variant, force=force)
+    return _deliver(ros1base.build(report, variant=variant, force=force), push, report)
+
+
+def ros2_base(report: Reporter, *, distro: ros2base.Distro, push: str | None, force: bool) -> str:
+    """Build (once) the base image, load it into podman or docker, push it; return its name."""
+    return _deliver(ros2base.build(report, distro=distro, force=force), push, report)
+
+
+def _deliver(image: BaseImage, push: str | None, report: Reporter) -> str:
     if push is None:
-        ros1base.load(image, report)
+        load(image, report)
         return image.reference
     registry = push.split("/", 1)[0]
-    ros1base.push(image, push, report, plain_http=registry in localcluster.registries())
+    push_image(image, push, report, plain_http=registry in localcluster.registries())
     return push

@@ -11,6 +11,7 @@ from rigel_k8s.cli.words import reporting
 __all__ = ["image"]
 
 Variant: TypeAlias = Literal["core", "devel"]
+Distro: TypeAlias = Literal["jazzy", "kilted"]
 
 
 @click.group()
@@ -29,4 +30,20 @@ def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: 
 
     with reporting(ctx) as report:
         name = images.ros1_base(report, variant=variant, push=push, force=force)
+    click.echo(name)
+
+
+@image.command("ros2-base")
+@click.option("--push", metavar="IMAGE", help="Push it under this name, HOST:PORT/ros:jazzy say.")
+@click.option(
+    "--distro", type=click.Choice(["jazzy", "kilted"]), default="jazzy", show_default=True
+)
+@click.option("--force", is_flag=True, help="Build it anew.")
+@click.pass_context
+def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bool) -> None:  # noqa: FBT001
+    """A ROS 2 base image from Debian and PyPI's wheels, used just as ros:jazzy is."""
+    from rigel_k8s.actions import images
+
+    with reporting(ctx) as report:
+        name = images.ros2_base(report, distro=distro, push=push, force=force)
     click.echo(name)

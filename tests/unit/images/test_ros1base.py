@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
-from rigel_k8s.images.ros1base import REFERENCES, BaseImage, archive, build, load, overlay, push
+from rigel_k8s.images.base import archive
+from rigel_k8s.images.ros1base import REFERENCES, BaseImage, build, load, overlay, push
 from rigel_k8s.images.ros1base.packages import PACKAGES
 
 MMDEBSTRAP = """#!/bin/sh

@@ -7,16 +7,14 @@ of Kubernetes, Rigelfiles or what is built on it.
 
 packages.py   which Debian packages make a ROS 1
 overlay.py    what Debian's file layout lacks to look like the official image
-bootstrap.py  mmdebstrap: packages to a root file system
-archive.py    layers to an archive that podman, docker and containerd load
-build.py      the way from nothing to the archive, with its cache
-engine.py     the archive into podman or docker
+build.py      both as a recipe; images/base does the rest
 """
 
 from __future__ import annotations
 
-from rigel_k8s.images.ros1base.build import BaseImage, build
-from rigel_k8s.images.ros1base.engine import load, push
+from rigel_k8s.images.base.build import BaseImage
+from rigel_k8s.images.base.engine import load, push
+from rigel_k8s.images.ros1base.build import build
 from rigel_k8s.images.ros1base.packages import REFERENCES, Variant
 
 __all__ = ["REFERENCES", "BaseImage", "Variant", "build", "load", "push"]

@@ -6,30 +6,18 @@ Dockerfiles, launch files and Rigelfiles which name the official paths work.
 
 from __future__ import annotations
 
-import io
-import tarfile
 from importlib.resources import files
 
-import attrs
-
+from rigel_k8s.images.base.layer import ENTRYPOINT, Entry, config
+from rigel_k8s.images.base.layer import layer as base_layer
 from rigel_k8s.images.ros1base.packages import UNDESCRIBED, Variant
 
-__all__ = ["CONFIG", "Entry", "entries", "layer"]
+__all__ = ["CONFIG", "entries", "layer"]
 
 PREFIX = "opt/ros/noetic"
 _HOOKS = "etc/catkin/profile.d"
 
-#: The image's own configuration; LANG as in the official image, so that Python writes UTF-8.
-CONFIG = {
-    "Entrypoint": ["/ros_entrypoint.sh"],
-    "Cmd": ["bash"],
-    "Env": [
-        "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
-        "LANG=C.UTF-8",
-        "LC_ALL=C.UTF-8",
-        "ROS_DISTRO=noetic",
-    ],
-}
+CONFIG = config("noetic")
 
 _COMMANDS = (
     "catkin_find",
@@ -57,16 +45,6 @@ _COMMANDS = (
 )
 
 
-@attrs.frozen
-class Entry:
-    """One file or symbolic link of the layer; `link` is the target of a link."""
-
-    path: str
-    content: bytes = b""
-    link: str = ""
-    mode: int = 0o644
-
-
 def entries(variant: Variant) -> tuple[Entry, ...]:
     """Return all files and links of the layer, sorted by path."""
     described = _descriptions() if variant == "core" else ()
@@ -75,21 +53,7 @@ def entries(variant: Variant) -> tuple[Entry, ...]:
 
 def layer(variant: Variant, *, mtime: int) -> bytes:
     """Return the layer as an uncompressed tar; the same input gives the same bytes."""
-    out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w", format=tarfile.PAX_FORMAT) as tar:
-        for entry in entries(variant):
-            tar.addfile(_member(entry, mtime), io.BytesIO(entry.content))
-    return out.getvalue()
-
-
-def _member(entry: Entry, mtime: int) -> tarfile.TarInfo:
-    info = tarfile.TarInfo(entry.path)
-    info.mtime = mtime
-    info.mode = entry.mode
-    info.size = len(entry.content)
-    if entry.link:
-        info.type, info.linkname, info.mode = tarfile.SYMTYPE, entry.link, 0o777
-    return info
+    return base_layer(entries(variant), mtime=mtime)
 
 
 def _scripts() -> tuple[Entry, ...]:
@@ -98,7 +62,7 @@ def _scripts() -> tuple[Entry, ...]:
         # Debian's own say that the distribution is "Debian"; catkin_make runs them and stumbles.
         Entry(f"{_HOOKS}/1.ros_distro.sh", b"export ROS_DISTRO=noetic\n"),
         Entry(f"{_HOOKS}/1.ros_etc_dir.sh", b"export ROS_ETC_DIR=/opt/ros/noetic/etc/ros\n"),
-        Entry("ros_entrypoint.sh", (own / "ros_entrypoint.sh").read_bytes(), mode=0o755),
+        ENTRYPOINT,
         Entry(f"{PREFIX}/.catkin"),
         Entry(f"{PREFIX}/env.sh", (own / "env.sh").read_bytes(), mode=0o755),
         *(

@@ -27,15 +27,29 @@ _LEAVE_OUT = (
 
 
 def bootstrap(
-    suite: str, packages: Sequence[str], target: Path, report: Reporter, *, mtime: int
+    suite: str,
+    packages: Sequence[str],
+    target: Path,
+    report: Reporter,
+    *,
+    mtime: int,
+    hooks: Sequence[str] = (),
 ) -> None:
     """Write a Debian root file system with these packages to `target`, an uncompressed tar.
+
+    Args:
+        suite: the Debian release.
+        packages: their dependencies come along, recommended ones do not.
+        target: the tar to write.
+        report: where to tell what happens.
+        mtime: seconds since 1970, the latest time that a file gets.
+        hooks: options of mmdebstrap that change the root file system when its packages are in.
 
     Raises:
         CommandFailed: mmdebstrap failed; carries its last lines.
     """
     ensure_mmdebstrap(report)
-    command = _command(suite, packages, target)
+    command = _command(suite, packages, target, hooks)
     last: deque[str] = deque(maxlen=15)
     environment = {**os.environ, "SOURCE_DATE_EPOCH": str(mtime), "LC_ALL": "C.UTF-8"}
     with subprocess.Popen(
@@ -66,7 +80,7 @@ def ensure_mmdebstrap(report: Reporter) -> None:
         return
     if os.geteuid() != 0 or not shutil.which("apt-get"):
         raise RigelK8sError(
-            "mmdebstrap, which builds the ROS 1 base image, is not installed",
+            "mmdebstrap, which builds the base image, is not installed",
             hint="install it (Debian, Ubuntu: sudo apt-get install mmdebstrap) and retry",
         )
     report.line("installing the Debian package mmdebstrap (builds the root file system)")
@@ -74,7 +88,7 @@ def ensure_mmdebstrap(report: Reporter) -> None:
     _apt("install", "-q", "-y", "--no-install-recommends", "mmdebstrap", "debian-archive-keyring")
 
 
-def _command(suite: str, packages: Sequence[str], target: Path) -> list[str]:
+def _command(suite: str, packages: Sequence[str], target: Path, hooks: Sequence[str]) -> list[str]:
     return [
         "mmdebstrap",
         "--variant=minbase",
@@ -83,6 +97,7 @@ def _command(suite: str, packages: Sequence[str], target: Path) -> list[str]:
         *(f"--dpkgopt=path-exclude={pattern}" for pattern in _LEAVE_OUT),
         "--dpkgopt=path-include=/usr/share/doc/*/copyright",
         f"--include={','.join(packages)}",
+        *hooks,
         suite,
         str(target),
     ]

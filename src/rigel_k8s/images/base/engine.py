@@ -6,7 +6,7 @@ import shutil
 import subprocess
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
-from rigel_k8s.images.ros1base.build import BaseImage
+from rigel_k8s.images.base.build import BaseImage
 from rigel_k8s.report import Reporter
 
 __all__ = ["load", "push"]
@@ -75,6 +75,6 @@ def _installed() -> str:
         if shutil.which(program):
             return program
     raise RigelK8sError(
-        "neither podman nor docker is installed, so the ROS 1 base image cannot be loaded",
+        "neither podman nor docker is installed, so the base image cannot be loaded",
         hint="install one (Debian: sudo apt-get install podman) and retry",
     )

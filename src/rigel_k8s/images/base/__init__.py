@@ -1,0 +1,8 @@
+"""What the ROS 1 and the ROS 2 base image have in common; knows neither.
+
+bootstrap.py  mmdebstrap: packages to a root file system
+layer.py      a few files and links to a layer
+archive.py    layers to an archive that podman, docker and containerd load
+build.py      the way from a recipe to the archive, with its cache
+engine.py     the archive into podman or docker, and into a registry
+"""

@@ -1,5 +1,0 @@
-#!/bin/bash
-# The image's ENTRYPOINT: what the container runs, runs in the ROS 1 environment.
-set -e
-source "/opt/ros/$ROS_DISTRO/setup.bash" --
-exec "$@"

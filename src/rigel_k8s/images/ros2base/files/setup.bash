@@ -1,0 +1,2 @@
+# The ROS 2 environment for bash.
+. /opt/ros/@DISTRO@/setup.sh

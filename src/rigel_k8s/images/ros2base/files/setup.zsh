@@ -1,0 +1,2 @@
+# The ROS 2 environment for zsh.
+. /opt/ros/@DISTRO@/setup.sh

@@ -39,6 +39,9 @@ class Install:
     cni_bin_dir: MountPath | None = option("where the machines keep CNI programs")
     multus_image: ImageRef | None = option("Multus' image, from a registry of your own")
     whereabouts_image: ImageRef | None = option("whereabouts' image, from a registry of your own")
+    plugins_image: ImageRef | None = option(
+        "an image with the standard CNI programs in /opt/cni/bin, for machines that lack macvlan"
+    )
 
 
 @attrs.frozen(kw_only=True)

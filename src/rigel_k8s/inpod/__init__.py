@@ -16,12 +16,16 @@ MOUNT_PATH = "/rigel-k8s"
 
 _NAMES = (
     "container.py",
+    "dds.py",
+    "dds_local.py",
+    "dds_standin.py",
     "exec.sh",
     "memory.py",
     "rc.sh",
     "ready.py",
     "ready.sh",
     "rosrpc.py",
+    "rtps.py",
     "stop.sh",
 )
 

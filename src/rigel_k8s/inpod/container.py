@@ -22,7 +22,7 @@ class Listeners(object):
         hidden = False
         for pid in processes():
             try:
-                held = _sockets(pid)
+                held = sockets(pid)
             except OSError:
                 hidden = True
                 continue
@@ -56,7 +56,8 @@ def _cgroup(pid):
     return _read("/proc/%s/cgroup" % pid)
 
 
-def _sockets(pid):
+def sockets(pid):
+    """Return the inodes of a process's sockets; OSError where they are another user's to see."""
     folder = "/proc/%s/fd" % pid
     found = []
     for name in os.listdir(folder):

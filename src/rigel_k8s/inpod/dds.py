@@ -1,0 +1,189 @@
+"""What does DDS look like from inside this pod? Two lines of JSON: what is here, what was heard.
+
+Why: a pod that is ready may be deaf. What a pod's own participant would discover, a stand-in in its
+network does discover; and whose beacons it hears shows which machines' multicast gets through.
+
+    dds.py --domain N [--interface NAME] [--announce] [--beacon TEXT] [--ask ADDRESS[:PORT]]...
+           [--seconds S]
+
+Contract: the first line tells the pod's own state, as soon as it hears; the second line what it
+heard, when a line comes on standard input, and after --seconds (10) in any case.
+Without --interface it takes all but the loopback. --announce: by multicast; --ask: a participant,
+at a domain's first ports without PORT; --beacon: a text for the other stand-ins, ten a second.
+Exit code 0, 2 for wrong arguments. Python 3.6 and newer, nothing but the standard library.
+"""
+
+import json
+import os
+import select
+import socket
+import sys
+import time
+
+import dds_local
+import rtps
+from dds_standin import StandIn
+
+TICK = 0.1  # seconds between two beacons
+AGAIN = 0.5  # seconds after which who was asked is asked once more: a packet may get lost
+FIRST_PORTS = 4  # so many participants of an address are asked, as Fast DDS does
+
+
+class Arguments(object):
+    """The words of the command line."""
+
+    def __init__(self, words):
+        """Raise ValueError where they are wrong."""
+        self.domain, self.interface, self.seconds = 0, None, 10.0
+        self.announce, self.beacon, self.ask = False, None, []
+        words = list(words)
+        while words:
+            word = words.pop(0)
+            if word == "--announce":
+                self.announce = True
+            elif word in ("--domain", "--interface", "--seconds", "--beacon", "--ask") and words:
+                self._take(word, words.pop(0))
+            else:
+                raise ValueError("what is %s?" % word)
+
+    def _take(self, word, value):
+        if word == "--domain":
+            self.domain = int(value)
+        elif word == "--interface":
+            self.interface = value
+        elif word == "--seconds":
+            self.seconds = float(value)
+        elif word == "--beacon":
+            self.beacon = value
+        else:
+            self.ask.append(value)
+
+
+class Look(object):
+    """One look around: the container's own participants, and what a stand-in hears."""
+
+    def __init__(self, arguments):
+        """Nothing is sent yet."""
+        self.arguments = arguments
+        self.until = time.time() + arguments.seconds
+        self.interfaces = dds_local.interfaces()
+        wanted = [arguments.interface] if arguments.interface else list(self.interfaces)
+        usable = {name: self.interfaces.get(name) for name in wanted}
+        self.own = dds_local.participants()
+        self.standin = StandIn(arguments.domain, {n: a for n, a in usable.items() if a})
+        self.targets = []
+
+    def run(self):
+        """Tell what is here, listen until the end, tell what was heard."""
+        tell(self.here())
+        self.targets = self._targets()
+        self._ask()
+        asked = again = beaconed = time.time()
+        while time.time() < self.until and not is_enough():
+            now = time.time()
+            if self.arguments.beacon and now >= beaconed:
+                self.standin.beacon(self.arguments.beacon)
+                beaconed = now + TICK
+            if again == asked and now > asked + AGAIN:
+                again = now
+                self._ask()
+            self.standin.listen(TICK / 2)
+        self.standin.close()
+        tell(self.heard())
+
+    def here(self):
+        """Return the container's own state."""
+        return {
+            "interfaces": self.interfaces,
+            "participants": [of_process(process) for process in self.own],
+        }
+
+    def heard(self):
+        """Return what the stand-in has heard."""
+        found = self.standin.participants.values()
+        return {
+            "participants": [dict(one, own=self._is_own(one)) for one in found],
+            "beacons": self.standin.beacons,
+            "unknown_names": [name for name, address, _ in self.targets if not address],
+            "sent": self.standin.sent,
+        }
+
+    def _ask(self):
+        if self.arguments.announce:
+            self.standin.announce()
+        for _, address, port in self.targets:
+            if address:
+                self.standin.ask(address, port)
+        for process in self.own:
+            if process.domain == self.arguments.domain:
+                self._ask_own(process)
+
+    def _ask_own(self, process):
+        """Ask a participant of this container where no other one can answer in its place."""
+        for found in process.sockets:
+            if dds_local.is_unicast(found.port):
+                address = None if found.address == "0.0.0.0" else found.address
+                for interface, mine in self.standin.addresses.items():
+                    if address in (None, mine):
+                        self.standin.ask(mine, found.port, interface)
+
+    def _targets(self):
+        """Return (as given, address or None, port) of everyone to ask."""
+        targets = []
+        for word in self.arguments.ask:
+            name, _, port = word.partition(":")
+            indexes = range(FIRST_PORTS)
+            ports = [rtps.participant_port(self.arguments.domain, i) for i in indexes]
+            targets += [(word, resolved(name), p) for p in ([int(port)] if port else ports)]
+        return targets
+
+    def _is_own(self, announced):
+        """Whether a participant is this container's: one of its sockets takes what it is sent."""
+        ports = {s.port for process in self.own for s in process.sockets}
+        mine = set(self.interfaces.values()) | {"127.0.0.1"}
+        return any(address in mine and port in ports for address, port in announced["locators"])
+
+
+def of_process(process):
+    """Return a process with a participant as JSON has it."""
+    return {
+        "pid": process.pid,
+        "command": process.command,
+        "domain": process.domain,
+        "stopped": process.stopped,
+        "ports": sorted({s.port for s in process.sockets}),
+    }
+
+
+def resolved(name):
+    """Return a name's first IPv4 address, None where it has none."""
+    try:
+        return socket.gethostbyname(name)
+    except OSError:
+        return None
+
+
+def is_enough():
+    """Whether a line has come on standard input; nobody may be there to send one."""
+    return bool(select.select([0], [], [], 0)[0] and os.read(0, 100))
+
+
+def tell(value):
+    """Write one line of JSON."""
+    sys.stdout.write(json.dumps(value, sort_keys=True) + "\n")
+    sys.stdout.flush()
+
+
+def main(words):
+    """Return the exit code."""
+    try:
+        look = Look(Arguments(words))
+    except ValueError as error:
+        sys.stdout.write("wrong arguments: %s\n" % error)
+        return 2
+    look.run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,175 @@
+"""What a container has for DDS: interfaces, its processes' sockets, from /proc and ioctl. Python 3.
+
+Why: "no participant", "the wrong domain" and "net1 is missing" are found here without a packet, and
+the listening process tells whose participant it is where several pods share an address.
+Contract: reads only; knows the ports of RTPS (rtps.py) and nothing else of it.
+"""
+
+import fcntl
+import socket
+from struct import pack
+
+import container
+import rtps
+
+SIOCGIFADDR = 0x8915
+STOPPED = "Tt"  # a process' state: by a signal, by a debugger
+
+
+class Process(object):
+    """One of this container's processes that has a participant.
+
+    Attributes:
+        pid, command: which one; 0 and "" where the owner could not be told.
+        stopped: whether a signal keeps it from running.
+        domain: the DDS domain.
+        sockets: all its UDP sockets.
+    """
+
+    def __init__(self, pid, domain, sockets):
+        self.pid, self.domain, self.sockets = pid, domain, sockets
+        self.command = container.command(pid) if pid else ""
+        self.stopped = bool(pid) and state(pid) in STOPPED
+
+    def __str__(self):
+        return "process %d (%s)" % (self.pid, self.command) if self.pid else "a process"
+
+
+class Socket(object):
+    """A UDP socket: its address ("0.0.0.0" for any), its port, the bytes that wait to be read."""
+
+    def __init__(self, address, port, waiting, inode):
+        self.address, self.port, self.waiting, self.inode = address, port, waiting, inode
+
+
+def interfaces():
+    """Return name -> IPv4 address of every interface but the loopback; None without an address."""
+    names = [name for _, name in socket.if_nameindex()]
+    return {name: address_of(name) for name in names if name != "lo"}
+
+
+def address_of(name):
+    """Return an interface's IPv4 address, None where it has none or is not there."""
+    asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        answer = fcntl.ioctl(asking.fileno(), SIOCGIFADDR, pack("256s", name.encode()[:15]))
+        return socket.inet_ntoa(answer[20:24])
+    except OSError:
+        return None
+    finally:
+        asking.close()
+
+
+def participants(also=()):
+    """Return the processes of this container that have a participant, by their UDP sockets.
+
+    Args:
+        also: ports that belong to a participant though no domain has them (a discovery server's).
+    """
+    found = []
+    for pid, sockets in _by_process():
+        ports = {s.port for s in sockets}
+        found += [Process(pid, domain, sockets) for domain in _domains(ports)]
+        if ports.intersection(also):
+            found.append(Process(pid, None, sockets))
+    return found
+
+
+def waiting(inode):
+    """Return the bytes that wait in a UDP socket, None where it is closed."""
+    return next((s.waiting for s in udp_sockets() if s.inode == inode), None)
+
+
+def udp_sockets():
+    """Return all UDP sockets of this network namespace that are bound to an IPv4 address."""
+    return [_socket(line.split()) for line in _lines("/proc/net/udp")]
+
+
+def connections(port):
+    """Return (peer, pid) of this container's established TCP connections to a port."""
+    found = []
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for fields in (line.split() for line in _lines(table)):
+            if fields[3] == "01" and int(fields[2].rpartition(":")[2], 16) == port:
+                found.append((_address(fields[2].partition(":")[0]), fields[9]))
+    owners = _owners()
+    return [(peer, owners.get(inode, 0)) for peer, inode in found if _ours(inode, owners)]
+
+
+def state(pid):
+    """Return a process' state as /proc writes it, "" where it is gone."""
+    try:
+        with open("/proc/%s/stat" % pid) as file:
+            return file.read().rpartition(")")[2].split()[0]
+    except (OSError, IndexError):
+        return ""
+
+
+def _domains(ports):
+    """Return the domains of a process: a port of the system's choice may lie in a domain's range.
+
+    So it takes two: the announcements' port and another one of the domain, or the pair of ports
+    that a participant has for itself.
+    """
+    offsets = {}
+    for port in ports:
+        offsets.setdefault(rtps.domain_of(port), set()).add((port - 7400) % 250)
+    offsets.pop(None, None)
+    return sorted(domain for domain, found in offsets.items() if _is_participant(found))
+
+
+def _is_participant(offsets):
+    pair = any(o >= 10 and o % 2 == 0 and o + 1 in offsets for o in offsets)
+    return pair or (0 in offsets and len(offsets) > 1)
+
+
+def is_unicast(port):
+    """Whether a port is one at which one participant alone takes announcements."""
+    offset = (port - 7400) % 250
+    return port >= 7400 and offset >= 10 and offset % 2 == 0
+
+
+def _by_process():
+    """Yield (pid, its UDP sockets); pid 0 for those whose owner is hidden."""
+    owners, groups = _owners(), {}
+    for found in udp_sockets():
+        if _ours(found.inode, owners):
+            groups.setdefault(owners.get(found.inode, 0), []).append(found)
+    return sorted(groups.items())
+
+
+def _ours(inode, owners):
+    return inode in owners or owners.get("hidden", False)
+
+
+def _owners():
+    """Return socket inode -> pid for this container; "hidden" where some were not shown."""
+    owners = {}
+    for pid in container.processes():
+        try:
+            owners.update((inode, pid) for inode in container.sockets(pid))
+        except OSError:
+            owners["hidden"] = True
+    return owners
+
+
+def _socket(fields):
+    address, _, port = fields[1].partition(":")
+    return Socket(_address(address), int(port, 16), int(fields[4].partition(":")[2], 16), fields[9])
+
+
+def _address(text):
+    """Return the last IPv4 address in /proc's notation of an address."""
+    raw = bytes.fromhex(text[-8:])
+    return socket.inet_ntoa(raw[::-1] if _LITTLE else raw)
+
+
+def _lines(path):
+    try:
+        with open(path) as file:
+            return file.read().splitlines()[1:]
+    except OSError:
+        return []
+
+
+_LITTLE = pack("=H", 1) == b"\x01\x00"

@@ -1,0 +1,125 @@
+"""A participant for a few seconds: announces itself, asks others, and hears who is there. Python 3.
+
+Why: whoever hears an announcement answers it at once, so a stand-in in a pod's network discovers
+what the pod's own participant would, without waiting for the next round of announcements.
+Contract: sockets only on the interfaces it is given; it takes its announcement back when it closes,
+and has nothing that others could match. Its beacons are ignored by every DDS.
+"""
+
+import os
+import select
+import socket
+from struct import pack
+
+import rtps
+
+NAME = "rigel-k8s graph check"  # what a tool that lists participants shows
+LEASE = 5  # seconds; others forget it even where its farewell is lost
+MULTICAST_ALL = 49  # IP_MULTICAST_ALL, which Python does not name
+
+
+class StandIn(object):
+    """A short-lived participant of one domain on some interfaces.
+
+    Attributes:
+        participants: prefix -> what was announced, with `from`, the addresses that it came from.
+        beacons: text -> interface -> how often it was heard.
+        sent: how many packets it has sent.
+    """
+
+    def __init__(self, domain, addresses):
+        """`addresses` is interface -> IPv4 address."""
+        self.domain, self.addresses = domain, addresses
+        self.prefix = os.urandom(12)
+        self.participants, self.beacons, self.sent = {}, {}, 0
+        self._asked = set()
+        self._ears = {_ear(name, domain): name for name in addresses}
+        self._mouths = {name: _mouth(name, address) for name, address in addresses.items()}
+
+    def announce(self):
+        """Tell everybody on the domain's multicast group."""
+        for name in self._mouths:
+            self._send(name, self._announcement(name), self._group())
+
+    def ask(self, address, port, interface=None):
+        """Tell one participant, which may be behind another address (a Service)."""
+        self._asked.add((address, port))
+        for name in [interface] if interface else self._mouths:
+            self._send(name, self._announcement(name), (address, port))
+
+    def beacon(self, text):
+        """Send a text to all stand-ins of the group."""
+        for name in self._mouths:
+            self._send(name, rtps.beacon(self.prefix, text), self._group())
+
+    def listen(self, seconds):
+        """Take in what comes for at most so long, once."""
+        sockets = list(self._ears) + list(self._mouths.values())
+        for ready in select.select(sockets, [], [], seconds)[0]:
+            message, source = ready.recvfrom(65536)
+            try:
+                self._take(message, source[0], self._ears.get(ready))
+            except rtps.Malformed:
+                pass  # another program's packet
+
+    def close(self):
+        """Take the announcement back from everybody who may know it."""
+        message = rtps.farewell(self.prefix)
+        for name, mouth in self._mouths.items():
+            self._send(name, message, self._group())
+            for target in self._asked:
+                self._send(name, message, target)
+            mouth.close()
+        for ear in self._ears:
+            ear.close()
+
+    def _take(self, message, source, ear):
+        text = rtps.beacon_text(message)
+        if text is not None and ear:
+            heard = self.beacons.setdefault(text, {})
+            heard[ear] = heard.get(ear, 0) + 1
+        for found in rtps.announced(message):
+            if found["prefix"] == self.prefix.hex() or found["name"] == NAME or found["leaving"]:
+                continue
+            known = self.participants.setdefault(found["prefix"], dict(found, sources=[]))
+            if source not in known["sources"]:
+                known["sources"].append(source)
+
+    def _announcement(self, name):
+        mouth = self._mouths[name]
+        port = mouth.getsockname()[1]
+        address = self.addresses[name]
+        return rtps.announcement(self.prefix, self.domain, NAME, address, port, LEASE)
+
+    def _group(self):
+        return rtps.GROUP, rtps.announcement_port(self.domain)
+
+    def _send(self, name, message, target):
+        try:
+            self._mouths[name].sendto(message, target)
+            self.sent += 1
+        except OSError:
+            pass  # no way there: then nobody will answer, which is what is told
+
+
+def _ear(name, domain):
+    """Return a socket that hears the group on one interface, and nothing that is sent to others."""
+    ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    ear.bind((rtps.GROUP, rtps.announcement_port(domain)))
+    ear.setsockopt(socket.IPPROTO_IP, MULTICAST_ALL, 0)
+    ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(name))
+    return ear
+
+
+def _mouth(name, address):
+    """Return a socket that sends through one interface and takes the answers."""
+    mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    mouth.bind((address, 0))
+    mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _membership(name))
+    return mouth
+
+
+def _membership(name):
+    """Return a struct ip_mreqn of the group on an interface."""
+    return socket.inet_aton(rtps.GROUP) + pack("=4si", b"", socket.if_nametoindex(name))

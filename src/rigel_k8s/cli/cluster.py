@@ -54,10 +54,23 @@ def cluster() -> None:
     type=click.Choice(["multus"]),
     help="What the registry offers besides; may be repeated, also for a running cluster.",
 )
+@click.option(
+    "--layout",
+    type=click.Choice(["plain", "k3s"]),
+    help="Where a new cluster's nodes have CNI and containerd [plain].",
+)
+@click.option("--data-dir", metavar="PATH", help="k3s' data directory [/var/lib/rancher/k3s].")
 @json_option
 @click.pass_context
 def up(
-    ctx: click.Context, /, name: str, nodes: int | None, extras: tuple[str, ...], output: str
+    ctx: click.Context,
+    /,
+    name: str,
+    nodes: int | None,
+    extras: tuple[str, ...],
+    layout: str | None,
+    data_dir: str | None,
+    output: str,
 ) -> None:
     """Start a cluster, or what of it does not run.
 
@@ -66,7 +79,9 @@ def up(
     """
     from rigel_k8s import localcluster
 
-    status = localcluster.up(name, nodes, extras=extras, report=steps(ctx))
+    status = localcluster.up(
+        name, nodes, extras=extras, layout=layout, data_dir=data_dir, report=steps(ctx)
+    )
     if output == "json":
         print_json(attrs.asdict(status))
         return
@@ -115,6 +130,7 @@ def status(name: str, output: str) -> int:
     click.echo(f"  registry  {found.registry} (plain HTTP)")
     click.echo(f"  kubectl   {found.kubectl}")
     click.echo(f"  logs      {found.logs}/*/logs")
+    click.echo(f"  layout    {found.layout}")
     tell_offers(found)
     for node in found.nodes:
         click.echo(f"  {node.name:<9} {node.address} {'Ready' if node.ready else 'NotReady'}")

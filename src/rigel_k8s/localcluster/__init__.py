@@ -6,7 +6,8 @@ Ethernet segment of their own. It knows nothing of Rigelfiles or jobs.
 
 from __future__ import annotations
 
-from rigel_k8s.localcluster.lifecycle import DEFAULT_NAME, DEFAULT_NODES, down, up
+from rigel_k8s.localcluster.extras import EXTRAS
+from rigel_k8s.localcluster.lifecycle import DEFAULT_NAME, down, up
 from rigel_k8s.localcluster.loading import load
 from rigel_k8s.localcluster.paths import names
 from rigel_k8s.localcluster.status import (
@@ -16,10 +17,13 @@ from rigel_k8s.localcluster.status import (
     registries,
     status,
 )
+from rigel_k8s.localcluster.wish import DEFAULT_NODES, LAYOUTS
 
 __all__ = [
     "DEFAULT_NAME",
     "DEFAULT_NODES",
+    "EXTRAS",
+    "LAYOUTS",
     "ClusterStatus",
     "NodeStatus",
     "down",

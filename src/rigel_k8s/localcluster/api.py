@@ -13,8 +13,9 @@ from typing import Any
 import urllib3
 
 from rigel_k8s.errors import CommandFailed, LocalClusterError
-from rigel_k8s.localcluster import kubeconfig
+from rigel_k8s.localcluster import k3s, kubeconfig
 from rigel_k8s.localcluster.commands import run
+from rigel_k8s.localcluster.components import KUBERNETES_VERSION
 from rigel_k8s.localcluster.layout import Layout
 
 __all__ = [
@@ -78,20 +79,22 @@ def kubectl(layout: Layout, *words: str) -> str:
 def create_nodes(layout: Layout, nodes: Sequence[str]) -> None:
     """Create the Node objects with their pod ranges; the kubelets find and fill them."""
     path = layout.directory / "nodes.json"
-    items = [node_object(node, layout.addresses.pod_range(node)) for node in nodes]
+    items = [node_object(layout, node) for node in nodes]
     path.write_text(json.dumps({"apiVersion": "v1", "kind": "List", "items": items}))
     with suppress(CommandFailed):  # AlreadyExists, where the control plane was started again
         kubectl(layout, "create", "-f", str(path))
 
 
-def node_object(name: str, pods: str) -> dict[str, Any]:
-    """Return a Node before its kubelet comes."""
-    return {
-        "apiVersion": "v1",
-        "kind": "Node",
-        "metadata": {"name": name, "labels": {"kubernetes.io/hostname": name}},
-        "spec": {"podCIDR": pods, "podCIDRs": [pods]},
-    }
+def node_object(layout: Layout, name: str) -> dict[str, Any]:
+    """Return a Node before its kubelet comes; k3s says of itself what it was started with."""
+    meta: dict[str, Any] = {"name": name, "labels": {"kubernetes.io/hostname": name}}
+    if data_dir := layout.nodes.data_dir:
+        server = name == "node1"
+        meta["labels"] |= k3s.node_labels(server=server)
+        meta["annotations"] = k3s.node_annotations(data_dir, KUBERNETES_VERSION, server=server)
+    pods = layout.addresses.pod_range(name)
+    spec = {"podCIDR": pods, "podCIDRs": [pods]}
+    return {"apiVersion": "v1", "kind": "Node", "metadata": meta, "spec": spec}
 
 
 def mark_lost(layout: Layout, node: str) -> None:

@@ -18,7 +18,7 @@ from rigel_k8s.localcluster.commands import Report, run
 from rigel_k8s.localcluster.gobuild import GoBuild
 from rigel_k8s.localcluster.paths import cache_dir, locked
 
-__all__ = ["EXTRAS", "KUBERNETES_VERSION", "MULTUS", "WHEREABOUTS", "Components", "obtain"]
+__all__ = ["KUBERNETES_VERSION", "MULTUS", "ON_REQUEST", "WHEREABOUTS", "Components", "obtain"]
 
 KUBERNETES_VERSION = "1.34.4"
 
@@ -95,8 +95,12 @@ WHEREABOUTS = GoBuild(
     },
     minutes=2,
 )
-#: What a cluster gets on request (`--with`), by name.
-EXTRAS = {"multus": (MULTUS, WHEREABOUTS)}
+#: The kubelet of nodes laid out as k3s does: the same program, which says "+k3s1" of itself.
+K3S_KUBELET = attrs.evolve(
+    KUBERNETES, packages=("k8s.io/kubernetes/cmd/kubelet",), suffix="+k3s1", minutes=1
+)
+#: What is needed on request alone, by name; a program takes the place of one of the same name.
+ON_REQUEST = {"multus": (MULTUS, WHEREABOUTS), "k3s": (K3S_KUBELET,)}
 
 DEBIAN_PACKAGES = (
     "etcd-server",
@@ -147,17 +151,17 @@ class Components:
         )
 
 
-def obtain(report: Report, extras: Iterable[str] = ()) -> Components:
+def obtain(report: Report, requested: Iterable[str] = ()) -> Components:
     """Return all programs, built or downloaded where the cache lacks them.
 
     Args:
         report: takes one line for each step.
-        extras: names of EXTRAS, whose programs are wanted as well.
+        requested: names of ON_REQUEST, whose programs are wanted as well.
 
     Raises:
         LocalClusterError, CommandFailed: a build or a download failed.
     """
-    builds = [*GO_BUILDS, *(build for extra in extras for build in EXTRAS[extra])]
+    builds = [*GO_BUILDS, *(build for name in requested for build in ON_REQUEST[name])]
     found = Components(
         {name: path for build in builds for name, path in build.programs().items()},
         str(cache_dir() / "debian"),

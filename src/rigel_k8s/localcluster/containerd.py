@@ -7,7 +7,7 @@ call `ros`. What the local registry lacks comes from where its name says.
 from __future__ import annotations
 
 import json
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from rigel_k8s.localcluster.layout import Layout
 
@@ -18,7 +18,7 @@ CAP_SYS_RESOURCE = 24
 
 def configure_containerd(layout: Layout, directory: Path) -> None:
     """Write a node's containerd.toml and certs.d."""
-    certs = directory / "certs.d"
+    certs, nodes = directory / "certs.d", layout.nodes
     mirror = f'[host."http://{layout.registry}"]\n  capabilities = ["pull", "resolve"]\n'
     own = f'server = "http://{layout.registry}"\n{mirror}'
     for registry, text in {layout.registry: own, "_default": mirror}.items():
@@ -26,18 +26,18 @@ def configure_containerd(layout: Layout, directory: Path) -> None:
         (certs / registry / "hosts.toml").write_text(text)
     (directory / "containerd.toml").write_text(
         f"""version = 2
-root = "/var/lib/containerd"
-state = "/run/containerd"
+root = "{nodes.containerd}"
+state = "{PurePosixPath(nodes.socket).parent}"
 [grpc]
-  address = "/run/containerd/containerd.sock"
+  address = "{nodes.socket}"
 [plugins."io.containerd.internal.v1.opt"]
-  path = "/var/lib/containerd/opt"
+  path = "{nodes.containerd}/opt"
 [plugins."io.containerd.grpc.v1.cri"]
   sandbox_image = "{layout.registry}/rigel-k8s/pause:1"
   restrict_oom_score_adj = {json.dumps(not may_raise_limits())}
   [plugins."io.containerd.grpc.v1.cri".cni]
-    bin_dir = "/opt/cni/bin"
-    conf_dir = "/etc/cni/net.d"
+    bin_dir = "{nodes.cni_programs}"
+    conf_dir = "{nodes.cni_config}"
   [plugins."io.containerd.grpc.v1.cri".registry]
     config_path = "{certs}"
   [plugins."io.containerd.grpc.v1.cri".containerd.runtimes.runc]

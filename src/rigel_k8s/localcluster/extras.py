@@ -13,7 +13,10 @@ from pathlib import Path
 from rigel_k8s.localcluster.components import MULTUS, WHEREABOUTS, Components
 from rigel_k8s.localcluster.oci import Image
 
-__all__ = ["extra_images", "offered"]
+__all__ = ["EXTRAS", "extra_images", "offered"]
+
+#: What can be asked for (`--with`).
+EXTRAS = ("multus",)
 
 ORGANISATION = "k8snetworkplumbingwg"
 MULTUS_IMAGE = f"{ORGANISATION}/multus-cni:v{MULTUS.version}-thick"

@@ -37,6 +37,7 @@ class GoBuild:
         renamed: last part of a package -> the program's name, where upstream's is another.
         files: our name -> path in the module of what is no program but goes with them.
         stamped: packages with Kubernetes' version variables.
+        suffix: what follows the version in these.
         stamps: variables of other projects that get their values, PACKAGE.NAME=VALUE.
         minutes: about how long it takes on two cores.
     """
@@ -46,6 +47,7 @@ class GoBuild:
     packages: tuple[str, ...]
     tags: str = ""
     stamped: tuple[str, ...] = ()
+    suffix: str = ""
     stamps: tuple[str, ...] = ()
     renamed: Mapping[str, str] = attrs.field(factory=dict)
     files: Mapping[str, str] = attrs.field(factory=dict)
@@ -81,7 +83,7 @@ class GoBuild:
         """Return the arguments of `go build` besides output and packages."""
         major, minor, _ = self.version.split(".")
         values = {
-            "gitVersion": f"v{self.version}",
+            "gitVersion": f"v{self.version}{self.suffix}",
             "gitMajor": major,
             "gitMinor": minor,
             "gitTreeState": "clean",

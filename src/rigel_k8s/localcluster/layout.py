@@ -13,6 +13,7 @@ import attrs
 from rigel_k8s.localcluster.addresses import Addresses
 from rigel_k8s.localcluster.certificates import Authority
 from rigel_k8s.localcluster.components import Components
+from rigel_k8s.localcluster.nodepaths import NodePaths, plain_paths
 
 __all__ = ["API_PORT", "CONTROL_PLANE", "REGISTRY_PORT", "Layout", "number"]
 
@@ -40,6 +41,7 @@ class Layout:
     directory: Path
     addresses: Addresses
     components: Components
+    nodes: NodePaths = attrs.field(factory=plain_paths)
 
     @property
     def pki(self) -> Path:

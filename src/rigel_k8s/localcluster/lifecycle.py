@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import attrs
 import urllib3
 
-from rigel_k8s.errors import LocalClusterError, UserError
+from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.localcluster import (
     addons,
     addresses,
@@ -34,19 +34,20 @@ from rigel_k8s.localcluster.node import node, write_resolv_conf
 from rigel_k8s.localcluster.requirements import check_name, require_host, require_root
 from rigel_k8s.localcluster.state import State
 from rigel_k8s.localcluster.status import ClusterStatus, status_of
+from rigel_k8s.localcluster.wish import DEFAULT_NODES, Wish
 
-__all__ = ["DEFAULT_NAME", "DEFAULT_NODES", "down", "up"]
+__all__ = ["DEFAULT_NAME", "down", "up"]
 
 DEFAULT_NAME = "local"
-DEFAULT_NODES = 2
-MOST_NODES = 50
 
 
 def up(
     name: str = DEFAULT_NAME,
     nodes: int | None = None,
     *,
-    extras: Collection[str] = (),
+    extras: Sequence[str] = (),
+    layout: str | None = None,
+    data_dir: str | None = None,
     report: Report = lambda _: None,
 ) -> ClusterStatus:
     """Start a cluster, or what of it does not run, and return it.
@@ -56,27 +57,27 @@ def up(
     Args:
         name: of the cluster; its context is rigel-NAME.
         nodes: how many; None leaves it to the cluster that is there, else two.
-        extras: what it offers besides (names of components.EXTRAS); a running cluster gains them.
+        extras: what its registry offers besides ("multus"); a running cluster gains them.
+        layout: "plain" or "k3s": where its nodes have CNI and containerd; None as with `nodes`.
+        data_dir: k3s' data directory.
         report: takes one line for each step.
 
     Raises:
-        UserError: this machine cannot, or a running cluster has another number of nodes.
+        UserError: this machine cannot, or a running cluster is another.
         LocalClusterError, CommandFailed: a part did not start; what was started stays for a look
             at its logs and is removed by `down`.
     """
     require_host()
     check_name(name)
-    check_nodes(nodes)
-    check_extras(extras)
+    wish = Wish(nodes, extras, layout, data_dir)
+    wish.check()
     file = kubeconfig.user_kubeconfig().absolute()
     kubeconfig.load(file)  # one that cannot be changed is told before anything is started
     with working_on(name):
-        parts = components.obtain(report, extras) if extras else None
-        state = remembered(name, nodes, report) or create(name, nodes or DEFAULT_NODES, report)
-        shared.acquire(name)
+        state = remembered(name, wish, report) or create(name, wish, report)
+        shared.acquire(name, state.node_paths.binds)
         started = start_machines(state, report)
-        if parts:
-            add_extras(state, parts, extras, report)
+        add_extras(state, wish.extras, report)
         if started or not state.furnished:
             furnish(state, report)
         else:
@@ -104,22 +105,7 @@ def working_on(name: str) -> Iterator[None]:
         yield
 
 
-def check_nodes(nodes: int | None) -> None:
-    """Refuse a number of nodes that the address ranges have no room for."""
-    if nodes is not None and not 1 <= nodes <= MOST_NODES:
-        raise UserError(f"a cluster of {nodes} nodes", hint=f"1 to {MOST_NODES} are possible")
-
-
-def check_extras(extras: Collection[str]) -> None:
-    """Refuse what no cluster offers."""
-    if unknown := sorted(set(extras) - set(components.EXTRAS)):
-        raise UserError(
-            f"a cluster cannot be had with {', '.join(unknown)}",
-            hint=f"there is: {', '.join(components.EXTRAS)}",
-        )
-
-
-def remembered(name: str, nodes: int | None, report: Report) -> State | None:
+def remembered(name: str, wish: Wish, report: Report) -> State | None:
     """Return the state of a cluster that can go on; one of an earlier boot is removed."""
     state = State.load(name)
     if not state:
@@ -128,28 +114,25 @@ def remembered(name: str, nodes: int | None, report: Report) -> State | None:
         report(f"Cluster {name} was lost when this machine restarted; making it anew")
         removal.remove(state, report)
         return None
-    if nodes not in (None, state.nodes):
-        raise UserError(
-            f"cluster {name} has {state.nodes} nodes, not {nodes}",
-            hint=f"rigel cluster down --name {name}, then up again",
-        )
+    wish.compare(state)
     if not state.components.complete:
-        components.obtain(report, state.extras)
+        components.obtain(report, state.builds)
     return state
 
 
-def create(name: str, nodes: int, report: Report) -> State:
+def create(name: str, wish: Wish, report: Report) -> State:
     """Return the state of a cluster to be, with address ranges that nobody uses."""
-    parts = components.obtain(report)
+    parts = components.obtain(report, wish.builds)
     with shared.exclusive():
         others = [State.load(other) for other in paths.names()]
         state = State(
             name=name,
-            nodes=nodes,
+            nodes=wish.nodes or DEFAULT_NODES,
             block=addresses.choose([other.block for other in others if other]).block,
             boot=paths.boot_id(),
             kubernetes=components.KUBERNETES_VERSION,
             components=parts,
+            data_dir=wish.new_data_dir,
         )
         state.save()
     return state
@@ -196,15 +179,14 @@ def what_is(layout: Layout, name: str) -> Machine:
     return node(layout, name, cgroup=cgroups.create(layout.name, name), mtu=network.mtu())
 
 
-def add_extras(
-    state: State, parts: components.Components, extras: Collection[str], report: Report
-) -> None:
+def add_extras(state: State, extras: Sequence[str], report: Report) -> None:
     """Put what a cluster does not offer yet into its registry, which keeps it."""
     if not (new := sorted(set(extras) - set(state.extras))):
         return
-    added = {name: path for name, path in parts.go.items() if name not in state.components.go}
+    # The programs of a running cluster stay what they are, also for a newer rigel.
+    parts = components.obtain(report, new).go | state.components.go
     report(f"Adding {', '.join(new)} to the registry")
-    state.components = attrs.evolve(state.components, go=state.components.go | added)
+    state.components = attrs.evolve(state.components, go=parts)
     push_images(state.layout, extra_images(state.components, new))
     state.extras += new
     state.save()

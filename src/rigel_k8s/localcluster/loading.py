@@ -43,7 +43,7 @@ def load_on_node(state: State, node: str, path: Path) -> None:
             f"{node} of cluster {state.name} does not run",
             hint=f"rigel cluster up --name {state.name}",
         )
-    socket = f"/proc/{inside[0].pid}/root/run/containerd/containerd.sock"
+    socket = f"/proc/{inside[0].pid}/root{state.node_paths.socket}"
     ctr = state.components.program("ctr")
     run([ctr, "--address", socket, "--namespace", "k8s.io", "images", "import", str(path)])
 

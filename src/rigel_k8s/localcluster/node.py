@@ -6,23 +6,12 @@ import json
 import shutil
 from pathlib import Path
 
+from rigel_k8s.localcluster import components, k3s
 from rigel_k8s.localcluster.containerd import configure_containerd
 from rigel_k8s.localcluster.layout import Layout
 from rigel_k8s.localcluster.machine import Machine
 
-__all__ = ["BOUND", "node", "write_resolv_conf"]
-
-#: Default paths of a Kubernetes node -> the directory of the node that is bound over each.
-BOUND = {
-    "/etc/cni": "etc-cni",
-    "/opt/cni": "opt-cni",
-    "/opt/local-path-provisioner": "local-path",
-    "/var/lib/kubelet": "kubelet",
-    "/var/lib/containerd": "containerd",
-    "/var/lib/cni": "cni",
-    "/var/log/pods": "pod-logs",
-    "/var/log/containers": "container-logs",
-}
+__all__ = ["node", "write_resolv_conf"]
 
 
 def node(layout: Layout, name: str, *, cgroup: str, mtu: int) -> Machine:
@@ -39,13 +28,14 @@ def node(layout: Layout, name: str, *, cgroup: str, mtu: int) -> Machine:
     configure_containerd(layout, directory)
     configure_kubelet(layout, directory, cgroup)
     configure_cni(layout, directory, mtu)
+    install_cni(layout, directory)
     return Machine(
         name=name,
         namespace=layout.namespace(name),
         directory=directory,
         environment=layout.environment(),
         init=layout.program("catatonit"),
-        binds={directory / own: path for path, own in BOUND.items()},
+        binds={directory / own: path for path, own in layout.nodes.binds.items()},
         setup=setup(layout, directory),
         services={
             "containerd": [
@@ -115,7 +105,7 @@ def configure_kubelet(layout: Layout, directory: Path, cgroup: str) -> None:
         "authorization": {"mode": "Webhook"},
         "clusterDNS": [layout.addresses.dns_service],
         "clusterDomain": "cluster.local",
-        "containerRuntimeEndpoint": "unix:///run/containerd/containerd.sock",
+        "containerRuntimeEndpoint": f"unix://{layout.nodes.socket}",
         "cgroupDriver": "cgroupfs",
         "cgroupRoot": cgroup,
         "cgroupsPerQOS": True,
@@ -154,7 +144,7 @@ def resolv_conf(
 
 
 def configure_cni(layout: Layout, directory: Path, mtu: int) -> None:
-    """Write the CNI configuration and put the standard CNI programs in place."""
+    """Write the CNI configuration."""
     # ptp, not bridge: Services on the same node need no br_netfilter, and pods hear no multicast
     # of each other, as on most real clusters.
     link = {
@@ -169,8 +159,18 @@ def configure_cni(layout: Layout, directory: Path, mtu: int) -> None:
     }
     ports = {"type": "portmap", "capabilities": {"portMappings": True}}
     config = {"cniVersion": "0.4.0", "name": "rigel", "plugins": [link, ports]}
-    (directory / "etc-cni/net.d").mkdir(parents=True, exist_ok=True)
-    (directory / "etc-cni/net.d/10-rigel.conflist").write_text(json.dumps(config))
-    programs = directory / "opt-cni/bin"
-    if not programs.exists():
-        shutil.copytree(layout.components.cni_plugins, programs)
+    place = layout.nodes.own(directory, layout.nodes.cni_config)
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "10-rigel.conflist").write_text(json.dumps(config))
+
+
+def install_cni(layout: Layout, directory: Path) -> None:
+    """Put the standard CNI programs in place; a node of k3s has those of k3s alone."""
+    programs = layout.components.cni_plugins
+    if data_dir := layout.nodes.data_dir:
+        own = layout.nodes.own(directory, data_dir)
+        k3s.unpack(own, data_dir, programs, components.KUBERNETES_VERSION)
+        return
+    place = layout.nodes.own(directory, layout.nodes.cni_programs)
+    if not place.exists():
+        shutil.copytree(programs, place)

@@ -29,7 +29,9 @@ def remove(state: State, report: Report) -> None:
         hand_over(state.context, file, before)
         kubeconfig.remove(Path(file), state.context, before)
     remove_tree(state.directory)
-    shared.release(state.name, report)
+    others = filter(None, map(State.load, names()))
+    needed = {path for other in others for path in other.node_paths.binds}
+    shared.release(state.name, report, needed)
 
 
 def hand_over(context: str, file: str, before: str | None) -> None:

@@ -7,7 +7,7 @@ them nobody does. What was recorded in an earlier boot is no longer true and is 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -15,7 +15,6 @@ import attrs
 
 from rigel_k8s.localcluster import paths
 from rigel_k8s.localcluster.commands import Report, run, succeeds
-from rigel_k8s.localcluster.node import BOUND
 from rigel_k8s.localcluster.paths import boot_id, locked
 
 __all__ = ["acquire", "exclusive", "release"]
@@ -92,11 +91,17 @@ def read(path: Path) -> Record:
     return record if record.boot == boot_id() else Record(directories=record.directories)
 
 
-def acquire(name: str) -> None:
-    """Set what nodes need of the machine, and remember what it was."""
+def acquire(name: str, mount_points: Iterable[str]) -> None:
+    """Set what nodes need of the machine, and remember what it was.
+
+    Args:
+        name: the cluster that needs it.
+        mount_points: paths that its nodes are to have.
+    """
     with changing() as record:
         if not record.clusters:
             remember(record)
+        record.directories += make_directories(map(Path, mount_points))
         if name not in record.clusters:
             record.clusters.append(name)
     for key, value in SYSCTLS.items():
@@ -109,21 +114,24 @@ def remember(record: Record) -> None:
     values = {key: read_sysctl(key) for key in SYSCTLS}
     record.sysctls = {key: value for key, value in values.items() if value is not None}
     record.bridges = bridges()
-    record.directories += make_directories(map(Path, BOUND))
     record.netns_mounted = is_mount(NETNS)
 
 
-def release(name: str, report: Report) -> None:
-    """Put the machine's settings back where no other cluster is left."""
+def release(name: str, report: Report, needed: Collection[str] = ()) -> None:
+    """Put the machine's settings back where no other cluster is left.
+
+    Args:
+        name: the cluster that has gone.
+        report: takes what is told.
+        needed: the mount points of other clusters, which stay.
+    """
     with changing() as record:
         if name in record.clusters:
             record.clusters.remove(name)
+        record.directories = remove_directories(record.directories, needed)
         if record.clusters:
             return
         restore_sysctls(record, report)
-        for directory in reversed(record.directories):
-            with suppress(OSError):  # somebody else has put something there
-                Path(directory).rmdir()
         if not record.netns_mounted:
             release_netns()
 
@@ -162,7 +170,7 @@ def raise_sysctl(key: str, value: str) -> None:
         (PROC_SYS / key).write_text(value)
 
 
-def make_directories(wanted: Iterator[Path]) -> list[str]:
+def make_directories(wanted: Iterable[Path]) -> list[str]:
     """Make the mount points that the machine lacks; return those made, parents first."""
     made = []
     for path in wanted:
@@ -171,6 +179,16 @@ def make_directories(wanted: Iterator[Path]) -> list[str]:
                 directory.mkdir()
                 made.append(str(directory))
     return made
+
+
+def remove_directories(made: Sequence[str], needed: Collection[str]) -> list[str]:
+    """Remove the mount points that nobody needs any more; return those that stay."""
+    kept = [path for path in made if any(Path(n).is_relative_to(path) for n in needed)]
+    for path in reversed(made):
+        if path not in kept:
+            with suppress(OSError):  # somebody else has put something there
+                Path(path).rmdir()
+    return kept
 
 
 def is_mount(path: Path) -> bool:

@@ -12,6 +12,7 @@ from rigel_k8s.localcluster.addresses import Addresses
 from rigel_k8s.localcluster.components import Components
 from rigel_k8s.localcluster.layout import CONTROL_PLANE, Layout
 from rigel_k8s.localcluster.machine import Process, recorded
+from rigel_k8s.localcluster.nodepaths import NodePaths, k3s_paths, plain_paths
 from rigel_k8s.localcluster.paths import directory_of, names
 
 __all__ = ["State", "find"]
@@ -28,6 +29,7 @@ class State:
         kubeconfigs: each file that has its context -> the context that was current there before.
         furnished: whether all that belongs to a new cluster is in it.
         extras: what was asked for besides (`--with`).
+        data_dir: of nodes laid out as k3s does; None where they are plain.
     """
 
     name: str
@@ -39,6 +41,7 @@ class State:
     kubeconfigs: dict[str, str | None] = attrs.field(factory=dict)
     furnished: bool = False
     extras: list[str] = attrs.field(factory=list)
+    data_dir: str | None = None
 
     @property
     def directory(self) -> Path:
@@ -63,7 +66,19 @@ class State:
     @property
     def layout(self) -> Layout:
         """What its machines share."""
-        return Layout(self.name, self.directory, Addresses(self.block), self.components)
+        return Layout(
+            self.name, self.directory, Addresses(self.block), self.components, self.node_paths
+        )
+
+    @property
+    def node_paths(self) -> NodePaths:
+        """Where its nodes have what other programs look for."""
+        return k3s_paths(self.data_dir) if self.data_dir else plain_paths()
+
+    @property
+    def builds(self) -> list[str]:
+        """What it needs of components.ON_REQUEST."""
+        return [*self.extras, *(["k3s"] if self.data_dir else [])]
 
     def process(self, machine: str) -> Process | None:
         """Return a machine's process where it still runs."""

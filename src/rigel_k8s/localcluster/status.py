@@ -8,6 +8,7 @@ import attrs
 
 from rigel_k8s.localcluster import api, kubeconfig, paths
 from rigel_k8s.localcluster.extras import offered
+from rigel_k8s.localcluster.nodepaths import describe
 from rigel_k8s.localcluster.requirements import require_root
 from rigel_k8s.localcluster.state import State, find
 
@@ -34,6 +35,7 @@ class ClusterStatus:
         kubectl: the path of a kubectl of the same version.
         logs: the directory below which every component's log is.
         problems: what does not run, one line each.
+        layout: how its nodes are laid out, as `plain` or `k3s (/var/lib/rancher/k3s)`.
         extras: what it offers on request (`--with`).
         offers: the images of those, by the names under which nodes pull them.
     """
@@ -48,6 +50,7 @@ class ClusterStatus:
     kubectl: str
     logs: str
     problems: tuple[str, ...] = ()
+    layout: str = "plain"
     extras: tuple[str, ...] = ()
     offers: tuple[str, ...] = ()
 
@@ -77,6 +80,7 @@ def status_of(state: State) -> ClusterStatus:
         kubectl=state.components.go["kubectl"],
         logs=str(state.directory),
         problems=problems,
+        layout=describe(state.data_dir),
         extras=tuple(state.extras),
         offers=tuple(offered(state.extras)),
     )

@@ -1,0 +1,114 @@
+"""Where a node has what other programs look for: plain Kubernetes' places, or those of k3s.
+
+It knows paths alone, and nothing of what is put there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.localcluster.paths import cache_dir
+
+__all__ = ["K3S_DATA", "NodePaths", "check_data_dir", "describe", "k3s_paths", "plain_paths"]
+
+#: Where k3s keeps its data unless told otherwise.
+K3S_DATA = "/var/lib/rancher/k3s"
+
+#: Paths of every node -> the directory of the node that is bound over each.
+BOUND = {
+    "/etc/cni": "etc-cni",
+    "/opt/cni": "opt-cni",
+    "/opt/local-path-provisioner": "local-path",
+    "/var/lib/kubelet": "kubelet",
+    "/var/lib/containerd": "containerd",
+    "/var/lib/cni": "cni",
+    "/var/log/pods": "pod-logs",
+    "/var/log/containers": "container-logs",
+}
+
+#: What a data directory must not cover: what nodes have of the machine.
+OF_THE_MACHINE = (
+    *("/bin", "/dev", "/etc", "/lib", "/proc", "/root", "/run", "/sbin", "/sys", "/tmp", "/usr"),
+    "/var/lib/rigel-k8s",
+    *BOUND,
+)
+
+
+@attrs.frozen
+class NodePaths:
+    """Where a node has what other programs look for, as paths inside it.
+
+    Attributes:
+        cni_config: the directory of CNI configurations.
+        cni_programs: the directory of CNI programs.
+        containerd: the directory of containerd's data.
+        socket: containerd's socket.
+        binds: path inside -> the directory of the node that is bound over it.
+        data_dir: k3s' data directory, None on a plain node.
+    """
+
+    cni_config: str
+    cni_programs: str
+    containerd: str
+    socket: str
+    binds: Mapping[str, str]
+    data_dir: str | None = None
+
+    def own(self, directory: Path, inside: str) -> Path:
+        """Return where the machine has what a node has at a path.
+
+        Args:
+            directory: the node's directory.
+            inside: a path below one that is bound over.
+        """
+        for target, name in self.binds.items():
+            if PurePosixPath(inside).is_relative_to(target):
+                return directory / name / PurePosixPath(inside).relative_to(target)
+        raise ValueError(f"{inside} is not the node's own")
+
+
+def plain_paths() -> NodePaths:
+    """Return the places of a plain node."""
+    return NodePaths(
+        cni_config="/etc/cni/net.d",
+        cni_programs="/opt/cni/bin",
+        containerd="/var/lib/containerd",
+        socket="/run/containerd/containerd.sock",
+        binds=BOUND,
+    )
+
+
+def k3s_paths(data_dir: str) -> NodePaths:
+    """Return the places of a node of k3s; its /etc/cni and /opt/cni are there and empty."""
+    return NodePaths(
+        cni_config=f"{data_dir}/agent/etc/cni/net.d",
+        cni_programs=f"{data_dir}/data/cni",
+        containerd=f"{data_dir}/agent/containerd",
+        socket="/run/k3s/containerd/containerd.sock",
+        binds={data_dir: "k3s", **BOUND},
+        data_dir=data_dir,
+    )
+
+
+def describe(data_dir: str | None) -> str:
+    """Return the layout of nodes in words, by k3s' data directory or None."""
+    return f"k3s ({data_dir})" if data_dir else "plain"
+
+
+def check_data_dir(data_dir: str) -> None:
+    """Refuse a data directory that cannot be bound over in a node.
+
+    Raises:
+        UserError: it is no absolute path, or would cover what nodes need of the machine.
+    """
+    path = PurePosixPath(data_dir)
+    hint = f"for example {K3S_DATA} or /data"
+    if not path.is_absolute() or str(path) != data_dir or ".." in path.parts:
+        raise UserError(f'the data directory "{data_dir}" is no plain absolute path', hint=hint)
+    for other in map(PurePosixPath, (*OF_THE_MACHINE, str(cache_dir()))):
+        if other.is_relative_to(path) or path.is_relative_to(other):
+            raise UserError(f"the data directory {data_dir} would cover {other}", hint=hint)

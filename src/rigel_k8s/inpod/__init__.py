@@ -18,6 +18,7 @@ _NAMES = (
     "container.py",
     "dds.py",
     "dds_local.py",
+    "dds_ready.py",
     "dds_standin.py",
     "exec.sh",
     "memory.py",

@@ -6,13 +6,18 @@ Contract: reads only; knows the ports of RTPS (rtps.py) and nothing else of it.
 """
 
 import fcntl
-import socket
-from struct import pack
+from struct import pack, unpack_from
 
 import container
 import rtps
 
-SIOCGIFADDR = 0x8915
+try:
+    import _socket as socket  # half of `import socket` goes to classes nobody needs here
+except ImportError:  # not CPython
+    import socket
+
+SIOCGIFFLAGS, SIOCGIFADDR = 0x8913, 0x8915
+UP_AND_RUNNING = 0x41
 STOPPED = "Tt"  # a process' state: by a signal, by a debugger
 
 
@@ -50,14 +55,14 @@ def interfaces():
 
 def address_of(name):
     """Return an interface's IPv4 address, None where it has none or is not there."""
-    asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        answer = fcntl.ioctl(asking.fileno(), SIOCGIFADDR, pack("256s", name.encode()[:15]))
-        return socket.inet_ntoa(answer[20:24])
-    except OSError:
-        return None
-    finally:
-        asking.close()
+    answer = _asked(SIOCGIFADDR, name)
+    return socket.inet_ntoa(answer[20:24]) if answer else None
+
+
+def is_up(name):
+    """Whether an interface is up and has a link."""
+    answer = _asked(SIOCGIFFLAGS, name)
+    return bool(answer) and unpack_from("H", answer, 16)[0] & UP_AND_RUNNING == UP_AND_RUNNING
 
 
 def participants(also=()):
@@ -103,6 +108,17 @@ def state(pid):
             return file.read().rpartition(")")[2].split()[0]
     except (OSError, IndexError):
         return ""
+
+
+def _asked(request, name):
+    """Return the answer of an interface's ioctl, None where it has none."""
+    asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        return fcntl.ioctl(asking.fileno(), request, pack("256s", name.encode()[:15]))
+    except OSError:
+        return None
+    finally:
+        asking.close()
 
 
 def _domains(ports):

@@ -1,0 +1,160 @@
+"""Does this pod take part in DDS? One line and an exit code, for ROS 2 and plain DDS alike.
+
+Why: a pod that is "Running" may have no second network, another domain, or a process that hangs.
+Each of that shows inside the pod; nobody else has to be there, so no pod waits for another one.
+
+    dds_ready.py dds --domain N [--interface NAME] [--wait SECONDS]
+    dds_ready.py dds --port N [--wait SECONDS]         a discovery server's port
+    dds_ready.py zenoh --port N [--wait SECONDS]       the router's port
+
+Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output says why:
+the kubelet makes it the probe event's message. It sends one packet to each of the container's own
+participants, which they must ignore, and sees in /proc whether they read it; none leaves the pod.
+Python 3.6 and newer, nothing but the standard library.
+"""
+
+import os
+import sys
+import time
+
+import dds_local
+import rtps
+
+try:
+    import _socket as socket  # half of `import socket` goes to classes nobody needs here
+except ImportError:  # not CPython
+    import socket
+
+READS = 3.0  # seconds that a participant has to read what it was sent; a busy machine needs some
+GLANCE = 0.02  # seconds between two looks at its queue
+TICK = 0.2  # seconds between two looks while waiting
+DAEMON = "ros2-daemon"  # of the ros2 command line, left behind by whoever called it in this pod
+
+
+class NotReady(Exception):
+    """The message says why, in one line."""
+
+
+class Arguments(object):
+    """The words of the command line."""
+
+    def __init__(self, words):
+        """Raise ValueError where they are wrong."""
+        self.kind, words = words[0] if words else "", words[1:]
+        values = {words[i]: words[i + 1] for i in range(0, len(words) - 1, 2)}
+        known = {"--domain", "--interface", "--port", "--wait"}
+        if self.kind not in ("dds", "zenoh") or len(words) % 2 or set(values) - known:
+            raise ValueError("dds|zenoh --domain N|--port N [--interface NAME] [--wait SECONDS]")
+        self.domain = int(values["--domain"]) if "--domain" in values else None
+        self.port = int(values["--port"]) if "--port" in values else None
+        self.interface = values.get("--interface")
+        self.wait = float(values.get("--wait", 0))
+        if self.domain is None and self.port is None:
+            raise ValueError("which domain or port? --domain N or --port N")
+
+
+def look(arguments):
+    """Return what is in order, in one line; raise NotReady otherwise."""
+    if arguments.interface:
+        check_interface(arguments.interface)
+    if arguments.kind == "zenoh":
+        return check_zenoh(arguments.port)
+    found = own(arguments.domain, arguments.port)
+    for process in found:
+        check_process(process, arguments.port)
+    where = "domain %s" % arguments.domain if arguments.port is None else arguments.port
+    return "%s at %s" % (", ".join(str(process) for process in found), where)
+
+
+def check_interface(name):
+    """The second network is there."""
+    if name not in dds_local.interfaces():
+        text = "%s is missing: Multus did not attach the second network when this pod was made; "
+        raise NotReady((text + "delete the pod once Multus runs on its machine") % name)
+    if dds_local.address_of(name) is None:
+        raise NotReady("%s has no IPv4 address, so DDS cannot use it" % name)
+    if not dds_local.is_up(name):
+        raise NotReady("%s is down" % name)
+
+
+def own(domain, port):
+    """Return the container's processes that take part."""
+    found = dds_local.participants([port] if port else ())
+    found = [process for process in found if DAEMON not in process.command]
+    if port:
+        wanted = [process for process in found if process.domain is None]
+        if not wanted:
+            raise NotReady("no process of this container has UDP port %d yet" % port)
+        return wanted
+    wanted = [process for process in found if process.domain == domain]
+    if not wanted and found:
+        text = "%s takes part in DDS domain %s instead of %s: is its domain id set in the image?"
+        raise NotReady(text % (found[0], found[0].domain, domain))
+    if not wanted:
+        text = "no process of this container takes part in DDS domain %s yet (UDP port %d)"
+        raise NotReady(text % (domain, rtps.announcement_port(domain)))
+    return wanted
+
+
+def check_process(process, port):
+    """A process runs, and reads what its participants are sent."""
+    if process.stopped:
+        raise NotReady("%s is stopped by a signal" % process)
+    sockets = [s for s in process.sockets if s.port == port or dds_local.is_unicast(s.port)]
+    domain = [s for s in sockets if s.port == port or rtps.domain_of(s.port) == process.domain]
+    group = rtps.announcement_port(process.domain or 0)
+    for found in domain or [s for s in process.sockets if s.port == group]:
+        if not reads(found):
+            text = "%s hangs: what was sent to its UDP port %d was not read within %.0f s"
+            raise NotReady(text % (process, found.port, READS))
+
+
+def reads(found):
+    """Whether somebody reads what is sent to a socket."""
+    mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    target = "127.0.0.1" if found.address == "0.0.0.0" else found.address
+    mouth.sendto(rtps.beacon(os.urandom(12), ""), (target, found.port))
+    mouth.close()
+    until = time.time() + READS
+    while dds_local.waiting(found.inode):
+        if time.time() > until:
+            return False
+        time.sleep(GLANCE)
+    return True
+
+
+def check_zenoh(port):
+    """A process of this container is connected to the router."""
+    found = dds_local.connections(port)
+    if not found:
+        text = "no process of this container is connected to a zenoh router yet (TCP port %d)"
+        raise NotReady(text % port)
+    for _, pid in found:
+        if pid and dds_local.state(pid) in dds_local.STOPPED:
+            raise NotReady("process %d is stopped by a signal" % pid)
+    return "connected to the zenoh router at %s" % found[0][0]
+
+
+def main(words):
+    """Return the exit code."""
+    try:
+        arguments = Arguments(words)
+    except ValueError as error:
+        sys.stdout.write("wrong arguments: %s\n" % error)
+        return 2
+    until = time.time() + arguments.wait
+    while True:
+        try:
+            line = look(arguments)
+        except NotReady as error:
+            if time.time() + TICK >= until:
+                sys.stdout.write("%s\n" % error)
+                return 1
+            time.sleep(TICK)
+        else:
+            sys.stdout.write("ready: %s\n" % line)
+            return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

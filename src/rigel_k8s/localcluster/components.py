@@ -18,7 +18,15 @@ from rigel_k8s.localcluster.commands import Report, run
 from rigel_k8s.localcluster.gobuild import GoBuild
 from rigel_k8s.localcluster.paths import cache_dir, locked
 
-__all__ = ["KUBERNETES_VERSION", "MULTUS", "ON_REQUEST", "WHEREABOUTS", "Components", "obtain"]
+__all__ = [
+    "KUBERNETES_VERSION",
+    "MULTUS",
+    "ON_REQUEST",
+    "PLUGINS",
+    "WHEREABOUTS",
+    "Components",
+    "obtain",
+]
 
 KUBERNETES_VERSION = "1.34.4"
 
@@ -95,12 +103,30 @@ WHEREABOUTS = GoBuild(
     },
     minutes=2,
 )
+PLUGINS_MODULE = "github.com/containernetworking/plugins"
+PLUGINS = GoBuild(
+    "cni-plugins",
+    "1.9.1",
+    tuple(
+        f"{PLUGINS_MODULE}/plugins/{name}"
+        for name in (
+            *("ipam/dhcp", "ipam/host-local", "ipam/static"),
+            *("main/bridge", "main/dummy", "main/host-device", "main/ipvlan", "main/loopback"),
+            *("main/macvlan", "main/ptp", "main/tap", "main/vlan"),
+            *("meta/bandwidth", "meta/firewall", "meta/portmap", "meta/sbr", "meta/tuning"),
+            "meta/vrf",
+        )
+    ),
+    stamps=(f"{PLUGINS_MODULE}/pkg/utils/buildversion.BuildVersion=v1.9.1",),
+    files={"cni-plugins-license": "LICENSE"},
+    module=PLUGINS_MODULE,
+)
 #: The kubelet of nodes laid out as k3s does: the same program, which says "+k3s1" of itself.
 K3S_KUBELET = attrs.evolve(
     KUBERNETES, packages=("k8s.io/kubernetes/cmd/kubelet",), suffix="+k3s1", minutes=1
 )
 #: What is needed on request alone, by name; a program takes the place of one of the same name.
-ON_REQUEST = {"multus": (MULTUS, WHEREABOUTS), "k3s": (K3S_KUBELET,)}
+ON_REQUEST = {"multus": (MULTUS, WHEREABOUTS, PLUGINS), "k3s": (K3S_KUBELET,)}
 
 DEBIAN_PACKAGES = (
     "etcd-server",

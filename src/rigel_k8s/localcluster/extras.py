@@ -7,10 +7,10 @@ that name, so that upstream's manifests run unchanged; its shell and tools are b
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from rigel_k8s.localcluster.components import MULTUS, WHEREABOUTS, Components
+from rigel_k8s.localcluster.components import MULTUS, PLUGINS, WHEREABOUTS, Components
 from rigel_k8s.localcluster.oci import Image
 
 __all__ = ["EXTRAS", "extra_images", "offered"]
@@ -18,9 +18,11 @@ __all__ = ["EXTRAS", "extra_images", "offered"]
 #: What can be asked for (`--with`).
 EXTRAS = ("multus",)
 
-ORGANISATION = "k8snetworkplumbingwg"
+ORGANISATION = "ghcr.io/k8snetworkplumbingwg"
 MULTUS_IMAGE = f"{ORGANISATION}/multus-cni:v{MULTUS.version}-thick"
 WHEREABOUTS_IMAGE = f"{ORGANISATION}/whereabouts:v{WHEREABOUTS.version}"
+#: The project of the standard CNI programs has no image; k3s' documentation uses this one.
+PLUGINS_IMAGE = f"docker.io/rancher/hardened-cni-plugins:v{PLUGINS.version}-build20260608"
 
 #: Without its user Multus' daemon ends in a nil pointer.
 USERS = {
@@ -31,59 +33,77 @@ USERS = {
 
 def offered(extras: Iterable[str]) -> list[str]:
     """Return the names under which nodes pull what was asked for."""
-    names = {"multus": [MULTUS_IMAGE, WHEREABOUTS_IMAGE]}
-    return [f"ghcr.io/{image}" for extra in extras for image in names[extra]]
+    names = {"multus": [MULTUS_IMAGE, WHEREABOUTS_IMAGE, PLUGINS_IMAGE]}
+    return [image for extra in extras for image in names[extra]]
 
 
 def extra_images(components: Components, extras: Iterable[str]) -> list[Image]:
     """Return the images of what was asked for."""
-    makers: Mapping[str, Callable[[Components], list[Image]]] = {"multus": multus}
-    return [image for extra in extras for image in makers[extra](components)]
+    makers = {"multus": (multus, whereabouts, plugins)}
+    return [make(components) for extra in extras for make in makers[extra]]
 
 
-def multus(components: Components) -> list[Image]:
-    """Return the images of Multus (thick) and whereabouts.
+def multus(components: Components) -> Image:
+    """Return Multus' image, the thick one.
 
-    Of upstream's image of Multus only what the thin plugin's certificates need is left out.
+    Of upstream's only what certificates of the thin plugin need is left out.
     """
     programs = "usr/src/multus-cni/bin"
-    shell = busybox(components)
-    licence = Path(components.program("multus-license")).read_text()
-    thick = Image(
+    return image(
+        components,
         MULTUS_IMAGE,
-        {
-            **USERS,
-            **{f"{programs}/{name}": found(components, name) for name in MULTUS.program_names},
-            "usr/src/multus-cni/LICENSE": licence,
-            "bin/busybox": found(components, "busybox"),
-        },
-        [f"/{programs}/multus-daemon"],
-        # A node's network namespaces are in /var/run for some, in /run for others.
-        links=shell | {"var/run": "/run"},
+        {f"{programs}/{name}": found(components, name) for name in MULTUS.program_names}
+        | {"usr/src/multus-cni/LICENSE": text(components, "multus-license")},
+        entrypoint=[f"/{programs}/multus-daemon"],
     )
+
+
+def whereabouts(components: Components) -> Image:
+    """Return whereabouts' image; its scripts are those of its module."""
     names = [*WHEREABOUTS.program_names, "install-cni.sh", "lib.sh", "token-watcher.sh"]
-    addresses = Image(
+    return image(
+        components,
         WHEREABOUTS_IMAGE,
-        {
-            **USERS,
-            **{name: found(components, name) for name in names},
-            "LICENSE": Path(components.program("whereabouts-license")).read_text(),
-            "bin/busybox": found(components, "busybox"),
-        },
-        [],
+        {name: found(components, name) for name in names}
+        | {"LICENSE": text(components, "whereabouts-license")},
         command=["/install-cni.sh"],
-        links=shell | {"var/run": "/run"},
     )
-    return [thick, addresses]
+
+
+def plugins(components: Components) -> Image:
+    """Return an image of the standard CNI programs, without Rancher's `flannel` and `bond`."""
+    script = Path(__file__).with_name("install-cnis.sh")
+    return image(
+        components,
+        PLUGINS_IMAGE,
+        {f"opt/cni/bin/{name}": found(components, name) for name in PLUGINS.program_names}
+        | {"install-cnis.sh": script, "LICENSE": text(components, "cni-plugins-license")},
+        entrypoint=["/install-cnis.sh"],
+    )
+
+
+def image(
+    components: Components, name: str, files: Mapping[str, Path | str], **start: Sequence[str]
+) -> Image:
+    """Return an image with a shell and its tools, that is pulled by a name of upstream's."""
+    program = components.program("busybox")
+    listed = subprocess.run([program, "--list"], capture_output=True, text=True, check=True)
+    tools = {f"bin/{tool}": "busybox" for tool in listed.stdout.split() if tool != "busybox"}
+    return Image(
+        name.partition("/")[2],
+        {**USERS, "bin/busybox": Path(program), **files},
+        start.get("entrypoint", ()),
+        # The network namespaces of a node are in /var/run for some, in /run for others.
+        links=tools | {"var/run": "/run"},
+        command=start.get("command", ()),
+    )
 
 
 def found(components: Components, name: str) -> Path:
-    """Return a program of the cluster's."""
+    """Return where a program is."""
     return Path(components.program(name))
 
 
-def busybox(components: Components) -> dict[str, str]:
-    """Return a link to busybox for each of its tools."""
-    program = components.program("busybox")
-    listed = subprocess.run([program, "--list"], capture_output=True, text=True, check=True)
-    return {f"bin/{tool}": "busybox" for tool in listed.stdout.split() if tool != "busybox"}
+def text(components: Components, name: str) -> str:
+    """Return a text that goes with the programs."""
+    return found(components, name).read_text()

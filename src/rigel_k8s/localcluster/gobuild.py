@@ -40,6 +40,7 @@ class GoBuild:
         suffix: what follows the version in these.
         stamps: variables of other projects that get their values, PACKAGE.NAME=VALUE.
         minutes: about how long it takes on two cores.
+        module: the Go module that they are of.
     """
 
     name: str
@@ -52,6 +53,11 @@ class GoBuild:
     renamed: Mapping[str, str] = attrs.field(factory=dict)
     files: Mapping[str, str] = attrs.field(factory=dict)
     minutes: int = 1
+    module: str = attrs.field(default=attrs.Factory(lambda self: self.common(), takes_self=True))
+
+    def common(self) -> str:
+        """Return what comes before the usual directory of programs."""
+        return self.packages[0].split("/cmd")[0]
 
     @property
     def lock(self) -> Path:
@@ -62,11 +68,6 @@ class GoBuild:
     def directory(self) -> Path:
         """Where the cache keeps its programs."""
         return cache_dir() / "go" / self.key()
-
-    @property
-    def module(self) -> str:
-        """The Go module of its packages."""
-        return self.packages[0].split("/cmd")[0]
 
     @property
     def program_names(self) -> list[str]:

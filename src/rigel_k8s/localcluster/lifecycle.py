@@ -27,7 +27,7 @@ from rigel_k8s.localcluster import (
 )
 from rigel_k8s.localcluster.commands import Report
 from rigel_k8s.localcluster.control_plane import control_plane
-from rigel_k8s.localcluster.extras import extra_images
+from rigel_k8s.localcluster.extras import extra_images, offered
 from rigel_k8s.localcluster.layout import CONTROL_PLANE, Layout
 from rigel_k8s.localcluster.machine import Machine
 from rigel_k8s.localcluster.node import node, write_resolv_conf
@@ -181,14 +181,16 @@ def what_is(layout: Layout, name: str) -> Machine:
 
 def add_extras(state: State, extras: Sequence[str], report: Report) -> None:
     """Put what a cluster does not offer yet into its registry, which keeps it."""
-    if not (new := sorted(set(extras) - set(state.extras))):
+    offers = offered(extras)
+    if set(offers) <= set(state.offers):
         return
     # The programs of a running cluster stay what they are, also for a newer rigel.
-    parts = components.obtain(report, new).go | state.components.go
-    report(f"Adding {', '.join(new)} to the registry")
+    parts = components.obtain(report, extras).go | state.components.go
+    report(f"Adding {', '.join(extras)} to the registry")
     state.components = attrs.evolve(state.components, go=parts)
-    push_images(state.layout, extra_images(state.components, new))
-    state.extras += new
+    push_images(state.layout, extra_images(state.components, extras))
+    state.extras = sorted({*state.extras, *extras})
+    state.offers = sorted({*state.offers, *offers})
     state.save()
 
 

@@ -29,6 +29,7 @@ class State:
         kubeconfigs: each file that has its context -> the context that was current there before.
         furnished: whether all that belongs to a new cluster is in it.
         extras: what was asked for besides (`--with`).
+        offers: the images that its registry has for it, as nodes name them.
         data_dir: of nodes laid out as k3s does; None where they are plain.
     """
 
@@ -41,6 +42,7 @@ class State:
     kubeconfigs: dict[str, str | None] = attrs.field(factory=dict)
     furnished: bool = False
     extras: list[str] = attrs.field(factory=list)
+    offers: list[str] = attrs.field(factory=list)
     data_dir: str | None = None
 
     @property

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import attrs
 
 from rigel_k8s.localcluster import api, kubeconfig, paths
-from rigel_k8s.localcluster.extras import offered
 from rigel_k8s.localcluster.nodepaths import describe
 from rigel_k8s.localcluster.requirements import require_root
 from rigel_k8s.localcluster.state import State, find
@@ -82,7 +81,7 @@ def status_of(state: State) -> ClusterStatus:
         problems=problems,
         layout=describe(state.data_dir),
         extras=tuple(state.extras),
-        offers=tuple(offered(state.extras)),
+        offers=tuple(state.offers),
     )
 
 

@@ -9,6 +9,8 @@ from rigel_k8s.images.ros2base.packages import Distro
 
 __all__ = ["entries", "prefix"]
 
+_SETUP = ("setup.bash", "setup.sh", "setup.zsh")
+
 
 def prefix(distro: Distro) -> str:
     """Return where ROS is, relative to the root."""
@@ -18,11 +20,16 @@ def prefix(distro: Distro) -> str:
 def entries(distro: Distro) -> tuple[Entry, ...]:
     """Return all files of the layer, sorted by path."""
     own = files("rigel_k8s.images.ros2base") / "files"
-    scripts = (
-        Entry(
-            f"{prefix(distro)}/setup.{shell}",
-            (own / f"setup.{shell}").read_bytes().replace(b"@DISTRO@", distro.encode()),
-        )
-        for shell in ("bash", "sh", "zsh")
+    where = prefix(distro)
+
+    def script(name: str) -> bytes:
+        return (own / name).read_bytes().replace(b"@DISTRO@", distro.encode())
+
+    scripts = (Entry(f"{where}/{name}", script(name)) for name in _SETUP)
+    command = Entry(f"{where}/bin/ros2", script("ros2.sh"), mode=0o755)
+    parts = (
+        Entry(f"{where}/share/rigel_ros2/{part.name}", part.read_bytes())
+        for part in (own / "ros2").iterdir()
+        if part.name.endswith(".py")
     )
-    return tuple(sorted((ENTRYPOINT, *scripts), key=lambda e: e.path))
+    return tuple(sorted((ENTRYPOINT, command, *scripts, *parts), key=lambda e: e.path))

@@ -39,14 +39,15 @@ def run_rigel(
 
 @pytest.fixture(scope="session")
 def context() -> Iterator[str]:
-    """The name of a context that leads to a real cluster of at least two nodes."""
+    """The name of a context that leads to a real cluster of at least three nodes."""
     given = os.environ.get("RIGEL_TEST_CONTEXT")
     if given:
         yield given
         return
     if os.geteuid() != 0:
         pytest.skip("the local cluster needs root; name a cluster with RIGEL_TEST_CONTEXT instead")
-    run_rigel("cluster", "up", "--name", "test", "--nodes", "2", timeout=3600)
+    words = ["cluster", "up", "--name", "test", "--nodes", "3", "--with", "multus"]
+    run_rigel(*words, timeout=3600)
     yield "rigel-test"
     if os.environ.get("RIGEL_TEST_KEEP") != "1":
         run_rigel("cluster", "down", "--name", "test")
@@ -99,6 +100,12 @@ def registry(cluster: Any) -> str:
     if not note:
         pytest.skip("this cluster tells no registry: name one with RIGEL_TEST_REGISTRY")
     return str(json.loads(note["data"]["localRegistryHosting.v1"])["host"])
+
+
+@pytest.fixture(scope="session")
+def multus(context: str) -> None:
+    """Multus and whereabouts on the cluster, as the product installs them; they stay there."""
+    run_rigel("--context", context, "network", "install")
 
 
 @pytest.fixture(scope="session")

@@ -21,15 +21,18 @@ from rigel_k8s.settings import Settings
 __all__ = ["check", "check_rigel03", "init", "load", "runnable", "schema"]
 
 
-def load(settings: Settings) -> Rigelfile:
+def load(settings: Settings, *, patient: bool = False) -> Rigelfile:
     """Return the Rigelfile of the settings.
+
+    Args:
+        patient: variables that are nowhere are wrong only where a value is needed.
 
     Raises:
         UserError: it is not there, with what to do.
         ProblemsError: its grammar is wrong.
     """
     require(settings.rigelfile)
-    return grammar.load(settings.rigelfile, os.environ)
+    return grammar.load(settings.rigelfile, os.environ, patient=patient)
 
 
 def runnable(settings: Settings, kind: Literal["job", "sequence"]) -> list[str]:

@@ -69,7 +69,7 @@ def release(settings: Settings, job: str | None = None) -> Release:
 
     Raises: as job_of.
     """
-    rigelfile = load(settings)
+    rigelfile = load(settings, patient=True)
     options = names_of(rigelfile, chosen(rigelfile, settings, job))
     cluster = connect(settings)
     return Release(cluster, release_of(options, settings, cluster))
@@ -77,12 +77,12 @@ def release(settings: Settings, job: str | None = None) -> Release:
 
 def names(settings: Settings) -> list[str]:
     """Return the names of all orchestration jobs."""
-    return [spec.name for spec in candidates(load(settings), settings)]
+    return [spec.name for spec in candidates(load(settings, patient=True), settings)]
 
 
 def node_names(settings: Settings, job: str | None = None) -> list[str]:
     """Return the keys of a job's nodes, and what else of it runs. Raises as job_of."""
-    rigelfile = load(settings)
+    rigelfile = load(settings, patient=True)
     options = names_of(rigelfile, chosen(rigelfile, settings, job))
     own = [str(options.deployment_name)] if has_application(options) else []
     return [*map(str, options.nodes), *own, *([MASTER_NAME] if deploys_master(options) else [])]

@@ -67,14 +67,19 @@ def open_source(path: Path) -> Source:
         raise UserError(f"{path} cannot be read: {error.strerror}") from error
 
 
-def load(path: Path, environ: Mapping[str, str] = os.environ) -> Rigelfile:
+def load(
+    path: Path, environ: Mapping[str, str] = os.environ, *, patient: bool = False
+) -> Rigelfile:
     """Return a Rigelfile whose grammar and vars are right.
+
+    Args:
+        patient: variables that are nowhere are holes, wrong only where a value is needed.
 
     Raises:
         ProblemsError: they are not; all of it is told.
         UserError: it cannot be read.
     """
-    reading = _Reading(open_source(path), path, environ)
+    reading = _Reading(open_source(path), path, environ, patient=patient)
     if reading.rigelfile is None:
         raise problems_error(reading.source, reading.findings)
     return reading.rigelfile
@@ -97,11 +102,13 @@ def check_file(path: Path, environ: Mapping[str, str], resolve: Resolve) -> Chec
 class _Reading:
     """A file as far as it can be read."""
 
-    def __init__(self, source: Source, path: Path, environ: Mapping[str, str]) -> None:
+    def __init__(
+        self, source: Source, path: Path, environ: Mapping[str, str], *, patient: bool = False
+    ) -> None:
         self.source = source
         root, findings = parse(source)
         self.root = root or Node({}, Span(1, 1, 1, 2))
-        self.scope = Scope(source, _variables(self.root), environ)
+        self.scope = Scope(source, _variables(self.root), environ, patient=patient)
         self.contents: Contents | None = None
         if root and isinstance(root.value, dict):
             self.root = _rendered(root, self.scope)

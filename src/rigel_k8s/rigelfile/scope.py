@@ -42,6 +42,8 @@ class Scope:
         environ: the environment, asked for what `vars` does not have.
         data: what jobs have stored; None: nothing is known yet.
         final: no more data will come, so an unknown `data.x` is wrong.
+        patient: a variable that is nowhere is a hole too, until `final`: who only wants to know
+            what an application is called needs none of the values that deploy it.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Scope:
         data: Mapping[str, Any] | None = None,
         *,
         final: bool = False,
+        patient: bool = False,
     ) -> None:
         self.source = source
         self.variables = variables
@@ -59,12 +62,15 @@ class Scope:
         self.findings: list[Finding] = []
         self._data = data or {}
         self._final = final
+        self._patient = patient
         self._rendered: dict[str, Node] = {}
         self._open: list[str] = []
 
     def with_data(self, data: Mapping[str, Any] | None, *, final: bool) -> Scope:
         """Return a scope of the same vars that knows these data."""
-        return Scope(self.source, self.variables, self.environ, data, final=final)
+        return Scope(
+            self.source, self.variables, self.environ, data, final=final, patient=self._patient
+        )
 
     # Nodes
 
@@ -176,9 +182,7 @@ class Scope:
         found = self._lookup(node, piece.header, piece.name)
         if found is not None:
             return found
-        if piece.header == "data" and not self._final:
-            raise _Waits
-        raise self._unknown(piece.header, piece.name)
+        raise self._missing(piece.header, piece.name)
 
     def _lookup(self, node: Node, header: str, name: str) -> Node | None:
         if header == "data":
@@ -216,6 +220,12 @@ class Scope:
             self._open.pop()
         return self._rendered[name]
 
+    def _missing(self, header: str, name: str) -> _Wrong | _Waits:
+        """Return whether a name that is not known may come yet, or what is wrong with it."""
+        if (header == "data" or self._patient) and name and not self._final:
+            return _Waits()
+        return self._unknown(header, name)
+
     def _unknown(self, header: str, name: str) -> _Wrong:
         if header == "data":
             near = nearest(name, self._data)
@@ -241,7 +251,7 @@ class Scope:
 
         values: dict[expression.Reference, Any] = {}
         found: list[Node] = []
-        missing: _Wrong | None = None
+        missing: _Wrong | _Waits | None = None
         for reference in expression.references(piece.source, self._knows):
             value = self._lookup(node, reference.header, reference.name)
             if value is not None:
@@ -250,7 +260,7 @@ class Scope:
             elif reference.header == "data" and not self._final:
                 raise _Waits
             else:
-                missing = missing or self._unknown(reference.header, reference.name)
+                missing = missing or self._missing(reference.header, reference.name)
                 values[reference] = expression.undefined(reference)
         if any(value.has_hole() for value in found):
             raise _Waits

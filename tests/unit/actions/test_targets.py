@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.actions.targets import job_of, names, release
+from rigel_k8s.actions.targets import job_of, names, node_names, release
 from rigel_k8s.errors import ProblemsError, UserError
 from rigel_k8s.settings import Settings
 
@@ -122,3 +122,36 @@ def test_the_namespace_of_the_command_line_wins(tmp_path: Path, kubeconfig: Path
     with pytest.raises(UserError, match="several releases"):
         release(settings(tmp_path, own, both))
     assert release(settings(tmp_path, own, both, namespace="given")).id.namespace == "given"
+
+
+#: A registry and a tag that are said when it is deployed, plainly and in an expression.
+FROM_OUTSIDE = """
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with:
+      deployment_name: "{{ vars.NOWHERE_NAME | default('rover') }}"
+      image: "{{ vars.NOWHERE_REGISTRY }}/rover:{{ vars.NOWHERE_TAG | lower }}"
+      nodes: {talker: {args: [talker]}}
+"""
+
+
+def test_what_only_deploying_needs_may_be_unknown_to_status(
+    tmp_path: Path, kubeconfig: Path
+) -> None:
+    """`rigel status` in a new shell works without the variables that `rigel run` had."""
+    found = release(settings(tmp_path, FROM_OUTSIDE))
+    assert (found.id.namespace, found.id.name) == ("from-context", "rover")
+    assert "talker" in node_names(settings(tmp_path, FROM_OUTSIDE))
+    with pytest.raises(ProblemsError) as told:
+        job_of(settings(tmp_path, FROM_OUTSIDE), None)
+    assert "vars.NOWHERE_REGISTRY is neither in vars nor in the environment" in str(
+        told.value.details
+    )
+
+
+def test_a_name_that_comes_from_nowhere_is_told(tmp_path: Path, kubeconfig: Path) -> None:
+    """Without the release's name there is nothing to look for."""
+    job = FROM_OUTSIDE.replace(" | default('rover')", "")
+    with pytest.raises(ProblemsError) as told:
+        release(settings(tmp_path, job))
+    assert "vars.NOWHERE_NAME is neither in vars nor in the environment" in str(told.value.details)

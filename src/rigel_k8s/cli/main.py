@@ -37,6 +37,7 @@ COMMANDS = {
     "rollback": ("releases", "Go back to an earlier revision."),
     "down": ("releases", "Take a release away; volumes stay unless --volumes."),
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
+    "network": ("network", "Second networks for pods: install, status, remove Multus."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
     "image": ("images", "Images for machines that cannot pull from the internet."),
     "completion": ("completions", "Print the shell completion for bash, zsh or fish."),

@@ -24,8 +24,9 @@ ORDER = (
 )
 #: Kinds that run pods, and the pod itself.
 WORKLOADS = ("DaemonSet", "StatefulSet", "Deployment", "Job", "CronJob", "Pod")
-#: Kinds that hold data: they go only when that is asked for.
-PROTECTED = frozenset({"PersistentVolumeClaim", "PersistentVolume"})
+#: Kinds that hold data: they go only when that is asked for. With a definition goes every object of
+#: its kind, of all applications.
+PROTECTED = frozenset({"PersistentVolumeClaim", "PersistentVolume", "CustomResourceDefinition"})
 
 
 def rank(kind: str) -> int:

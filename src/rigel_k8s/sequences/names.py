@@ -63,6 +63,11 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
             "rigel_k8s.plugins.delivery:DeliveryJob",
             ("rigel_k8s.DeliveryPlugin",),
         ),
+        Builtin(
+            "network",
+            "rigel_k8s.plugins.network:NetworkJob",
+            ("rigel_k8s.NetworkPlugin",),
+        ),
     ),
     "provider": (
         Builtin(

@@ -1,0 +1,191 @@
+"""`rigel network`: Multus and whereabouts on the cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import attrs
+import click
+
+from rigel_k8s.cli.words import Timeout, json_option, print_json, reporting, settings
+from rigel_k8s.errors import UserError
+
+if TYPE_CHECKING:
+    from rigel_k8s.manifests.network.options import Install
+    from rigel_k8s.plugins.network_status import NetworkStatus, PartStatus
+
+__all__ = ["network"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+PLACES = (
+    click.option(
+        "--platform",
+        type=click.Choice(["k3s", "microk8s", "kind", "minikube", "plain"]),
+        help="What the cluster is [recognised from its nodes].",
+    ),
+    click.option("--data-dir", metavar="DIR", help="k3s' --data-dir [as its nodes tell]."),
+    click.option("--cni-conf-dir", metavar="DIR", help="Where machines keep CNI configuration."),
+    click.option("--cni-bin-dir", metavar="DIR", help="Where machines keep CNI programs."),
+)
+IMAGES = (
+    click.option("--multus-image", metavar="IMAGE", help="From a registry of your own."),
+    click.option("--whereabouts-image", metavar="IMAGE", help="From a registry of your own."),
+    click.option(
+        "--plugins-image",
+        metavar="IMAGE",
+        help="Standard CNI programs in /opt/cni/bin, for machines that lack macvlan.",
+    ),
+)
+
+
+def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
+    """Return a decorator that gives a command several options."""
+
+    def decorate(command: F) -> F:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+@click.group()
+def network() -> None:
+    """Second networks for pods: Multus and whereabouts on the cluster.
+
+    A Rigelfile with `network: {install: true}` does what `install` does by itself.
+    """
+
+
+@network.command()
+@with_options(*PLACES, *IMAGES)
+@click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
+@click.option("--adopt", is_flag=True, help="Take over objects of the same names.")
+@click.pass_context
+def install(
+    ctx: click.Context,
+    /,
+    timeout: float | None,
+    adopt: bool,  # noqa: FBT001 - click passes it by name
+    **words: str | None,
+) -> None:
+    """Install or update both, and let each node attach a pod. What others installed is used."""
+    from rigel_k8s.actions import networks
+    from rigel_k8s.plugins.network_install import told
+
+    with reporting(ctx) as report:
+        done = networks.install(
+            settings(ctx, timeout=timeout, adopt=adopt), options_of(words), report
+        )
+    click.echo(told(done))
+
+
+@network.command()
+@with_options(*PLACES)
+@json_option
+@click.pass_context
+def status(ctx: click.Context, /, output: str, **words: str | None) -> int:
+    """Show both on each node, and pods that lack a network. Exit code 1 where something does."""
+    from rigel_k8s.actions import networks
+
+    found = networks.status(settings(ctx), options_of(words))
+    if output == "json":
+        print_json({**attrs.asdict(found), "ok": found.ok})
+    else:
+        show(found)
+    return 0 if found.ok else 1
+
+
+@network.command()
+@with_options(*PLACES, *IMAGES)
+@click.option("--force", is_flag=True, help="Though pods are attached or nodes are away.")
+@click.option(
+    "--definitions",
+    is_flag=True,
+    help="Delete the kinds too, and with them every attachment of every application.",
+)
+@click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
+@click.pass_context
+def remove(
+    ctx: click.Context,
+    /,
+    force: bool,  # noqa: FBT001 - click passes them by name
+    definitions: bool,  # noqa: FBT001
+    timeout: float | None,
+    **words: str | None,
+) -> None:
+    """Take both away, so that every node goes on starting pods."""
+    from rigel_k8s.actions import networks
+
+    with reporting(ctx) as report:
+        done = networks.remove(
+            settings(ctx, timeout=timeout),
+            options_of(words),
+            report,
+            force=force,
+            definitions=definitions,
+        )
+    kept = "; the kinds and all attachments are kept (--definitions)" if done.kept else ""
+    click.echo(f"Multus and whereabouts are gone: {done.count} objects deleted{kept}")
+
+
+def options_of(words: dict[str, str | None]) -> Install:
+    """Return the words as the same options that a Rigelfile has.
+
+    Raises:
+        UserError: they are no such options.
+    """
+    from rigel_k8s.manifests.network.options import Install
+    from rigel_k8s.plugins.network import check_install
+    from rigel_k8s.rigelfile.source import Node, Span, made
+    from rigel_k8s.rigelfile.structure import structure
+
+    said = {name: word for name, word in words.items() if word is not None}
+    found = structure(made(said, Node({}, Span(1, 1, 1, 1))), Install)
+    problems = list(found.problems) or list(check_install(found.draft) if found.draft else ())
+    if found.draft is None or problems:
+        raise UserError(
+            "these options are wrong",
+            details=[f"--{str(p.path[0]).replace('_', '-')}: {p.message}" for p in problems],
+        )
+    options: Install = found.draft
+    return options
+
+
+def show(found: NetworkStatus) -> None:
+    """Print a status for people."""
+    from rigel_k8s.cli.tables import table
+
+    click.echo(f"Multus       {line_of(found.multus)}")
+    click.echo(f"whereabouts  {line_of(found.whereabouts)}")
+    heads = ["NODE", "PLATFORM", "MULTUS", "WHEREABOUTS", "ATTACHES", "CNI DIRECTORIES"]
+    rows = [
+        [
+            node.name,
+            node.platform,
+            state(node.multus, node.up),
+            state(node.whereabouts, node.up),
+            "seen" if node.proven else "not tried",
+            f"{node.conf_dir} {node.bin_dir}",
+        ]
+        for node in found.nodes
+    ]
+    click.echo(f"\n{table(heads, rows)}")
+    for missing in found.missing:
+        click.secho(f"\n{missing}", fg="yellow", nl=False)
+        click.echo(f"\n  kubectl -n {missing.namespace} delete pod {missing.pod}")
+
+
+def line_of(part: PartStatus | None) -> str:
+    """Return whose a part is."""
+    if part is None:
+        return "not installed: rigel network install"
+    by = "installed by rigel" if part.ours else "installed by others, used as it is"
+    return f"{part.where}, {part.image} ({by})"
+
+
+def state(ready: bool, up: bool) -> str:  # noqa: FBT001 - two columns of a table
+    """Return how a part is on a node."""
+    return "ready" if ready else "not ready" if up else "node away"

@@ -1,0 +1,88 @@
+"""Which networks a pod asked Multus for, and which of them it got; pure.
+
+A pod that starts while Multus is away may come up without its second network, and nothing in its
+phase or readiness says so. What Multus has done stands in an annotation.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import attrs
+
+__all__ = ["ASKED", "GOT", "Missing", "asked", "attached", "without_interface"]
+
+Pod = Mapping[str, Any]
+
+#: On a pod: the networks that it asks for, and what Multus gave it.
+ASKED = "k8s.v1.cni.cncf.io/networks"
+GOT = "k8s.v1.cni.cncf.io/network-status"
+
+
+@attrs.frozen
+class Missing:
+    """A running pod without networks that it asked for, each NAMESPACE/NAME."""
+
+    namespace: str
+    pod: str
+    node: str
+    networks: tuple[str, ...]
+
+    def __str__(self) -> str:
+        names = ", ".join(self.networks)
+        return f"pod {self.namespace}/{self.pod} on {self.node} runs without its network {names}"
+
+
+def without_interface(pods: Iterable[Pod]) -> list[Missing]:
+    """Return the running pods that lack a network; starting it anew is the remedy."""
+    return [missing for pod in pods if (missing := _missing(pod))]
+
+
+def asked(pod: Pod) -> list[str]:
+    """Return the networks that a pod asks for, NAMESPACE/NAME, one for each interface."""
+    text = _annotations(pod).get(ASKED, "").strip()
+    own = pod["metadata"].get("namespace", "default")
+    if text.startswith("["):
+        entries = [entry for entry in _list(text) if isinstance(entry, dict)]
+        return [f"{entry.get('namespace') or own}/{entry.get('name', '')}" for entry in entries]
+    names = [part.strip().partition("@")[0] for part in text.split(",")]
+    return [name if "/" in name else f"{own}/{name}" for name in names if name]
+
+
+def attached(pod: Pod) -> list[str]:
+    """Return the networks that a pod got beside its cluster's own, NAMESPACE/NAME."""
+    entries = [entry for entry in _list(_annotations(pod).get(GOT, "")) if isinstance(entry, dict)]
+    return [str(entry.get("name", "")) for entry in entries if not entry.get("default")]
+
+
+def _missing(pod: Pod) -> Missing | None:
+    meta, spec = pod["metadata"], pod.get("spec", {})
+    running = pod.get("status", {}).get("phase") == "Running"
+    if not running or meta.get("deletionTimestamp"):
+        return None
+    left = attached(pod)
+    lacking = []
+    for name in asked(pod):
+        if name in left:
+            left.remove(name)
+        else:
+            lacking.append(name)
+    if not lacking:
+        return None
+    namespace = meta.get("namespace", "default")
+    return Missing(namespace, meta["name"], spec.get("nodeName", ""), tuple(lacking))
+
+
+def _annotations(pod: Pod) -> Mapping[str, str]:
+    found: Mapping[str, str] = pod["metadata"].get("annotations") or {}
+    return found
+
+
+def _list(text: str) -> list[Any]:
+    try:
+        found = json.loads(text or "[]")
+    except ValueError:
+        return []
+    return found if isinstance(found, list) else []

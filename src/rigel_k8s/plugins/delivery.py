@@ -1,7 +1,8 @@
 """The job that checks that messages are delivered, now, from one pod to another.
 
 That both pods are ready does not say it: a subscriber may be deaf, or hear an older publisher. So a
-nonce is made, given to the publisher as a ROS parameter, and looked for in the subscriber's log.
+nonce is made, given to the publisher as a ROS parameter (of ROS 2: of its own node), and looked for
+in the subscriber's log.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ import attrs
 
 from rigel_k8s.deploy.types import RELEASE_LABEL
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.manifests.naming import NAME_LABEL, ROS_NAME_ANNOTATION, object_name
 from rigel_k8s.manifests.scalars import Duration, Number, ObjectName, RosName
+from rigel_k8s.plugins import nonce as nonces
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext
 from rigel_k8s.settings import Application
@@ -30,18 +31,6 @@ __all__ = ["Arrivals", "Count", "DeliveryJob", "DeliveryOptions"]
 
 #: Seconds between two looks for a ready pod.
 LOOK = 1.0
-
-#: Sets a parameter with nothing but Python: no ROS tool has to be in the publisher's image.
-SET_PARAMETER = """
-import os, sys
-try:
-    from xmlrpc.client import ServerProxy
-except ImportError:
-    from xmlrpclib import ServerProxy
-master = ServerProxy(os.environ["ROS_MASTER_URI"])
-code, text, _ = master.setParam("/rigel_delivery", sys.argv[1], sys.argv[2])
-sys.exit(0 if code == 1 else text)
-"""
 
 
 class Count(Number):
@@ -64,7 +53,10 @@ class DeliveryOptions:
     )
     parameter: RosName = attrs.field(
         default=RosName("/nonce"),
-        metadata={"doc": "the ROS parameter whose value the publisher puts into its messages"},
+        metadata={
+            "doc": "the ROS parameter whose value the publisher puts into its messages"
+            " (ROS 2: of the publisher's own node)"
+        },
     )
     messages: Count = attrs.field(
         default=Count(10),
@@ -92,6 +84,7 @@ class Pod:
     name: str
     machine: str
     ready: bool
+    object: Mapping[str, Any] = attrs.field(repr=False)
 
     def __str__(self) -> str:
         state = "" if self.ready else ", not ready"
@@ -184,17 +177,20 @@ class _Check:
     def _set(self, publisher: Pod, nonce: str) -> None:
         """Set the parameter from inside the publisher's pod, as its own node would."""
         parameter = str(self.options.parameter)
-        for python in ("python3", "python"):
-            command = ["/bin/sh", f"{MOUNT_PATH}/exec.sh", python, "-c", SET_PARAMETER]
-            done = self.cluster.run(self.namespace, publisher.name, [*command, parameter, nonce])
-            if done.code != 127:
+        ros = nonces.ros_of(publisher.object, self.job.application.distro)
+        for command in nonces.commands(publisher.object, ros, parameter, nonce):
+            done = self.cluster.run(self.namespace, publisher.name, command)
+            if done.code != nonces.NO_PYTHON:
                 break
         if done.code:
             output = (done.stderr + done.stdout).decode("utf-8", "replace").splitlines()
+            needs = "the ROS master must answer and the image needs Python"
+            if ros == "2":
+                needs = "the node must declare it, and the image needs python3 with rclpy"
             raise RigelK8sError(
                 f"the ROS parameter {parameter} could not be set from {publisher}",
                 details=output[-5:],
-                hint="the ROS master must answer and the image needs Python; see `rigel status`",
+                hint=f"{needs}; see `rigel status`",
             )
 
     def _follow(self, publisher: Pod, subscriber: Pod, arrivals: Arrivals) -> None:
@@ -294,7 +290,7 @@ def _pod_of(pod: Mapping[str, Any]) -> Pod:
     conditions = pod.get("status", {}).get("conditions", ())
     ending = "deletionTimestamp" in pod["metadata"]
     ready = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions) and not ending
-    return Pod(pod["metadata"]["name"], pod["spec"].get("nodeName", ""), ready)
+    return Pod(pod["metadata"]["name"], pod["spec"].get("nodeName", ""), ready, pod)
 
 
 def _name_of(pod: Mapping[str, Any]) -> str:

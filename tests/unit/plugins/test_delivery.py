@@ -13,6 +13,7 @@ from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.manifests.scalars import Duration, ObjectName
 from rigel_k8s.plugins import delivery
 from rigel_k8s.plugins.delivery import Arrivals, Count, DeliveryJob, DeliveryOptions
+from rigel_k8s.plugins.nonce import ros_of
 from rigel_k8s.sequences.job import JobContext, Reporter
 from rigel_k8s.settings import Application, Settings
 
@@ -246,6 +247,37 @@ def test_python_2_images_are_asked_with_python(monkeypatch: pytest.MonkeyPatch) 
     cluster = FakeCluster(TWO, codes=(127, 0))
     check(monkeypatch, cluster)
     assert [c[2] for c in cluster.asked if isinstance(c, list)] == ["python3", "python"]
+
+
+ROS2 = {"rigel-k8s/ros-name": "/front/talker", "rigel-k8s/network": '{"ros": "2"}'}
+
+
+def test_a_parameter_of_ros_2_is_set_at_the_publishers_own_node(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The pod says that it is ROS 2, whatever the Rigelfile's distro is."""
+    cluster = FakeCluster([pod("talker", "node1", annotations=ROS2), TWO[1]])
+    check(monkeypatch, cluster)
+    (command,) = [c for c in cluster.asked if isinstance(c, list)]
+    assert command[2] == "python3"
+    assert "import rclpy" in command[4]
+    assert command[5:] == ["/front/talker", "nonce", cluster.nonce]
+
+
+def test_a_node_of_ros_2_that_refuses_is_told_with_what_it_needs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """rclpy's absence ends the check: there is no other Python to try."""
+    cluster = FakeCluster([pod("talker", "node1", annotations=ROS2), TWO[1]], codes=(127,))
+    with pytest.raises(RigelK8sError) as caught:
+        check(monkeypatch, cluster)
+    assert "rclpy" in str(caught.value.hint)
+
+
+@pytest.mark.parametrize(("distro", "ros"), [("noetic", "1"), ("jazzy", "2")])
+def test_a_pod_that_does_not_say_speaks_the_applications_ros(distro: str, ros: str) -> None:
+    """Pods of a release from before the annotation."""
+    assert ros_of(pod("talker", "node1"), distro) == ros
 
 
 def test_a_ros_name_and_a_namespaced_key_find_their_pod(monkeypatch: pytest.MonkeyPatch) -> None:

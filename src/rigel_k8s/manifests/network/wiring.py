@@ -28,12 +28,14 @@ class PodIdentity:
         image: its container's image, from which init containers are made.
         ros_name: the full ROS name where it is fixed.
         replicas: how many pods, None for one.
+        like: fields of its container that init containers share: imagePullPolicy, resources.
     """
 
     name: str
     image: str
     ros_name: str | None = None
     replicas: int | None = None
+    like: Mapping[str, Any] = attrs.field(factory=dict)
 
 
 @attrs.frozen
@@ -48,6 +50,7 @@ class NetworkPlan:
         domain_id: the DDS domain.
         pods: all workloads of the release that take part.
         addresses: workload name -> its address with prefix length, for `ipam: static`.
+        pull_secrets: Secrets with registry credentials, for pods that a mode adds.
     """
 
     namespace: str
@@ -59,6 +62,7 @@ class NetworkPlan:
     domain_id: int = 0
     pods: Sequence[PodIdentity] = ()
     addresses: Mapping[str, str] = attrs.field(factory=dict)
+    pull_secrets: Sequence[str] = ()
 
     @property
     def mode(self) -> str:

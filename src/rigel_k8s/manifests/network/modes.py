@@ -1,0 +1,65 @@
+"""The network of a release: which mode makes its objects and wires its pods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import attrs
+
+from rigel_k8s.manifests.network.attachments import attached_objects, attached_wiring
+from rigel_k8s.manifests.network.machines import host_objects, host_wiring
+from rigel_k8s.manifests.network.options import MIDDLEWARE
+from rigel_k8s.manifests.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
+from rigel_k8s.manifests.pods import Object
+from rigel_k8s.problems import Path
+
+__all__ = ["network_objects", "wiring"]
+
+WIRINGS = {
+    "macvlan": attached_wiring,
+    "ipvlan": attached_wiring,
+    "attachment": attached_wiring,
+    "host": host_wiring,
+}
+OBJECTS = {
+    "macvlan": attached_objects,
+    "ipvlan": attached_objects,
+    "attachment": attached_objects,
+    "host": host_objects,
+}
+
+
+def wiring(plan: NetworkPlan, pod: PodIdentity) -> Wiring:
+    """Return what the release's network adds to one pod."""
+    made = WIRINGS.get(plan.mode)
+    if plan.options is None or made is None:
+        return unwired(plan)
+    found = made(plan, pod, plan.options)
+    return attrs.evolve(found, env=ros_variables(plan) | dict(found.env))
+
+
+def network_objects(plan: NetworkPlan) -> Iterator[tuple[Path, Object]]:
+    """Yield the objects that the release's network needs, each with the option it comes from."""
+    made = OBJECTS.get(plan.mode)
+    if plan.options is not None and made is not None:
+        for item in made(plan, plan.options):
+            yield ("network",), item
+
+
+def unwired(plan: NetworkPlan) -> Wiring:
+    """Return what a pod gets that nobody wires: a ROS 1 pod nothing at all."""
+    if plan.ros == "1":
+        return Wiring()
+    return Wiring(env=ros_variables(plan), annotations=network_note(plan))
+
+
+def ros_variables(plan: NetworkPlan) -> dict[str, Object]:
+    """Return ROS 2's own variables; a plain DDS application has none."""
+    if plan.ros != "2":
+        return {}
+    found: dict[str, Object] = {}
+    if plan.options is not None and (plan.mode != "none" or plan.options.domain_id is not None):
+        found["ROS_DOMAIN_ID"] = {"value": str(plan.domain_id)}
+    if plan.middleware:
+        found["RMW_IMPLEMENTATION"] = {"value": MIDDLEWARE[plan.middleware]}
+    return found

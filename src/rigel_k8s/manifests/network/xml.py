@@ -1,0 +1,26 @@
+"""The little XML that DDS configuration files need, as lines; it knows no element's meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from xml.sax.saxutils import escape
+
+__all__ = ["document", "element", "leaf"]
+
+Lines = Sequence[str]
+
+
+def leaf(name: str, text: str) -> list[str]:
+    """Return an element with a text."""
+    return [f"<{name}>{escape(text)}</{name}>"]
+
+
+def element(name: str, *children: Lines, attributes: str = "") -> list[str]:
+    """Return an element around others; one without any is left out."""
+    inside = [f"  {line}" for child in children for line in child]
+    return [f"<{name}{attributes}>", *inside, f"</{name}>"] if inside else []
+
+
+def document(lines: Iterable[str]) -> str:
+    """Return a whole file's text."""
+    return "\n".join(['<?xml version="1.0" encoding="UTF-8"?>', *lines, ""])

@@ -1,0 +1,29 @@
+"""All checks of preflight, in the order in which their findings are told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from rigel_k8s.manifests.preflight.case import Case
+from rigel_k8s.manifests.preflight.finding import Finding
+from rigel_k8s.manifests.preflight.interfaces import interfaces
+from rigel_k8s.manifests.preflight.limits import buffers, policies
+from rigel_k8s.manifests.preflight.presence import presence, programs
+from rigel_k8s.manifests.preflight.ranges import ranges, room
+
+__all__ = ["findings"]
+
+CHECKS: Sequence[Callable[[Case], Iterator[Finding]]] = (
+    presence,
+    programs,
+    interfaces,
+    ranges,
+    room,
+    buffers,
+    policies,
+)
+
+
+def findings(case: Case) -> list[Finding]:
+    """Return everything that keeps a release's network from working, each once."""
+    return list(dict.fromkeys(finding for check in CHECKS for finding in check(case)))

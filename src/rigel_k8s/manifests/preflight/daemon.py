@@ -1,0 +1,101 @@
+"""The Multus daemon of one machine, and where in its container the machine's files are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import attrs
+
+__all__ = ["Daemon", "daemon", "is_multus"]
+
+Manifest = Mapping[str, Any]
+
+#: Where CNI programs are on machines of a usual kind.
+USUAL = "/opt/cni/bin"
+
+
+@attrs.frozen
+class Daemon:
+    """A pod of Multus, in which a script can look at its machine.
+
+    Attributes:
+        state: why it is not ready, "" where it is.
+        root: where the machine's root directory is mounted, "" where it is not.
+        directories: where in the container the machine's CNI programs are.
+    """
+
+    node: str
+    namespace: str
+    pod: str
+    container: str
+    state: str = ""
+    root: str = ""
+    directories: tuple[str, ...] = ()
+
+
+def is_multus(pod: Manifest) -> bool:
+    """Return whether a pod's spec runs Multus, whoever installed it."""
+    return any("multus" in image for image in _images(pod))
+
+
+def _images(pod: Manifest) -> Iterator[str]:
+    for container in pod.get("containers") or []:
+        yield container.get("image", "").rpartition("@")[0] or container.get("image", "")
+
+
+def daemon(pod: Manifest) -> Daemon:
+    """Return a pod of Multus as something that can be looked through."""
+    spec, meta = pod["spec"], pod["metadata"]
+    container = next(c for c in spec["containers"] if is_multus({"containers": [c]}))
+    paths = {
+        volume["name"]: volume["hostPath"]["path"]
+        for volume in spec.get("volumes") or []
+        if "hostPath" in volume
+    }
+    mounts = {
+        paths[m["name"]]: m["mountPath"]
+        for m in container.get("volumeMounts") or []
+        if m["name"] in paths and not m.get("subPath")
+    }
+    root = mounts.get("/", "")
+    return Daemon(
+        node=spec.get("nodeName", ""),
+        namespace=meta["namespace"],
+        pod=meta["name"],
+        container=container["name"],
+        state=_state(pod),
+        root=root,
+        directories=tuple(_directories(spec, mounts, root)),
+    )
+
+
+def _directories(spec: Manifest, mounts: Mapping[str, str], root: str) -> Iterator[str]:
+    """Yield where the machine's CNI programs are: as our own pods say it, else by what is mounted.
+
+    Of two paths to one directory that below the machine's root is taken: links resolve there.
+    """
+    variables = [v for c in spec["containers"] for v in c.get("env") or []]
+    said = [v["value"] for v in variables if v["name"] == "BIN_DIR" and v.get("value")]
+    mounted = [path for path in mounts if path.rstrip("/").endswith(("/bin", "/data/cni"))]
+    for path in said or mounted or [USUAL]:
+        if root:
+            yield root.rstrip("/") + path
+        elif path in mounts:
+            yield mounts[path]
+
+
+def _state(pod: Manifest) -> str:
+    """Return why a pod is not ready, "" where it is."""
+    status = pod.get("status") or {}
+    conditions = {c["type"]: c for c in status.get("conditions") or []}
+    if conditions.get("Ready", {}).get("status") == "True":
+        return ""
+    for one in [
+        *(status.get("initContainerStatuses") or []),
+        *(status.get("containerStatuses") or []),
+    ]:
+        waiting = (one.get("state") or {}).get("waiting") or {}
+        if waiting.get("reason"):
+            return str(waiting["reason"])
+    return str(status.get("phase") or "not ready")

@@ -1,0 +1,46 @@
+"""What preflight tells, and how it words lists."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Literal
+
+import attrs
+
+__all__ = ["INSTALL", "Finding", "by_text", "listed"]
+
+#: What brings Multus, whereabouts and the CNI programs.
+INSTALL = "`network: {install: true}` in the Rigelfile brings it, as does `rigel network install`"
+
+
+@attrs.frozen
+class Finding:
+    """One thing that keeps the network from working, or may.
+
+    Attributes:
+        kind: a short slug, stable for scripts and docs/preflight.md.
+        remedy: what to do next, one line.
+        severity: an error stops the deploy, a warning is told.
+        fault: whether the Rigelfile asks for what cannot be (exit code 2) or the cluster lacks it.
+    """
+
+    kind: str
+    message: str
+    remedy: str
+    severity: Literal["error", "warning"] = "error"
+    fault: Literal["rigelfile", "cluster"] = "cluster"
+
+
+def listed(items: Iterable[object], most: int = 5) -> str:
+    """Return items with commas; of many the first ones and how many more there are."""
+    texts = [str(item) for item in items]
+    more = len(texts) - most
+    return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")
+
+
+def by_text(texts: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return what is said of several machines, once, with the machines that it is said of."""
+    grouped: dict[str, list[str]] = {}
+    for node, text in texts.items():
+        grouped.setdefault(text, []).append(node)
+    return grouped

@@ -1,0 +1,110 @@
+"""Is Multus there, on each machine, with the programs and the kernel that an attachment needs?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rigel_k8s.manifests.preflight.attachments import Attachment
+from rigel_k8s.manifests.preflight.case import Case
+from rigel_k8s.manifests.preflight.finding import INSTALL, Finding, by_text, listed
+
+__all__ = ["presence", "programs"]
+
+
+def presence(case: Case) -> Iterator[Finding]:
+    """Yield where Multus lacks, and attachments that are not there."""
+    if not case.keys:
+        return
+    if not case.view.multus:
+        yield Finding(
+            "multus-missing",
+            "Multus is not installed: the cluster knows no NetworkAttachmentDefinition",
+            INSTALL,
+        )
+        return
+    yield from _daemons(case)
+    known = {*case.view.attachments, *case.own, *case.view.unread}
+    there = listed(sorted(case.view.attachments)) or "none"
+    for key in (key for key in case.keys if key not in known):
+        yield Finding(
+            "attachment-missing",
+            f"there is no NetworkAttachmentDefinition {key} (the cluster has: {there})",
+            "name one that is there in `network.attachment`, as NAMESPACE/NAME, or create it",
+            fault="rigelfile",
+        )
+
+
+def _daemons(case: Case) -> Iterator[Finding]:
+    """Yield the machines without a Multus that answers; those that are off are left alone."""
+    if case.view.daemons is None:
+        return
+    nodes = [node for node in case.nodes() if node in case.ready]
+    lacking = [node for node in nodes if node not in case.view.daemons]
+    if lacking:
+        yield Finding(
+            "multus-not-on-node",
+            f"no Multus daemon runs on {listed(lacking)}, where pods of the release may run",
+            f"{INSTALL}; or keep the pods away from there with `placement`",
+        )
+    for node in nodes:
+        daemon = case.view.daemons.get(node)
+        if daemon and daemon.state:
+            yield Finding(
+                "multus-not-ready",
+                f"the Multus daemon on {node} is not ready: {daemon.state}",
+                f"kubectl -n {daemon.namespace} logs {daemon.pod} -c {daemon.container}",
+            )
+
+
+def programs(case: Case) -> Iterator[Finding]:
+    """Yield CNI programs, and parts of the kernel, that machines lack."""
+    for one in case.attachments:
+        yield from _missing_programs(case, one)
+        yield from _missing_in_kernel(case, one)
+        yield from _dhcp(case, one)
+
+
+def _missing_programs(case: Case, one: Attachment) -> Iterator[Finding]:
+    lacking = {}
+    for node, facts in case.machines(one):
+        if facts.programs:
+            there = frozenset().union(*facts.programs.values())
+            names = [name for name in dict.fromkeys(one.programs) if name not in there]
+            if names:
+                lacking[node] = f"{listed(names)} (looked into {listed(facts.programs)})"
+    for text, nodes in by_text(lacking).items():
+        yield Finding(
+            "program-missing", f"{_have(nodes, 'lacks', 'lack')} CNI programs: {text}", INSTALL
+        )
+
+
+def _missing_in_kernel(case: Case, one: Attachment) -> Iterator[Finding]:
+    nodes = [node for node, facts in case.machines(one) if facts.kernel.get(one.program) is False]
+    if nodes:
+        yield Finding(
+            "kernel",
+            f"the kernel of {listed(nodes)} was built without {one.program}",
+            f"a kernel with CONFIG_{one.program.upper()},"
+            f" or another `network.mode`: {_other(one.program)}",
+        )
+
+
+def _other(program: str) -> str:
+    return "macvlan or peers" if program == "ipvlan" else "ipvlan or peers"
+
+
+def _dhcp(case: Case, one: Attachment) -> Iterator[Finding]:
+    if one.ipam != "dhcp":
+        return
+    nodes = [node for node, facts in case.machines(one) if facts.dhcp is False]
+    if nodes:
+        yield Finding(
+            "dhcp-daemon",
+            f"the daemon of the CNI program dhcp does not run on {listed(nodes)}"
+            " (nobody listens at /run/cni/dhcp.sock)",
+            "run `dhcp daemon` of the CNI plugins on each machine, or `ipam: whereabouts`",
+        )
+
+
+def _have(nodes: list[str], one: str, several: str) -> str:
+    return f"{listed(nodes)} {one if len(nodes) == 1 else several}"

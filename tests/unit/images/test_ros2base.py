@@ -1,4 +1,4 @@
-"""The ROS 2 base image without building it: wheels, overlay, cache, and what of ros2 needs no ROS."""
+"""The ROS 2 base image without building it: wheels, overlay, cache, and `ros2` without ROS."""
 
 from __future__ import annotations
 

@@ -8,20 +8,30 @@ import attrs
 import pytest
 
 from rigel_k8s.localcluster import gobuild
-from rigel_k8s.localcluster.components import COREDNS, GO_BUILDS, KUBERNETES, Components
+from rigel_k8s.localcluster.components import (
+    COREDNS,
+    GO_BUILDS,
+    K3S_KUBELET,
+    KUBERNETES,
+    MULTUS,
+    ON_REQUEST,
+    WHEREABOUTS,
+    Components,
+)
 from rigel_k8s.localcluster.gobuild import GoBuild, Progress, go_version, toolchain
 
+BUILDS = [*GO_BUILDS, *(build for builds in ON_REQUEST.values() for build in builds)]
 
-@pytest.mark.parametrize("build", GO_BUILDS, ids=lambda build: build.name)
+
+@pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
 def test_the_lock_files_pin_the_version(build: GoBuild) -> None:
     """The version that we tell is the one that go.mod requires; go.sum has its hash."""
-    module = build.packages[0].split("/cmd/")[0]
-    required = f"{module} v{build.version}"
+    required = f"{build.module} v{build.version}"
     assert required in (build.lock / "go.mod").read_text()
     assert required in (build.lock / "go.sum").read_text()
 
 
-@pytest.mark.parametrize("build", GO_BUILDS, ids=lambda build: build.name)
+@pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
 def test_the_toolchain_of_pypi_is_new_enough(build: GoBuild) -> None:
     """No go.mod asks for a newer Go than the oldest that we accept."""
     lines = (build.lock / "go.mod").read_text().splitlines()
@@ -38,6 +48,9 @@ def test_what_is_built_changes_where_it_is_kept() -> None:
         attrs.evolve(COREDNS, version="1.15.1"),
         attrs.evolve(COREDNS, tags="x"),
         attrs.evolve(COREDNS, packages=("example.org/x",)),
+        attrs.evolve(COREDNS, renamed={"coredns": "dns"}),
+        attrs.evolve(COREDNS, files={"licence": "LICENSE"}),
+        attrs.evolve(COREDNS, stamps=("x.y=z",)),
     ]
     assert len({build.key() for build in builds}) == len(builds)
 
@@ -47,6 +60,20 @@ def test_kubernetes_tells_its_version() -> None:
     flags = " ".join(KUBERNETES.flags())
     assert "-X k8s.io/component-base/version.gitVersion=v1.34.4" in flags
     assert "-X k8s.io/client-go/pkg/version.gitMinor=34" in flags
+
+
+def test_a_kubelet_of_k3s_says_so_and_is_the_same_program() -> None:
+    """Only the version that it tells differs; it takes the plain one's place."""
+    assert "gitVersion=v1.34.4+k3s1" in " ".join(K3S_KUBELET.flags())
+    assert (K3S_KUBELET.lock, K3S_KUBELET.version) == (KUBERNETES.lock, KUBERNETES.version)
+    assert set(K3S_KUBELET.programs()) == {"kubelet"}
+
+
+def test_programs_have_upstreams_names() -> None:
+    """What is built of a directory `cmd` is called as upstream's build calls it."""
+    assert WHEREABOUTS.program_names[:2] == ["whereabouts", "ip-control-loop"]
+    assert "passthru" in MULTUS.program_names
+    assert WHEREABOUTS.programs()["lib.sh"].endswith("/lib.sh")
 
 
 def fake_go(directory: Path, version: str) -> Path:

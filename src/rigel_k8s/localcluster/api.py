@@ -16,7 +16,7 @@ from rigel_k8s.errors import CommandFailed, LocalClusterError
 from rigel_k8s.localcluster import k3s, kubeconfig
 from rigel_k8s.localcluster.commands import run
 from rigel_k8s.localcluster.components import KUBERNETES_VERSION
-from rigel_k8s.localcluster.layout import Layout
+from rigel_k8s.localcluster.layout import SERVER, Layout
 
 __all__ = [
     "access",
@@ -63,12 +63,12 @@ def admin(layout: Layout) -> Path:
     return layout.kubeconfig("admin", "kubernetes-admin", "system:masters")
 
 
-def access(layout: Layout, context: str) -> dict[str, Any]:
+def access(layout: Layout, context: str, server: str | None = None) -> dict[str, Any]:
     """Return a kubeconfig of the administrator, with the keys inside."""
     admin(layout)
     ca = layout.authority()
     keys = ca.directory / "admin.crt", ca.directory / "admin.key"
-    return kubeconfig.entries(context, layout.server, ca.certificate, *keys)
+    return kubeconfig.entries(context, server or layout.server, ca.certificate, *keys)
 
 
 def kubectl(layout: Layout, *words: str) -> str:
@@ -89,7 +89,7 @@ def node_object(layout: Layout, name: str) -> dict[str, Any]:
     """Return a Node before its kubelet comes; k3s says of itself what it was started with."""
     meta: dict[str, Any] = {"name": name, "labels": {"kubernetes.io/hostname": name}}
     if data_dir := layout.nodes.data_dir:
-        server = name == "node1"
+        server = name == SERVER
         meta["labels"] |= k3s.node_labels(server=server)
         meta["annotations"] = k3s.node_annotations(data_dir, KUBERNETES_VERSION, server=server)
     pods = layout.addresses.pod_range(name)

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from rigel_k8s.localcluster.certificates import Authority, service_account_key
-from rigel_k8s.localcluster.layout import API_PORT, CONTROL_PLANE, Layout
+from rigel_k8s.localcluster.layout import API_PORT, CONTROL_PLANE, SERVER, Layout
 from rigel_k8s.localcluster.machine import Machine
 
 __all__ = ["control_plane"]
@@ -54,6 +54,7 @@ def apiserver(layout: Layout) -> list[str]:
     names += ["kubernetes.default.svc.cluster.local", "localhost"]
     alternatives = [f"DNS:{n}" for n in names]
     alternatives += [f"IP:{ip}" for ip in (address, layout.addresses.api_service, "127.0.0.1")]
+    alternatives.append(f"IP:{layout.address(SERVER)}")
     certificate, key = ca.issue("apiserver", "kube-apiserver", alternatives=alternatives)
     client, client_key = ca.issue("kubelet-client", "kube-apiserver", organization="system:masters")
     front = Authority(layout.pki, "front-proxy-ca")

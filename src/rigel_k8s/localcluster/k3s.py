@@ -13,7 +13,10 @@ from pathlib import Path
 
 from rigel_k8s.localcluster.nodepaths import K3S_DATA
 
-__all__ = ["node_annotations", "node_labels", "release_name", "unpack"]
+__all__ = ["KUBECONFIG", "node_annotations", "node_labels", "release_name", "unpack"]
+
+#: Where a server has the administrator's kubeconfig.
+KUBECONFIG = "/etc/rancher/k3s/k3s.yaml"
 
 #: The CNI programs of k3s; `ptp`, which leads the cluster's pods, has the place of `flannel`.
 PROGRAMS = ("bandwidth", "bridge", "firewall", "host-local", "loopback", "portmap", "ptp")

@@ -15,11 +15,13 @@ from rigel_k8s.localcluster.certificates import Authority
 from rigel_k8s.localcluster.components import Components
 from rigel_k8s.localcluster.nodepaths import NodePaths, plain_paths
 
-__all__ = ["API_PORT", "CONTROL_PLANE", "REGISTRY_PORT", "Layout", "number"]
+__all__ = ["API_PORT", "CONTROL_PLANE", "REGISTRY_PORT", "SERVER", "Layout", "number"]
 
 API_PORT = 6443
 REGISTRY_PORT = 5000
 CONTROL_PLANE = "control-plane"
+#: The node that plays the server where nodes are like k3s'.
+SERVER = "node1"
 
 #: Each machine's number is the last part of its address.
 CONTROL_PLANE_NUMBER = 2

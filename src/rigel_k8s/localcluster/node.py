@@ -6,7 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
-from rigel_k8s.localcluster import components, k3s
+from rigel_k8s.localcluster import k3snode
 from rigel_k8s.localcluster.containerd import configure_containerd
 from rigel_k8s.localcluster.layout import Layout
 from rigel_k8s.localcluster.machine import Machine
@@ -62,6 +62,7 @@ def setup(layout: Layout, directory: Path) -> list[str]:
         "target=$(readlink -m /etc/resolv.conf)",
         'case "$target" in /run/*) mkdir -p "${target%/*}"; : >"$target";; esac',
         f'[ ! -e "$target" ] || mount --bind "{directory}/resolv.conf" "$target"',
+        *k3snode.setup(layout, directory.name),
     ]
 
 
@@ -166,11 +167,9 @@ def configure_cni(layout: Layout, directory: Path, mtu: int) -> None:
 
 def install_cni(layout: Layout, directory: Path) -> None:
     """Put the standard CNI programs in place; a node of k3s has those of k3s alone."""
-    programs = layout.components.cni_plugins
     if data_dir := layout.nodes.data_dir:
-        own = layout.nodes.own(directory, data_dir)
-        k3s.unpack(own, data_dir, programs, components.KUBERNETES_VERSION)
+        k3snode.furnish(layout, directory, data_dir)
         return
     place = layout.nodes.own(directory, layout.nodes.cni_programs)
     if not place.exists():
-        shutil.copytree(programs, place)
+        shutil.copytree(layout.components.cni_plugins, place)

@@ -89,7 +89,7 @@ def k3s_paths(data_dir: str) -> NodePaths:
         cni_programs=f"{data_dir}/data/cni",
         containerd=f"{data_dir}/agent/containerd",
         socket="/run/k3s/containerd/containerd.sock",
-        binds={data_dir: "k3s", **BOUND},
+        binds={data_dir: "k3s", "/etc/rancher": "etc-rancher", **BOUND},
         data_dir=data_dir,
     )
 

@@ -232,6 +232,19 @@ def test_its_cni_is_in_the_data_directory_alone(host: Any, ranch: str) -> None:
     assert all(str(path.readlink()).startswith(f"{DATA}/data/") for path in programs.iterdir())
 
 
+def test_its_kubeconfig_works_from_elsewhere(host: Any, ranch: str) -> None:
+    """With the server's address for 127.0.0.1 a laptop uses its k3s.yaml."""
+    path = own(host) / "etc-rancher/k3s/k3s.yaml"
+    assert path.stat().st_mode & 0o777 == 0o600
+    address = host.status(ranch)["nodes"][0]["address"]
+    laptop = host.directory / "laptop.yaml"
+    laptop.write_text(path.read_text().replace("127.0.0.1", address))
+    kubectl = components.obtain(print).program("kubectl")
+    nodes = host.run(kubectl, f"--kubeconfig={laptop}", "get", "nodes", "-o", "name")
+    assert nodes == "node/node1\n"
+    assert f"https://{address}:6443" in laptop.read_text()
+
+
 def test_pods_start_after_an_upgrade(host: Any, ranch: str) -> None:
     """New links, the old release gone: pods start; a program of somebody else is still there."""
     theirs = own(host) / "k3s/data/cni/theirs"

@@ -17,6 +17,7 @@ __all__ = [
     "CYCLONE_FILE",
     "FASTDDS_FILE",
     "FILES_PATH",
+    "PARTICIPANTS",
     "UDP_ONLY",
     "cyclone_config",
     "cyclone_variables",
@@ -36,6 +37,9 @@ CYCLONE_FILE = "cyclonedds.xml"
 ADDRESS = "@ADDRESS@"
 #: Fast DDS without shared memory, where no profile names its transports.
 UDP_ONLY: Mapping[str, dict[str, Any]] = {"FASTDDS_BUILTIN_TRANSPORTS": {"value": "UDPv4"}}
+
+#: How many participants of one address Fast DDS looks for; a program has one.
+PARTICIPANTS = 4
 
 #: The variable that names Fast DDS' profiles: that of 2.x, which 3.x warns about, and that of 3.x.
 OLD_VARIABLE, NEW_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"

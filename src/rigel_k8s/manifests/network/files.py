@@ -14,7 +14,15 @@ from rigel_k8s.manifests.network.dds import FILES_PATH
 from rigel_k8s.manifests.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.manifests.workloads import Surroundings, config_map
 
-__all__ = ["SCRIPT", "around", "as_they_are", "files_config", "interface_script", "made_at_start"]
+__all__ = [
+    "SCRIPT",
+    "around",
+    "as_they_are",
+    "config_name",
+    "files_config",
+    "interface_script",
+    "made_at_start",
+]
 
 Object = dict[str, Any]
 

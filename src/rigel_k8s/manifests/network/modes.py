@@ -9,6 +9,13 @@ import attrs
 from rigel_k8s.manifests.network.attachments import attached_objects, attached_wiring
 from rigel_k8s.manifests.network.machines import host_objects, host_wiring
 from rigel_k8s.manifests.network.options import MIDDLEWARE
+from rigel_k8s.manifests.network.peers import peer_objects, peer_wiring
+from rigel_k8s.manifests.network.servers import (
+    discovery_objects,
+    discovery_wiring,
+    zenoh_objects,
+    zenoh_wiring,
+)
 from rigel_k8s.manifests.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.manifests.pods import Object
 from rigel_k8s.problems import Path
@@ -19,12 +26,18 @@ WIRINGS = {
     "macvlan": attached_wiring,
     "ipvlan": attached_wiring,
     "attachment": attached_wiring,
+    "peers": peer_wiring,
+    "discovery-server": discovery_wiring,
+    "zenoh": zenoh_wiring,
     "host": host_wiring,
 }
 OBJECTS = {
     "macvlan": attached_objects,
     "ipvlan": attached_objects,
     "attachment": attached_objects,
+    "peers": peer_objects,
+    "discovery-server": discovery_objects,
+    "zenoh": zenoh_objects,
     "host": host_objects,
 }
 

@@ -17,6 +17,9 @@ ON_A_WIRE = frozenset({"macvlan", "ipvlan", "attachment", "host"})
 #: Modes over the pod network, where all applications of a cluster could hear each other.
 OVER_PODS = frozenset({"peers", "discovery-server", "zenoh"})
 
+#: What a mode runs on, where there is no choice.
+BOUND = {"discovery-server": "fastdds", "zenoh": "zenoh"}
+
 #: Domains whose ports no Linux gives to anybody else.
 SAFE_DOMAINS = 101
 
@@ -70,7 +73,7 @@ def network_plan(
         options=network,
         ros=ros,
         distro=distro,
-        middleware=middleware_word(middleware),
+        middleware=middleware_word(middleware) or (BOUND.get(network.mode) if network else None),
         domain_id=domain(network, ros, salt),
         pods=tuple(pods),
         addresses=assigned(network, names, given(previous), salt) if network and static else {},

@@ -93,6 +93,7 @@ def down(name: str = DEFAULT_NAME, *, report: Report = lambda _: None) -> bool:
     with working_on(name):
         state = State.load(name)
         if state:
+            state.require_known()
             report(f"Removing cluster {name}")
             removal.remove(state, report)
         return state is not None
@@ -110,6 +111,7 @@ def remembered(name: str, wish: Wish, report: Report) -> State | None:
     state = State.load(name)
     if not state:
         return None
+    state.require_known()
     if state.boot != paths.boot_id():
         report(f"Cluster {name} was lost when this machine restarted; making it anew")
         removal.remove(state, report)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_k8s.localcluster.addresses import Addresses
 from rigel_k8s.localcluster.components import Components
 from rigel_k8s.localcluster.layout import CONTROL_PLANE, Layout
@@ -31,6 +32,7 @@ class State:
         extras: what was asked for besides (`--with`).
         offers: the images that its registry has for it, as nodes name them.
         data_dir: of nodes laid out as k3s does; None where they are plain.
+        newer: what a newer rigel remembers of it and this one knows nothing of.
     """
 
     name: str
@@ -44,6 +46,7 @@ class State:
     extras: list[str] = attrs.field(factory=list)
     offers: list[str] = attrs.field(factory=list)
     data_dir: str | None = None
+    newer: dict[str, Any] = attrs.field(factory=dict)
 
     @property
     def directory(self) -> Path:
@@ -92,7 +95,9 @@ class State:
         self.directory.mkdir(parents=True, exist_ok=True)
         path = self.directory / "cluster.json"
         new = path.with_suffix(".new")
-        new.write_text(json.dumps(attrs.asdict(self), indent=2))
+        content = attrs.asdict(self)
+        content |= content.pop("newer")
+        new.write_text(json.dumps(content, indent=2))
         new.replace(path)
 
     @classmethod
@@ -102,7 +107,22 @@ class State:
         if not path.exists():
             return None
         content = json.loads(path.read_text())
-        return cls(**content | {"components": Components(**content["components"])})
+        content["components"] = Components(**content["components"])
+        newer = {key: content.pop(key) for key in content.keys() - attrs.fields_dict(cls).keys()}
+        return cls(**content, newer=newer)
+
+    def require_known(self) -> None:
+        """Refuse to start or remove what this rigel knows in part only.
+
+        Raises:
+            LocalClusterError: a newer rigel made the cluster.
+        """
+        if self.newer:
+            raise LocalClusterError(
+                f"cluster {self.name} was made by a newer rigel-k8s, which notes of it also"
+                f" {', '.join(sorted(self.newer))}",
+                hint="use that one to start it or to take it down",
+            )
 
 
 def find(name: str) -> State:

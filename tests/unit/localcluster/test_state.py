@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 from pathlib import Path
 
 import pytest
 
 from rigel_k8s.errors import LocalClusterError, UserError
-from rigel_k8s.localcluster import paths, removal
+from rigel_k8s.localcluster import lifecycle, paths, removal
 from rigel_k8s.localcluster.components import Components
 from rigel_k8s.localcluster.state import State, find
+from rigel_k8s.localcluster.wish import Wish
 
 
 @pytest.fixture
@@ -33,6 +35,36 @@ def test_it_is_read_back(place: Path) -> None:
     state("a", furnished=True).save()
     assert State.load("a") == state("a", furnished=True)
     assert paths.names() == ["a", "b"]
+
+
+def test_an_older_file_is_read(place: Path) -> None:
+    """What older versions do not note has its default."""
+    state("a").save()
+    path = place / "clusters/a/cluster.json"
+    content = json.loads(path.read_text())
+    for key in ("extras", "offers", "data_dir", "furnished"):
+        del content[key]
+    path.write_text(json.dumps(content))
+    assert State.load("a") == state("a")
+
+
+def test_a_cluster_of_a_newer_rigel_is_left_alone(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is told instead of started or removed in part; what it notes is kept; others go on."""
+    monkeypatch.setattr(lifecycle, "require_root", lambda: None)
+    monkeypatch.setattr(paths, "LOCKS", place / "locks")
+    state("a").save()
+    path = place / "clusters/a/cluster.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"moons": ["io"]}))
+    before = json.loads(path.read_text())
+    with pytest.raises(LocalClusterError, match=r"made by a newer rigel-k8s.* moons"):
+        lifecycle.down("a")
+    with pytest.raises(LocalClusterError, match="newer"):
+        lifecycle.remembered("a", Wish(), print)
+    find("a").save()
+    assert json.loads(path.read_text()) == before
+    assert find("a").newer == {"moons": ["io"]}
 
 
 def test_an_unknown_cluster_is_told_with_those_that_are_there(place: Path) -> None:

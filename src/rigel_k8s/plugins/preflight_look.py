@@ -96,7 +96,8 @@ class _Eyes:
 
     def taken(self, case: Case) -> Sequence[Taken]:
         """Return which second addresses pods have; asked only where some may collide with ours."""
-        if not any(case.neighbours(one) for one in case.attachments):
+        pairs = [(one, other) for one in case.attachments for other in case.neighbours(one)]
+        if not any(p.program != q.program or q in case.rivals(p) for p, q in pairs):
             return ()
         return self._asked(
             "other pods' second addresses", lambda: list(taken(self._cluster.list("v1", "Pod"))), ()
@@ -115,12 +116,7 @@ class _Eyes:
 
     def _found_daemons(self) -> Mapping[str, Daemon] | None:
         sets = self._cluster.list("apps/v1", "DaemonSet")
-        pods = [
-            pod
-            for one in sets
-            if is_multus(one["spec"]["template"]["spec"])
-            for pod in self._pods_of(one)
-        ]
+        pods = [pod for one in sets if is_multus(one) for pod in self._pods_of(one)]
         return {pod["spec"].get("nodeName", ""): daemon(pod) for pod in pods}
 
     def _pods_of(self, daemon_set: Manifest) -> Iterable[Manifest]:

@@ -25,6 +25,9 @@ __all__ = ["Case", "Pool", "Taken", "View", "addresses_of", "pool", "taken"]
 
 Manifest = Mapping[str, Any]
 
+#: Phases of pods that have given their addresses back.
+ENDED = ("Succeeded", "Failed")
+
 
 @attrs.frozen
 class Taken:
@@ -119,10 +122,7 @@ class Case:
         return sorted(node["metadata"]["name"] for node in fitting)
 
     def neighbours(self, one: Attachment) -> list[Attachment]:
-        """Return the cluster's other attachments on the same interface that may collide with one.
-
-        Two of whereabouts do not: it keeps addresses unique over all of its ranges.
-        """
+        """Return the cluster's other attachments on the same interface."""
         return [
             other
             for other in self.view.attachments.values()
@@ -130,8 +130,14 @@ class Case:
             and one.on_an_interface
             and other.on_an_interface
             and other.master == one.master
-            and (other.program != one.program or not _both_whereabouts(one, other))
         ]
+
+    def rivals(self, one: Attachment) -> list[Attachment]:
+        """Return those of them that may give out its addresses.
+
+        Two of whereabouts do not: it keeps addresses unique over all of its ranges.
+        """
+        return [other for other in self.neighbours(one) if not _both_whereabouts(one, other)]
 
     def machines(self, one: Attachment) -> Iterator[tuple[str, MachineFacts]]:
         """Yield the machines that an attachment's pods may run on, as far as they were seen."""
@@ -202,7 +208,7 @@ def pool(manifest: Manifest) -> Pool | None:
 
 def taken(pods: Sequence[Manifest]) -> Iterator[Taken]:
     """Yield the second addresses that pods have, as Multus tells it on them, or were given."""
-    for pod in pods:
+    for pod in (p for p in pods if (p.get("status") or {}).get("phase") not in ENDED):
         meta, node = pod["metadata"], (pod.get("spec") or {}).get("nodeName", "")
         notes, namespace = meta.get("annotations") or {}, meta["namespace"]
         for key, given in _attached(notes, namespace):

@@ -13,6 +13,8 @@ Manifest = Mapping[str, Any]
 
 #: Where CNI programs are on machines of a usual kind.
 USUAL = "/opt/cni/bin"
+#: What installers call Multus' DaemonSet where its image has a name of one's own.
+NAMES = ("multus", "kube-multus-ds", "rigel-multus")
 
 
 @attrs.frozen
@@ -34,20 +36,21 @@ class Daemon:
     directories: tuple[str, ...] = ()
 
 
-def is_multus(pod: Manifest) -> bool:
-    """Return whether a pod's spec runs Multus, whoever installed it."""
-    return any("multus" in image for image in _images(pod))
+def is_multus(daemon_set: Manifest) -> bool:
+    """Return whether a DaemonSet runs Multus, whoever installed it and whatever its name is."""
+    containers = daemon_set["spec"]["template"]["spec"]["containers"]
+    return daemon_set["metadata"]["name"] in NAMES or any(map(_runs_multus, containers))
 
 
-def _images(pod: Manifest) -> Iterator[str]:
-    for container in pod.get("containers") or []:
-        yield container.get("image", "").rpartition("@")[0] or container.get("image", "")
+def _runs_multus(container: Manifest) -> bool:
+    last = container.get("image", "").partition("@")[0].rpartition("/")[2]
+    return "multus" in last.partition(":")[0]
 
 
 def daemon(pod: Manifest) -> Daemon:
     """Return a pod of Multus as something that can be looked through."""
     spec, meta = pod["spec"], pod["metadata"]
-    container = next(c for c in spec["containers"] if is_multus({"containers": [c]}))
+    container = next(filter(_runs_multus, spec["containers"]), spec["containers"][0])
     paths = {
         volume["name"]: volume["hostPath"]["path"]
         for volume in spec.get("volumes") or []

@@ -17,11 +17,15 @@ OPPOSITE = {"macvlan": "ipvlan", "ipvlan": "macvlan"}
 
 
 def interfaces(case: Case) -> Iterator[Finding]:
-    """Yield what is wrong with the interfaces that attachments sit on."""
+    """Yield what is wrong with the interfaces that attachments, or pods themselves, use."""
+    if case.network.mode == "host" and case.network.interface:
+        seen = {n: f for n, f in case.view.machines.items() if n in case.nodes()}
+        name = case.network.interface
+        yield from _missing({node: (name, facts) for node, facts in seen.items()})
     for one in case.attachments:
         if one.on_an_interface:
             found = {node: (_master(one, facts), facts) for node, facts in case.machines(one)}
-            yield from _missing(one, found)
+            yield from _missing(found)
             there = {n: f.interfaces[m] for n, (m, f) in found.items() if m in f.interfaces}
             yield from _unfit(one, there)
             yield from _carries_other(one, found)
@@ -35,7 +39,7 @@ def _master(one: Attachment, facts: MachineFacts) -> str:
 Found = Mapping[str, tuple[str, MachineFacts]]
 
 
-def _missing(one: Attachment, found: Found) -> Iterator[Finding]:
+def _missing(found: Found) -> Iterator[Finding]:
     nameless = [node for node, (master, _) in found.items() if not master]
     if nameless:
         yield Finding(
@@ -45,15 +49,15 @@ def _missing(one: Attachment, found: Found) -> Iterator[Finding]:
             fault="rigelfile",
         )
     lacking = {
-        node: _usable(facts)
+        node: f"{master} (there: {_usable(facts) or 'none'})"
         for node, (master, facts) in found.items()
         if master and master not in facts.interfaces
     }
-    for there, nodes in by_text(lacking).items():
+    for text, nodes in by_text(lacking).items():
         verb = "has" if len(nodes) == 1 else "have"
         yield Finding(
             "interface-missing",
-            f"{listed(nodes)} {verb} no interface {one.master} (there: {there or 'none'})",
+            f"{listed(nodes)} {verb} no interface {text}",
             "`network.interface` must be there on every machine that pods may run on; `placement`"
             " keeps them away from the others",
             fault="rigelfile",

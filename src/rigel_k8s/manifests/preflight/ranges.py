@@ -119,7 +119,7 @@ def _owners(case: Case) -> dict[Address, str]:
 
 def _other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[Finding]:
     """Yield attachments on the same interface that give out the same addresses unknowingly."""
-    for other in case.neighbours(one):
+    for other in case.rivals(one):
         for theirs in other.ranges:
             if given.overlaps(theirs):
                 yield Finding(
@@ -136,7 +136,7 @@ def _other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[Finding
 def _other_pods(case: Case, one: Attachment) -> Iterator[Finding]:
     """Yield addresses that pods of other attachments on the same interface have."""
     asked, given = case.asked_addresses(one), case.ranges(one)
-    others = {other.key for other in case.neighbours(one)}
+    others = {other.key for other in case.rivals(one)}
     clashing = [
         f"{taken.address} ({taken.pod})"
         for taken in case.view.taken

@@ -13,6 +13,7 @@ from rigel_k8s.localcluster import extras
 from rigel_k8s.localcluster.components import MULTUS, PLUGINS, WHEREABOUTS, Components
 from rigel_k8s.localcluster.extras import extra_images, offered
 from rigel_k8s.localcluster.oci import Image
+from rigel_k8s.manifests import multus
 
 
 @pytest.fixture
@@ -41,6 +42,12 @@ def test_names_are_upstreams(images: dict[str, Image]) -> None:
     assert "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick" in images
     assert "ghcr.io/k8snetworkplumbingwg/whereabouts:v0.9.4" in images
     assert [image.name for image in images.values()] == [n.partition("/")[2] for n in images]
+
+
+def test_what_rigel_installs_is_what_is_offered() -> None:
+    """The images that `network: {install: true}` asks for are those of `--with multus`."""
+    wanted = {multus.MULTUS_IMAGE, multus.WHEREABOUTS_IMAGE, multus.PLUGINS_IMAGE}
+    assert set(offered(["multus"])) == wanted
 
 
 def test_multus_image(images: dict[str, Image]) -> None:

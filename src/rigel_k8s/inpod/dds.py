@@ -3,13 +3,14 @@
 Why: a pod that is ready may be deaf. What a pod's own participant would discover, a stand-in in its
 network does discover; and whose beacons it hears shows which machines' multicast gets through.
 
-    dds.py --domain N [--interface NAME] [--announce] [--beacon TEXT] [--ask ADDRESS[:PORT]]...
-           [--seconds S]
+    dds.py --domain N [--interface NAME] [--announce] [--beacon TEXT] [--ask ADDRESS]...
+           [--server ADDRESS:PORT]... [--router PORT] [--seconds S]
 
 Contract: the first line tells the pod's own state, as soon as it hears; the second line what it
 heard, when a line comes on standard input, and after --seconds (10) in any case.
-Without --interface it takes all but the loopback. --announce: by multicast; --ask: a participant,
-at a domain's first ports without PORT; --beacon: a text for the other stand-ins, ten a second.
+Without --interface it takes all but the loopback. --announce: by multicast; --ask: participants
+at an address, at the domain's first ports; --server: a discovery server; --beacon: a text for the
+other stand-ins, ten a second; --router: connections to a zenoh router's port are told too.
 Exit code 0, 2 for wrong arguments. Python 3.6 and newer, nothing but the standard library.
 """
 
@@ -26,6 +27,7 @@ from dds_standin import StandIn
 
 TICK = 0.1  # seconds between two beacons
 AGAIN = 0.5  # seconds after which who was asked is asked once more: a packet may get lost
+SERVER = 11811  # a discovery server's port where none is given
 FIRST_PORTS = 4  # so many participants of an address are asked, as Fast DDS does
 
 
@@ -35,28 +37,34 @@ class Arguments(object):
     def __init__(self, words):
         """Raise ValueError where they are wrong."""
         self.domain, self.interface, self.seconds = 0, None, 10.0
-        self.announce, self.beacon, self.ask = False, None, []
+        self.announce, self.beacon, self.ask, self.server = False, None, [], []
+        self.router = None
         words = list(words)
         while words:
             word = words.pop(0)
             if word == "--announce":
                 self.announce = True
-            elif word in ("--domain", "--interface", "--seconds", "--beacon", "--ask") and words:
-                self._take(word, words.pop(0))
+            elif word in _VALUES and words:
+                self._take(word[2:], _VALUES[word](words.pop(0)))
             else:
                 raise ValueError("what is %s?" % word)
 
-    def _take(self, word, value):
-        if word == "--domain":
-            self.domain = int(value)
-        elif word == "--interface":
-            self.interface = value
-        elif word == "--seconds":
-            self.seconds = float(value)
-        elif word == "--beacon":
-            self.beacon = value
+    def _take(self, name, value):
+        if name in ("ask", "server"):
+            getattr(self, name).append(value)
         else:
-            self.ask.append(value)
+            setattr(self, name, value)
+
+
+_VALUES = {
+    "--domain": int,
+    "--interface": str,
+    "--seconds": float,
+    "--beacon": str,
+    "--ask": str,
+    "--server": str,
+    "--router": int,
+}
 
 
 class Look(object):
@@ -71,22 +79,22 @@ class Look(object):
         usable = {name: self.interfaces.get(name) for name in wanted}
         self.own = dds_local.participants()
         self.standin = StandIn(arguments.domain, {n: a for n, a in usable.items() if a})
-        self.targets = []
+        ports = [rtps.participant_port(arguments.domain, i) for i in range(FIRST_PORTS)]
+        self.targets = [(a, p) for a in map(resolved, arguments.ask) if a for p in ports]
+        self.servers = {word: address_of(word) for word in arguments.server}
 
     def run(self):
         """Tell what is here, listen until the end, tell what was heard."""
         tell(self.here())
-        self.targets = self._targets()
-        self._ask()
-        asked = again = beaconed = time.time()
+        started = beacon = time.time()
+        rounds = [started, started + AGAIN]
         while time.time() < self.until and not is_enough():
-            now = time.time()
-            if self.arguments.beacon and now >= beaconed:
-                self.standin.beacon(self.arguments.beacon)
-                beaconed = now + TICK
-            if again == asked and now > asked + AGAIN:
-                again = now
+            if rounds and time.time() >= rounds[0]:
+                rounds.pop(0)
                 self._ask()
+            if self.arguments.beacon and time.time() >= beacon:
+                beacon += TICK
+                self.standin.beacon(self.arguments.beacon)
             self.standin.listen(TICK / 2)
         self.standin.close()
         tell(self.heard())
@@ -96,7 +104,12 @@ class Look(object):
         return {
             "interfaces": self.interfaces,
             "participants": [of_process(process) for process in self.own],
+            "routers": self._routers(),
         }
+
+    def _routers(self):
+        port = self.arguments.router
+        return sorted({peer for peer, _ in dds_local.connections(port)}) if port else []
 
     def heard(self):
         """Return what the stand-in has heard."""
@@ -104,16 +117,18 @@ class Look(object):
         return {
             "participants": [dict(one, own=self._is_own(one)) for one in found],
             "beacons": self.standin.beacons,
-            "unknown_names": [name for name, address, _ in self.targets if not address],
+            "servers": {word: word in self.standin.servers for word in self.servers},
             "sent": self.standin.sent,
         }
 
     def _ask(self):
         if self.arguments.announce:
             self.standin.announce()
-        for _, address, port in self.targets:
+        for address, port in self.targets:
+            self.standin.ask(address, port)
+        for word, address in self.servers.items():
             if address:
-                self.standin.ask(address, port)
+                self.standin.ask_server(word, address)
         for process in self.own:
             if process.domain == self.arguments.domain:
                 self._ask_own(process)
@@ -126,16 +141,6 @@ class Look(object):
                 for interface, mine in self.standin.addresses.items():
                     if address in (None, mine):
                         self.standin.ask(mine, found.port, interface)
-
-    def _targets(self):
-        """Return (as given, address or None, port) of everyone to ask."""
-        targets = []
-        for word in self.arguments.ask:
-            name, _, port = word.partition(":")
-            indexes = range(FIRST_PORTS)
-            ports = [rtps.participant_port(self.arguments.domain, i) for i in indexes]
-            targets += [(word, resolved(name), p) for p in ([int(port)] if port else ports)]
-        return targets
 
     def _is_own(self, announced):
         """Whether a participant is this container's: one of its sockets takes what it is sent."""
@@ -153,6 +158,13 @@ def of_process(process):
         "stopped": process.stopped,
         "ports": sorted({s.port for s in process.sockets}),
     }
+
+
+def address_of(server):
+    """Return (address, port) of a discovery server's HOST:PORT, None where it has no address."""
+    name, _, port = server.partition(":")
+    address = resolved(name)
+    return (address, int(port or SERVER)) if address else None
 
 
 def resolved(name):

@@ -24,6 +24,7 @@ class StandIn(object):
     Attributes:
         participants: prefix -> what was announced, with `from`, the addresses that it came from.
         beacons: text -> interface -> how often it was heard.
+        servers: the names of those discovery servers that answered.
         sent: how many packets it has sent.
     """
 
@@ -31,21 +32,31 @@ class StandIn(object):
         """`addresses` is interface -> IPv4 address."""
         self.domain, self.addresses = domain, addresses
         self.prefix = os.urandom(12)
-        self.participants, self.beacons, self.sent = {}, {}, 0
-        self._asked = set()
+        self.participants, self.beacons, self.servers, self.sent = {}, {}, set(), 0
+        self._asked, self._as_client = set(), {}
         self._ears = {_ear(name, domain): name for name in addresses}
         self._mouths = {name: _mouth(name, address) for name, address in addresses.items()}
 
     def announce(self):
         """Tell everybody on the domain's multicast group."""
         for name in self._mouths:
-            self._send(name, self._announcement(name), self._group())
+            self._send(name, self._announcement(name, self.prefix, rtps.UNKNOWN), self._group())
 
     def ask(self, address, port, interface=None):
         """Tell one participant, which may be behind another address (a Service)."""
         self._asked.add((address, port))
         for name in [interface] if interface else self._mouths:
-            self._send(name, self._announcement(name), (address, port))
+            self._send(name, self._announcement(name, self.prefix, rtps.UNKNOWN), (address, port))
+
+    def ask_server(self, name, target):
+        """Tell a discovery server of Fast DDS, under a prefix of its own: so its answer shows.
+
+        It answers with another message than participants do, from another address than it was
+        asked at, where that is a Service's.
+        """
+        prefix, _ = self._as_client.setdefault(name, (os.urandom(12), target))
+        for mouth in self._mouths:
+            self._send(mouth, self._announcement(mouth, prefix, rtps.FAST_DDS), target)
 
     def beacon(self, text):
         """Send a text to all stand-ins of the group."""
@@ -66,9 +77,10 @@ class StandIn(object):
         """Take the announcement back from everybody who may know it."""
         message = rtps.farewell(self.prefix)
         for name, mouth in self._mouths.items():
-            self._send(name, message, self._group())
-            for target in self._asked:
+            for target in [self._group(), *self._asked]:
                 self._send(name, message, target)
+            for prefix, target in self._as_client.values():
+                self._send(name, rtps.farewell(prefix, rtps.FAST_DDS), target)
             mouth.close()
         for ear in self._ears:
             ear.close()
@@ -78,6 +90,8 @@ class StandIn(object):
         if text is not None and ear:
             heard = self.beacons.setdefault(text, {})
             heard[ear] = heard.get(ear, 0) + 1
+        if self._as_client:
+            self._take_answer(rtps.addressee(message))
         for found in rtps.announced(message):
             if found["prefix"] == self.prefix.hex() or found["name"] == NAME or found["leaving"]:
                 continue
@@ -85,11 +99,16 @@ class StandIn(object):
             if source not in known["sources"]:
                 known["sources"].append(source)
 
-    def _announcement(self, name):
+    def _take_answer(self, addressee):
+        for name, (prefix, _) in self._as_client.items():
+            if addressee == prefix:
+                self.servers.add(name)
+
+    def _announcement(self, name, prefix, vendor):
         mouth = self._mouths[name]
         port = mouth.getsockname()[1]
         address = self.addresses[name]
-        return rtps.announcement(self.prefix, self.domain, NAME, address, port, LEASE)
+        return rtps.announcement(prefix, self.domain, NAME, address, port, LEASE, vendor)
 
     def _group(self):
         return rtps.GROUP, rtps.announcement_port(self.domain)

@@ -13,6 +13,7 @@ SPDP_READER, SPDP_WRITER = b"\x00\x01\x00\xc7", b"\x00\x01\x00\xc2"
 PARTICIPANT = b"\x00\x00\x01\xc1"
 VERSION = b"\x02\x03"
 UNKNOWN = b"\x00\x00"  # the vendor of what no vendor made
+FAST_DDS = b"\x01\x0f"  # its discovery server talks with its own kind only
 VENDORS = {
     0x0101: "RTI Connext",
     0x0102: "OpenSplice",
@@ -26,13 +27,19 @@ VENDORS = {
 }
 UDP4 = 1  # a locator's kind
 
-INFO_TS, DATA, BEACON = 0x09, 0x15, 0xE5  # from 0x80 on a submessage is a vendor's own
+INFO_TS, INFO_DST, DATA, BEACON = (
+    0x09,
+    0x0E,
+    0x15,
+    0xE5,
+)  # from 0x80 on a submessage is a vendor's own
 LITTLE, INLINE, WITH_DATA, WITH_KEY = 0x01, 0x02, 0x04, 0x08
 
 PID_LEASE, PID_DOMAIN, PID_VERSION, PID_VENDOR = 0x0002, 0x000F, 0x0015, 0x0016
 PID_USER_DATA, PID_DEFAULT_UNICAST, PID_META_UNICAST = 0x002C, 0x0031, 0x0032
 PID_META_MULTICAST, PID_GUID, PID_ENDPOINTS, PID_NAME = 0x0033, 0x0050, 0x0058, 0x0062
 PID_KEY_HASH, PID_STATUS, PID_SENTINEL = 0x0070, 0x0071, 0x0001
+PID_RELATED, PID_RELATED_FAST_DDS = 0x0083, 0x800F  # the identity of a sample
 
 GONE = b"\x00\x00\x00\x03"  # disposed and unregistered; always big end first
 
@@ -60,19 +67,20 @@ def domain_of(port):
     return domain if 0 <= domain <= 232 else None
 
 
-def announcement(prefix, domain, name, address, port, lease):
+def announcement(prefix, domain, name, address, port, lease, vendor=UNKNOWN):
     """Return the announcement of a participant.
 
     Args:
         prefix: the 12 bytes that tell it from all others.
         address, port: where it takes answers.
         lease: seconds after which others may forget it.
+        vendor: FAST_DDS for one that a discovery server is to answer.
     """
     locator = _locator(address, port)
     text = name.encode() + b"\0"
     parameters = [
         (PID_VERSION, VERSION),
-        (PID_VENDOR, UNKNOWN),
+        (PID_VENDOR, vendor),
         (PID_GUID, prefix + PARTICIPANT),
         (PID_DOMAIN, pack("<I", domain)),
         (PID_META_UNICAST, locator),
@@ -81,20 +89,26 @@ def announcement(prefix, domain, name, address, port, lease):
         (PID_ENDPOINTS, pack("<I", ENDPOINTS)),
         (PID_NAME, pack("<I", len(text)) + text),
     ]
-    return _header(prefix) + _data(LITTLE | WITH_DATA, _serialized(parameters), 1)
+    flags, content = LITTLE | WITH_DATA, _serialized(parameters)
+    if vendor == FAST_DDS:
+        sample = prefix + SPDP_WRITER + pack("<iI", 0, 1)
+        inline = _parameters([(PID_RELATED, sample), (PID_RELATED_FAST_DDS, sample)])
+        flags, content = flags | INLINE, inline + content
+    return _header(prefix, vendor) + _data(flags, content, 1)
 
 
-def farewell(prefix):
+def farewell(prefix, vendor=UNKNOWN):
     """Return the message that takes a participant's announcement back."""
     key = [(PID_GUID, prefix + PARTICIPANT)]
     inline = _parameters([(PID_KEY_HASH, prefix + PARTICIPANT), (PID_STATUS, GONE)])
-    return _header(prefix) + _data(LITTLE | INLINE | WITH_KEY, inline + _serialized(key), 2)
+    data = _data(LITTLE | INLINE | WITH_KEY, inline + _serialized(key), 2)
+    return _header(prefix, vendor) + data
 
 
 def beacon(prefix, text):
     """Return a message that every participant must ignore (8.3.4.1), and that carries a text."""
     body = _padded(text.encode())
-    return _header(prefix) + pack("<BBH", BEACON, LITTLE, len(body)) + body
+    return _header(prefix, UNKNOWN) + pack("<BBH", BEACON, LITTLE, len(body)) + body
 
 
 def beacon_text(message):
@@ -103,6 +117,11 @@ def beacon_text(message):
         if kind == BEACON and message[6:8] == UNKNOWN:
             return body.rstrip(b"\0").decode("utf-8", "replace")
     return None
+
+
+def addressee(message):
+    """Return the prefix of the participant that a message is for, None where it is for anybody."""
+    return next((body for kind, _, body in submessages(message) if kind == INFO_DST), None)
 
 
 def announced(message):
@@ -209,8 +228,8 @@ def _parameter_list(body, at, order):
         at += size
 
 
-def _header(prefix):
-    return b"RTPS" + VERSION + UNKNOWN + prefix
+def _header(prefix, vendor):
+    return b"RTPS" + VERSION + vendor + prefix
 
 
 def _data(flags, content, number):

@@ -32,6 +32,8 @@ PACKAGES = (
     "python-is-python3",
     "python3",
     "python3-numpy",
+    # fastdds of kilted asks for it.
+    "python3-psutil",
     "python3-typing-extensions",
     "python3-yaml",
     # Without it apt takes usrmerge, which drags in 50 MB of Perl.

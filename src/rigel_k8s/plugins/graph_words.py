@@ -1,0 +1,40 @@
+"""A finding about the graph, and lists in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import attrs
+
+__all__ = ["Finding", "listed"]
+
+MOST = 6  # names in a line; who wants all reads `rigel status -o json`
+
+
+@attrs.frozen
+class Finding:
+    """One thing that is wrong, or that could not be found out.
+
+    Attributes:
+        kind: a word for scripts.
+        remedy: what to do, "" where nothing is to be done.
+        pods: whom it is about.
+        error: nodes are kept from each other against what the Rigelfile says.
+    """
+
+    kind: str
+    message: str
+    remedy: str
+    pods: Sequence[str] = ()
+    error: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.message}; {self.remedy}" if self.remedy else self.message
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names in words: a, b and c; a long list is cut."""
+    found = list(names)
+    if len(found) > MOST:
+        return f"{', '.join(found[:MOST])} and {len(found) - MOST} more"
+    return " and ".join(filter(None, [", ".join(found[:-1]), *found[-1:]]))

@@ -63,12 +63,17 @@ def create(cluster: str, addresses: Addresses) -> None:
 
 
 def masquerade(cluster: str, block: str) -> None:
-    """Hide the cluster behind the machine for what leaves both."""
+    """Hide the cluster behind the machine for what leaves both.
+
+    Where br_netfilter is at work the rule meets frames between two nodes as well: their multicast
+    would come from the machine, and no node would know the sender.
+    """
     table = f"table ip {table_name(cluster)}"
     run(
         ["nft", f"{table} {{}}; delete {table}; {table} {{ chain out {{"]
         + ["type nat hook postrouting priority srcnat;"]
-        + [f"ip saddr {block} ip daddr != {block} masquerade; }}; }};"]
+        + [f"ip saddr {block} ip daddr != {block} oifname != {bridge_name(cluster)} masquerade;"]
+        + ["}; };"]
     )
 
 

@@ -45,7 +45,8 @@ ATTACHMENT = {
         )
     },
 }
-#: Says its own address to a multicast group on one interface, and prints whom it hears there.
+#: Says its own address to a multicast group on one interface, and prints whom it hears there;
+#: a message whose sender is somebody else is told as such.
 GROUP = """
 import socket, sys, time
 own, others = sys.argv[1], int(sys.argv[2])
@@ -61,7 +62,9 @@ heard, end = set(), time.monotonic() + 5
 while time.monotonic() < end:
     s.sendto(own.encode(), (group, port))
     try:
-        heard.add(s.recv(99).decode())
+        said, sender = s.recvfrom(99)
+        same = sender == (said.decode(), port)
+        heard.add(said.decode() if same else f"{said.decode()} from {sender}")
     except TimeoutError:
         pass
     if others and len(heard) == others and end > time.monotonic() + 0.5:
@@ -132,15 +135,23 @@ def addresses(host: Any, cluster: str, name: str) -> dict[str, str]:
 def heard(host: Any, pods: dict[str, dict[str, str]], interface: str, others: int) -> list[str]:
     """Let all pods speak and listen on an interface at once; return what each heard."""
     found = {text: pid for pid, text in host.processes().items() if "busybox sleep 7" in text}
-    pids = [found[f"busybox sleep 7{node[-1]}77"] for node in pods]
+    places = {
+        f"/proc/{found[f'busybox sleep 7{node[-1]}77']}/ns/net": pod[interface]
+        for node, pod in pods.items()
+    }
+    return conversation(host, places, others)
+
+
+def conversation(host: Any, places: dict[str, str], others: int) -> list[str]:
+    """Let each network namespace speak from its address; return what each heard."""
     speakers = [
         subprocess.Popen(
-            host.command("nsenter", "-t", pid, "-n", sys.executable, "-c", GROUP)
-            + [pods[node][interface], str(others)],
+            host.command("nsenter", f"--net={place}", sys.executable, "-c", GROUP)
+            + [address, str(others)],
             stdout=subprocess.PIPE,
             text=True,
         )
-        for node, pid in zip(pods, pids, strict=True)
+        for place, address in places.items()
     ]
     return [speaker.communicate(timeout=60)[0].strip() for speaker in speakers]
 
@@ -159,6 +170,17 @@ def test_a_running_cluster_gains_what_is_asked_for(host: Any, offering: str) -> 
     assert "Adding" not in host.rigel("up", "--name", offering, "--with", "multus")
     assert host.status(offering)["offers"] == offers
     assert host.status(offering)["extras"] == ["multus"]
+
+
+def test_nodes_hear_each_others_multicast(host: Any, plain: str) -> None:
+    """On the segment itself, and from its sender's own address and port."""
+    nodes = {node["name"]: node["address"] for node in host.status(plain)["nodes"]}
+    places = {f"/run/netns/rigel-{plain}-{name}": address for name, address in nodes.items()}
+    expected = [
+        " ".join(other for other in nodes.values() if other != address)
+        for address in nodes.values()
+    ]
+    assert conversation(host, places, 2) == expected
 
 
 def test_the_nodes_have_the_standard_cni_programs(host: Any, offering: str) -> None:

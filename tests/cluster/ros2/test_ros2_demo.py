@@ -1,0 +1,133 @@
+"""Canonical's talkers and listener on real ROS 2, over a second network: what is promised of them.
+
+The pod network of the local cluster carries no multicast between pods: what arrives came over net1,
+and a test takes net1 down to see it.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+
+pytestmark = pytest.mark.cluster
+
+TALKERS = {"talker_1", "talker_2"}
+
+
+@pytest.fixture(scope="module")
+def demo(project: Callable[..., Any], ros2_image: str, multus: None) -> Any:
+    """The example as it is, after `rigel run sequence demo` has gone through once."""
+    made = project("ros2-talker-listener", ros2_image)
+    made("run", "sequence", "demo")
+    return made
+
+
+def test_both_talkers_are_heard_from_other_machines(demo: Any) -> None:
+    """One ROS node a pod, one container a pod, three machines; both names in the listener's log."""
+    assert set(demo.pods()) == {"talker-1", "talker-2", "listener"}
+    assert len(set(demo.machines().values())) == 3
+    assert all(len(pod["spec"]["containers"]) == 1 for pod in demo.pods().values())
+    demo.until(lambda: demo.talkers() == TALKERS, "messages of both")
+
+
+def test_each_pod_has_an_address_of_its_own_on_net1(demo: Any) -> None:
+    """From the subnet that the Rigelfile names."""
+    found = demo.net1()
+    assert set(found) == set(demo.pods())
+    assert len(set(found.values())) == 3
+    assert all(address.startswith("192.168.140.") for address in found.values())
+
+
+def test_delivery_is_checked_not_assumed(demo: Any) -> None:
+    """A nonce made now comes back from both talkers; the job alone can be run again."""
+    told = demo("run", "job", "check-2")
+    assert re.search(r"10 messages, \d+ to \d+, arrived from talker_2", told.stdout + told.stderr)
+
+
+def test_kubectl_follows_the_listener_by_its_label(demo: Any) -> None:
+    """`kubectl logs --follow -l app=ros-listener`, as the note has it that the demo comes from."""
+    status = [sys.executable, "-m", "rigel_k8s", "cluster", "status", "-o", "json", "--name"]
+    asked = [*status, demo.context.removeprefix("rigel-")]
+    told = subprocess.run(asked, capture_output=True, text=True, check=False)
+    if told.returncode:
+        pytest.skip("no local cluster, which would bring kubectl along")
+    kubectl = [json.loads(told.stdout)["kubectl"], "--context", demo.context, "-n", demo.space]
+    words = ["logs", "--follow", "--tail=0", "-l", "app=ros-listener"]
+    follow = subprocess.Popen([*kubectl, *words], stdout=subprocess.PIPE, text=True)
+    assert follow.stdout
+    with follow, follow.stdout as lines:
+        text = "".join(lines.readline() for _ in range(20))
+        follow.kill()
+    assert set(re.findall(r"I heard hello world from (\w+):", text)) == TALKERS
+
+
+def test_ros_tools_see_the_whole_graph(demo: Any) -> None:
+    """`rigel exec` has ROS set up: all three nodes are seen from one of them."""
+    nodes = demo("exec", "listener", "--", "ros2", "node", "list").stdout.split()
+    assert set(nodes) == {"/talker_1", "/talker_2", "/listener"}
+    told = demo("exec", "talker_1", "--", "ros2", "topic", "info", "/chatter").stdout
+    assert "Publisher count: 2" in told
+
+
+def test_a_listener_without_net1_is_deaf(demo: Any) -> None:
+    """Messages come over net1 and nowhere else; with net1 they come again."""
+    demo.until(lambda: demo.talkers() == TALKERS, "messages of both")
+    demo.link("listener", "net1", "down")
+    try:
+        time.sleep(1)
+        last = demo.heard()[-1]
+        time.sleep(4)
+        assert demo.heard()[-1] == last, "something arrived without net1"
+    finally:
+        demo.link("listener", "net1", "up")
+    demo.until(lambda: demo.talkers() == TALKERS, "messages of both")
+
+
+def test_a_rescheduled_talker_is_heard_again_with_its_old_address(demo: Any) -> None:
+    """Another pod, the same address on net1, as `ipam: static` promises."""
+    before, address = demo.pods()["talker-1"]["metadata"], demo.net1()["talker-1"]
+    demo.cluster.delete(ObjectRef("v1", "Pod", demo.space, before["name"]))
+    demo.until(lambda: demo.net1().get("talker-1"), "new pod with net1")
+    assert demo.pods()["talker-1"]["metadata"]["uid"] != before["uid"]
+    assert demo.net1()["talker-1"] == address
+    demo("run", "job", "check-1")
+
+
+def test_nothing_changes_when_nothing_changed(demo: Any) -> None:
+    """A second deploy writes nothing: the same pods, an empty diff."""
+    before = {name: pod["metadata"]["uid"] for name, pod in demo.pods().items()}
+    assert demo("diff", "deploy", "--exit-code", check=False).returncode == 0
+    demo("run", "job", "deploy")
+    assert {name: pod["metadata"]["uid"] for name, pod in demo.pods().items()} == before
+
+
+def test_the_update_replaces_the_talkers_alone(demo: Any) -> None:
+    """A new content under the same tag is another digest; addresses stay, messages flow."""
+    before, addresses = demo.pods(), demo.net1()
+    demo("run", "sequence", "update")
+    after = demo.pods()
+    changed = {n for n in after if after[n]["metadata"]["uid"] != before[n]["metadata"]["uid"]}
+    assert changed == {"talker-1", "talker-2"}
+    assert demo.net1() == addresses
+    assert "VERSION=2" in demo("exec", "talker_1", "--", "env").stdout.splitlines()
+
+
+def test_down_leaves_nothing(demo: Any) -> None:
+    """No workload, attachment, ConfigMap or Lease of the release stays."""
+    demo("down")
+    kinds = [("apps/v1", "Deployment"), ("v1", "Service"), ("v1", "Secret")]
+    kinds += [("coordination.k8s.io/v1", "Lease")]
+    kinds += [("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition")]
+    left = [o for api, kind in kinds for o in demo.cluster.list(api, kind, demo.space)]
+    assert left == []
+    maps = [o["metadata"]["name"] for o in demo.cluster.list("v1", "ConfigMap", demo.space)]
+    assert maps == ["kube-root-ca.crt"]

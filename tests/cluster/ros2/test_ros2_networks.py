@@ -1,0 +1,115 @@
+"""The examples with another network, or none; with many nodes; with a machine that leaves."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.cluster
+
+TALKERS = {"talker_1", "talker_2"}
+Make = Callable[..., Any]
+
+
+def lan(subnet: str) -> dict[str, Any]:
+    return {"mode": "macvlan", "interface": "eth0", "subnet": subnet, "ipam": "static"}
+
+
+def test_without_a_network_it_is_deaf_and_that_is_told(project: Make, ros2_image: str) -> None:
+    """The same Rigelfile less one key: all pods are Ready, none is heard; rigel says so."""
+    plain = project("ros2-talker-listener", ros2_image, lambda options: options.pop("network"))
+    done = plain("run", "sequence", "demo", check=False)
+    told = done.stdout + done.stderr
+    assert done.returncode == 1  # by the delivery check
+    assert "0 of 10 messages of talker_1 to listener arrived" in told
+    warning = next(line for line in told.splitlines() if "hear" in line)
+    assert "network" in told
+    assert warning
+    assert plain.heard() == []
+
+
+def test_twenty_nodes_on_three_machines_hear_each_other(
+    project: Make, ros2_image: str, multus: None
+) -> None:
+    """Each of 19 talkers is heard, and a talker knows all twenty."""
+    talkers = {f"talker_{n:02}" for n in range(19)}
+
+    def change(options: dict[str, Any]) -> None:
+        nodes = options["nodes"]
+        one = {**nodes["talker_1"], "parameters": {"rate": 1.0}}
+        listener = {**nodes["listener"], "placement": {}}
+        options["nodes"] = {**dict.fromkeys(sorted(talkers), one), "listener": listener}
+        options["network"] = lan("192.168.142.0/24")
+
+    many = project("ros2-talker-listener", ros2_image, change)
+    for job in ("build-talker", "build-listener", "deploy"):
+        many("run", "job", job)
+    assert len(set(many.machines().values())) == 3
+    many.until(lambda: many.talkers(since=5) == talkers, "message of every talker")
+    words = ["exec", "talker_07", "--", "ros2", "node", "list", "--spin-time", "6"]
+    assert set(many(*words).stdout.split()) == {f"/{name}" for name in talkers | {"listener"}}
+
+
+def test_ros_1_over_a_second_network(project: Make, base_image: str, multus: None) -> None:
+    """The master too is on net1: its nodes tell each other addresses of net1, nothing else."""
+    ros1 = project(
+        "ros1-talker-listener",
+        base_image,
+        lambda options: options.update(network=lan("192.168.143.0/24")),
+    )
+    ros1("run", "sequence", "demo")
+    net1 = ros1.net1()
+    assert set(net1) == {"ros-master", "talker", "listener"}
+    assert told_hosts(ros1) == {net1["talker"], net1["listener"]}
+    master = ros1("exec", "talker", "--", "printenv", "ROS_MASTER_URI").stdout
+    assert net1["ros-master"] in master
+
+
+def test_ros_1_over_the_machines_own_network(project: Make, base_image: str) -> None:
+    """Nodes tell each other the machines' addresses."""
+    ros1 = project(
+        "ros1-talker-listener", base_image, lambda options: options.update(network="host")
+    )
+    ros1("run", "sequence", "demo")
+    pods = ros1.pods()
+    expected = {pods[name]["status"]["hostIP"] for name in ("talker", "listener")}
+    assert len(expected) == 2
+    assert told_hosts(ros1) == expected
+
+
+def told_hosts(ros1: Any) -> set[str]:
+    """Return the hosts that ROS 1's nodes of /chatter have told each other."""
+    told = ros1("exec", "talker", "--", "rostopic", "info", "/chatter").stdout
+    return set(re.findall(r"http://([\d.]+):", told))
+
+
+def test_a_machine_that_leaves_takes_only_its_own_node_along(own_cluster: Make) -> None:
+    """The other talker is heard on; the machine back, its talker is too, with its old address."""
+    demo = own_cluster("ros2-talker-listener")
+    demo("run", "sequence", "demo")
+    addresses, machine = demo.net1(), demo.machines()["talker-2"]
+    lose("t-ros2", machine)
+    demo.until(lambda: demo.talkers() == {"talker_1"}, "end of talker_2 alone")
+    number = demo.heard(since=2)[-1][1]
+    demo.until(lambda: demo.heard(since=2)[-1][1] > number + 20, "further messages of talker_1")
+    demo.rigel("cluster", "up", "--name", "t-ros2")
+    demo.until(lambda: demo.talkers() == TALKERS, "messages of both", seconds=120)
+    assert demo.net1() == addresses
+
+
+def lose(cluster: str, machine: str) -> None:
+    """End a machine of a local cluster at once, with all that runs on it."""
+    script = f"/clusters/{cluster}/{machine}/init.sh"
+    found = [
+        int(entry.name)
+        for entry in Path("/proc").glob("[0-9]*")
+        if script in (entry / "cmdline").read_bytes().decode(errors="replace")
+    ]
+    assert found, f"{machine} does not run"
+    os.kill(min(found), signal.SIGKILL)  # `unshare --kill-child` takes the rest along

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.manifests.network.options import Network
+from rigel_k8s.manifests.network.plan import network_of
 from rigel_k8s.manifests.preflight.attachments import KIND, attachment
 from rigel_k8s.manifests.preflight.case import Case
 from rigel_k8s.manifests.preflight.checks import findings
@@ -56,9 +57,8 @@ def examine(
     objects: Iterable[Mapping[str, Any]], network: Network | str | None, cluster: Cluster
 ) -> list[Finding]:
     """Return everything that keeps a release's network from working, or may."""
-    if isinstance(network, str):
-        network = Network(mode=network)  # type: ignore[arg-type]  # the structurer has checked it
-    if network is None or network.mode not in LOOKED_AT:
+    options = network_of(network)
+    if options is None or options.mode not in LOOKED_AT:
         return []
     manifests = list(objects)
     pods = list(wanted(manifests))
@@ -68,7 +68,7 @@ def examine(
 
     brought = (attachment(item) for item in manifests if item.get("kind") == KIND)
     own = {one.key: one for one in brought}
-    case, unseen = look(Case(network, pods, own), cluster)
+    case, unseen = look(Case(options, pods, own), cluster)
     return [*findings(case), *unseen]
 
 

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import attrs
 
 from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.kube.objects import ObjectRef
 from rigel_k8s.manifests.preflight.attachments import API, KIND, Attachment, attachment
 from rigel_k8s.manifests.preflight.case import Case, Pool, Taken, View, pool, taken
 from rigel_k8s.manifests.preflight.daemon import Daemon, daemon, is_multus
-from rigel_k8s.manifests.preflight.finding import Finding
+from rigel_k8s.manifests.preflight.finding import Finding, by_text
 from rigel_k8s.manifests.preflight.machine import PROBE, MachineFacts, parse
 from rigel_k8s.plugins.preflight_services import service_ranges
 
@@ -29,6 +30,7 @@ Manifest = Mapping[str, Any]
 
 NOTHING: Sequence[Manifest] = ()
 NO_POOLS: Sequence[Pool] = ()
+FORBIDDEN = 403
 PATIENCE = 10.0  # seconds for the script on one machine, which takes a tenth of one
 
 
@@ -52,7 +54,9 @@ class _Eyes:
         """Return the warning that tells what could not be looked at."""
         if not self._unseen:
             return []
-        parts = "; ".join(f"{what} ({why})" for what, why in self._unseen.items())
+        parts = "; ".join(
+            f"{', '.join(sorted(what))} ({why})" for why, what in by_text(self._unseen).items()
+        )
         return [
             Finding(
                 "unseen",
@@ -107,7 +111,7 @@ class _Eyes:
         try:
             return question()
         except ClusterError as error:
-            self._unseen[what] = error.message
+            self._unseen[what] = _why(error)
             return otherwise
 
     def _daemons(self) -> Mapping[str, Daemon] | None:
@@ -138,7 +142,7 @@ class _Eyes:
         try:
             items = self._cluster.list(API, KIND)
         except ClusterError as error:
-            self._unseen["NetworkAttachmentDefinitions of other namespaces"] = error.message
+            self._unseen["NetworkAttachmentDefinitions of other namespaces"] = _why(error)
             return self._named([key for key in case.keys if key not in case.own])
         return {one.key: one for one in map(attachment, items)}, frozenset()
 
@@ -164,5 +168,10 @@ class _Eyes:
             )
             return parse(done.stdout.decode("utf-8", "replace"))
         except (ClusterError, ValueError) as error:
-            self._unseen[f"interfaces and CNI programs of {one.node}"] = str(error)
+            self._unseen[f"interfaces and CNI programs of {one.node}"] = _why(error)
             return None
+
+
+def _why(error: Exception) -> str:
+    """Return why something could not be seen; of what is forbidden the word is enough."""
+    return "forbidden" if isinstance(error, Refusal) and error.status == FORBIDDEN else str(error)

@@ -29,9 +29,11 @@ echo @links
 for d in /sys/class/net/*; do
   [ -e "$d/flags" ] || continue
   w=- k=- u=
-  read -r f <"$d/flags"; read -r t <"$d/type"; read -r o <"$d/operstate"; read -r m <"$d/mtu"
+  { read -r f <"$d/flags" && read -r t <"$d/type" && read -r o <"$d/operstate" &&
+    read -r m <"$d/mtu"; } 2>/dev/null || continue # a pod's end may take it away meanwhile
   if [ -e "$d/wireless" ] || [ -e "$d/phy80211" ]; then w=wireless; fi
-  while IFS='=' read -r a b; do if [ "$a" = DEVTYPE ]; then k=$b; fi; done <"$d/uevent"
+  while IFS='=' read -r a b; do if [ "$a" = DEVTYPE ]; then k=$b; fi; done \
+    2>/dev/null <"$d/uevent"
   for p in "$d"/upper_*; do if [ -e "$p" ]; then u=$u,${p##*/upper_}; fi; done
   echo "${d##*/} $t $f $o $m $w $k ${u:--}"
 done

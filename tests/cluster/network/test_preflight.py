@@ -1,0 +1,441 @@
+"""Preflight on real machines: what each lacks is found out before anything is applied."""
+
+from __future__ import annotations
+
+import base64
+import json
+import subprocess
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.errors import UserError
+from rigel_k8s.kube import connect
+from rigel_k8s.kube.kubeconfig import load
+from rigel_k8s.manifests.network.modes import network_objects, wiring
+from rigel_k8s.manifests.network.options import Network
+from rigel_k8s.manifests.network.plan import network_plan
+from rigel_k8s.manifests.network.wiring import PodIdentity
+from rigel_k8s.plugins.preflight import check, examine
+from rigel_k8s.plugins.preflight_services import NOBODYS, service_ranges
+from rigel_k8s.settings import Settings
+
+pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("multus")]
+
+SUBNET = "10.202.0.0/24"
+Ask = Callable[..., list[str]]
+
+
+def release(
+    namespace: str, network: Network, *, names: tuple[str, ...] = ("talker",), **spec: Any
+) -> list[dict[str, Any]]:
+    """A release's objects as the network rooms make them."""
+    pods = [PodIdentity(name, "ros:jazzy") for name in names]
+    plan = network_plan(
+        network, namespace=namespace, release="demo", ros="2", distro="jazzy", pods=pods
+    )
+    return [
+        *(item for _, item in network_objects(plan)),
+        *(deployment(plan, p, spec) for p in pods),
+    ]
+
+
+def deployment(plan: Any, pod: PodIdentity, spec: dict[str, Any]) -> dict[str, Any]:
+    wired = wiring(plan, pod)
+    return {
+        "apiVersion": "apps/v1",
+        "kind": "Deployment",
+        "metadata": {"name": pod.name, "namespace": plan.namespace},
+        "spec": {
+            "template": {
+                "metadata": {"labels": {"app": pod.name}, "annotations": dict(wired.annotations)},
+                "spec": {**wired.pod, **spec},
+            }
+        },
+    }
+
+
+@pytest.fixture
+def ask(cluster: Any, namespace: str) -> Ask:
+    """What is found for a network: SEVERITY KIND: MESSAGE."""
+
+    def call(where: str = namespace, **options: Any) -> list[str]:
+        spec = options.pop("spec", {})
+        names = options.pop("names", ("talker",))
+        network = Network(**{"mode": "macvlan", "interface": "eth0", "subnet": SUBNET} | options)
+        found = examine(release(where, network, names=names, **spec), network, cluster)
+        # How large this machine's buffers are is no matter of these tests.
+        return [f"{f.severity} {f.kind}: {f.message}" for f in found if f.kind != "small-buffers"]
+
+    return call
+
+
+@attrs.frozen
+class Machine:
+    """A node of a local cluster, from outside."""
+
+    netns: str
+    pid: str
+
+    def ip(self, *words: str) -> None:
+        subprocess.run(["ip", "-n", self.netns, *words], check=True)
+
+    def inside(self, *words: str) -> list[str]:
+        """Return the command that runs something among the node's files and links."""
+        return ["nsenter", "-t", self.pid, "-m", "-n", *words]
+
+
+@pytest.fixture
+def machines(context: str, lab: Any) -> dict[str, Machine]:
+    """The nodes of a local cluster, whose links and files a test may add to."""
+    name = context.removeprefix("rigel-")
+    found = {}
+    for node in lab.nodes:
+        needle = f"kubelet --config=/var/lib/rigel-k8s/clusters/{name}/{node}/"
+        done = subprocess.run(["pgrep", "-of", needle], check=False, capture_output=True, text=True)
+        if done.returncode:
+            pytest.skip("only a local cluster's machines can be added to")
+        found[node] = Machine(f"rigel-{name}-{node}", done.stdout.strip())
+    if len(found) < 2:
+        pytest.skip("needs two nodes")
+    return found
+
+
+@pytest.fixture
+def link(machines: dict[str, Machine]) -> Iterator[str]:
+    """An Ethernet interface that all machines have but the last one; gone after the test."""
+    name = f"pf{uuid.uuid4().hex[:6]}"
+    having = list(machines.values())[:-1]
+    for one in having:
+        one.ip("link", "add", name, "type", "veth", "peer", "name", f"{name}p")
+        one.ip("link", "set", name, "up")
+        one.ip("link", "set", f"{name}p", "up")
+    yield name
+    for one in having:
+        one.ip("link", "delete", name)
+
+
+def test_all_is_well(ask: Ask) -> None:
+    """Nothing is found on machines where macvlan works; `static` likewise."""
+    assert ask() == []
+    assert ask(ipam="static") == []
+
+
+def test_missing_on_one_machine(ask: Ask, machines: dict[str, Machine], link: str) -> None:
+    """An interface that one of the machines lacks is told with that machine's name, and not where
+    pods are kept away from it."""
+    *others, last = machines
+    assert ask(interface=link) == [
+        f"error interface-missing: {last} has no interface {link} (there: eth0)"
+    ]
+    assert ask(interface=link, spec={"nodeSelector": {"kubernetes.io/hostname": others[0]}}) == []
+
+
+def test_down(ask: Ask, machines: dict[str, Machine], link: str) -> None:
+    """An interface that is switched off, and one whose other end is."""
+    first = next(iter(machines))
+    spec = {"nodeSelector": {"kubernetes.io/hostname": first}}
+    machines[first].ip("link", "set", f"{link}p", "down")
+    assert ask(interface=link, spec=spec) == [
+        f"warning interface-no-carrier: {link} of {first} has no link (lowerlayerdown): is its"
+        " cable plugged in?"
+    ]
+    machines[first].ip("link", "set", link, "down")
+    assert ask(interface=link, spec=spec) == [
+        f"error interface-down: {link} of {first} is down: pods would start and hear nobody"
+    ]
+
+
+def test_a_tunnel(ask: Ask, machines: dict[str, Machine]) -> None:
+    """An interface that is no Ethernet: each machine has one, its loopback."""
+    nodes = ", ".join(machines)
+    assert ask(interface="lo") == [
+        f"error interface-not-ethernet: lo of {nodes} is no Ethernet interface, so it carries no"
+        " macvlan"
+    ]
+
+
+def test_mtu(ask: Ask) -> None:
+    """More than the machines' MTU."""
+    assert [line.partition(":")[0] for line in ask(mtu=65000)] == ["error mtu"]
+
+
+def test_a_kernel_without_ipvlan(ask: Ask, machines: dict[str, Machine]) -> None:
+    """Where the kernel was built without ipvlan, that is told and nothing else."""
+    config = subprocess.run(["zcat", "/proc/config.gz"], check=False, capture_output=True)
+    if b"# CONFIG_IPVLAN is not set" not in config.stdout:
+        pytest.skip("this kernel has ipvlan, or does not tell")
+    assert ask(mode="ipvlan") == [
+        f"error kernel: the kernel of {', '.join(machines)} was built without ipvlan"
+    ]
+
+
+def test_a_program_that_one_machine_has(
+    cluster: Any, namespace: str, machines: dict[str, Machine]
+) -> None:
+    """CNI programs are looked for on each machine, in the directory that its runtime uses."""
+    first, *others = machines
+    program = f"pf-{uuid.uuid4().hex[:6]}"
+    path = f"/opt/cni/bin/{program}"
+    if subprocess.run(machines[first].inside("test", "-d", "/opt/cni/bin"), check=False).returncode:
+        pytest.skip("this cluster keeps its CNI programs elsewhere")
+    network = Network(mode="macvlan", interface="eth0", subnet=SUBNET)
+    objects = release(namespace, network)
+    config = json.loads(objects[0]["spec"]["config"])
+    objects[0]["spec"]["config"] = json.dumps({**config, "type": program})
+    subprocess.run(machines[first].inside("cp", "/opt/cni/bin/macvlan", path), check=True)
+    try:
+        found = [f.message for f in examine(objects, network, cluster)]
+    finally:
+        subprocess.run(machines[first].inside("rm", path), check=True)
+    verb = "lacks" if len(others) == 1 else "lack"
+    assert found[0] == (
+        f"{', '.join(others)} {verb} CNI programs: {program} (looked into /opt/cni/bin)"
+    )
+
+
+def test_the_dhcp_daemon(ask: Ask, machines: dict[str, Machine]) -> None:
+    """`ipam: dhcp` needs a daemon; the machine where it runs is not among those that lack it."""
+    first, *others = machines
+    running = subprocess.run(
+        machines[first].inside("test", "-S", "/run/cni/dhcp.sock"), check=False
+    )
+    if running.returncode == 0:
+        pytest.skip("somebody runs the dhcp daemon")
+    daemon = subprocess.Popen(machines[first].inside("/opt/cni/bin/dhcp", "daemon"))
+    try:
+        lines = until(lambda: [o for o in [ask(ipam="dhcp")] if f"on {', '.join(others)} " in o[0]])
+        assert [line.partition(":")[0] for line in lines[0]] == ["error dhcp-daemon"]
+    finally:
+        daemon.terminate()
+        daemon.wait(10)
+        subprocess.run(machines[first].inside("rm", "-f", "/run/cni/dhcp.sock"), check=True)
+
+
+def until(look: Callable[[], Any]) -> Any:
+    import time
+
+    end = time.monotonic() + 20
+    while not (found := look()):
+        assert time.monotonic() < end, "nothing came"
+        time.sleep(0.3)
+    return found
+
+
+def test_overlapping_the_pods_and_the_services(cluster: Any, ask: Ask) -> None:
+    """The pod network is that of the nodes, the Services' what the cluster says."""
+    node = cluster.nodes()[0]
+    pods = node["spec"]["podCIDR"]
+    assert f"{pods} ({node['metadata']['name']})" in ask(subnet=pods)[0]
+    service = cluster.get(ObjectRef("v1", "Service", "default", "kubernetes"))
+    subnet = service["spec"]["clusterIP"].rpartition(".")[0] + ".0/24"
+    assert [line.partition(":")[0] for line in ask(subnet=subnet)] == ["error service-network"]
+
+
+def test_services_without_their_list(cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cluster that lists no ranges of Services tells its own when a Service asks for a wrong
+    address in a dry run; nothing is created by that."""
+    listed = service_ranges(cluster)
+    monkeypatch.setattr(cluster, "list", lambda *_, **__: [])
+    assert service_ranges(cluster) == listed
+    monkeypatch.undo()
+    services = cluster.list("v1", "Service", "default")
+    assert all(one["spec"].get("clusterIP") != NOBODYS for one in services)
+
+
+def test_on_the_machines_own_subnet(cluster: Any, ask: Ask) -> None:
+    """whereabouts would give out the machines' addresses; from behind them on it would not."""
+    addresses = sorted(
+        one["address"]
+        for node in cluster.nodes()
+        for one in node["status"]["addresses"]
+        if one["type"] == "InternalIP"
+    )
+    subnet = addresses[0].rpartition(".")[0] + ".0/24"
+    told = ask(subnet=subnet)
+    assert [line.partition(":")[0] for line in told] == ["error machine-address"]
+    assert all(address in told[0] for address in addresses)
+    assert ask(subnet=subnet, range_start=subnet.replace(".0/24", ".200")) == []
+
+
+def test_addresses_that_others_hold(lab: Any, ask: Ask) -> None:
+    """Pods of others hold addresses of whereabouts' range: those that are left must be enough."""
+    subnet = "10.202.1.0/29"
+    lab.attachment(subnet)
+    lab.start("holder")
+    five = tuple(f"n{i}" for i in range(5))
+    assert ask(subnet=subnet, names=five) == []
+    assert ask(subnet=subnet, names=(*five, "n5")) == [
+        "error addresses-run-out: 6 pods want an address, and of the 6 from 10.202.1.1 to"
+        f" 10.202.1.6 others have 1: {lab.namespace}/holder"
+    ]
+    seven = ask(subnet=subnet, names=(*five, "n5", "n6"))
+    assert [line.partition(":")[0] for line in seven] == ["error too-few-addresses"]
+
+
+def test_an_address_that_another_pod_has(lab: Any, ask: Ask) -> None:
+    """Static addresses are compared with those that pods of other attachments really have."""
+    lab.attachment("10.202.2.0/24")
+    address = lab.address_of(lab.start("holder"))
+    one = {"range_start": address, "range_end": address}
+    assert ask(subnet="10.202.2.0/24", ipam="static", **one) == [
+        f"error other-attachment: NetworkAttachmentDefinition {lab.namespace}/lan (whereabouts)"
+        f" gives out 10.202.2.1 to 10.202.2.254 on eth0 as well, and knows nothing of {address} to"
+        f" {address} (static)",
+        f"error address-taken: pods would be given addresses that other pods have: {address}"
+        f" ({lab.namespace}/holder)",
+    ]
+
+
+def test_host_local_on_several_machines(ask: Ask, machines: dict[str, Machine]) -> None:
+    """host-local on machines that do not know of each other, unless all pods are on one."""
+    two = ("talker", "listener")
+    told = ask(ipam="host-local", names=two)
+    assert [line.partition(":")[0] for line in told] == ["error host-local"]
+    spec = {"nodeSelector": {"kubernetes.io/hostname": next(iter(machines))}}
+    assert ask(ipam="host-local", names=two, spec=spec) == []
+
+
+def test_an_attachment_that_is_not_there(lab: Any, ask: Ask) -> None:
+    """`mode: attachment` is looked up, in other namespaces too."""
+    missing = ask(mode="attachment", interface=None, subnet=None, attachment="default/no-such")
+    assert missing[0].startswith(
+        "error attachment-missing: there is no NetworkAttachmentDefinition default/no-such (the"
+        " cluster has: "
+    )
+    lab.attachment("10.202.3.0/24")
+    there = f"{lab.namespace}/lan"
+    assert ask(mode="attachment", interface=None, subnet=None, attachment=there) == []
+
+
+def test_a_network_policy(cluster: Any, namespace: str, ask: Ask) -> None:
+    """A NetworkPolicy that selects the pods is told not to cover net1."""
+    cluster.create(
+        {
+            "apiVersion": "networking.k8s.io/v1",
+            "kind": "NetworkPolicy",
+            "metadata": {"name": "deny", "namespace": namespace},
+            "spec": {"podSelector": {}, "policyTypes": ["Ingress"]},
+        }
+    )
+    assert ask() == [
+        "warning network-policy: NetworkPolicy deny selects pods of this release and does not cover"
+        " the second interface"
+    ]
+
+
+def test_all_findings_are_one_error(cluster: Any, namespace: str, said: Any) -> None:
+    """Everything at once with its remedy, and nothing written; exit code 2."""
+    network = Network(
+        mode="macvlan", interface="eth9", subnet=cluster.nodes()[0]["spec"]["podCIDR"]
+    )
+    with pytest.raises(UserError) as raised:
+        check(release(namespace, network), network, cluster, said)
+    assert raised.value.message == "2 things keep the network of this release from working"
+    kinds = [line.rpartition("[")[2] for line in raised.value.details[::2]]
+    assert kinds == ["interface-missing]", "pod-network]"]
+    assert cluster.list("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition", namespace) == []
+
+
+@pytest.fixture
+def as_user(
+    cluster: Any, namespace: str, context: str, tmp_path: Path
+) -> Iterator[Callable[..., Any]]:
+    """Connect as somebody who has some rights only: as_user({"apiGroups": ..., ...}, ...)."""
+    name = f"pf-{uuid.uuid4().hex[:8]}"
+    made: list[Any] = []
+
+    def connected(*rules: dict[str, Any]) -> Any:
+        account = {"kind": "ServiceAccount", "name": name, "namespace": namespace}
+        meta = {"name": name}
+        rbac = "rbac.authorization.k8s.io"
+        for item in (
+            {
+                "apiVersion": "v1",
+                "kind": "ServiceAccount",
+                "metadata": {**meta, "namespace": namespace},
+            },
+            {
+                "apiVersion": f"{rbac}/v1",
+                "kind": "ClusterRole",
+                "metadata": meta,
+                "rules": list(rules),
+            },
+            {
+                "apiVersion": f"{rbac}/v1",
+                "kind": "ClusterRoleBinding",
+                "metadata": meta,
+                "roleRef": {"apiGroup": rbac, "kind": "ClusterRole", "name": name},
+                "subjects": [account],
+            },
+        ):
+            cluster.create(item)
+        made.append(
+            connect(Settings(kubeconfig=_kubeconfig(cluster, namespace, name, context, tmp_path)))
+        )
+        return made[-1]
+
+    yield connected
+    for one in made:
+        one.close()
+    for kind in ("ClusterRole", "ClusterRoleBinding"):
+        cluster.delete(ObjectRef("rbac.authorization.k8s.io/v1", kind, "", name))
+
+
+def _kubeconfig(cluster: Any, namespace: str, name: str, context: str, directory: Path) -> Path:
+    """Write a kubeconfig for a service account."""
+    target = load(context=context)
+    path = f"/api/v1/namespaces/{namespace}/serviceaccounts/{name}/token"
+    request = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenRequest", "spec": {}}
+    answer = cluster.client.call("POST", path, "ask for a token", body=request)
+    authority = base64.b64encode(target.authority.encode()).decode()
+    config = {
+        "clusters": [
+            {
+                "name": "c",
+                "cluster": {"server": target.server, "certificate-authority-data": authority},
+            }
+        ],
+        "users": [{"name": "u", "user": {"token": answer["status"]["token"]}}],
+        "contexts": [{"name": "x", "context": {"cluster": "c", "user": "u"}}],
+        "current-context": "x",
+    }
+    file = directory / "kubeconfig"
+    file.write_text(json.dumps(config), "utf-8")
+    return file
+
+
+def test_who_may_not_look_is_not_kept_from_deploying(
+    namespace: str, as_user: Callable[..., Any], said: Any
+) -> None:
+    """With rights in one's own namespace only, what could not be looked at is one warning."""
+    user = as_user({"apiGroups": [""], "resources": ["configmaps"], "verbs": ["*"]})
+    network = Network(mode="macvlan", interface="no-such", subnet=SUBNET)
+    check(release(namespace, network), network, user, said)
+    (warning,) = said.warnings
+    assert warning == (
+        "before the deploy could not be looked at: Multus' daemons, NetworkAttachmentDefinitions of"
+        " other namespaces, NetworkPolicies, nodes, whereabouts' IPPools (forbidden): what is wrong"
+        " there shows when pods start"
+    )
+
+
+def test_who_may_not_exec_sees_the_rest(
+    namespace: str, as_user: Callable[..., Any], said: Any
+) -> None:
+    """Without the right to exec, machines are not looked at, and what objects tell is found."""
+    seen = ["nodes", "pods", "daemonsets", "network-attachment-definitions", "ippools"]
+    seen += ["networkpolicies", "servicecidrs"]
+    user = as_user({"apiGroups": ["*"], "resources": seen, "verbs": ["get", "list"]})
+    node = user.nodes()[0]
+    network = Network(mode="macvlan", interface="no-such", subnet=node["spec"]["podCIDR"])
+    with pytest.raises(UserError, match=r"\[pod-network\]$"):
+        check(release(namespace, network), network, user, said)
+    (warning,) = said.warnings
+    assert f"interfaces and CNI programs of {node['metadata']['name']}" in warning
+    assert warning.endswith(" (forbidden): what is wrong there shows when pods start")

@@ -52,7 +52,7 @@ def host_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring
     interface = network.interface if plan.ros != "1" else None
     if interface:
         missing = f"{interface} is missing: this machine has no such interface (network.interface)"
-        base = made_at_start(plan, pod, interface, missing, own_machine_id=False)
+        base = made_at_start(plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds"))
     else:
         base = as_they_are(plan) if needs_profile(plan) else Wiring()
     return attrs.evolve(

@@ -10,10 +10,10 @@ from rigel_k8s.manifests.network.addresses import assigned, given
 from rigel_k8s.manifests.network.options import Network
 from rigel_k8s.manifests.network.wiring import NetworkPlan, PodIdentity, Ros
 
-__all__ = ["ON_A_WIRE", "OVER_PODS", "middleware_word", "network_of", "network_plan"]
+__all__ = ["ATTACHED", "OVER_PODS", "middleware_word", "network_of", "network_plan"]
 
-#: Modes whose pods stand on a network that others use too, laptops with domain 0 among them.
-ON_A_WIRE = frozenset({"macvlan", "ipvlan", "attachment", "host"})
+#: Modes with a second interface by Multus.
+ATTACHED = frozenset({"macvlan", "ipvlan", "attachment"})
 #: Modes over the pod network, where all applications of a cluster could hear each other.
 OVER_PODS = frozenset({"peers", "discovery-server", "zenoh"})
 

@@ -31,9 +31,11 @@ __all__ = [
 DISCOVERY_PORT = 11811
 ZENOH_PORT = 7447
 
-#: The id of a server, for commands of the user's own.
-SERVER_ID = "SERVER_ID"
-SERVER = ["fastdds", "discovery", "-i", f"$({SERVER_ID})", "-l", "0.0.0.0", "-p"]
+#: Variables that commands of the user's own may name too: a server's place in the list, its name.
+SERVER_ID, SERVER_NAME = "SERVER_ID", "SERVER_NAME"
+#: A client sends to the address that a server tells of itself, for ever. So it tells its Service's,
+#: which stays; it listens on all of its own whatever it tells.
+SERVER = ["fastdds", "discovery", "-i", f"$({SERVER_ID})", "-l", f"$({SERVER_NAME})", "-p"]
 ROUTER = ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"]
 #: Its own default, [::], ends it on machines without IPv6.
 LISTEN = f'listen/endpoints=["tcp/0.0.0.0:{ZENOH_PORT}"]'
@@ -45,21 +47,21 @@ LISTENS = (
 )
 
 
-def server_names(plan: NetworkPlan, network: Network) -> list[str]:
+def server_names(release: str, network: Network) -> list[str]:
     """Return the names of the mode's servers, each that of a Deployment and of its Service."""
     if network.mode == "zenoh":
-        return [object_name(f"{plan.release}-zenoh")]
+        return [object_name(f"{release}-zenoh")]
     count = int(network.servers or 1)
-    return [object_name(f"{plan.release}-discovery-{index}") for index in range(count)]
+    return [object_name(f"{release}-discovery-{index}") for index in range(count)]
 
 
 def discovery_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
     """Yield the discovery servers and their Services."""
-    for index, name in enumerate(server_names(plan, network)):
+    for index, name in enumerate(server_names(plan.release, network)):
         container = {
             "name": "discovery-server",
             "args": command_line(network, [*SERVER, str(DISCOVERY_PORT)]),
-            "env": variables({**UDP_ONLY, SERVER_ID: {"value": str(index)}}),
+            "env": variables({**UDP_ONLY, **told(index, name)}),
             "ports": [port("discovery", DISCOVERY_PORT, "UDP")],
             **probes({"exec": {"command": ["/bin/sh", "-c", LISTENS]}}),
         }
@@ -69,7 +71,7 @@ def discovery_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 
 def zenoh_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
     """Yield the router and its Service."""
-    [name] = server_names(plan, network)
+    [name] = server_names(plan.release, network)
     container = {
         "name": "zenoh-router",
         "args": command_line(network, ROUTER),
@@ -84,6 +86,11 @@ def zenoh_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 def command_line(network: Network, default: Sequence[str]) -> list[str]:
     """Return what the image's ENTRYPOINT runs."""
     return words(network.command) if network.command else list(default)
+
+
+def told(index: int, name: str) -> dict[str, Object]:
+    """Return what tells a server which one it is."""
+    return {SERVER_ID: {"value": str(index)}, SERVER_NAME: {"value": name}}
 
 
 def variables(sources: dict[str, Object]) -> list[Object]:
@@ -134,7 +141,7 @@ def server_deployment(plan: NetworkPlan, network: Network, name: str, container:
 
 def discovery_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return what makes a pod a client of the discovery servers."""
-    servers = ";".join(f"{name}:{DISCOVERY_PORT}" for name in server_names(plan, network))
+    servers = ";".join(f"{name}:{DISCOVERY_PORT}" for name in server_names(plan.release, network))
     return Wiring(
         env={"ROS_DISCOVERY_SERVER": {"value": servers}, **UDP_ONLY},
         annotations=network_note(plan),
@@ -143,7 +150,7 @@ def discovery_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> W
 
 def zenoh_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return what makes a pod a client of the router, for which it waits as long as it takes."""
-    [router] = server_names(plan, network)
+    [router] = server_names(plan.release, network)
     override = f'mode="client";connect/endpoints=["tcp/{router}:{ZENOH_PORT}"]'
     return Wiring(
         env={

@@ -16,11 +16,37 @@ from rigel_k8s.deploy.prepare import prepared
 from rigel_k8s.deploy.types import Manifest, Plan, ReleaseId, Revision
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import connect
+from rigel_k8s.plugins.graph import survey
+from rigel_k8s.plugins.graph_findings import Graph
 from rigel_k8s.plugins.orchestration import is_partial, prepare
 from rigel_k8s.sequences.job import Reporter
 from rigel_k8s.settings import Settings
 
-__all__ = ["Difference", "Manifests", "diff", "down", "history", "render", "rollback", "status"]
+__all__ = [
+    "Difference",
+    "Manifests",
+    "Status",
+    "diff",
+    "down",
+    "history",
+    "render",
+    "rollback",
+    "status",
+]
+
+
+@attrs.frozen
+class Status:
+    """What of a release runs where; graph: who discovers whom, None without DDS or unasked."""
+
+    release: states.ReleaseStatus
+    graph: Graph | None
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything is ready, and no node is kept from the others."""
+        ready = all(workload.done for workload in self.release.workloads)
+        return ready and not (self.graph and self.graph.errors)
 
 
 @attrs.frozen
@@ -61,15 +87,19 @@ def diff(settings: Settings, job: str | None) -> Difference:
     return Difference(plan, difference(plan), found.warnings)
 
 
-def status(settings: Settings, job: str | None) -> states.ReleaseStatus:
+def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status:
     """Return what of a release runs where.
+
+    Args:
+        graph: look from inside its pods whether DDS nodes discover each other; takes seconds.
 
     Raises:
         UserError: nothing of it is on the cluster.
     """
     found = release(settings, job)
     with found.cluster as cluster:
-        return states.status(cluster, found.id)
+        state = states.status(cluster, found.id)
+        return Status(state, survey(cluster, found.id) if graph else None)
 
 
 def history(settings: Settings, job: str | None) -> Sequence[Revision]:

@@ -85,15 +85,19 @@ def summary(plan: Any) -> str:
 @click.command()
 @job_argument
 @json_option
+@click.option("--no-graph", is_flag=True, help="Do not look whether DDS nodes discover each other.")
 @click.pass_context
-def status(ctx: click.Context, /, job: str | None, output: str) -> int:
-    """Show what runs where, and why something is not ready. Exit code 1 where something is not."""
+def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) -> int:  # noqa: FBT001
+    """Show what runs where, and what is wrong. Exit code 1 where something is."""
     from rigel_k8s.actions import releases
     from rigel_k8s.cli.tables import status_json, status_text
 
-    found = releases.status(settings(ctx), job)
-    print_json(status_json(found)) if output == "json" else click.echo(status_text(found))
-    return 0 if all(workload.done for workload in found.workloads) else 1
+    found = releases.status(settings(ctx), job, graph=not no_graph)
+    if output == "json":
+        print_json(status_json(found.release, found.graph))
+    else:
+        click.echo(status_text(found.release, graph=found.graph))
+    return 0 if found.ok else 1
 
 
 @click.command()

@@ -9,8 +9,10 @@ from typing import Any
 import attrs
 import click
 
+from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
 from rigel_k8s.deploy.status import PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.manifests.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.plugins.graph_findings import Graph
 
 __all__ = ["age", "status_json", "status_text", "table"]
 
@@ -26,13 +28,18 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def status_text(found: ReleaseStatus, now: datetime | None = None) -> str:
-    """Return a release's workloads and pods, and below them why something is not ready."""
+def status_text(
+    found: ReleaseStatus, now: datetime | None = None, graph: Graph | None = None
+) -> str:
+    """Return a release's workloads and pods, and below them why something is not in order."""
     now = now or datetime.now(timezone.utc)
     heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
-    rows = [row for workload in found.workloads for row in rows_of(workload, now)]
+    if graph is not None:
+        heads[5:5] = HEADS
+    rows = [row for workload in found.workloads for row in rows_of(workload, now, graph)]
     parts = [headline(found), table(heads, rows) if rows else "nothing runs"]
-    reasons = "\n".join(click.style(reason, fg="yellow") for reason in reasons_of(found))
+    told = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
+    reasons = "\n".join(click.style(reason, fg="yellow") for reason in told)
     return "\n\n".join(part for part in (*parts, reasons, way_out(found)) if part)
 
 
@@ -46,15 +53,18 @@ def headline(found: ReleaseStatus) -> str:
     return f"{where}, revision {found.revision}{told}"
 
 
-def rows_of(workload: WorkloadStatus, now: datetime) -> Iterator[list[str]]:
+def rows_of(
+    workload: WorkloadStatus, now: datetime, graph: Graph | None = None
+) -> Iterator[list[str]]:
     """Yield a row for each pod of a workload, or one where it has none."""
     ros_name = workload.annotations.get(ROS_NAME_ANNOTATION, "-")
     name = [workload.name, ros_name, f"{workload.ready}/{workload.desired}"]
     for pod in workload.pods:
         on = pod.node or "-"
-        yield [*name, pod.name, on, str(pod.restarts), age(pod.created, now), short(pod.image)]
+        place = [pod.name, on, *(cells(graph, pod.name) if graph is not None else ())]
+        yield [*name, *place, str(pod.restarts), age(pod.created, now), short(pod.image)]
     if not workload.pods:
-        yield [*name, "-", "-", "-", "-", "-"]
+        yield [*name, *["-"] * (5 + (len(HEADS) if graph is not None else 0))]
 
 
 def reasons_of(found: ReleaseStatus) -> Iterator[str]:
@@ -104,7 +114,7 @@ def short(image: str) -> str:
     return f"{name}{at}{digest[:7]}" if at else image or "-"
 
 
-def status_json(found: ReleaseStatus) -> dict[str, Any]:
+def status_json(found: ReleaseStatus, graph: Graph | None = None) -> dict[str, Any]:
     """Return a release as scripts get it (docs/cli.md)."""
     return {
         "release": found.release.name,
@@ -113,6 +123,7 @@ def status_json(found: ReleaseStatus) -> dict[str, Any]:
         "revision_status": found.revision_status,
         "ready": all(workload.done for workload in found.workloads),
         "workloads": [workload_json(workload) for workload in found.workloads],
+        "graph": graph_json(graph),
     }
 
 

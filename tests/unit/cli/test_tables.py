@@ -13,6 +13,8 @@ import rigel_k8s.inpod
 from rigel_k8s.cli.tables import ORPHAN, age, status_json, status_text
 from rigel_k8s.deploy.status import PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.deploy.types import ReleaseId
+from rigel_k8s.plugins.graph_findings import Graph, PodGraph
+from rigel_k8s.plugins.graph_words import Finding
 
 NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
 DIGEST = "sha256:" + "ab" * 32
@@ -54,6 +56,17 @@ LISTENER = WorkloadStatus(
     ),
 )
 WAITING = WorkloadStatus("Deployment", "camera", 0, 1, False, "no pod can be made: quota", ())
+
+
+GRAPH = Graph(
+    (PodGraph("talker-1", "node1", "macvlan", 0, "net1", "10.1.0.5", ("camera-1",), 2),),
+    (("node2", "node1"),),
+    (
+        Finding(
+            "deaf", "multicast from node2 does not reach node1", "look at the switch", error=True
+        ),
+    ),
+)
 
 
 def release(*workloads: WorkloadStatus, revision: int = 3, state: str = "good") -> ReleaseStatus:
@@ -106,6 +119,22 @@ def test_the_probe_still_says_orphan() -> None:
     assert ORPHAN in script
 
 
+def test_graph_in_the_table() -> None:
+    """A release with DDS shows interface, address and in how many pods each node is discovered."""
+    lines = status_text(release(TALKER, WAITING), NOW, GRAPH).splitlines()
+    heads = "NODE    ROS NAME  READY  POD       ON     INTERFACE  ADDRESS   DISCOVERED  RESTARTS"
+    assert lines[2].startswith(heads)
+    assert "node1  net1       10.1.0.5  1/2         0" in lines[3]
+    assert lines[4].split() == ["camera", "-", "0/1", *["-"] * 8]
+    assert "multicast from node2 does not reach node1; look at the switch" in lines[-1]
+    assert status_json(release(TALKER), GRAPH)["graph"] == {
+        "ok": False,
+        "deaf": [{"from": "node2", "to": "node1"}],
+        "findings": [attrs.asdict(GRAPH.findings[0])],
+        "pods": [attrs.asdict(GRAPH.pods[0])],
+    }
+
+
 def test_status_for_scripts() -> None:
     """The shape that docs/cli.md promises."""
     found = status_json(release(TALKER))
@@ -116,6 +145,7 @@ def test_status_for_scripts() -> None:
         "revision": 3,
         "revision_status": "good",
         "ready": True,
+        "graph": None,
     }
     (pod,) = workload.pop("pods")
     assert workload == {

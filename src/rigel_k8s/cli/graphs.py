@@ -1,0 +1,49 @@
+"""A release's DDS graph as columns of the status table, as lines below it, and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import attrs
+
+from rigel_k8s.plugins.graph_findings import Graph, PodGraph
+
+__all__ = ["HEADS", "cells", "graph_json", "graph_lines"]
+
+HEADS = ("INTERFACE", "ADDRESS", "DISCOVERED")
+
+
+def cells(graph: Graph, pod: str) -> list[str]:
+    """Return one pod's cells: its interface, its address, discovered in how many other pods."""
+    row = next((one for one in graph.pods if one.pod == pod), None)
+    if row is None:
+        return ["-"] * len(HEADS)
+    return [row.interface or "all", row.address or "-", discovered(row)]
+
+
+def discovered(row: PodGraph) -> str:
+    """Return in how many of the others a pod was discovered, or over whom it goes."""
+    if row.reaches:
+        return f"over {row.reaches[0]}"
+    if row.discovered_by is None or not row.out_of:
+        return "-"
+    return f"{len(row.discovered_by)}/{row.out_of}"
+
+
+def graph_lines(graph: Graph) -> Iterator[str]:
+    """Yield what is wrong, and what to do."""
+    for finding in graph.findings:
+        yield str(finding)
+
+
+def graph_json(graph: Graph | None) -> dict[str, Any] | None:
+    """Return a graph as scripts get it (docs/graph.md)."""
+    if graph is None:
+        return None
+    return {
+        "ok": not graph.findings,
+        "deaf": [{"from": one, "to": other} for one, other in graph.deaf],
+        "findings": [attrs.asdict(finding) for finding in graph.findings],
+        "pods": [attrs.asdict(pod) for pod in graph.pods],
+    }

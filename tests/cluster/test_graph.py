@@ -1,0 +1,206 @@
+"""The DDS graph of real ROS 2 nodes on a real cluster, as `rigel` looks at it from inside pods."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import RELEASE_LABEL, ObjectRef, ReleaseId
+from rigel_k8s.inpod import scripts
+from rigel_k8s.manifests.naming import NAME_LABEL
+from rigel_k8s.manifests.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.plugins import graph
+from rigel_k8s.plugins.graph_findings import Graph
+
+pytestmark = pytest.mark.cluster
+
+NODE = """
+import rclpy, sys
+rclpy.init()
+rclpy.spin(rclpy.create_node(sys.argv[1]))
+"""
+#: The node as a child: nothing stops a container's process 1.
+SHELL = 'python3 -c "$0" "$1"; true'
+#: Stops the node.
+STOP = """
+import glob, os, signal
+for path in glob.glob("/proc/[0-9]*/cmdline"):
+    words = open(path, "rb").read().split(b"\\0")
+    if words[0].endswith(b"python3") and words[-2] == b"two":
+        os.kill(int(path.split("/")[2]), signal.SIGSTOP)
+"""
+ATTACHMENTS = "k8s.cni.cncf.io/v1"
+
+
+class Reporter:
+    """Keeps what was told."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def line(self, text: str) -> None:
+        self.lines.append(text)
+
+    warn = line
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        self.lines.append(state)
+
+
+class Release:
+    """Pods as a deploy makes them, each on a machine of the test's choice."""
+
+    def __init__(self, cluster: Any, namespace: str, image: str, mode: str) -> None:
+        self.cluster, self.namespace, self.image, self.mode = cluster, namespace, image, mode
+        self.id = ReleaseId(namespace, "graph")
+        self.report = Reporter()
+        self.apply("v1", "ConfigMap", "inpod", data=scripts())
+
+    def apply(self, api_version: str, kind: str, name: str, **rest: Any) -> None:
+        meta = {"name": name, "namespace": self.namespace, **rest.pop("metadata", {})}
+        self.cluster.apply({"apiVersion": api_version, "kind": kind, "metadata": meta, **rest})
+
+    def attachment(self) -> None:
+        """Macvlan on the machines' own interface, addresses by whereabouts."""
+        config = {
+            "cniVersion": "0.3.1",
+            "type": "macvlan",
+            "master": "eth0",
+            "mode": "bridge",
+            "ipam": {"type": "whereabouts", "range": "10.231.0.0/24"},
+        }
+        spec = {"config": json.dumps(config)}
+        self.apply(ATTACHMENTS, "NetworkAttachmentDefinition", "lan", spec=spec)
+
+    def node(self, name: str, machine: str, env: dict[str, str] | None = None) -> None:
+        """Start one ROS 2 node in a pod."""
+        second = self.mode == "macvlan"
+        note = {"mode": self.mode, "domain": 77, "ros": "2", "middleware": "fastdds"}
+        annotations = {NETWORK_ANNOTATION: json.dumps({**note, "interface": "net1"})}
+        annotations["k8s.v1.cni.cncf.io/networks"] = "lan"
+        if not second:
+            annotations = {NETWORK_ANNOTATION: json.dumps(note)}
+        variables = {"ROS_DOMAIN_ID": "77", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", **(env or {})}
+        probe = ["/bin/sh", "/rigel-k8s/ready.sh", "dds", "--domain", variables["ROS_DOMAIN_ID"]]
+        container = {
+            "name": "ros-node",
+            "image": self.image,
+            "args": ["sh", "-c", SHELL, NODE, name.replace("-", "_")],
+            "env": [{"name": k, "value": v} for k, v in variables.items()],
+            "volumeMounts": [{"name": "inpod", "mountPath": "/rigel-k8s"}],
+            "readinessProbe": {
+                "exec": {"command": [*probe, *(["--interface", "net1"] if second else [])]},
+                "periodSeconds": 1,
+                "timeoutSeconds": 5,
+            },
+        }
+        labels = {RELEASE_LABEL: "graph", NAME_LABEL: name}
+        spec = {
+            "nodeName": machine,
+            "terminationGracePeriodSeconds": 0,
+            "containers": [container],
+            "volumes": [{"name": "inpod", "configMap": {"name": "inpod"}}],
+        }
+        metadata = {"labels": labels, "annotations": annotations}
+        self.apply("v1", "Pod", name, metadata=metadata, spec=spec)
+
+    def ready(self, *names: str, seconds: float = 120) -> None:
+        """Wait until pods are ready."""
+        until = time.monotonic() + seconds
+        for name in names:
+            while not self.is_ready(name):
+                assert time.monotonic() < until, f"{name} is not ready"
+                time.sleep(0.2)
+
+    def is_ready(self, name: str) -> bool:
+        pod = self.cluster.get(ObjectRef("v1", "Pod", self.namespace, name))
+        conditions = (pod or {}).get("status", {}).get("conditions", [])
+        return any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
+
+    def look(self) -> Graph:
+        found = graph.survey(self.cluster, self.id)
+        assert found is not None
+        return found
+
+    def check(self) -> None:
+        graph.check(self.id, self.cluster, self.report, threading.Event())
+
+
+@pytest.fixture
+def machines(cluster: Any) -> list[str]:
+    return [str(node["metadata"]["name"]) for node in cluster.nodes()]
+
+
+@pytest.fixture
+def release(cluster: Any, namespace: str, registry: str) -> Callable[[str], Release]:
+    """Make a release in a mode; skipped where the cluster has no Multus."""
+    if not cluster.serves(ATTACHMENTS, "NetworkAttachmentDefinition"):
+        pytest.skip("this cluster has no Multus")
+    return lambda mode: Release(cluster, namespace, f"{registry}/ros:jazzy", mode)
+
+
+def test_macvlan(release: Callable[[str], Release], machines: list[str]):
+    """Over macvlan all nodes discover each other, from machine to machine, at their addresses."""
+    made = release("macvlan")
+    made.attachment()
+    names = [f"node-{i}" for i in range(4)]
+    for i, name in enumerate(names):
+        made.node(name, machines[i % len(machines)])
+    made.ready(*names)
+    found = made.look()
+    assert [str(f) for f in found.findings] == []
+    assert [p.pod for p in found.pods] == names
+    for pod in found.pods:
+        assert pod.discovered_by == tuple(n for n in names if n != pod.pod)
+        assert pod.address.startswith("10.231.0.")
+    made.check()
+    assert "all 4 nodes discover each other" in made.report.lines[-1]
+
+
+def test_pod_network(release: Callable[[str], Release], machines: list[str]):
+    """Without a network key the nodes are deaf to each other, which is told with the way out."""
+    made = release("none")
+    for name, machine in zip(("one", "two"), machines, strict=False):
+        made.node(name, machine)
+    made.ready("one", "two")
+    made.check()
+    told = made.report.lines[-1]
+    assert told.startswith(
+        f"the pods on {machines[0]} and {machines[1]} do not discover each other"
+    )
+    assert "set `network`" in told
+    assert made.look().deaf == tuple(
+        sorted([(machines[0], machines[1]), (machines[1], machines[0])])
+    )
+
+
+def test_wrong_domain(release: Callable[[str], Release], machines: list[str]):
+    """A node in another domain is named, and the domain that it is in."""
+    made = release("macvlan")
+    made.attachment()
+    made.node("one", machines[0])
+    made.node("two", machines[1], env={"ROS_DOMAIN_ID": "5"})
+    made.ready("one", "two")
+    found = made.look()
+    assert [f.kind for f in found.findings] == ["wrong-domain"]
+    assert "two takes part in DDS domain 5 instead of 77" in found.findings[0].message
+
+
+def test_stopped(release: Callable[[str], Release], machines: list[str]):
+    """A node that hangs gets unready, and the graph names its process."""
+    made = release("macvlan")
+    made.attachment()
+    made.node("one", machines[0])
+    made.node("two", machines[1])
+    made.ready("one", "two")
+    made.cluster.run(made.namespace, "two", ["python3", "-c", STOP])
+    until = time.monotonic() + 30
+    while made.is_ready("two"):
+        assert time.monotonic() < until, "still ready"
+        time.sleep(0.2)
+    assert [f.kind for f in made.look().findings] == ["stopped"]

@@ -14,6 +14,7 @@ from rigel_k8s.deploy.types import ReleaseId
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.manifests.application import has_application
+from rigel_k8s.manifests.distros import ros_of
 from rigel_k8s.manifests.pods import MASTER_NAME
 from rigel_k8s.manifests.release import deploys_master
 from rigel_k8s.plugins.orchestration import OrchestrationJob, is_partial, release_of
@@ -84,8 +85,10 @@ def node_names(settings: Settings, job: str | None = None) -> list[str]:
     """Return the keys of a job's nodes, and what else of it runs. Raises as job_of."""
     rigelfile = load(settings, patient=True)
     options = names_of(rigelfile, chosen(rigelfile, settings, job))
+    ros = ros_of(rigelfile.application.distro, options.ros)
     own = [str(options.deployment_name)] if has_application(options) else []
-    return [*map(str, options.nodes), *own, *([MASTER_NAME] if deploys_master(options) else [])]
+    master = [MASTER_NAME] if deploys_master(options, ros) else []
+    return [*map(str, options.nodes), *own, *master]
 
 
 def chosen(rigelfile: Rigelfile, settings: Settings, name: str | None) -> ComponentSpec:

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rigel_k8s.manifests.environment import environment, ros_variables
+from rigel_k8s.manifests.network.wiring import PodIdentity, Wiring
 from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.manifests.overlay import merge
 from rigel_k8s.manifests.placing import remote_selector, tolerations
-from rigel_k8s.manifests.pods import (
-    Object,
-    compact,
-    environment,
-    inpod_volume,
-    probes,
-    stop_hook,
-)
+from rigel_k8s.manifests.pods import Object, compact, probes, stop_hook
 from rigel_k8s.manifests.storage import mount_path, volume_source
 from rigel_k8s.manifests.updating import strategy
-from rigel_k8s.manifests.workloads import Surroundings, deployment, pull_policy
+from rigel_k8s.manifests.workloads import (
+    Surroundings,
+    deployment,
+    pull_policy,
+    readiness_of,
+    ros_volumes,
+)
 
-__all__ = ["APP_CONTAINER", "application_deployment", "has_application", "replaces_container"]
+__all__ = [
+    "APP_CONTAINER",
+    "application_deployment",
+    "application_identity",
+    "containers_of",
+    "has_application",
+    "replaces_container",
+]
 
 APP_CONTAINER = "ros-app"
 
@@ -30,48 +38,75 @@ def has_application(options: OrchestrationOptions) -> bool:
     return bool(options.application_image or options.additional_k8s_params.application)
 
 
-def application_deployment(around: Surroundings, options: OrchestrationOptions) -> Object:
-    """Return the application's Deployment with the user's own parts laid over it."""
+def application_identity(around: Surroundings, options: OrchestrationOptions) -> PodIdentity:
+    """Return what the network knows the application by."""
+    image = str(options.application_image or around.default_image)
+    policy = pull_policy(None, pinned=bool(remote_selector(options.distributed)))
+    return PodIdentity(
+        str(options.deployment_name), image, like=compact({"imagePullPolicy": policy})
+    )
+
+
+def application_deployment(
+    around: Surroundings, options: OrchestrationOptions, wired: Wiring, asked: Sequence[str]
+) -> Object:
+    """Return the application's Deployment with the user's own parts laid over it.
+
+    Args:
+        wired: what the network adds.
+        asked: what the readiness probe asks where the user says nothing.
+    """
     selector = remote_selector(options.distributed)
     volumes = options.persistent_storage.volumes
-    scripts, _ = inpod_volume(around.release)
     params = options.additional_k8s_params.application
-    own = [] if replaces_container(options) else [container(around, options)]
+    seen = [mount for _, mount in ros_volumes(around)]
+    own = [] if replaces_container(options) else [container(around, options, wired, asked, seen)]
     pod = {
+        "initContainers": list(wired.init_containers) if own else [],
         "containers": own,
-        "volumes": [scripts, *(volume_source(volume) for volume in volumes)],
+        "volumes": [
+            *(volume for volume, _ in ros_volumes(around)),
+            *(volume_source(volume) for volume in volumes),
+            *wired.volumes,
+        ],
         "nodeSelector": selector,
         "tolerations": tolerations([], pinned=bool(selector)),
+        **wired.pod,
     }
+    default = {"kubectl.kubernetes.io/default-container": APP_CONTAINER} if own else {}
     made = deployment(
         around,
         str(options.deployment_name),
         pod,
         strategy=strategy(options.rolling_update, anonymous=False),
-        pod_annotations={"kubectl.kubernetes.io/default-container": APP_CONTAINER} if own else {},
+        pod_annotations={**default, **wired.annotations},
     )
     merged: Object = merge(made, params)
     return merged
 
 
-def container(around: Surroundings, options: OrchestrationOptions) -> Object:
+def container(
+    around: Surroundings,
+    options: OrchestrationOptions,
+    wired: Wiring,
+    asked: Sequence[str],
+    ros_mounts: Sequence[Object],
+) -> Object:
     """Return the application's container."""
-    pinned = bool(remote_selector(options.distributed))
-    _, scripts = inpod_volume(around.release)
+    identity = application_identity(around, options)
     mounts = [
         {"name": str(volume.name), "mountPath": mount_path(volume)}
         for volume in options.persistent_storage.volumes
     ]
-    readiness = options.readiness if around.ros1 else options.readiness or "none"
     return compact(
         {
             "name": APP_CONTAINER,
-            "image": str(options.application_image or around.default_image),
-            "imagePullPolicy": pull_policy(None, pinned=pinned),
-            "env": environment(around.master_uri),
-            **probes(readiness),
+            "image": identity.image,
+            **identity.like,
+            "env": environment(ros_variables(around), wired.env),
+            **probes(readiness_of(around, options.readiness), asked),
             "lifecycle": stop_hook(),
-            "volumeMounts": [scripts, *mounts],
+            "volumeMounts": [*ros_mounts, *mounts, *wired.mounts],
         }
     )
 

@@ -7,13 +7,22 @@ nothing is asked for that its last revision may have.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
-from rigel_k8s.manifests.application import has_application
+from rigel_k8s.manifests.application import (
+    APP_CONTAINER,
+    containers_of,
+    has_application,
+    replaces_container,
+)
 from rigel_k8s.manifests.commands import full_name, words
-from rigel_k8s.manifests.distros import is_ros1, meant
+from rigel_k8s.manifests.distros import meant, ros_of
 from rigel_k8s.manifests.naming import object_name
+from rigel_k8s.manifests.network.checks import check_network
+from rigel_k8s.manifests.network.wiring import Ros
 from rigel_k8s.manifests.nodechecks import check_node
+from rigel_k8s.manifests.nodes import NODE_CONTAINER
 from rigel_k8s.manifests.options import OrchestrationOptions, Readiness, RollingUpdate
 from rigel_k8s.manifests.pods import MASTER_NAME
 from rigel_k8s.manifests.release import deploys_master
@@ -22,27 +31,39 @@ from rigel_k8s.problems import Path, Problem
 
 __all__ = ["check"]
 
-SURGE = (
-    "during an update two pods of one ROS name run at once, and the ROS master shuts one of them"
-    " down; Recreate, the default, leaves a gap instead, and only anonymous nodes need neither"
+SURGE: Mapping[str, str] = {
+    "1": "during an update two pods of one ROS name run at once, and the ROS master shuts one of"
+    " them down; Recreate, the default, leaves a gap instead, and only anonymous nodes need"
+    " neither",
+    "2": "during an update two nodes of one name run at once: each message of theirs comes twice,"
+    " and services and actions answer from either; Recreate, the default, leaves a gap instead",
+}
+SIDECARS = (
+    "of ROS 2 and DDS one container is in a pod: each is a participant of its own, and those of one"
+    " pod take each other for processes that share memory, which containers do not; make it one of"
+    " `nodes`, or say allow_sidecars: true where it has nothing to do with DDS"
 )
 
 
 def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     """Yield what is wrong, and what works otherwise than it looks."""
-    yield from check_distro(distro)
-    yield from check_master(options, distro)
-    yield from check_names(options)
+    ros = ros_of(distro, options.ros)
+    if options.ros is None:
+        yield from check_distro(distro)
+    yield from check_master(options, ros)
+    yield from check_network(options, ros, distro)
+    yield from check_names(options, ros)
     yield from check_volumes(options)
     yield from check_readiness(("readiness",), options.readiness)
-    yield from check_update(("rolling_update",), options.rolling_update, anonymous=False)
+    yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
     yield from check_params(options)
+    yield from check_containers(options, ros)
     yield from check_observability(options)
     for key, node in options.nodes.items():
         path = ("nodes", str(key))
         problems = [
-            *check_node(str(key), options),
-            *check_update(("update",), node.update, anonymous=node.anonymous),
+            *check_node(str(key), options, ros),
+            *check_update(("update",), node.update, ros, anonymous=node.anonymous),
             *check_readiness(("readiness",), node.readiness),
             *check_fixed(("patch",), node.patch),
         ]
@@ -58,19 +79,16 @@ def check_distro(distro: str) -> Iterator[Problem]:
         yield Problem((), message, "unknown-distro", severity="warning")
 
 
-def check_master(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
+def check_master(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     """Yield what is wrong with the master: two of them, none, or one of ROS 2."""
+    if ros != "1":
+        yield from check_masterless(options, ros)
+        return
     if options.deploy_ros_master and options.ros_master_uri:
         message = "a master that is there already and one of our own: leave one of the two out"
         yield Problem(("ros_master_uri",), message, "two-masters", at_key=True)
-    if not is_ros1(distro) and deploys_master(options):
-        message = (
-            f"{distro} is ROS 2, which has no master and comes with a later version;"
-            " deploy_ros_master: false deploys its images as plain containers"
-        )
-        yield Problem(("deploy_ros_master",), message, "ros2")
     nowhere = options.deploy_ros_master is False and options.ros_master_uri is None
-    if nowhere and options.nodes and is_ros1(distro):
+    if nowhere and options.nodes:
         message = (
             "no ROS master: each node looks for one in its own container;"
             " give ros_master_uri where there is one"
@@ -78,11 +96,27 @@ def check_master(options: OrchestrationOptions, distro: str) -> Iterator[Problem
         yield Problem(("deploy_ros_master",), message, "no-master", severity="warning")
 
 
-def check_names(options: OrchestrationOptions) -> Iterator[Problem]:
+def check_masterless(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield what asks for a master where there is none."""
+    what = "ROS 2" if ros == "2" else "a plain DDS application"
+    asked = {
+        "deploy_ros_master": options.deploy_ros_master,
+        "ros_master_uri": options.ros_master_uri,
+        "ros_master_image": options.ros_master_image,
+        "additional_k8s_params": options.additional_k8s_params.ros_master,
+    }
+    for key, value in asked.items():
+        if value:
+            path = (key, "ros_master") if key == "additional_k8s_params" else (key,)
+            message = f"{what} has no master: leave it out; nodes find each other by `network`"
+            yield Problem(path, message, "no-master-in-ros2", at_key=True)
+
+
+def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     """Yield names that two things would have: Kubernetes names, and ROS names."""
-    if options.deployment_name == MASTER_NAME:
+    if options.deployment_name == MASTER_NAME and ros == "1":
         yield Problem(("deployment_name",), f'"{MASTER_NAME}" is roscore\'s name', "name-taken")
-    taken = {MASTER_NAME: "roscore"} if deploys_master(options) else {}
+    taken = {MASTER_NAME: "roscore"} if deploys_master(options, ros) else {}
     if has_application(options):
         taken[str(options.deployment_name)] = "the application"
     ros_names: dict[str, list[str]] = defaultdict(list)
@@ -92,7 +126,7 @@ def check_names(options: OrchestrationOptions) -> Iterator[Problem]:
             message = f'"{key}" becomes "{name}" on Kubernetes, which is the name of {taken[name]};'
             yield Problem(path, f"{message} choose another key", "name-taken", at_key=True)
         taken.setdefault(name, f'"{key}"')
-        if not node.anonymous and not node.launch:
+        if ros != "none" and not node.anonymous and not node.launch:
             ros_names[full_name(key, node)].append(str(key))
     for name, keys in ros_names.items():
         for key in keys[1:]:
@@ -112,8 +146,10 @@ def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
         names.add(volume.name)
 
 
-def check_update(path: Path, update: RollingUpdate | None, *, anonymous: bool) -> Iterator[Problem]:
-    """Yield numbers that Kubernetes refuses, and what surge does to ROS 1 nodes."""
+def check_update(
+    path: Path, update: RollingUpdate | None, ros: Ros, *, anonymous: bool
+) -> Iterator[Problem]:
+    """Yield numbers that Kubernetes refuses, and what surge does to nodes of one name."""
     if update is None:
         return
     numbers = {"max_surge": update.max_surge, "max_unavailable": update.max_unavailable}
@@ -126,8 +162,8 @@ def check_update(path: Path, update: RollingUpdate | None, *, anonymous: bool) -
         if {surge, missing} <= {0, "0%"}:
             message = "with max_surge and max_unavailable both 0 no pod could ever be replaced"
             yield Problem(path, message, "bad-update")
-        elif not anonymous:
-            yield Problem(path, SURGE, "surge", severity="warning", at_key=True)
+        elif not anonymous and ros in SURGE:
+            yield Problem(path, SURGE[ros], "surge", severity="warning", at_key=True)
 
 
 def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[Problem]:
@@ -161,6 +197,31 @@ def check_params(options: OrchestrationOptions) -> Iterator[Problem]:
     if options.results and options.nodes and not has_application(options):
         message = "results are copied out of the application, and this job has only `nodes`"
         yield Problem(("results",), message, "no-application", at_key=True)
+
+
+def check_containers(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield pods with more than one container, which DDS does not survive."""
+    if ros == "1" or options.allow_sidecars:
+        return
+    params = options.additional_k8s_params.application
+    own = [] if replaces_container(options) else [APP_CONTAINER]
+    written: list[tuple[Path, Mapping[str, Any], list[str]]] = [
+        (("additional_k8s_params", "application"), params, own),
+        *(
+            (("nodes", str(k), "patch"), n.patch, [NODE_CONTAINER])
+            for k, n in options.nodes.items()
+        ),
+    ]
+    for path, patch, first in written:
+        if extra := beside(containers_of(patch), first):
+            place = (*path, "spec", "template", "spec", "containers")
+            yield Problem(place, f"{extra}: {SIDECARS}", "sidecar", at_key=True)
+
+
+def beside(written: Sequence[Mapping[str, Any]], own: Sequence[str]) -> str:
+    """Return the names of the containers that come to a pod's first one, "" for none."""
+    names = [*own, *(str(c.get("name")) for c in written if c.get("name") not in own)]
+    return ", ".join(names[1:])
 
 
 def check_fixed(path: Path, tree: object) -> Iterator[Problem]:

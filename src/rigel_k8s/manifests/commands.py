@@ -1,4 +1,4 @@
-"""What a container runs: a program with ROS' own arguments, rosrun, roslaunch; parameters.
+"""What a ROS 1 container runs: a program with ROS' own arguments, rosrun, roslaunch; parameters.
 
 An image's ENTRYPOINT sets up ROS, so what runs stands in `args` unless the user wrote `command`.
 """
@@ -18,10 +18,13 @@ from rigel_k8s.manifests.options import NodeOptions
 from rigel_k8s.manifests.overlay import plain
 
 __all__ = [
+    "NO_ROS_ARGUMENTS",
     "PARAMETERS_PATH",
     "Command",
+    "assignments",
     "command_of",
     "full_name",
+    "safe",
     "takes_ros_arguments",
     "text_of",
     "wants_file",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import difflib
 
-__all__ = ["is_ros1", "meant"]
+from rigel_k8s.manifests.network.wiring import Ros
+
+__all__ = ["is_ros1", "meant", "ros_of"]
 
 ROS1 = frozenset(("hydro", "indigo", "jade", "kinetic", "lunar", "melodic", "noetic"))
 
@@ -17,6 +19,11 @@ ROS2 = frozenset(
 def is_ros1(distro: str) -> bool:
     """Return whether a distribution is of ROS 1; one of a user's own is taken for that."""
     return distro.lower() not in ROS2
+
+
+def ros_of(distro: str, told: Ros | None = None) -> Ros:
+    """Return which ROS an application is of: what the Rigelfile says, else that of its distro."""
+    return told or ("1" if is_ros1(distro) else "2")
 
 
 def meant(distro: str) -> str | None:

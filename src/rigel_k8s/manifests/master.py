@@ -9,13 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import attrs
+
 from rigel_k8s.deploy.types import FIRST_ANNOTATION, SINGLETON_ANNOTATION
+from rigel_k8s.manifests.environment import environment, ros_variables
+from rigel_k8s.manifests.network.wiring import Wiring
 from rigel_k8s.manifests.overlay import merge
 from rigel_k8s.manifests.pods import (
     MASTER_NAME,
     MASTER_PORT,
     Object,
-    environment,
+    compact,
     inpod_volume,
     probes,
     stop_hook,
@@ -32,25 +36,36 @@ MASTER_CONTAINER = "ros-master-container"
 ROSCORE = ["roscore", "-w", "10", "-t", "3"]
 
 
-def master_deployment(around: Surroundings, image: str | None, params: Mapping[str, Any]) -> Object:
+def master_deployment(
+    around: Surroundings, image: str, params: Mapping[str, Any], wired: Wiring
+) -> Object:
     """Return roscore's Deployment with the user's own parts laid over it."""
     volume, mount = inpod_volume(around.release)
+    own = attrs.evolve(around, master_uri=f"http://localhost:{MASTER_PORT}")
     container = {
         "name": MASTER_CONTAINER,
-        "image": str(image or around.default_image),
+        "image": image,
         "args": list(ROSCORE),
-        "env": environment(f"http://localhost:{MASTER_PORT}"),
+        "env": environment(ros_variables(own), wired.env),
         "ports": [{"name": "ros", "containerPort": MASTER_PORT}],
-        **probes("ros", kind="master"),
+        **probes("ros", ("master",)),
         "lifecycle": stop_hook(),
-        "volumeMounts": [mount],
+        "volumeMounts": [mount, *wired.mounts],
     }
     made = deployment(
         around,
         MASTER_NAME,
-        {"containers": [container], "volumes": [volume]},
+        compact(
+            {
+                "initContainers": list(wired.init_containers),
+                "containers": [container],
+                "volumes": [volume, *wired.volumes],
+                **wired.pod,
+            }
+        ),
         strategy={"type": "Recreate"},
         annotations={SINGLETON_ANNOTATION: "/rosout", FIRST_ANNOTATION: "true"},
+        pod_annotations=wired.annotations,
     )
     merged: Object = merge(made, params)
     return merged

@@ -5,25 +5,38 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rigel_k8s.manifests.commands import flat, program, takes_ros_arguments, words
+from rigel_k8s.manifests.commands import PARAMETERS_PATH, flat, safe, words
 from rigel_k8s.manifests.mounts import device_of, mount_of, source_count
+from rigel_k8s.manifests.network.wiring import Ros
 from rigel_k8s.manifests.nodes import port_of
 from rigel_k8s.manifests.options import EnvVar, NodeOptions, OrchestrationOptions
+from rigel_k8s.manifests.programs import program, takes_ros_arguments
 from rigel_k8s.manifests.scalars import RosName
 from rigel_k8s.problems import Problem
 
 __all__ = ["check_node"]
 
+#: What two nodes of one name do to each other.
+CLASH: Mapping[str, str] = {
+    "1": "throw each other out",
+    "2": "answer each other's services and parameters",
+}
+#: Labels by which objects are found again.
+RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
+#: What only ROS can read.
+ROS_ONLY = ("name", "namespace", "package", "launch", "parameters", "parameter_files", "remappings")
 
-def check_node(key: str, options: OrchestrationOptions) -> Iterator[Problem]:
+
+def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     """Yield what is wrong with the node of a key."""
     node = options.nodes[key]
     if node.image is None and options.image is None:
         message = f'"{key}" has no image: give it one here, or one for all nodes as `image`'
         yield Problem((), message, "missing-image", at_key=True)
-    yield from check_name(key, node)
-    problems = list(check_command(node))
-    yield from problems or check_appended(node)
+    yield from check_name(key, node, ros)
+    problems = list(check_command(node)) if ros != "none" else list(check_plain(node))
+    yield from problems or check_appended(node, ros)
+    yield from check_labels(node)
     yield from check_env(node)
     yield from check_volumes(node, {str(v.name) for v in options.persistent_storage.volumes})
     yield from check_devices(node)
@@ -31,8 +44,10 @@ def check_node(key: str, options: OrchestrationOptions) -> Iterator[Problem]:
     yield from check_placement(key, node, options.nodes)
 
 
-def check_name(key: str, node: NodeOptions) -> Iterator[Problem]:
+def check_name(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]:
     """Yield why a node cannot be called so, or not be there twice."""
+    if ros == "none":
+        return
     if node.name is None and not node.anonymous and not node.launch:
         try:
             RosName.parse(key)
@@ -43,10 +58,28 @@ def check_name(key: str, node: NodeOptions) -> Iterator[Problem]:
         yield Problem(("name",), message, "conflict", at_key=True)
     if node.replicas is not None and node.replicas > 1 and not node.anonymous:
         message = (
-            f"ROS allows one node of a name, and {node.replicas} pods would throw each other out;"
+            f"ROS allows one node of a name, and {node.replicas} pods would {CLASH[ros]};"
             " say anonymous: true where its name is made at start"
         )
         yield Problem(("replicas",), message, "duplicate-node")
+
+
+def check_plain(node: NodeOptions) -> Iterator[Problem]:
+    """Yield what a plain DDS program would not understand."""
+    for key in ROS_ONLY:
+        if getattr(node, key):
+            message = f"a plain DDS application (ros: none) has no {key}: use args and env"
+            yield Problem((key,), message, "not-ros", at_key=True)
+    for name in ("command", "args"):
+        yield from check_line(name, getattr(node, name))
+
+
+def check_labels(node: NodeOptions) -> Iterator[Problem]:
+    """Yield labels that are not the user's to give."""
+    for key in node.labels:
+        if str(key).startswith(RESERVED):
+            message = f'"{key}" is one of those that objects are found by; choose another name'
+            yield Problem(("labels", str(key)), message, "reserved-label", at_key=True)
 
 
 def check_command(node: NodeOptions) -> Iterator[Problem]:
@@ -82,16 +115,16 @@ def check_line(name: str, line: Any) -> Iterator[Problem]:
             yield Problem((name,), "an empty command line, leave it out instead", "bad-command")
 
 
-def check_appended(node: NodeOptions) -> Iterator[Problem]:
+def check_appended(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
     """Yield parameters and remappings that nobody would read."""
-    for key, name in flat_keys(node.parameters):
+    for key, name in flat_keys(node.parameters) if ros == "1" else ():
         try:
             RosName.parse(name)
         except ValueError as error:
             yield Problem(("parameters", key), str(error), RosName.kind, at_key=True)
     wanted = [k for k in ("parameters", "remappings", "parameter_files") if getattr(node, k)]
     for key in wanted:
-        if reason := unreadable(node, key):
+        if reason := unreadable(node, key, ros):
             yield Problem((key,), reason, "not-appendable", at_key=True)
 
 
@@ -102,24 +135,37 @@ def flat_keys(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield str(key), name
 
 
-def unreadable(node: NodeOptions, key: str) -> str | None:
+def unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
     """Return why a node could not read what the key says, None where it can."""
-    line = program(node)
+    line = program(ros, node)
     if not line:
         return (
             f"{key} cannot be appended to the image's CMD:"
             " say what runs with args, package and executable, or launch"
         )
     if node.launch:
-        if key == "parameter_files":
-            return None
-        where = "launch.args" if key == "parameters" else "the launch file"
-        return f"roslaunch reads no {key} from its command line: write them in {where}"
-    if key == "parameter_files" and node.anonymous:
-        return "the name of an anonymous node is unknown before it starts: use parameters"
-    if key != "parameter_files" and not takes_ros_arguments(line):
+        return unreadable_to_launch(node, key, ros)
+    if ros == "1" and key == "parameter_files":
+        unknown = "the name of an anonymous node is unknown before it starts: use parameters"
+        return unknown if node.anonymous else None
+    if not takes_ros_arguments(ros, line):
         return f"{line[0]} does not pass {key} on to the node: use args with the node's program"
     return None
+
+
+def unreadable_to_launch(node: NodeOptions, key: str, ros: Ros) -> str | None:
+    """Return why a launch file could not read what the key says, None where it can."""
+    if key == "parameter_files":
+        named = any(PARAMETERS_PATH in str(value) for value in node.launch.args.values())  # type: ignore[union-attr]
+        if ros == "1" or named:
+            return None
+        return (
+            "ros2 launch reads no parameter files by itself: name them in launch.args, as"
+            f" {PARAMETERS_PATH}/00-{safe(node.parameter_files[0])}.yaml"
+        )
+    where = "launch.args" if key == "parameters" else "the launch file"
+    tool = "roslaunch" if ros == "1" else "ros2 launch"
+    return f"{tool} reads no {key} from its command line: write them in {where}"
 
 
 def check_env(node: NodeOptions) -> Iterator[Problem]:

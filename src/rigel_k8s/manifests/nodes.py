@@ -9,20 +9,18 @@ from collections.abc import Iterator, Mapping, Sequence
 import attrs
 
 from rigel_k8s.deploy.types import SINGLETON_ANNOTATION
-from rigel_k8s.manifests.commands import PARAMETERS_PATH, Command, command_of, full_name
+from rigel_k8s.manifests.commands import PARAMETERS_PATH, Command, full_name
+from rigel_k8s.manifests.environment import environment, literal, ros_variables
 from rigel_k8s.manifests.mounts import device_resources, mounts
 from rigel_k8s.manifests.naming import NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
+from rigel_k8s.manifests.network.modes import wiring
+from rigel_k8s.manifests.network.readiness import ready_words
+from rigel_k8s.manifests.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.manifests.options import NodeOptions, PortOptions, Resources, Volume
 from rigel_k8s.manifests.overlay import merge, plain
 from rigel_k8s.manifests.placing import affinity, node_selector, tolerations
-from rigel_k8s.manifests.pods import (
-    Object,
-    compact,
-    environment,
-    inpod_volume,
-    probes,
-    stop_hook,
-)
+from rigel_k8s.manifests.pods import Object, compact, probes, stop_hook
+from rigel_k8s.manifests.programs import command_of
 from rigel_k8s.manifests.scalars import Port
 from rigel_k8s.manifests.updating import strategy
 from rigel_k8s.manifests.workloads import (
@@ -30,6 +28,8 @@ from rigel_k8s.manifests.workloads import (
     config_map,
     deployment,
     pull_policy,
+    readiness_of,
+    ros_volumes,
     service,
 )
 
@@ -65,64 +65,107 @@ class Node:
         """Whether it belongs to certain machines."""
         return bool(node_selector(self.options.placement))
 
+    @property
+    def ros_name(self) -> str | None:
+        """The full ROS name, None where it is made at start."""
+        return None if self.options.anonymous else full_name(self.key, self.options)
 
-def node_objects(around: Surroundings, node: Node) -> Iterator[Object]:
+    @property
+    def identity(self) -> PodIdentity:
+        """What the network knows the node by."""
+        replicas = self.options.replicas
+        return PodIdentity(
+            self.name,
+            self.image,
+            self.ros_name,
+            None if replicas is None else int(replicas),
+            like=compact(
+                {
+                    "imagePullPolicy": pull_policy(
+                        self.options.image_pull_policy, pinned=self.pinned
+                    ),
+                    "resources": resources(self.options.resources, {}),
+                }
+            ),
+        )
+
+
+def node_objects(around: Surroundings, node: Node, plan: NetworkPlan) -> Iterator[Object]:
     """Yield a node's objects."""
-    command = command_of(node.key, node.options, node.files)
+    command = command_of(around.ros, node.key, node.options, node.files)
     if command.files:
         yield config_map(around, parameters_config(node), command.files, part_of=node.name)
-    yield node_deployment(around, node, command)
+    yield node_deployment(around, node, command, plan_of(node, plan))
     if node.options.ports:
         yield service(around, node.name, [service_port(port) for port in ports_of(node.options)])
 
 
-def node_deployment(around: Surroundings, node: Node, command: Command) -> Object:
+def plan_of(node: Node, plan: NetworkPlan) -> NetworkPlan:
+    """Return the network as a node has it, which may say itself in which domain it is."""
+    own = literal(node.options.env, "ROS_DOMAIN_ID") if plan.ros == "2" else None
+    return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
+
+
+def node_deployment(
+    around: Surroundings, node: Node, command: Command, plan: NetworkPlan
+) -> Object:
     """Return a node's Deployment with the user's patch laid over it."""
     options = node.options
-    name = full_name(node.key, options)
-    told = {NODE_ANNOTATION: node.key} | ({} if options.anonymous else {ROS_NAME_ANNOTATION: name})
+    name = node.ros_name if around.ros != "none" else None
+    wired = wiring(plan, node.identity)
+    told = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
     made = deployment(
         around,
         node.name,
-        pod_spec(around, node, command),
+        pod_spec(around, node, command, plan, wired),
         strategy=strategy(options.update, anonymous=options.anonymous),
-        replicas=None if options.replicas is None else int(options.replicas),
-        annotations=told | ({} if options.anonymous else {SINGLETON_ANNOTATION: name}),
-        pod_annotations=told | parameters_hash(command),
+        replicas=node.identity.replicas,
+        annotations=told | ({SINGLETON_ANNOTATION: name} if name else {}),
+        pod_annotations={**told, **parameters_hash(command), **wired.annotations},
+        own_labels={str(key): str(value) for key, value in options.labels.items()},
     )
     merged: Object = merge(made, options.patch)
     return merged
 
 
-def pod_spec(around: Surroundings, node: Node, command: Command) -> Object:
+def pod_spec(
+    around: Surroundings, node: Node, command: Command, plan: NetworkPlan, wired: Wiring
+) -> Object:
     """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
     options = node.options
     volumes, seen = mounts(options, node.volumes)
-    for volume, mount in (inpod_volume(around.release), *parameter_volume(node, command)):
+    for volume, mount in (*ros_volumes(around), *parameter_volume(node, command)):
         volumes.append(volume)
         seen.append(mount)
-    return compact(
-        {
-            "containers": [container(around, node, command, seen)],
-            "volumes": volumes,
-            "nodeSelector": node_selector(options.placement),
-            "affinity": affinity(options.placement),
-            "tolerations": tolerations(options.tolerations, pinned=node.pinned),
-            "hostNetwork": options.host_network or None,
-            "dnsPolicy": "ClusterFirstWithHostNet" if options.host_network else None,
-            "runtimeClassName": options.runtime_class and str(options.runtime_class),
-            "serviceAccountName": options.service_account and str(options.service_account),
-            "terminationGracePeriodSeconds": grace_seconds(options),
-        }
-    )
+    made = {
+        "initContainers": list(wired.init_containers),
+        "containers": [container(around, node, command, plan, wired, [*seen, *wired.mounts])],
+        "volumes": [*volumes, *wired.volumes],
+        "nodeSelector": node_selector(options.placement),
+        "affinity": affinity(options.placement),
+        "tolerations": tolerations(options.tolerations, pinned=node.pinned),
+        "hostNetwork": options.host_network or None,
+        "dnsPolicy": "ClusterFirstWithHostNet" if options.host_network else None,
+        "runtimeClassName": options.runtime_class and str(options.runtime_class),
+        "serviceAccountName": options.service_account and str(options.service_account),
+        "terminationGracePeriodSeconds": grace_seconds(options),
+    }
+    return compact(made | dict(wired.pod))
 
 
 def container(
-    around: Surroundings, node: Node, command: Command, volume_mounts: Sequence[Object]
+    around: Surroundings,
+    node: Node,
+    command: Command,
+    plan: NetworkPlan,
+    wired: Wiring,
+    volume_mounts: Sequence[Object],
 ) -> Object:
     """Return the node's one container."""
     options = node.options
-    readiness = options.readiness if around.ros1 else options.readiness or "none"
+    defaults = ros_variables(
+        around, namespace=ros_namespace(node), host_network=options.host_network
+    )
     return compact(
         {
             "name": NODE_CONTAINER,
@@ -130,16 +173,11 @@ def container(
             "imagePullPolicy": pull_policy(options.image_pull_policy, pinned=node.pinned),
             "command": command.command and list(command.command),
             "args": command.args and list(command.args),
-            "env": environment(
-                around.master_uri,
-                options.env,
-                namespace=ros_namespace(node),
-                host_network=options.host_network,
-            ),
+            "env": environment(defaults, wired.env, options.env),
             "ports": [container_port(port) for port in ports_of(options)],
             "resources": resources(options.resources, device_resources(options.devices)),
             "securityContext": plain(options.security_context),
-            **probes(readiness),
+            **probes(readiness_of(around, options.readiness), ready_words(plan)),
             "lifecycle": stop_hook(grace_seconds(options)),
             "volumeMounts": list(volume_mounts),
         }

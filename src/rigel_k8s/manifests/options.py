@@ -230,7 +230,7 @@ class Toleration:
 
 @attrs.frozen(kw_only=True)
 class Launch:
-    """A launch file: roslaunch PACKAGE FILE ARGS."""
+    """A launch file: roslaunch, or ros2 launch, PACKAGE FILE ARGS."""
 
     package: str | None = option("the ROS package; left out: file is a path")
     file: str = needed("the launch file")
@@ -242,14 +242,15 @@ class NodeOptions:
     """One ROS node: a Deployment of one container, called ros-node."""
 
     name: RosName | None = option("its ROS name where it differs from the key")
-    namespace: RosName | None = option("the ROS namespace it lives in (ROS_NAMESPACE)")
+    namespace: RosName | None = option("the ROS namespace it lives in")
     image: ImageRef | None = option("the image (default: the job's `image`)")
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] | None = option("when to pull it")
+    labels: Mapping[LabelKey, LabelValue] = option("labels of the Deployment and its pods", {})
     args: str | list[Scalar] | None = option("what to run, behind the image's ENTRYPOINT")
     command: str | list[Scalar] | None = option("what to run instead of the image's ENTRYPOINT")
-    package: str | None = option("a ROS package: rosrun PACKAGE EXECUTABLE ARGS")
+    package: str | None = option("a ROS package: rosrun (or ros2 run) PACKAGE EXECUTABLE ARGS")
     executable: str | None = option("an executable of `package`")
-    launch: Launch | None = option("a launch file: roslaunch PACKAGE FILE")
+    launch: Launch | None = option("a launch file: roslaunch (or ros2 launch) PACKAGE FILE")
     anonymous: bool = option(
         "its ROS name is made at start: replicas and surge are safe", default=False
     )
@@ -268,8 +269,9 @@ class NodeOptions:
     devices: list[MountPath | Device] = option("devices of the machine", [])
     security_context: Mapping[str, Any] = option("Kubernetes' securityContext of the container", {})
     runtime_class: ObjectName | None = option("runtimeClassName: nvidia, say")
-    readiness: Readiness | Literal["ros", "none"] | None = option(
-        "when it is ready: a command, a file, none, or ros (registered with the master, answers)"
+    readiness: Readiness | Literal["ros", "dds", "none"] | None = option(
+        "when it is ready: a command, a file, none, or ros and dds (ROS 1: registered with the"
+        " master, and answers; ROS 2 and DDS: takes part in its domain, and reads what it is sent)"
     )
     placement: Placement = attrs.field(factory=Placement, metadata={"doc": "where it runs"})
     tolerations: list[Toleration] = option("taints it tolerates", [])
@@ -294,7 +296,7 @@ class OrchestrationOptions:
         ObjectName("rigel-k8s-application"),
     )
     deploy_ros_master: bool | None = option(
-        "deploy roscore as ros-master (default: unless there is a ros_master_uri)"
+        "ROS 1: deploy roscore as ros-master (default: unless there is a ros_master_uri)"
     )
     ros_master_image: ImageRef | None = option("roscore's image (default ros:DISTRO-ros-core)")
     ros_master_uri: RosUri | None = option("a master that is there already, a robot's own")
@@ -318,7 +320,12 @@ class OrchestrationOptions:
     network: Network | Mode | None = option(
         "how pods find each other; a word is short for its `mode`"
     )
-    readiness: Readiness | Literal["ros", "none"] | None = option("when the application is ready")
+    readiness: Readiness | Literal["ros", "dds", "none"] | None = option(
+        "when the application is ready (default: ros; a plain DDS application: none)"
+    )
+    allow_sidecars: bool = option(
+        "allow more than one container in a pod of ROS 2 or DDS", default=False
+    )
     rolling_update: RollingUpdate | None = option("how the application is updated")
     persistent_storage: PersistentStorage = attrs.field(
         factory=PersistentStorage, metadata={"doc": "volumes; the application mounts all of them"}

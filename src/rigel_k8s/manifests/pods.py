@@ -1,26 +1,26 @@
-"""What every pod with ROS in it has: environment, probes, the stop hook, in-pod scripts.
+"""What every pod with ROS in it has: probes, the stop hook, in-pod scripts, a place for logs.
 
 The scripts' contract is docs/in-pod-scripts.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from rigel_k8s.manifests.commands import text_of, words
-from rigel_k8s.manifests.options import EnvVar, Readiness
-from rigel_k8s.manifests.overlay import plain
+from rigel_k8s.manifests.commands import words
+from rigel_k8s.manifests.options import Readiness
 
 __all__ = [
+    "LOG_PATH",
     "MASTER_NAME",
     "MASTER_PORT",
     "MASTER_URI",
     "SCRIPTS_PATH",
     "Object",
     "compact",
-    "environment",
     "inpod_volume",
+    "log_volume",
     "probes",
     "scripts_config",
     "stop_hook",
@@ -29,6 +29,8 @@ __all__ = [
 Object = dict[str, Any]
 
 SCRIPTS_PATH = "/rigel-k8s"
+#: Where ROS 2 writes its log files: rcl wants a directory that every user can write to.
+LOG_PATH = "/rigel-k8s-logs"
 MASTER_NAME = "ros-master"
 MASTER_PORT = 11311
 MASTER_URI = f"http://{MASTER_NAME}:{MASTER_PORT}"
@@ -44,72 +46,25 @@ def compact(fields: Mapping[str, Any]) -> Object:
     return {key: value for key, value in fields.items() if value not in (None, {}, [])}
 
 
-def environment(
-    master_uri: str | None,
-    extra: Mapping[Any, Any] | Sequence[EnvVar] = (),
-    *,
-    namespace: str | None = None,
-    host_network: bool = False,
-) -> list[Object]:
-    """Return the environment of a ROS 1 container; what the user says wins.
-
-    ROS_IP makes a node advertise an address that other pods reach: a pod's name resolves nowhere.
-    The rest makes rospy and roscpp log at once, and sets up ROS in a shell of `kubectl exec`.
-    """
-    address = "status.hostIP" if host_network else "status.podIP"
-    own = dict(entries(extra))
-    env: dict[str, Object] = {
-        "ROS_MASTER_URI": {"value": master_uri},
-        "ROS_IP": {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": address}}},
-        "ROS_NAMESPACE": {"value": namespace},
-        "PYTHONUNBUFFERED": {"value": "1"},
-        "ROSCONSOLE_STDOUT_LINE_BUFFERED": {"value": "1"},
-        "PROMPT_COMMAND": {"value": f". {SCRIPTS_PATH}/rc.sh"},
-    }
-    if "ROS_HOSTNAME" in own:
-        del env["ROS_IP"]  # ROS_HOSTNAME wins in ROS; two would mislead the reader
-    env |= own
-    return [{"name": name, **source} for name, source in env.items() if said(source)]
-
-
-def said(source: Mapping[str, Any]) -> bool:
-    """Return whether a variable has a value at all (the empty text is one)."""
-    return any(value is not None for value in source.values())
-
-
-def entries(extra: Mapping[Any, Any] | Sequence[EnvVar]) -> Iterator[tuple[str, Object]]:
-    """Yield the user's variables, written as a mapping or as Kubernetes writes them."""
-    if isinstance(extra, Mapping):
-        for name, value in extra.items():
-            yield str(name), {"value": text_of(value)}
-        return
-    for item in extra:
-        if item.value_from is not None:
-            yield str(item.name), {"valueFrom": plain(item.value_from)}
-        else:
-            yield str(item.name), {"value": "" if item.value is None else text_of(item.value)}
-
-
 def script(name: str, *arguments: str) -> Object:
     """Return a call of an in-pod script."""
     return {"exec": {"command": ["/bin/sh", f"{SCRIPTS_PATH}/{name}", *arguments]}}
 
 
-def probes(
-    readiness: Readiness | str | None, *, kind: Literal["node", "master"] = "node"
-) -> Object:
+def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
     """Return a container's probes: one that sees the start at once, a rare one afterwards.
 
     Args:
-        readiness: a command or file of the user's, "none", or "ros" and None for ROS' own.
-        kind: what the ROS probe asks.
+        readiness: a command or file of the user's, "none", or a word and None for ROS' own.
+        asked: what the in-pod script is asked then.
     """
     if readiness == "none":
         return {}
     own = readiness if isinstance(readiness, Readiness) else Readiness()
     if own.command is None and own.file is None:
-        start = {**script("ready.sh", kind, "--wait", str(LOOK)), "timeoutSeconds": LOOK_TIMEOUT}
-        check = script("ready.sh", kind)
+        look = script("ready.sh", *asked, "--wait", str(LOOK))
+        start = {**look, "timeoutSeconds": LOOK_TIMEOUT}
+        check = script("ready.sh", *asked)
     else:
         check = {"exec": {"command": own_command(own)}}
         start = {**check, "timeoutSeconds": int(own.probe_timeout_seconds or 5)}
@@ -155,3 +110,8 @@ def inpod_volume(release: str) -> tuple[Object, Object]:
         "configMap": {"name": scripts_config(release), "defaultMode": 0o555},
     }
     return volume, {"name": "rigel-inpod", "mountPath": SCRIPTS_PATH, "readOnly": True}
+
+
+def log_volume() -> tuple[Object, Object]:
+    """Return (volume, mount) of the directory for ROS 2's log files."""
+    return {"name": "rigel-logs", "emptyDir": {}}, {"name": "rigel-logs", "mountPath": LOG_PATH}

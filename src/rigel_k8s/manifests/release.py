@@ -7,11 +7,21 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import attrs
+
 from rigel_k8s.deploy.types import Desired, Manifest, ObjectRef, ReleaseId, ref_of
-from rigel_k8s.manifests.application import application_deployment, has_application
-from rigel_k8s.manifests.distros import is_ros1
+from rigel_k8s.manifests.application import (
+    application_deployment,
+    application_identity,
+    has_application,
+)
+from rigel_k8s.manifests.distros import ros_of
 from rigel_k8s.manifests.images import pinned
 from rigel_k8s.manifests.master import master_deployment, master_service
+from rigel_k8s.manifests.network.modes import network_objects, wiring
+from rigel_k8s.manifests.network.plan import network_plan
+from rigel_k8s.manifests.network.readiness import ready_words
+from rigel_k8s.manifests.network.wiring import NetworkPlan, PodIdentity, Ros
 from rigel_k8s.manifests.nodes import Node, node_objects
 from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.manifests.overlay import merge, plain
@@ -43,18 +53,22 @@ def has_workloads(options: OrchestrationOptions) -> bool:
     return bool(options.nodes or has_application(options) or options.deploy_ros_master)
 
 
-def deploys_master(options: OrchestrationOptions) -> bool:
-    """Return whether the release has a roscore of its own."""
+def deploys_master(options: OrchestrationOptions, ros: Ros) -> bool:
+    """Return whether the release has a roscore of its own; only ROS 1 has a master."""
+    if ros != "1":
+        return False
     if options.deploy_ros_master is None:
         return options.ros_master_uri is None and has_workloads(options)
     return options.deploy_ros_master
 
 
-def master_uri(options: OrchestrationOptions) -> str:
+def master_uri(options: OrchestrationOptions, ros: Ros) -> str | None:
     """Return the ROS_MASTER_URI of all nodes; an image may start roscore itself."""
+    if ros != "1":
+        return None
     if options.ros_master_uri:
         return str(options.ros_master_uri)
-    return MASTER_URI if deploys_master(options) else f"http://localhost:{MASTER_PORT}"
+    return MASTER_URI if deploys_master(options, ros) else f"http://localhost:{MASTER_PORT}"
 
 
 def desired(
@@ -68,6 +82,7 @@ def desired(
     files: Files | None = None,
     pull_secrets: Sequence[str] = (),
     create_namespace: bool = False,
+    previous: Sequence[Manifest] = (),
 ) -> Desired:
     """Return what the release shall be.
 
@@ -77,16 +92,19 @@ def desired(
         digests: image reference to the same with its digest, for those that are known.
         files: the texts of the nodes' parameter files.
         pull_secrets: Secrets with registry credentials besides those of the options.
+        previous: the objects of the last revision, which tell who has which address.
     """
+    ros = ros_of(application.distro, options.ros)
     around = Surroundings(
         namespace=release.namespace,
         release=release.name,
-        master_uri=master_uri(options),
+        master_uri=master_uri(options, ros),
         distro=application.distro,
-        ros1=is_ros1(application.distro),
+        ros=ros,
         pull_secrets=tuple(dict.fromkeys([*map(str, options.image_pull_secrets), *pull_secrets])),
     )
-    traced = [(path, plain(item)) for path, item in objects(options, around, scripts, files or {})]
+    own = Parts(options, around, files or {})
+    traced = [(path, plain(item)) for path, item in objects(own, own.plan(previous), scripts)]
     pins = [pinned(item, digests or {}) for _, item in traced]
     return Desired(
         release=release,
@@ -118,33 +136,77 @@ def is_master(item: Manifest) -> bool:
     return bool(item["kind"] == "Deployment" and item["metadata"]["name"] == MASTER_NAME)
 
 
-def objects(
-    options: OrchestrationOptions, around: Surroundings, scripts: Mapping[str, str], files: Files
-) -> Traced:
+@attrs.frozen
+class Parts:
+    """The workloads of a release before they are manifests."""
+
+    options: OrchestrationOptions
+    around: Surroundings
+    files: Files
+
+    @property
+    def has_master(self) -> bool:
+        """Whether there is a roscore."""
+        return deploys_master(self.options, self.around.ros)
+
+    @property
+    def master(self) -> PodIdentity:
+        """What the network knows roscore by."""
+        image = self.options.ros_master_image or self.around.default_image
+        return PodIdentity(MASTER_NAME, str(image), "/rosout")
+
+    def nodes(self) -> Iterator[Node]:
+        """Yield the nodes."""
+        volumes = {str(v.name): v for v in self.options.persistent_storage.volumes}
+        for key, node in self.options.nodes.items():
+            image = str(node.image or self.options.image)
+            yield Node(str(key), node, image, self.files, volumes)
+
+    def identities(self) -> Iterator[PodIdentity]:
+        """Yield all workloads as the network knows them."""
+        if self.has_master:
+            yield self.master
+        if has_application(self.options):
+            yield application_identity(self.around, self.options)
+        yield from (node.identity for node in self.nodes())
+
+    def plan(self, previous: Sequence[Manifest]) -> NetworkPlan:
+        """Return the network of all of them."""
+        return network_plan(
+            self.options.network,
+            namespace=self.around.namespace,
+            release=self.around.release,
+            ros=self.around.ros,
+            distro=self.around.distro,
+            middleware=self.options.middleware,
+            pods=tuple(self.identities()),
+            previous=previous,
+            pull_secrets=self.around.pull_secrets,
+        )
+
+
+def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced:
     """Yield every object with the path of the options that it comes from."""
+    options, around = own.options, own.around
     if has_workloads(options):
         name = scripts_config(around.release)
         yield (), config_map(around, name, scripts, part_of=around.release)
+        yield from network_objects(plan)
     volumes = options.persistent_storage.volumes
     for index, item in storage(volumes, around.namespace, around.release):
         yield ("persistent_storage", "volumes", index), item
-    if deploys_master(options):
+    if own.has_master:
         params = options.additional_k8s_params.ros_master
+        wired = wiring(plan, own.master)
         yield ("deploy_ros_master",), master_service(around)
-        yield ("deploy_ros_master",), master_deployment(around, options.ros_master_image, params)
+        yield ("deploy_ros_master",), master_deployment(around, own.master.image, params, wired)
     if has_application(options):
         path = "application_image" if options.application_image else "additional_k8s_params"
-        yield (path,), application_deployment(around, options)
-    yield from nodes(options, around, files)
-
-
-def nodes(options: OrchestrationOptions, around: Surroundings, files: Files) -> Traced:
-    """Yield the objects of all nodes."""
-    volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
-    for key, node in options.nodes.items():
-        image = str(node.image or options.image)
-        for item in node_objects(around, Node(str(key), node, image, files, volumes)):
-            yield ("nodes", str(key)), item
+        wired = wiring(plan, application_identity(around, options))
+        yield (path,), application_deployment(around, options, wired, ready_words(plan))
+    for node in own.nodes():
+        for item in node_objects(around, node, plan):
+            yield ("nodes", node.key), item
 
 
 def protected(items: Iterator[Object]) -> Iterator[ObjectRef]:

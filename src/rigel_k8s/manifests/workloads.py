@@ -8,9 +8,19 @@ from typing import Any
 import attrs
 
 from rigel_k8s.manifests.naming import labels, selector
-from rigel_k8s.manifests.pods import Object, compact
+from rigel_k8s.manifests.network.wiring import Ros
+from rigel_k8s.manifests.options import Readiness
+from rigel_k8s.manifests.pods import Object, compact, inpod_volume, log_volume
 
-__all__ = ["Surroundings", "config_map", "deployment", "pull_policy", "service"]
+__all__ = [
+    "Surroundings",
+    "config_map",
+    "deployment",
+    "pull_policy",
+    "readiness_of",
+    "ros_volumes",
+    "service",
+]
 
 
 @attrs.frozen
@@ -20,6 +30,7 @@ class Surroundings:
     Attributes:
         master_uri: what all nodes get as ROS_MASTER_URI; None leaves it to the images.
         distro: the ROS distribution, for images that nobody named.
+        ros: which ROS, "none" for a plain DDS application.
         pull_secrets: names of Secrets with registry credentials.
     """
 
@@ -27,7 +38,7 @@ class Surroundings:
     release: str
     master_uri: str | None
     distro: str
-    ros1: bool = True
+    ros: Ros = "1"
     pull_secrets: Sequence[str] = ()
 
     @property
@@ -58,13 +69,17 @@ def deployment(
     replicas: int | None = None,
     annotations: Mapping[str, str] | None = None,
     pod_annotations: Mapping[str, str] | None = None,
+    own_labels: Mapping[str, str] | None = None,
 ) -> Object:
-    """Return a Deployment; `replicas` is left out unless somebody said it."""
+    """Return a Deployment; `replicas` is left out unless somebody said it.
+
+    Args:
+        own_labels: the user's, on the Deployment and its pods; none selects.
+    """
     secrets = [{"name": secret} for secret in around.pull_secrets]
+    both = labels(name, around.release) | dict(own_labels or {})
     template = {
-        "metadata": compact(
-            {"labels": labels(name, around.release), "annotations": dict(pod_annotations or {})}
-        ),
+        "metadata": compact({"labels": both, "annotations": dict(pod_annotations or {})}),
         "spec": {
             **compact({**pod, "imagePullSecrets": secrets}),
             # Kubernetes' variables for Services would fill the environment with ROS_MASTER_PORT ...
@@ -77,7 +92,7 @@ def deployment(
     return {
         "apiVersion": "apps/v1",
         "kind": "Deployment",
-        "metadata": around.metadata(name, annotations),
+        "metadata": around.metadata(name, annotations) | {"labels": both},
         "spec": {**spec, "template": template},
     }
 
@@ -105,3 +120,14 @@ def config_map(around: Surroundings, name: str, data: Mapping[str, str], *, part
 def pull_policy(asked: str | None, *, pinned: bool) -> str | None:
     """Return imagePullPolicy: a robot without its network starts again from what it has."""
     return asked or ("IfNotPresent" if pinned else None)
+
+
+def readiness_of(around: Surroundings, asked: Readiness | str | None) -> Readiness | str | None:
+    """Return what makes a pod ready: a plain DDS program's image need not have Python to ask it."""
+    return asked or ("none" if around.ros == "none" else None)
+
+
+def ros_volumes(around: Surroundings) -> list[tuple[Object, Object]]:
+    """Return (volume, mount) of what is ours in each pod."""
+    logs = [log_volume()] if around.ros == "2" else []
+    return [inpod_volume(around.release), *logs]

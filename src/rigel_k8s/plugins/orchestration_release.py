@@ -18,6 +18,7 @@ from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.inpod import scripts
 from rigel_k8s.manifests.checks import check
 from rigel_k8s.manifests.images import images_of
+from rigel_k8s.manifests.network.plan import network_of
 from rigel_k8s.manifests.options import OrchestrationOptions, Readiness
 from rigel_k8s.manifests.partial import is_partial, overlay
 from rigel_k8s.manifests.release import desired, has_workloads
@@ -121,7 +122,9 @@ def _prepared(
     secret_is_there: bool,
 ) -> Preparation:
     texts, files = scripts(), _parameter_files(options, application.dir)
-    plain = desired(options, release, application, texts, files=files)
+    network = network_of(options.network)
+    previous = last.objects() if network and network.ipam == "static" else ()
+    plain = desired(options, release, application, texts, files=files, previous=previous)
     images = images_of(plain.objects)
     credentials = needed_credentials(images, known)
     made = desired(
@@ -134,6 +137,7 @@ def _prepared(
         files=files,
         pull_secrets=[secret_name(release.name)] if credentials or secret_is_there else [],
         create_namespace=options.namespace == release.namespace,
+        previous=previous,
     )
     return Preparation(made, options, credentials)
 

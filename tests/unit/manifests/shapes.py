@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,9 +32,15 @@ def options(text: str) -> OrchestrationOptions:
     return found.draft
 
 
-def problems(text: str, distro: str = "noetic") -> list[Problem]:
+def distro_of(text: str) -> str:
+    """Return the distribution that a golden file's first line tells, noetic where it does not."""
+    told = re.match(r"# distro: (\w+)", text)
+    return told[1] if told else "noetic"
+
+
+def problems(text: str, distro: str | None = None) -> list[Problem]:
     """Return what the checks say of a job's `with`."""
-    return list(check(options(text), distro))
+    return list(check(options(text), distro or distro_of(text)))
 
 
 def release(text: str, **more: Any) -> Desired:
@@ -42,7 +49,7 @@ def release(text: str, **more: Any) -> Desired:
     made = desired(
         chosen,
         ReleaseId("robots", str(chosen.deployment_name)),
-        Application(more.pop("distro", "noetic")),
+        Application(more.pop("distro", distro_of(text))),
         SCRIPTS,
         **more,
     )

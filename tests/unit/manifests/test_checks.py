@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.manifests.checks import check
-
-from .shapes import GOLDEN, options, problems
+from .shapes import GOLDEN, problems
 
 #: (what is told, where, the job's `with`)
 WRONG = [
@@ -142,11 +140,72 @@ def test_a_node_without_an_image_is_told() -> None:
     assert told("{nodes: {n: {image: a}}}", "error") == set()
 
 
-def test_ros2_is_told_to_come_later() -> None:
-    """A master makes no sense there; its images run as plain containers."""
-    text = "{application_image: a}"
-    assert told(text, "error", "jazzy") == {("ros2", "deploy_ros_master")}
-    assert told("{application_image: a, deploy_ros_master: false}", "error", "jazzy") == set()
+NET = "network: host"
+#: (what is told, where, the job's `with`) for a distribution of ROS 2.
+WRONG2 = [
+    ("no-master-in-ros2", "deploy_ros_master", "{application_image: a, deploy_ros_master: true}"),
+    (
+        "no-master-in-ros2",
+        "ros_master_uri",
+        "{application_image: a, ros_master_uri: 'http://a:11311'}",
+    ),
+    ("no-master-in-ros2", "ros_master_image", "{application_image: a, ros_master_image: b}"),
+    ("not-ros", "nodes.n.parameters", "{image: a, ros: none, nodes: {n: {parameters: {a: 1}}}}"),
+    ("not-ros", "nodes.n.package", "{image: a, ros: none, nodes: {n: {package: p}}}"),
+    (
+        "not-appendable",
+        "nodes.n.parameters",
+        "{image: a, nodes: {n: {args: ros2 topic list, parameters: {a: 1}}}}",
+    ),
+    (
+        "not-appendable",
+        "nodes.n.parameter_files",
+        "{image: a, nodes: {n: {launch: {file: /a.py}, parameter_files: [a.yaml]}}}",
+    ),
+    (
+        "sidecar",
+        "nodes.n.patch.spec.template.spec.containers",
+        "{image: a, nodes: {n: {args: x, patch:"
+        " {spec: {template: {spec: {containers: [{name: tool, image: b}]}}}}}}}",
+    ),
+    (
+        "sidecar",
+        "additional_k8s_params.application.spec.template.spec.containers",
+        "{application_image: a, additional_k8s_params: {application:"
+        " {spec: {template: {spec: {containers: [{name: tool, image: b}]}}}}}}",
+    ),
+    ("duplicate-node", "nodes.n.replicas", "{image: a, nodes: {n: {args: x, replicas: 2}}}"),
+    (
+        "reserved-label",
+        "nodes.n.labels.rigel-k8s/release",
+        "{image: a, nodes: {n: {args: x, labels: {rigel-k8s/release: x}}}}",
+    ),
+]
+
+
+@pytest.mark.parametrize(("kind", "path", "text"), WRONG2, ids=[f"{w[0]}-{w[1]}" for w in WRONG2])
+def test_what_ros2_or_dds_would_not_do_is_told(kind: str, path: str, text: str) -> None:
+    """Each at its place."""
+    assert (kind, path) in told(text, "error", "jazzy")
+
+
+def test_ros2_needs_no_master() -> None:
+    """A Rigelfile that asks for none has none."""
+    assert told(f"{{application_image: a, {NET}}}", "error", "jazzy") == set()
+
+
+def test_a_sidecar_may_be_allowed() -> None:
+    """Who knows that it has nothing to do with DDS says so; ROS 1 shares nothing that clashes."""
+    patch = "{spec: {template: {spec: {containers: [{name: tool, image: b}]}}}}"
+    text = f"image: a, nodes: {{n: {{args: x, patch: {patch}}}}}"
+    assert told(f"{{{text}, {NET}, allow_sidecars: true}}", "error", "jazzy") == set()
+    assert told(f"{{{text}}}", "error", "noetic") == set()
+
+
+def test_surge_of_a_named_ros2_node_is_warned_of() -> None:
+    """Two nodes of one name answer each other's services for a while."""
+    text = f"{{image: a, {NET}, nodes: {{n: {{args: x, update: {{max_surge: 1}}}}}}}}"
+    assert ("surge", "nodes.n.update") in told(text, "warning", "jazzy")
 
 
 def test_anonymous_nodes_may_be_many_and_surge() -> None:
@@ -165,4 +224,4 @@ def test_a_partial_job_is_not_asked_for_the_rest() -> None:
 def test_golden_options_have_no_errors(path: object) -> None:
     """The shapes that are documented by golden files pass the checks."""
     text = (GOLDEN / str(path)).read_text("utf-8")
-    assert [p for p in check(options(text), "noetic") if p.severity == "error"] == []
+    assert [p for p in problems(text) if p.severity == "error"] == []

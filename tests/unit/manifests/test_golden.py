@@ -14,6 +14,7 @@ CASES = sorted(path.name.removesuffix(".with.yaml") for path in GOLDEN.glob("*.w
 FILES = {
     "config/planner.yaml": "speed: 1\n",
     "config/common.yaml": "frame: map\n",
+    "config/ros2.yaml": "/ns/listener:\n  ros__parameters:\n    queue: 1e3\n",
 }
 DIGEST = "sha256:" + "ab" * 32
 

@@ -65,12 +65,22 @@ text() {
     printf '%s' "${new%.}" >"$1.new" && mv -f "$1.new" "$1"
 }
 
-# The daemon's configuration, once it has written the whole of it.
+# The daemon's configuration, once it has written the whole of it. It names the file of the primary
+# network; Multus 4.3 forgets most of what a list of plugins in such a file says before it takes a
+# pod off the network again (multus#1449), and no address comes back. What stands in the
+# configuration itself is kept: so the file's content goes there.
 configuration() {
     [ -f "$GENERATED/00-multus.conf" ] || return 0
-    case "$(cat "$GENERATED/00-multus.conf")" in
-        *\}) text "$CONF" <"$GENERATED/00-multus.conf" ;;
+    told=$(cat "$GENERATED/00-multus.conf")
+    case "$told" in
+        *'"clusterNetwork":"'*\}) ;;
+        *) return 0 ;;
     esac
+    rest=${told#*'"clusterNetwork":"'}
+    file=${rest%%'"'*}
+    [ -s "$file" ] || return 0
+    printf '%s"delegates":[%s]%s' "${told%%'"clusterNetwork":"'*}" "$(cat "$file")" "${rest#*'"'}" |
+        text "$CONF"
 }
 
 # What the program whereabouts reads on the machine; kubelet renews the token, we bring it there.

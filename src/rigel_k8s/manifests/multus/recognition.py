@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -68,9 +69,9 @@ def k3s_data_dir(node: Node) -> str | None:
     if isinstance(words, list) and (said := _of_words([str(word) for word in words])):
         return said
     environment = _parsed(annotations.get("k3s.io/node-env"))
-    if isinstance(environment, dict) and environment.get("K3S_DATA_DIR"):
-        return str(environment["K3S_DATA_DIR"])
-    return None
+    said = str(environment.get("K3S_DATA_DIR", "")) if isinstance(environment, dict) else ""
+    # k3s tells its own processes where this release is unpacked by the same variable.
+    return re.sub(r"/data/[0-9a-f]{32,}/?$", "", said) or None
 
 
 def _of_words(words: Sequence[str]) -> str | None:

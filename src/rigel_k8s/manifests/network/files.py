@@ -48,7 +48,7 @@ MACHINE_ID = {
 def around(plan: NetworkPlan) -> Surroundings:
     """Return what is the same for all objects that a mode adds."""
     return Surroundings(
-        plan.namespace, plan.release, None, plan.distro, ros1=False, pull_secrets=plan.pull_secrets
+        plan.namespace, plan.release, None, plan.distro, plan.ros, pull_secrets=plan.pull_secrets
     )
 
 

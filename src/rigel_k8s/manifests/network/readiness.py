@@ -1,0 +1,22 @@
+"""What the readiness probe of a networked pod asks; the script's contract is docs/in-pod-scripts.md."""
+
+from __future__ import annotations
+
+from rigel_k8s.manifests.network.options import INTERFACE
+from rigel_k8s.manifests.network.servers import ZENOH_PORT
+from rigel_k8s.manifests.network.wiring import NetworkPlan
+
+__all__ = ["ready_words"]
+
+#: Modes whose pods are not ready without their second interface.
+PINNED = frozenset({"macvlan", "ipvlan", "attachment"})
+
+
+def ready_words(plan: NetworkPlan) -> tuple[str, ...]:
+    """Return the script's arguments: about ROS 1 nodes, about zenoh's router, or about DDS."""
+    if plan.ros == "1":
+        return ("node",)
+    if plan.middleware == "zenoh":
+        return ("zenoh", "--port", str(ZENOH_PORT))
+    interface = ("--interface", INTERFACE) if plan.mode in PINNED else ()
+    return ("dds", "--domain", str(plan.domain_id), *interface)

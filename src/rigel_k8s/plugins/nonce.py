@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.inpod import MOUNT_PATH
-from rigel_k8s.manifests.distros import is_ros1
+from rigel_k8s.manifests.distros import ros_of as ros_of_distro
 from rigel_k8s.manifests.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.manifests.network.wiring import NETWORK_ANNOTATION
 
@@ -58,7 +58,7 @@ def ros_of(pod: Mapping[str, Any], distro: str) -> str:
     """Return which ROS a pod speaks, "1" or "2": as it says itself, else that of `distro`."""
     note = pod["metadata"].get("annotations", {}).get(NETWORK_ANNOTATION)
     told = json.loads(note).get("ros") if note else None
-    return str(told or ("1" if is_ros1(distro) else "2"))
+    return str(ros_of_distro(distro, told))
 
 
 def commands(

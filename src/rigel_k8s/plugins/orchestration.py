@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.manifests.checks import check
+from rigel_k8s.manifests.distros import ros_of
 from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.manifests.partial import is_partial
 from rigel_k8s.plugins.orchestration_places import check_places
@@ -54,6 +55,7 @@ class OrchestrationJob:
         Raises:
             UserError: the options do not fit the cluster or the release; nothing was written.
             ClusterError, RolloutFailed: it went wrong; the causes are in the details.
+            GraphError: it is deployed, and its DDS nodes do not discover each other.
         """
         from rigel_k8s.kube import connect
 
@@ -71,8 +73,10 @@ class OrchestrationJob:
                 providers=job.providers,
             )
             check_places(prepared.desired.objects, cluster)
+            _ready_the_network(prepared, cluster, job)
             write_pull_secret(prepared.desired, prepared.credentials, cluster)
             _deploy(prepared, cluster, job)
+            _check_graph(prepared, cluster, job)
             _copy_results(prepared, cluster, job)
 
 
@@ -90,6 +94,27 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     )
     release = revision.release
     job.report.line(f"{release.name} in {release.namespace} is at revision {revision.number}")
+
+
+def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
+    """Install what the network wants installed, and refuse a cluster where it cannot work."""
+    network = prepared.options.network
+    if network is None:
+        return
+    from rigel_k8s.plugins.network_install import ensure
+    from rigel_k8s.plugins.preflight import check as preflight
+
+    ensure(prepared, cluster, job)
+    preflight(prepared.desired.objects, network, cluster, job.report)
+
+
+def _check_graph(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
+    """Look whether DDS nodes discover each other; ROS 1 nodes are found by their master."""
+    if ros_of(job.application.distro, prepared.options.ros) == "1":
+        return
+    from rigel_k8s.plugins.graph import check as check_graph
+
+    check_graph(prepared.desired.release, cluster, job.report, job.cancel)
 
 
 def _copy_results(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:

@@ -50,13 +50,16 @@ class Network:
 
     mode: Mode = option(
         "macvlan, ipvlan or attachment: a second interface by Multus; peers, discovery-server or"
-        " zenoh: over the pod network; host: the machine's own network",
+        " zenoh: over the pod network; host: the machine's own network; none: nothing is done",
         "macvlan",
     )
-    interface: str | None = option("macvlan and ipvlan: the machines' interface, eth0 say")
-    subnet: str | None = option("macvlan and ipvlan: the range of addresses, 10.1.0.0/24 say")
+    interface: str | None = option(
+        "macvlan and ipvlan: the machines' interface, eth0 say; host: the only one that DDS uses"
+    )
+    subnet: str | None = option("the second network's addresses, 10.20.0.0/24 say")
     ipam: Literal["whereabouts", "static", "host-local", "dhcp"] | None = option(
-        "who gives out addresses (default whereabouts)"
+        "who gives out addresses: whereabouts (the default), static (by this tool, one for each"
+        " workload and kept), host-local (one machine only), dhcp (of that network)"
     )
     range_start: str | None = option("the first address to give out")
     range_end: str | None = option("the last address to give out")
@@ -67,12 +70,21 @@ class Network:
     attachment: str | None = option(
         "attachment: a NetworkAttachmentDefinition that is there, NAME or NAMESPACE/NAME"
     )
-    domain_id: int | None = option("the DDS domain (ROS_DOMAIN_ID)")
+    domain_id: int | None = option(
+        "the DDS domain, ROS_DOMAIN_ID (default 0; over the pod network one of the release's own)"
+    )
     servers: Count | None = option("discovery-server: how many (default 1)")
-    image: ImageRef | None = option("discovery-server and zenoh: the server's image")
-    command: str | list[str] | None = option("discovery-server and zenoh: what the image runs")
-    peers: list[str] = option("peers: further addresses or names outside of this application", [])
-    service_account: ObjectName | None = option("of the servers' pods")
+    image: ImageRef | None = option(
+        "discovery-server and zenoh: the server's image (default: the application's)"
+    )
+    command: str | list[str] | None = option(
+        "discovery-server and zenoh: what the server runs behind its image's ENTRYPOINT;"
+        " $(SERVER_ID) and $(SERVER_NAME) are a discovery server's place and name"
+    )
+    peers: list[str] = option("peers: addresses or names of others, outside of this release", [])
+    service_account: ObjectName | None = option(
+        "discovery-server and zenoh: serviceAccountName of the servers' pods"
+    )
     install: bool | Install = option(
         "install Multus and whereabouts first, where the cluster lacks them", default=False
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import re
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from ipaddress import IPv4Network
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +75,12 @@ class Project:
         where = ["-f", str(self.rigelfile), "--context", self.context, "-n", self.space]
         return rigel(*where, *words, check=check, **self.env)
 
+    @property
+    def subnet(self) -> IPv4Network:
+        """The range of the second network."""
+        jobs = yaml.safe_load(self.rigelfile.read_text())["jobs"]
+        return IPv4Network(jobs["deploy"]["with"]["network"]["subnet"])
+
     until = staticmethod(wait_until)
     rigel = staticmethod(rigel)
 
@@ -130,6 +138,14 @@ class Project:
         return False
 
 
+def apart() -> dict[str, Any]:
+    """Return a subnet and a DDS domain that hardly anybody else has on this wire."""
+    return {
+        "subnet": f"10.{random.randint(200, 250)}.{random.randint(0, 255)}.0/24",
+        "domain_id": random.randint(1, 101),
+    }
+
+
 @contextmanager
 def projects(cluster: Any, context: str, registry: str, directory: Path) -> Iterator[Make]:
     """Give a function that makes projects of an example; their namespaces are deleted."""
@@ -140,7 +156,9 @@ def projects(cluster: Any, context: str, registry: str, directory: Path) -> Iter
         copied = directory / space
         subprocess.run(["cp", "-r", str(EXAMPLES / example), str(copied)], check=True)
         written = yaml.safe_load((copied / "Rigelfile").read_text())
-        change(written["jobs"]["deploy"]["with"])
+        change(options := written["jobs"]["deploy"]["with"])
+        if options.get("network", {}).get("mode") == "macvlan":
+            options["network"].update(apart())  # other tests share the wire
         (copied / "Rigelfile").write_text(yaml.safe_dump(written, sort_keys=False))
         cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": space}})
         spaces.append(space)

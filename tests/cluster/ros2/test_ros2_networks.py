@@ -17,8 +17,7 @@ TALKERS = {"talker_1", "talker_2"}
 Make = Callable[..., Any]
 
 
-def lan(subnet: str) -> dict[str, Any]:
-    return {"mode": "macvlan", "interface": "eth0", "subnet": subnet, "ipam": "static"}
+LAN = {"mode": "macvlan", "interface": "eth0", "ipam": "static"}
 
 
 def test_without_a_network_it_is_deaf_and_that_is_told(project: Make, ros2_image: str) -> None:
@@ -45,7 +44,7 @@ def test_twenty_nodes_on_three_machines_hear_each_other(
         one = {**nodes["talker_1"], "parameters": {"rate": 1.0}}
         listener = {**nodes["listener"], "placement": {}}
         options["nodes"] = {**dict.fromkeys(sorted(talkers), one), "listener": listener}
-        options["network"] = lan("192.168.142.0/24")
+        options["network"] = dict(LAN)
 
     many = project("ros2-talker-listener", ros2_image, change)
     for job in ("build-talker", "build-listener", "deploy"):
@@ -61,7 +60,7 @@ def test_ros_1_over_a_second_network(project: Make, base_image: str, multus: Non
     ros1 = project(
         "ros1-talker-listener",
         base_image,
-        lambda options: options.update(network=lan("192.168.143.0/24")),
+        lambda options: options.update(network=dict(LAN)),
     )
     ros1("run", "sequence", "demo")
     net1 = ros1.net1()
@@ -74,7 +73,7 @@ def test_ros_1_over_a_second_network(project: Make, base_image: str, multus: Non
 def test_ros_1_over_the_machines_own_network(project: Make, base_image: str) -> None:
     """Nodes tell each other the machines' addresses."""
     ros1 = project(
-        "ros1-talker-listener", base_image, lambda options: options.update(network="host")
+        "ros1-talker-listener", base_image, lambda options: options.update(network={"mode": "host"})
     )
     ros1("run", "sequence", "demo")
     pods = ros1.pods()

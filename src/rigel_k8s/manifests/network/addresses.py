@@ -82,13 +82,13 @@ def assigned(
             result[name] = had
     for name in wanted:
         if name not in result:
-            result[name] = free(pool, f"{salt}/{name}", set(result.values()))
+            result[name] = free(pool, name, salt, set(result.values()))
     return {name: f"{result[name]}/{pool.subnet.prefixlen}" for name in wanted}
 
 
-def free(pool: Pool, name: str, taken: set[IPv4Address]) -> IPv4Address:
+def free(pool: Pool, name: str, salt: str, taken: set[IPv4Address]) -> IPv4Address:
     """Return the first free address from where a name's hash points to."""
-    number = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
+    number = int.from_bytes(hashlib.sha256(f"{salt}/{name}".encode()).digest()[:8], "big")
     for address in pool.beginning_at(number):
         if address not in taken:
             return address

@@ -1,4 +1,4 @@
-"""What the readiness probe of a networked pod asks; the script's contract is docs/in-pod-scripts.md."""
+"""What the readiness probe of a networked pod asks; docs/in-pod-scripts.md has its contract."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import pytest
 
 from rigel_k8s.manifests.network.files import SCRIPT, interface_script
 
-#: net1 and another interface, whose addresses differ late, and a route through net1 to everywhere.
+#: net1 and another interface, whose addresses differ late, and a route through one to everywhere.
 SETUP = """\
 set -e
 mount -t tmpfs tmpfs "$TARGET"
@@ -23,7 +23,7 @@ done
 ip addr add 10.20.4.9/22 dev eth0
 ip addr add 10.20.0.9/22 dev net1
 ip addr add 10.20.9.1/24 dev eth0
-ip route add default dev net1
+ip route add default dev eth0
 code=0
 {shell} "$SOURCE/interface.sh" {words} >"$OUT" 2>&1 || code=$?
 cp -r "$TARGET/." "$MADE"

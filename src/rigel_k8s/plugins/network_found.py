@@ -114,12 +114,12 @@ def is_up(node: Object) -> bool:
 
 
 def _part(name: str, sets: Iterable[Object]) -> Part | None:
-    """Return whose Multus or whereabouts there is; another's counts before our own."""
+    """Return whose Multus or whereabouts there is; once ours is there, it is ours."""
     found = [one for one in sets if _is(name, one)]
-    others = tuple(one for one in found if not _is_ours(one))
-    if others:
-        return Part(others, ours=False)
-    return Part(tuple(found), ours=True) if found else None
+    ours = tuple(one for one in found if _is_ours(one))
+    if ours:
+        return Part(ours, ours=True)
+    return Part(tuple(found), ours=False) if found else None
 
 
 def _is(name: str, daemon_set: Object) -> bool:
@@ -128,7 +128,10 @@ def _is(name: str, daemon_set: Object) -> bool:
         return True
     if _is_ours(daemon_set):
         return bool(daemon_set["metadata"]["name"].startswith(f"rigel-{name}-"))
-    containers = daemon_set["spec"]["template"]["spec"].get("containers", [])
+    spec = daemon_set["spec"]["template"]["spec"]
+    if not any("cni" in v.get("hostPath", {}).get("path", "") for v in spec.get("volumes", [])):
+        return False  # it uses the image for something else
+    containers = spec.get("containers", [])
     return any(_names(container.get("image", ""), IMAGES[name]) for container in containers)
 
 

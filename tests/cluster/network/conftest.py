@@ -1,0 +1,209 @@
+"""Pods with second networks on a real cluster, and clusters that a test may break."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.kube import connect
+from rigel_k8s.settings import Settings
+
+#: Always there once Multus is: any image with a shell would do.
+IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
+SLEEP = ["/bin/sh", "-c", "trap exit TERM; sleep 3600 & wait"]
+LAN = "lan"
+
+
+class Said:
+    """A reporter that keeps what it was told."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.warnings: list[str] = []
+
+    def line(self, text: str) -> None:
+        self.lines.append(text)
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        self.lines.append(f"{key}: {state}")
+
+
+def until(look: Callable[[], Any], what: str, seconds: float = 120) -> Any:
+    """Return what is looked for once it is there, or say what did not come."""
+    end = time.monotonic() + seconds
+    while not (found := look()):
+        assert time.monotonic() < end, f"no {what} within {seconds:g} s"
+        time.sleep(0.3)
+    return found
+
+
+@attrs.frozen
+class Lab:
+    """A namespace with an attachment `lan` to the nodes' own segment."""
+
+    cluster: Any
+    namespace: str
+
+    def attachment(self, subnet: str, **ipam: Any) -> None:
+        """Make the attachment: macvlan on eth0, addresses from whereabouts."""
+        config = {
+            "cniVersion": "0.3.1",
+            "name": LAN,
+            "type": "macvlan",
+            "master": "eth0",
+            "mode": "bridge",
+            "ipam": {"type": "whereabouts", "range": subnet, **ipam},
+        }
+        self.cluster.create(
+            {
+                "apiVersion": "k8s.cni.cncf.io/v1",
+                "kind": "NetworkAttachmentDefinition",
+                "metadata": {"name": LAN, "namespace": self.namespace},
+                "spec": {"config": json.dumps(config)},
+            }
+        )
+
+    def pod(self, name: str, *, node: str | None = None, attached: bool = True) -> dict[str, Any]:
+        """Return a pod that sleeps, with or without the attachment."""
+        annotations = {"k8s.v1.cni.cncf.io/networks": LAN} if attached else {}
+        meta = {"name": name, "namespace": self.namespace, "annotations": annotations}
+        container = {"name": "c", "image": IMAGE, "command": SLEEP}
+        spec: dict[str, Any] = {"containers": [container], "terminationGracePeriodSeconds": 0}
+        spec |= {"nodeName": node} if node else {}
+        spec["tolerations"] = [{"operator": "Exists"}]
+        return {"apiVersion": "v1", "kind": "Pod", "metadata": meta, "spec": spec}
+
+    def start(self, name: str, **how: Any) -> dict[str, Any]:
+        """Start a pod and wait until it runs."""
+        self.cluster.create(self.pod(name, **how))
+        return self.running(name)
+
+    def running(self, name: str) -> dict[str, Any]:
+        """Return a pod once it runs."""
+        ref = ObjectRef("v1", "Pod", self.namespace, name)
+
+        def look() -> Any:
+            live = self.cluster.get(ref)
+            return live if live and live["status"].get("phase") == "Running" else None
+
+        return dict(until(look, f"running pod {name}"))
+
+    def end(self, name: str) -> None:
+        """End a pod and wait until it is gone."""
+        ref = ObjectRef("v1", "Pod", self.namespace, name)
+        self.cluster.delete(ref, grace_seconds=0)
+        until(lambda: self.cluster.get(ref) is None, f"end of {name}")
+
+    def inside(self, name: str, *words: str) -> str:
+        """Return what a program says inside a pod."""
+        done = self.cluster.run(self.namespace, name, list(words))
+        return (done.stdout + done.stderr).decode()
+
+    @property
+    def nodes(self) -> list[str]:
+        """The names of the cluster's nodes."""
+        return sorted(node["metadata"]["name"] for node in self.cluster.nodes())
+
+    def pods(self) -> list[dict[str, Any]]:
+        """Return all pods of the namespace."""
+        return list(self.cluster.list("v1", "Pod", self.namespace))
+
+    @staticmethod
+    def until(look: Callable[[], Any], what: str, seconds: float = 120) -> Any:
+        """Return what is looked for once it is there, or say what did not come."""
+        return until(look, what, seconds)
+
+    @staticmethod
+    def address_of(pod: dict[str, Any]) -> str:
+        """Return a pod's address on its second network, "" for none."""
+        notes = pod["metadata"].get("annotations", {})
+        entries = json.loads(notes.get("k8s.v1.cni.cncf.io/network-status", "[]"))
+        return next((str(e["ips"][0]) for e in entries if e.get("interface") == "net1"), "")
+
+    def has_interface(self, name: str) -> bool:
+        """Return whether the interface is really there, whatever an annotation says."""
+        return "net1" in self.inside(name, "ls", "/sys/class/net").split()
+
+
+@attrs.frozen
+class Own:
+    """A local cluster that belongs to one test module.
+
+    Attributes:
+        directory: where the machine keeps the nodes' files.
+        data_dir: k3s' data directory inside a node, None on plain nodes.
+    """
+
+    cluster: Any
+    context: str
+    directory: Path
+    data_dir: str | None
+
+    def conf(self, node: str) -> Path:
+        """Return where a node's CNI configuration is, seen from here."""
+        base = self.directory / node
+        return base / "k3s/agent/etc/cni/net.d" if self.data_dir else base / "etc-cni/net.d"
+
+    def programs(self, node: str) -> Path:
+        """Return where a node's CNI programs are, seen from here."""
+        base = self.directory / node
+        return base / "k3s/data/cni" if self.data_dir else base / "opt-cni/bin"
+
+
+@pytest.fixture(scope="module", params=[None, "/data"], ids=["plain", "k3s with /data"])
+def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
+    """A cluster of two nodes that may be broken; ended with the module."""
+    if os.geteuid() != 0:
+        pytest.skip("a cluster of one's own needs root")
+    from rigel_k8s import localcluster
+
+    name, data_dir = "network", request.param
+    kubeconfig = tmp_path_factory.mktemp("kube") / "config"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("KUBECONFIG", str(kubeconfig))
+        status = localcluster.up(
+            name,
+            2,
+            extras=("multus",),
+            layout="k3s" if data_dir else "plain",
+            data_dir=data_dir,
+            report=print,
+        )
+        settings = Settings(context=f"rigel-{name}", kubeconfig=kubeconfig)
+        with connect(settings) as cluster:
+            yield Own(cluster, f"rigel-{name}", Path(status.logs), data_dir)
+        if os.environ.get("RIGEL_TEST_KEEP") != "1":
+            localcluster.down(name, report=print)
+
+
+@pytest.fixture
+def lab(cluster: Any, namespace: str) -> Lab:
+    """A namespace of the shared cluster."""
+    return Lab(cluster, namespace)
+
+
+@pytest.fixture
+def own_lab(own: Own) -> Iterator[Lab]:
+    """A namespace of a cluster of one's own."""
+    name = f"t-{uuid.uuid4().hex[:8]}"
+    own.cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
+    yield Lab(own.cluster, name)
+    own.cluster.delete(ObjectRef("v1", "Namespace", "", name))
+
+
+@pytest.fixture
+def said() -> Said:
+    """A reporter that keeps what it was told."""
+    return Said()

@@ -1,0 +1,141 @@
+"""Multus and whereabouts on the shared cluster: nothing here takes them away."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.manifests.multus import RELEASE
+from rigel_k8s.manifests.multus.interfaces import without_interface
+from rigel_k8s.manifests.network.options import Install
+from rigel_k8s.plugins.network_install import install
+
+pytestmark = pytest.mark.cluster
+
+WAVES = 3
+PODS = 100
+
+
+@pytest.fixture(scope="module", autouse=True)
+def installed(cluster: Any) -> None:
+    """Multus is there; where it is already, this writes nothing."""
+
+    class Silent:
+        def line(self, text: str) -> None: ...
+        def warn(self, text: str) -> None: ...
+        def progress(self, key: str, state: str, *, done: bool = False) -> None: ...
+
+    install(cluster, Install(), Silent())
+
+
+def test_a_pod_on_every_node_gets_its_interface(lab: Any) -> None:
+    """On each node a pod has net1, with an address that no other has, and they reach each other."""
+    lab.attachment("10.213.1.0/24")
+    pods = [lab.start(f"on-{node}", node=node) for node in lab.nodes]
+    addresses = [lab.address_of(pod) for pod in pods]
+    assert all(lab.has_interface(pod["metadata"]["name"]) for pod in pods)
+    assert len({*addresses, ""}) == len(lab.nodes) + 1
+    last = pods[-1]["metadata"]["name"]
+    for address in addresses[:-1]:
+        assert " 0% packet loss" in lab.inside(last, "ping", "-c3", "-W5", address)
+
+
+def test_installing_again_writes_nothing(cluster: Any, said: Any) -> None:
+    """Where all is as it shall be and every node has shown it, no object changes."""
+    kinds = (("apps/v1", "DaemonSet"), ("v1", "ConfigMap"), ("v1", "Secret"))
+
+    def versions() -> dict[str, str]:
+        found = [live for kind in kinds for live in cluster.list(*kind, RELEASE.namespace)]
+        return {
+            f"{o['kind']} {o['metadata']['name']}": o["metadata"]["resourceVersion"] for o in found
+        }
+
+    before = versions()
+    done = install(cluster, Install(), said)
+    assert versions() == before
+    assert done.ours
+    assert said.lines == said.warnings == []
+
+
+def test_a_proof_leaves_nothing_behind(cluster: Any, said: Any) -> None:
+    """A proof's pods, attachment and addresses are gone when it is over."""
+    cluster.delete(ObjectRef("v1", "ConfigMap", RELEASE.namespace, "rigel-network-proof"))
+    done = install(cluster, Install(), said)
+    assert [line for line in said.lines if "attaches pods" in line] != []
+    assert len(done.nodes) == len(cluster.nodes())
+    left = [
+        live["metadata"]["name"]
+        for kind in (
+            ("v1", "Pod"),
+            ("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"),
+            ("whereabouts.cni.cncf.io/v1alpha1", "IPPool"),
+            ("whereabouts.cni.cncf.io/v1alpha1", "OverlappingRangeIPReservation"),
+        )
+        for live in cluster.list(*kind, RELEASE.namespace)
+        if "proof" in live["metadata"]["name"] or live["metadata"]["name"].startswith("198.18.")
+    ]
+    assert left == []
+
+
+def test_whereabouts_gives_no_address_twice(lab: Any) -> None:
+    """Hundreds of pods come and go over all nodes: at no time do two have one address.
+
+    What is looked at is each pod's interface, not what anybody has written down. Each wave starts
+    while the one before is still ending, and ends up with no address left over.
+    """
+    lab.attachment("10.213.0.0/16")
+    held: set[str] = set()
+    for wave in range(WAVES):
+        names = [f"w{wave}-{number}" for number in range(PODS)]
+        lab.cluster.parallel(lab.cluster.create, [lab.pod(name) for name in names])
+        pods = lab.cluster.parallel(lab.running, names)
+        told = {pod["metadata"]["name"]: lab.address_of(pod) for pod in pods}
+        real = dict(lab.cluster.parallel(lambda name: (name, real_address(lab, name)), names))
+        assert real == told
+        assert [a for a, count in Counter(real.values()).items() if count > 1 or not a] == []
+        held |= set(real.values())
+        for name in names:
+            ref = ObjectRef("v1", "Pod", lab.namespace, name)
+            lab.cluster.delete(ref, grace_seconds=0)
+    lab.until(lambda: not lab.pods(), "end of all pods", 300)
+    assert len(held) >= PODS
+    lab.until(lambda: not allocated(lab.cluster, "10.213.0.0-16"), "addresses given back", 120)
+
+
+def real_address(lab: Any, name: str) -> str:
+    """Return the address that a pod's interface has."""
+    words = lab.inside(name, "/bin/sh", "-c", "ip -4 -o addr show dev net1").split()
+    return str(words[3].partition("/")[0])
+
+
+def allocated(cluster: Any, pool: str) -> dict[str, Any]:
+    """Return the addresses of a pool that are given out."""
+    ref = ObjectRef("whereabouts.cni.cncf.io/v1alpha1", "IPPool", RELEASE.namespace, pool)
+    return dict((cluster.get(ref) or {}).get("spec", {}).get("allocations", {}))
+
+
+def test_a_pod_without_its_network_is_named(lab: Any, rigel: Callable[..., Any]) -> None:
+    """What Multus has not attached is told by `network status`, with the way out.
+
+    Its annotation is what a pod has that started while Multus' configuration was away.
+    """
+    lab.attachment("10.213.2.0/24")
+    lab.start("deaf", attached=False)
+    asks = {"metadata": {"annotations": {"k8s.v1.cni.cncf.io/networks": "lan"}}}
+    lab.cluster.patch(ObjectRef("v1", "Pod", lab.namespace, "deaf"), asks)
+    lab.start("hears")
+    assert [m.pod for m in without_interface(lab.pods())] == ["deaf"]
+    done = rigel("network", "status", check=False)
+    assert done.returncode == 1
+    assert f"pod {lab.namespace}/deaf on node" in done.stdout
+    assert f"kubectl -n {lab.namespace} delete pod deaf" in done.stdout
+    assert "hears" not in done.stdout
+    found = json.loads(rigel("network", "status", "-o", "json", check=False).stdout)
+    mine = [m for m in found["missing"] if m["namespace"] == lab.namespace]
+    assert [(m["pod"], m["networks"]) for m in mine] == [("deaf", [f"{lab.namespace}/lan"])]
+    assert not found["ok"]

@@ -1,0 +1,293 @@
+"""Multus on clusters that may be broken: installed, upgraded under, restarted, removed.
+
+The tests of this module go on one after the other on the same cluster, in this order.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.errors import UserError
+from rigel_k8s.localcluster import components, k3s
+from rigel_k8s.manifests.multus import RELEASE
+from rigel_k8s.manifests.multus.interfaces import without_interface
+from rigel_k8s.manifests.network.options import Install
+from rigel_k8s.plugins.network_install import install
+from rigel_k8s.plugins.network_removal import remove, users
+from rigel_k8s.plugins.network_status import network_status
+
+pytestmark = pytest.mark.cluster
+
+CRD = "apiextensions.k8s.io/v1", "CustomResourceDefinition"
+
+
+@pytest.fixture(scope="module")
+def before(own: Any) -> dict[str, list[str]]:
+    """The files of CNI on every node before anything was installed."""
+    return {node: files(own, node) for node in ("node1", "node2")}
+
+
+def files(own: Any, node: str) -> list[str]:
+    """Return all that CNI has on a node."""
+    places = [own.conf(node), own.programs(node), own.directory / node / "etc-cni"]
+    return sorted({str(p) for place in places for p in place.rglob("*") if not p.is_dir()})
+
+
+def daemon(own: Any, node: str) -> dict[str, Any]:
+    """Return the pod of Multus on a node."""
+    labels = {"app.kubernetes.io/name": "rigel-multus"}
+    pods = own.cluster.list("v1", "Pod", RELEASE.namespace, labels=labels)
+    living = [p for p in pods if not p["metadata"].get("deletionTimestamp")]
+    return next(p for p in living if p["spec"]["nodeName"] == node)
+
+
+def test_install(own: Any, own_lab: Any, said: Any, before: dict[str, list[str]]) -> None:
+    """It is recognised where CNI's files are, and a pod on every node gets macvlan."""
+    done = install(own.cluster, Install(), said)
+    assert done.nodes == ("node1", "node2")
+    status = network_status(own.cluster, Install())
+    assert status.ok
+    kind = "k3s" if own.data_dir else "plain"
+    assert {(n.platform, n.proven) for n in status.nodes} == {(kind, True)}
+    own_lab.attachment("10.213.9.0/24")
+    for node in own_lab.nodes:
+        own_lab.start(f"on-{node}", node=node)
+        assert own_lab.has_interface(f"on-{node}")
+    new = set(files(own, "node1")) - set(before["node1"])
+    assert str(own.conf("node1") / "00-multus.conf") in new
+    assert str(own.programs("node1") / "multus-shim") in new
+
+
+def test_the_clusters_own_addresses_come_back(own: Any, own_lab: Any) -> None:
+    """A pod that ends gives its first network's address back too (multus#1449)."""
+    given = own.directory / "node1/cni/networks/rigel"
+
+    def addresses() -> set[str]:
+        return {path.name for path in given.iterdir() if path.name[0].isdigit()}
+
+    held = addresses()
+    for number in range(3):
+        own_lab.start(f"brief-{number}", node="node1", attached=False)
+        own_lab.end(f"brief-{number}")
+    own_lab.until(lambda: addresses() <= held, "the addresses of pods that ended", 30)
+
+
+def test_pods_of_a_restart_get_their_network(own: Any, own_lab: Any) -> None:
+    """While the daemon is away pods wait for it, and none comes up without its network."""
+    own_lab.attachment("10.213.10.0/24")
+    conf, gone = own.conf("node1") / "00-multus.conf", threading.Event()
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(0.01):
+            if not conf.exists():
+                gone.set()
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    old = daemon(own, "node1")["metadata"]
+    own.cluster.delete(ObjectRef("v1", "Pod", RELEASE.namespace, old["name"]))
+    names = [f"meanwhile-{number}" for number in range(6)]
+    for name in names:
+        own.cluster.create(own_lab.pod(name, node="node1"))
+        time.sleep(0.5)
+    pods = [own_lab.running(name) for name in names]
+    over.set()
+    watcher.join()
+    assert daemon(own, "node1")["metadata"]["uid"] != old["uid"]
+    assert without_interface(pods) == []
+    assert all(own_lab.has_interface(name) for name in names)
+    assert not gone.is_set()
+
+
+@pytest.fixture
+def without_configuration(own: Any, own_lab: Any) -> Iterator[None]:
+    """Node1's Multus configuration is away, and what would bring it back stands still."""
+    send(own, signal.SIGSTOP)
+    conf = own.conf("node1") / "00-multus.conf"
+    conf.rename(conf.with_suffix(".away"))
+    time.sleep(1)  # the runtime reads the directory anew
+    yield
+    conf.with_suffix(".away").unlink()
+    send(own, signal.SIGCONT)
+    own_lab.until(conf.exists, "configuration", 30)
+
+
+def send(own: Any, number: signal.Signals) -> None:
+    """Send a signal to what keeps node1's files; a node's processes are this machine's too."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            words = (place / "cmdline").read_bytes().split(b"\0")
+            said = (place / "environ").read_bytes().split(b"\0")
+            home = (place / "cgroup").read_text()
+            keeps = words[2:3] == [b"keep"] and {b"PART=multus", b"NODE=node1"} <= set(said)
+            if keeps and f"/{own.context}/" in home:
+                found.append(int(place.name))
+    assert found
+    for pid in found:
+        os.kill(pid, number)
+
+
+def test_a_pod_without_its_network_is_noticed(
+    own: Any, own_lab: Any, without_configuration: None
+) -> None:
+    """A pod that did come up without it, as others' Multus lets them, is named."""
+    own_lab.attachment("10.213.11.0/24")
+    own_lab.start("deaf", node="node1")
+    assert not own_lab.has_interface("deaf")
+    status = network_status(own.cluster, Install())
+    assert not status.ok
+    assert [str(missing) for missing in status.missing] == [
+        f"pod {own_lab.namespace}/deaf on node1 runs without its network {own_lab.namespace}/lan"
+    ]
+
+
+def test_what_an_upgrade_takes_away_comes_back(own: Any, own_lab: Any) -> None:
+    """After an upgrade of the machine pods are attached: with k3s' hashed directory replaced."""
+    own_lab.attachment("10.213.12.0/24")
+    if own.data_dir:
+        upgrade(own, "v1.34.5+k3s1")
+        upgrade(own, "v1.34.6+k3s1")
+    else:
+        for name in ("multus-shim", "whereabouts"):
+            (own.programs("node1") / name).unlink()
+        for name in ("multus-shim", "whereabouts"):
+            own_lab.until((own.programs("node1") / name).exists, name, 30)
+    own_lab.start("after", node="node1")
+    assert own_lab.has_interface("after")
+
+
+def upgrade(own: Any, release: str) -> None:
+    """Let node1 have a newer k3s; like k3s, forget the release before the previous one."""
+    base = own.directory / "node1/k3s"
+    programs = components.obtain(print).cni_plugins
+    before = {path for path in (base / "data").iterdir() if len(path.name) == 64}
+    fresh = k3s.unpack(base, own.data_dir, programs, release)
+    previous = Path((base / "data/previous").readlink()).name
+    for old in before:
+        if old.name not in (fresh, previous):
+            shutil.rmtree(old)
+
+
+def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -> None:
+    """Where the programs are in the release's own directory, an upgrade leaves it: they follow."""
+    if not own.data_dir:
+        pytest.skip("of k3s only")
+    older = Install(cni_bin_dir="/data/data/current/bin")
+    install(own.cluster, older, said)
+    upgrade(own, "v1.34.7+k3s1")
+    current = Path((own.directory / "node1/k3s/data/current").readlink()).name
+    programs = own.directory / "node1/k3s/data" / current / "bin"
+    for name in ("macvlan", "whereabouts", "multus-shim"):
+        own_lab.until((programs / name).exists, name, 30)
+    own_lab.attachment("10.213.13.0/24")
+    own_lab.start("older", node="node1")
+    assert own_lab.has_interface("older")
+    install(own.cluster, Install(), said)
+
+
+def test_removal_is_refused_while_pods_are_attached(own: Any, own_lab: Any, said: Any) -> None:
+    """Pods with a second network are told first, and nothing is changed."""
+    own_lab.attachment("10.213.14.0/24")
+    own_lab.start("attached", node="node2")
+    before = daemon(own, "node1")["metadata"]["uid"]
+    with pytest.raises(UserError) as error:
+        remove(own.cluster, Install(), said)
+    assert f"pod {own_lab.namespace}/attached has a second network" in error.value.details
+    assert "--force" in str(error.value.hint)
+    assert daemon(own, "node1")["metadata"]["uid"] == before
+    own_lab.end("attached")
+
+
+def test_removal_leaves_nodes_that_start_pods(
+    own: Any, own_lab: Any, said: Any, before: dict[str, list[str]]
+) -> None:
+    """After it every node starts pods, has the files that it had before, and no more."""
+    own_lab.until(lambda: not users(own.cluster), "end of the pods of other tests")
+    done = remove(own.cluster, Install(), said)
+    assert done.away == ()
+    for node in own_lab.nodes:
+        own_lab.start(f"plain-{node}", node=node, attached=False)
+        assert own_lab.inside(f"plain-{node}", "ls", "/sys/class/net").split() == ["eth0", "lo"]
+    assert {node: new(own, node, before) for node in before} == {"node1": [], "node2": []}
+    left = [
+        f"{live['kind']} {live['metadata']['name']}"
+        for kind in (
+            ("apps/v1", "DaemonSet"),
+            ("apps/v1", "Deployment"),
+            ("v1", "ConfigMap"),
+            ("v1", "Secret"),
+            ("v1", "ServiceAccount"),
+            ("rbac.authorization.k8s.io/v1", "ClusterRole"),
+            ("rbac.authorization.k8s.io/v1", "ClusterRoleBinding"),
+        )
+        for live in own.cluster.list(*kind)
+        if "rigel" in live["metadata"]["name"]
+    ]
+    assert left == []
+    assert own.cluster.get(ObjectRef(*CRD, "", "network-attachment-definitions.k8s.cni.cncf.io"))
+
+
+def new(own: Any, node: str, before: dict[str, list[str]]) -> list[str]:
+    """Return what CNI has more on a node than before, k3s' own releases left aside."""
+    return [path for path in files(own, node) if path not in before[node]]
+
+
+def test_others_multus_is_used_as_it_is(own: Any, own_lab: Any, said: Any) -> None:
+    """Multus that somebody else has installed is never taken over, and where it does not work
+    that is told, node by node."""
+    theirs = others(own_lab.namespace)
+    own.cluster.create(theirs)
+    done = install(own.cluster, Install(), said)
+    assert not done.ours
+    assert f"Multus is there already ({own_lab.namespace}/kube-multus-ds" in said.lines[0]
+    names = [s["metadata"]["name"] for s in own.cluster.list("apps/v1", "DaemonSet")]
+    assert sorted(names) == ["kube-multus-ds", "rigel-whereabouts"]
+    assert [w for w in said.warnings if "came up without its second network" in w] != []
+    with pytest.raises(UserError, match="was not installed by rigel"):
+        remove(own.cluster, Install(), said)
+    own.cluster.delete(ObjectRef("apps/v1", "DaemonSet", own_lab.namespace, "kube-multus-ds"))
+
+
+def others(namespace: str) -> dict[str, Any]:
+    """Return a Multus that runs on no node."""
+    container = {"name": "kube-multus", "image": "example.org/hardened-multus-cni:v4.2.1"}
+    pod = {
+        "containers": [container],
+        "nodeSelector": {"nowhere": "true"},
+        "volumes": [{"name": "cni", "hostPath": {"path": "/etc/cni/net.d"}}],
+    }
+    labels = {"app": "multus"}
+    return {
+        "apiVersion": "apps/v1",
+        "kind": "DaemonSet",
+        "metadata": {"name": "kube-multus-ds", "namespace": namespace},
+        "spec": {
+            "selector": {"matchLabels": labels},
+            "template": {"metadata": {"labels": labels}, "spec": pod},
+        },
+    }
+
+
+def test_it_can_be_installed_again(own: Any, own_lab: Any, said: Any) -> None:
+    """What was removed can be installed again, and removed with all its kinds."""
+    assert install(own.cluster, Install(), said).ours
+    own_lab.attachment("10.213.15.0/24")
+    own_lab.start("again", node="node2")
+    assert own_lab.has_interface("again")
+    own_lab.end("again")
+    remove(own.cluster, Install(), said, definitions=True)
+    names = [live["metadata"]["name"] for live in own.cluster.list(*CRD)]
+    assert [name for name in names if "cni.cncf.io" in name] == []

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import attrs
 
 from rigel_k8s.manifests.network.attachments import attached_objects, attached_wiring
+from rigel_k8s.manifests.network.dds import EARLY
 from rigel_k8s.manifests.network.machines import host_objects, host_wiring
 from rigel_k8s.manifests.network.options import MIDDLEWARE
 from rigel_k8s.manifests.network.peers import peer_objects, peer_wiring
@@ -21,6 +22,8 @@ from rigel_k8s.manifests.pods import Object
 from rigel_k8s.problems import Path
 
 __all__ = ["network_objects", "wiring"]
+
+BEFORE_IRON = EARLY - {"iron"}
 
 WIRINGS = {
     "macvlan": attached_wiring,
@@ -66,6 +69,13 @@ def unwired(plan: NetworkPlan) -> Wiring:
     return Wiring(env=ros_variables(plan), annotations=network_note(plan))
 
 
+#: Nodes look for others beyond their own machine, whatever an image says; not LOCALHOST with peers,
+#: which would try more ports of each and bring shared memory back.
+RANGE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": {"value": "SUBNET"}}
+#: The same before iron.
+OLD_RANGE = {"ROS_LOCALHOST_ONLY": {"value": "0"}}
+
+
 def ros_variables(plan: NetworkPlan) -> dict[str, Object]:
     """Return ROS 2's own variables; a plain DDS application has none."""
     if plan.ros != "2":
@@ -73,6 +83,8 @@ def ros_variables(plan: NetworkPlan) -> dict[str, Object]:
     found: dict[str, Object] = {}
     if plan.options is not None and (plan.mode != "none" or plan.options.domain_id is not None):
         found["ROS_DOMAIN_ID"] = {"value": str(plan.domain_id)}
+    if plan.mode not in ("none", "zenoh"):
+        found |= OLD_RANGE if plan.distro.lower() in BEFORE_IRON else RANGE
     if plan.middleware:
         found["RMW_IMPLEMENTATION"] = {"value": MIDDLEWARE[plan.middleware]}
     return found

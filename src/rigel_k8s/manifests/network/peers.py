@@ -113,13 +113,9 @@ def variables(plan: NetworkPlan) -> dict[str, Object]:
 
 
 def peers_variables(plan: NetworkPlan) -> dict[str, Object]:
-    """Return ROS 2's own variables, from jazzy on.
-
-    The range LOCALHOST would find more participants of a pod, and brings shared memory back.
-    """
+    """Return ROS 2's own variables, from jazzy on."""
     reference = {"configMapKeyRef": {"name": config_name(plan), "key": PEERS_KEY}}
     return {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": {"value": "SUBNET"},
         "ROS_STATIC_PEERS": {"valueFrom": reference},
         **UDP_ONLY,
     }

@@ -1,0 +1,280 @@
+"""Real DDS in pods made of namespaces, on machines made of bridges; no Kubernetes.
+
+A machine is a bridge in a network namespace of its own, joined to a switch; a pod has its own
+network (net1 on its machine's bridge) and processes. The programs come from PyPI: rclpy with Fast
+DDS, Cyclone DDS, zenoh, Fast DDS' discovery server. `Lab.exec` stands where the cluster's does.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import attrs
+import pytest
+
+import rigel_k8s.inpod
+from rigel_k8s.plugins.graph_findings import Graph, graph
+from rigel_k8s.plugins.graph_looks import look
+from rigel_k8s.plugins.graph_members import Member
+
+SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rigel-k8s" / "tests"
+PACKAGES = {
+    "jazzy": ["ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-std-msgs"],
+    "kilted": ["ros-kilted-rclpy", "ros-kilted-rmw-fastrtps-cpp", "ros-kilted-std-msgs"],
+    "dds": ["cyclonedds", "eclipse-zenoh"],
+}
+_BOX = 'mount -t proc proc /proc; exec env -i "$@"'
+
+ROS_NODE = """
+import rclpy, sys
+rclpy.init()
+node = rclpy.create_node(sys.argv[1])
+print("up", flush=True)
+rclpy.spin(node)
+"""
+CYCLONE = """
+import time
+from cyclonedds.domain import DomainParticipant
+participant = DomainParticipant(0)
+print("up", flush=True)
+time.sleep(600)
+"""
+
+
+@attrs.define
+class Pod:
+    """One running pod; `init` is its process 1 as the host numbers it."""
+
+    name: str
+    machine: str
+    address: str
+    network: str
+    process: subprocess.Popen[bytes]
+    output: Path
+    env: dict[str, str]
+    init: int = 0
+
+    def exec(self, *command: str) -> subprocess.CompletedProcess[str]:
+        """Run a command in the pod."""
+        return subprocess.run(
+            self.entering(command), capture_output=True, text=True, timeout=60, check=False
+        )
+
+    def entering(self, command: Sequence[str]) -> list[str]:
+        """The host's command line that runs `command` in the pod."""
+        variables = [f"{k}={v}" for k, v in self.env.items()]
+        enter = ["nsenter", f"--target={self.init}", "--mount", "--net", "--pid"]
+        return [*enter, "env", "-i", *variables, *command]
+
+    def probe(self, *words: str) -> subprocess.CompletedProcess[str]:
+        """What the kubelet runs."""
+        return self.exec("/bin/sh", str(SCRIPTS / "ready.sh"), *words)
+
+    def signal(self, number: signal.Signals) -> None:
+        """Send a signal to process 1, from outside."""
+        os.kill(self.init, number)
+
+    def ip(self, *words: str) -> None:
+        """Change the pod's network."""
+        run("ip", "-n", self.network, *words)
+
+    def deaf_to(self, *others: Pod) -> None:
+        """Drop the multicast that comes from other pods."""
+        for other in others:
+            words = ["-A", "INPUT", "-s", other.address, "-d", "239.255.0.1", "-j", "DROP"]
+            run("ip", "netns", "exec", self.network, "iptables", *words)
+
+    def log(self) -> str:
+        return self.output.read_text(errors="replace")
+
+
+class Lab:
+    """Machines on one switch, their pods, and what a cluster's client does with them."""
+
+    _serial = itertools.count(1)
+
+    def __init__(self, folder: Path, cleanup: ExitStack, venv: Callable[[str], Path]) -> None:
+        self.folder, self.cleanup, self.venv = folder, cleanup, venv
+        self.pods: dict[str, Pod] = {}
+        self.switch = self._netns()
+        self._bridge(self.switch)
+        self.machines: dict[str, str] = {}
+
+    def ros(self, name: str, machine: str, distro: str = "jazzy", **env: str) -> Pod:
+        """Start a ROS 2 node on Fast DDS."""
+        env = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4", "ROS_DOMAIN_ID": "0", **env}
+        return self.python(name, machine, distro, ROS_NODE, name, **env)
+
+    def cyclone(self, name: str, machine: str, **env: str) -> Pod:
+        """Start a participant of Cyclone DDS."""
+        return self.python(name, machine, "dds", CYCLONE, **env)
+
+    def python(self, name: str, machine: str, venv: str, *words: str, **env: str) -> Pod:
+        """Start a Python program and wait until it says that it is up."""
+        python = str(self.venv(venv) / "bin" / "python")
+        pod = self.start(name, machine, python, "-c", *words, **env)
+        until = time.monotonic() + 30
+        while "up" not in pod.log():
+            assert time.monotonic() < until, pod.log()
+            assert pod.process.poll() is None, pod.log()
+            time.sleep(0.05)
+        return pod
+
+    def start(self, name: str, machine: str, *command: str, **env: str) -> Pod:
+        """Start a pod."""
+        number = next(self._serial)
+        address, network = f"10.9.0.{number % 250 + 1}", self._pod_network(machine)
+        run("ip", "-n", network, "address", "add", f"{address}/24", "dev", "net1")
+        output = self.folder / f"{name}-{number}.log"
+        variables = {"PATH": os.environ["PATH"], "HOME": str(self.folder), **env}
+        line = ["nsenter", f"--net=/run/netns/{network}", "unshare", "--mount", "--pid"]
+        line += ["--propagation=private", "--fork", "--kill-child", "/bin/sh", "-c", _BOX, "sh"]
+        line += [*(f"{k}={v}" for k, v in variables.items()), *command]
+        with output.open("w") as file:
+            process = subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=file, stderr=file)
+        pod = Pod(name, machine, address, network, process, output, variables)
+        self.pods[name] = pod
+        self.cleanup.callback(self._end, pod)
+        pod.init = child(process)
+        return pod
+
+    def exec(
+        self,
+        namespace: str,
+        pod: str,
+        command: Sequence[str],
+        *,
+        stdin: BinaryIO,
+        stdout: BinaryIO,
+        stderr: BinaryIO,
+        **_: Any,
+    ) -> int:
+        """Run a command in a pod as the cluster's exec does; the scripts are not mounted here."""
+        words = [word.replace(rigel_k8s.inpod.MOUNT_PATH, str(SCRIPTS)) for word in command]
+        words = self.pods[pod].entering(words)
+        with subprocess.Popen(
+            words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            for line in process.stdout:
+                stdout.write(line)
+            stderr.write(process.stderr.read())
+        return process.returncode
+
+    def members(self, mode: str = "macvlan", **more: Any) -> list[Member]:
+        """The pods as members of a release."""
+        return [self.member(pod, mode, **more) for pod in self.pods.values()]
+
+    def member(self, pod: Pod, mode: str = "macvlan", **more: Any) -> Member:
+        told = {
+            "namespace": "lab",
+            "pod": pod.name,
+            "workload": pod.name,
+            "machine": pod.machine,
+            "container": "ros-node",
+            "mode": mode,
+            "domain": 0,
+            "middleware": "",
+            "interface": "net1" if mode == "macvlan" else None,
+            "address": None,
+            "ip": pod.address,
+            "servers": (),
+            "own_ways": (),
+            "running": True,
+        }
+        return Member(**{**told, **more})
+
+    def graph(self, mode: str = "macvlan", **more: Any) -> Graph:
+        """What `rigel` finds out about the pods."""
+        found = self.members(mode, **more)
+        return graph(found, look(self, found))  # type: ignore[arg-type]
+
+    def _pod_network(self, machine: str) -> str:
+        if machine not in self.machines:
+            self.machines[machine] = self._netns()
+            self._bridge(self.machines[machine])
+            self._cable(self.switch, self.machines[machine], bridged=True)
+        network = self._netns()
+        self._cable(self.machines[machine], network, bridged=False)
+        return network
+
+    def _cable(self, bridge: str, other: str, *, bridged: bool) -> None:
+        """Join a namespace to another one's bridge; its end is net1, or on its bridge too."""
+        number = next(self._serial)
+        end = f"u{number}" if bridged else "net1"
+        pair = ["type", "veth", "peer", "name", end, "netns", other]
+        run("ip", "-n", bridge, "link", "add", f"v{number}", *pair)
+        run("ip", "-n", bridge, "link", "set", f"v{number}", "master", "br0", "up")
+        run("ip", "-n", other, "link", "set", end, *(["master", "br0"] if bridged else []), "up")
+
+    def _bridge(self, network: str) -> None:
+        run("ip", "-n", network, "link", "add", "br0", "type", "bridge", "mcast_snooping", "0")
+        run("ip", "-n", network, "link", "set", "br0", "up")
+
+    def _netns(self) -> str:
+        name = f"dds{os.getpid()}n{next(self._serial)}"
+        run("ip", "netns", "add", name)
+        self.cleanup.callback(run, "ip", "netns", "delete", name)
+        run("ip", "-n", name, "link", "set", "lo", "up")
+        return name
+
+    @staticmethod
+    def _end(pod: Pod) -> None:
+        pod.process.kill()
+        pod.process.wait()
+
+
+def run(*words: str) -> None:
+    subprocess.run(words, check=True, capture_output=True, text=True)
+
+
+def child(process: subprocess.Popen[bytes]) -> int:
+    """The one child of `unshare --fork`: the pod's process 1."""
+    path = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    until = time.monotonic() + 10
+    while time.monotonic() < until:
+        found = path.read_text().split() if path.exists() else []
+        if found and b"mount" not in Path(f"/proc/{found[0]}/cmdline").read_bytes():
+            return int(found[0])
+        time.sleep(0.01)
+    raise AssertionError(f"the pod did not start (exit code {process.poll()})")
+
+
+@pytest.fixture(scope="session")
+def venv() -> Callable[[str], Path]:
+    """A virtual environment with DDS programs from PyPI, kept for the next run."""
+    if os.geteuid() != 0:
+        pytest.skip("pods of namespaces need root")
+    tools = [tool for tool in ("ip", "nsenter", "unshare", "iptables") if not shutil.which(tool)]
+    if tools:
+        pytest.skip(f"pods of namespaces need {', '.join(tools)}")
+
+    def get(name: str) -> Path:
+        place = CACHE / f"{name}-{sys.version_info[0]}.{sys.version_info[1]}"
+        if not (place / "complete").exists():
+            shutil.rmtree(place, ignore_errors=True)
+            run(sys.executable, "-m", "venv", str(place))
+            run(str(place / "bin" / "pip"), "install", "--quiet", *PACKAGES[name])
+            (place / "complete").touch()
+        return place
+
+    return get
+
+
+@pytest.fixture
+def lab(venv: Callable[[str], Path], tmp_path: Path) -> Iterator[Lab]:
+    """A laboratory of its own for each test; everything ends with the test."""
+    with ExitStack() as cleanup:
+        yield Lab(tmp_path, cleanup, venv)

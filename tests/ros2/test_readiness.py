@@ -1,0 +1,163 @@
+"""The readiness probe for DDS against real participants."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.cluster
+
+DDS = ("dds", "--domain", "0", "--interface", "net1")
+AUTO = (
+    "<CycloneDDS><Domain><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "</Discovery></Domain></CycloneDDS>"
+)
+#: Has a participant's ports and never reads from them.
+HANGING = """
+import socket, time
+kept = []
+for port in (7400, 7410, 7411):
+    kept.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    kept[-1].bind(("", port))
+print("up", flush=True)
+time.sleep(600)
+"""
+ROUTER = """
+import time, zenoh
+config = zenoh.Config.from_json5('{mode: "router", listen: {endpoints: ["tcp/0.0.0.0:7447"]}}')
+session = zenoh.open(config)
+print("up", flush=True)
+time.sleep(600)
+"""
+CLIENT = """
+import sys, time, zenoh
+where = sys.argv[1]
+config = zenoh.Config.from_json5('{mode: "client", connect: {endpoints: ["tcp/%s:7447"]}}' % where)
+session = zenoh.open(config)
+print("up", flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("distro", ["jazzy", "kilted"])
+def test_ros(lab, distro):
+    """A ROS 2 node is ready though nobody else is there, and stopped it is not."""
+    pod = lab.ros("talker", "one", distro)
+    done = pod.probe(*DDS)
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.startswith("ready: process 1 (")
+    pod.signal(signal.SIGSTOP)
+    done = pod.probe(*DDS)
+    assert done.returncode == 1
+    assert done.stdout.endswith(" is stopped by a signal\n")
+    pod.signal(signal.SIGCONT)
+    assert pod.probe(*DDS).returncode == 0
+
+
+@pytest.mark.parametrize("env", [{}, {"CYCLONEDDS_URI": AUTO}], ids=["none", "auto"])
+def test_cyclone(lab, env):
+    """A participant of Cyclone DDS is ready, with a port of its own choice and with a fixed one."""
+    assert lab.cyclone("talker", "one", **env).probe(*DDS).returncode == 0
+
+
+def test_nobody_is_waited_for(lab):
+    """A node whose network leads nowhere is ready: readiness says nothing about others."""
+    pod = lab.ros("talker", "one")
+    pod.ip("route", "flush", "table", "main")
+    assert pod.probe("dds", "--domain", "0").returncode == 0
+
+
+def test_hanging(lab):
+    """A process that has a participant's ports and reads nothing is told as hanging."""
+    pod = lab.python("talker", "one", "dds", HANGING)
+    done = pod.probe(*DDS)
+    assert done.returncode == 1
+    assert "hangs: what was sent to its UDP port 7410 was not read within 3 s" in done.stdout
+
+
+def test_wrong_domain(lab):
+    """A participant of another domain makes nothing ready, and its domain is told."""
+    done = lab.ros("talker", "one", ROS_DOMAIN_ID="5").probe(*DDS)
+    assert done.returncode == 1
+    assert "takes part in DDS domain 5 instead of 0" in done.stdout
+
+
+def test_no_participant(lab):
+    """A program without DDS is not ready; --wait ends when its time is over."""
+    pod = lab.start("talker", "one", "sleep", "600")
+    done = pod.probe(*DDS, "--wait", "1")
+    assert done.returncode == 1
+    assert done.stdout.startswith("no process of this container takes part in DDS domain 0 yet")
+
+
+def test_interface(lab):
+    """The second network's state is told: missing, without address, down."""
+    pod = lab.ros("talker", "one")
+    assert pod.probe("dds", "--domain", "0", "--interface", "net2").stdout.startswith(
+        "net2 is missing: Multus did not attach"
+    )
+    pod.ip("link", "set", "net1", "down")
+    assert pod.probe(*DDS).stdout == "net1 is down\n"
+    pod.ip("link", "set", "net1", "up")
+    assert pod.probe(*DDS).returncode == 0
+    pod.ip("address", "flush", "dev", "net1")
+    assert pod.probe(*DDS).stdout == "net1 has no IPv4 address, so DDS cannot use it\n"
+
+
+def test_started_while_waiting(lab):
+    """--wait sees a participant that comes later."""
+    words = "import time; time.sleep(1); import sys; exec(sys.argv[1])"
+    program = "from cyclonedds.domain import DomainParticipant as P; p = P(0); time.sleep(600)"
+    python = str(lab.venv("dds") / "bin" / "python")
+    pod = lab.start("talker", "one", python, "-c", words, program)
+    assert pod.probe(*DDS).returncode == 1
+    assert pod.probe(*DDS, "--wait", "20").returncode == 0
+
+
+def test_discovery_server(lab):
+    """A discovery server is probed by its port, its client by its own participant."""
+    server = discovery_server(lab)
+    assert server.probe("dds", "--port", "11811", "--wait", "10").returncode == 0
+    assert server.probe("dds", "--port", "11812").returncode == 1
+    where = f"{server.address}:11811"
+    client = lab.ros("talker", "two", ROS_DISCOVERY_SERVER=where)
+    assert client.probe(*DDS).returncode == 0
+    server.signal(signal.SIGSTOP)
+    assert server.probe("dds", "--port", "11811").returncode == 1
+    assert client.probe(*DDS).returncode == 0
+
+
+def discovery_server(lab):
+    """A pod with Fast DDS' discovery server out of the wheels."""
+    venv: Path = lab.venv("jazzy")
+    folders = {str(path.parent) for path in venv.rglob("lib*.so*")}
+    program = str(venv / "bin" / "fast-discovery-server")
+    words = ("-i", "0", "-l", "0.0.0.0", "-p", "11811")
+    return lab.start("server", "one", program, *words, LD_LIBRARY_PATH=":".join(sorted(folders)))
+
+
+def test_zenoh(lab):
+    """A zenoh session is ready while it is connected to a router."""
+    router = lab.python("router", "one", "dds", ROUTER)
+    client = lab.python("talker", "two", "dds", CLIENT, router.address)
+    zenoh = ("zenoh", "--port", "7447")
+    assert (
+        client.probe(*zenoh).stdout == f"ready: connected to the zenoh router at {router.address}\n"
+    )
+    client.signal(signal.SIGSTOP)
+    assert client.probe(*zenoh).returncode == 1
+    client.signal(signal.SIGCONT)
+    router.process.kill()
+    router.process.wait()
+    done = client.probe(*zenoh)
+    assert done.returncode == 1
+    assert "is connected to a zenoh router yet" in done.stdout
+
+
+@pytest.mark.parametrize("words", [(), ("dds",), ("dds", "--domain"), ("dds", "--domain", "x")])
+def test_arguments(lab, words):
+    """Wrong arguments have an exit code of their own."""
+    pod = lab.start("talker", "one", "sleep", "600")
+    assert pod.probe("dds", *words[1:]).returncode == 2

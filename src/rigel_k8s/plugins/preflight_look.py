@@ -13,7 +13,14 @@ import attrs
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.kube.objects import ObjectRef
-from rigel_k8s.manifests.preflight.attachments import API, KIND, Attachment, attachment
+from rigel_k8s.manifests.preflight.attachments import (
+    API,
+    KIND,
+    POOL_API,
+    POOL_KIND,
+    Attachment,
+    attachment,
+)
 from rigel_k8s.manifests.preflight.case import Case, Pool, Taken, View, pool, taken
 from rigel_k8s.manifests.preflight.daemon import Daemon, daemon, is_multus
 from rigel_k8s.manifests.preflight.finding import Finding, by_text
@@ -78,7 +85,8 @@ class _Eyes:
         }
         if attaching:
             questions |= {
-                "multus": lambda: self._asked(KIND, lambda: cluster.serves(API, KIND), True),
+                "multus": lambda: self._serves(API, KIND),
+                "whereabouts": lambda: self._serves(POOL_API, POOL_KIND),
                 "attachments": lambda: self._attachments(case),
                 "services": lambda: service_ranges(cluster),
                 "pools": lambda: self._asked("whereabouts' IPPools", self._pools, NO_POOLS),
@@ -114,6 +122,9 @@ class _Eyes:
             self._unseen[what] = _why(error)
             return otherwise
 
+    def _serves(self, api: str, kind: str) -> bool:
+        return self._asked(f"kinds of {api}", lambda: self._cluster.serves(api, kind), True)
+
     def _daemons(self) -> Mapping[str, Daemon] | None:
         """Return Multus' pods by node, whoever installed them and under whatever name."""
         return self._asked("Multus' daemons", self._found_daemons, None)
@@ -134,7 +145,7 @@ class _Eyes:
         return self._cluster.list("networking.k8s.io/v1", "NetworkPolicy", namespace)
 
     def _pools(self) -> Sequence[Pool]:
-        items = self._cluster.list("whereabouts.cni.cncf.io/v1alpha1", "IPPool")
+        items = self._cluster.list(POOL_API, POOL_KIND)
         return [one for one in map(pool, items) if one is not None]
 
     def _attachments(self, case: Case) -> tuple[dict[str, Attachment], frozenset[str]]:

@@ -341,6 +341,31 @@ def test_all_findings_are_one_error(cluster: Any, namespace: str, said: Any) -> 
     assert cluster.list("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition", namespace) == []
 
 
+RIGELFILE = """
+application: {{distro: jazzy}}
+jobs:
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with:
+      namespace: {namespace}
+      network: {{mode: macvlan, interface: no-such, subnet: {subnet}}}
+      nodes:
+        talker: {{image: "ros:jazzy", args: [talker]}}
+"""
+
+
+def test_a_deploy_is_refused(cluster: Any, namespace: str, rigel: Any, tmp_path: Path) -> None:
+    """`rigel run` ends with exit code 2, says which interface lacks where, and writes nothing."""
+    text = RIGELFILE.format(namespace=namespace, subnet=SUBNET)
+    (tmp_path / "Rigelfile").write_text(text, "utf-8")
+    done = rigel("run", "job", "deploy", check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "have no interface no-such (there: eth0) [interface-missing]" in done.stderr
+    assert "hint: `network.interface` must be there on every machine" in done.stderr
+    for kind in (("apps/v1", "Deployment"), ("v1", "Secret")):
+        assert cluster.list(*kind, namespace) == []
+
+
 @pytest.fixture
 def as_user(
     cluster: Any, namespace: str, context: str, tmp_path: Path

@@ -28,7 +28,8 @@ class NoCluster:
 )
 def test_nothing_is_asked_without_need(network: Network | str | None) -> None:
     """A release without a network of its own, or over the pod network, costs no request."""
-    objects = [{"kind": "Deployment", "metadata": {"name": "talker"}, "spec": {}}]
+    pods = {"template": {"spec": {"hostNetwork": True}}}
+    objects = [{"kind": "Deployment", "metadata": {"name": "talker"}, "spec": pods}]
     assert examine(objects, network, NoCluster()) == []  # type: ignore[arg-type]
 
 

@@ -56,7 +56,7 @@ class View:
     """What was seen of a cluster.
 
     Attributes:
-        multus: whether it knows NetworkAttachmentDefinitions.
+        multus: whether it knows NetworkAttachmentDefinitions; whereabouts: IPPools.
         daemons: by node; None where they could not be listed.
         machines: by node, of those that could be looked at.
         attachments: those of the cluster, by NAMESPACE/NAME.
@@ -67,6 +67,7 @@ class View:
     """
 
     multus: bool = True
+    whereabouts: bool = True
     nodes: Sequence[Manifest] = ()
     daemons: Mapping[str, Daemon] | None = attrs.field(factory=dict)
     machines: Mapping[str, MachineFacts] = attrs.field(factory=dict)

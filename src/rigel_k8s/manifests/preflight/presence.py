@@ -22,6 +22,12 @@ def presence(case: Case) -> Iterator[Finding]:
             INSTALL,
         )
         return
+    if not case.view.whereabouts and any(one.ipam == "whereabouts" for one in case.attachments):
+        yield Finding(
+            "whereabouts-missing",
+            "whereabouts is not installed: the cluster knows no IPPool to keep addresses in",
+            f"{INSTALL}; or another `network.ipam`",
+        )
     yield from _daemons(case)
     known = {*case.view.attachments, *case.own, *case.view.unread}
     there = listed(sorted(case.view.attachments)) or "none"

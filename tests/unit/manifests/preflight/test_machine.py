@@ -112,8 +112,8 @@ def test_the_dhcp_daemon_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_wireless_interface_is_recognised(tmp_path: Path) -> None:
-    """An interface is wireless where the kernel's directory of it has `wireless` or `phy80211`, or
-    the kernel calls it wlan; laid over /sys/class/net, since no radio is here."""
+    """An interface is wireless where the kernel's directory of it has `wireless` or `phy80211`;
+    laid over /sys/class/net, since no radio is here. One that vanishes meanwhile is left out."""
     unshare = ["unshare", "--mount", "--map-root-user"]
     if subprocess.run([*unshare, "true"], check=False, capture_output=True).returncode:
         pytest.skip("this machine lets nobody mount")
@@ -131,6 +131,8 @@ def test_a_wireless_interface_is_recognised(tmp_path: Path) -> None:
         }.items():
             (directory / file).write_text(f"{text}\n", "ascii")
     (tmp_path / "eth0/upper_pods").mkdir()
+    (tmp_path / "veth0").mkdir()
+    (tmp_path / "veth0/flags").write_text("0x1003\n", "ascii")  # and then a pod ended
     script = f'mount --bind "$0" /sys/class/net && exec sh -c \'{_quoted(PROBE)}\' preflight ""'
     done = subprocess.run(
         [*unshare, "sh", "-c", script, str(tmp_path)], check=True, capture_output=True, text=True

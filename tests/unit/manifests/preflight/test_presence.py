@@ -34,6 +34,16 @@ def test_no_daemon_on_a_machine() -> None:
     ]
 
 
+def test_no_whereabouts() -> None:
+    """A cluster without whereabouts gives no addresses by it; others need none."""
+    seen = view(whereabouts=False)
+    assert texts(found(seen=seen)) == [
+        "error cluster whereabouts-missing: whereabouts is not installed: the cluster knows no"
+        f" IPPool to keep addresses in => {INSTALL}; or another `network.ipam`"
+    ]
+    assert found(nad(ipam={"type": "static"}), workload(), seen=seen) == []
+
+
 def test_only_machines_that_pods_may_run_on_count() -> None:
     """A machine that the pods' selector or a taint keeps away may lack everything."""
     tainted = node("node2")

@@ -168,6 +168,10 @@ def test_host_local_on_several_machines() -> None:
         " on node1, node2: two of them would get one address => `ipam: whereabouts`, or"
         " `placement.node` to keep all pods on one machine"
     ]
+    off = node("node2", ready=False)
+    off["spec"]["taints"] = [{"key": "node.kubernetes.io/unreachable", "effect": "NoSchedule"}]
+    seen = view(nodes=[node("node1"), off])  # it will be back
+    assert [f.kind for f in found(item, workload(replicas=2), seen=seen)] == ["host-local"]
     pinned = {"nodeSelector": {"kubernetes.io/hostname": "node1"}}
     assert found(item, workload(**pinned), workload("listener", **pinned)) == []
     assert found(item, workload()) == []

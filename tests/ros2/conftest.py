@@ -8,6 +8,7 @@ DDS, Cyclone DDS, zenoh, Fast DDS' discovery server. `Lab.exec` stands where the
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import shutil
 import signal
@@ -47,6 +48,22 @@ CYCLONE = """
 import time
 from cyclonedds.domain import DomainParticipant
 participant = DomainParticipant(0)
+print("up", flush=True)
+time.sleep(600)
+"""
+
+ROUTER = """
+import time, zenoh
+config = zenoh.Config.from_json5('{mode: "router", listen: {endpoints: ["tcp/0.0.0.0:7447"]}}')
+session = zenoh.open(config)
+print("up", flush=True)
+time.sleep(600)
+"""
+CLIENT = """
+import sys, time, zenoh
+where = sys.argv[1]
+config = zenoh.Config.from_json5('{mode: "client", connect: {endpoints: ["tcp/%s:7447"]}}' % where)
+session = zenoh.open(config)
 print("up", flush=True)
 time.sleep(600)
 """
@@ -95,6 +112,11 @@ class Pod:
             words = ["-A", "INPUT", "-s", other.address, "-d", "239.255.0.1", "-j", "DROP"]
             run("ip", "netns", "exec", self.network, "iptables", *words)
 
+    def drop(self, other: Pod) -> None:
+        """Drop everything that comes from another pod."""
+        words = ["-A", "INPUT", "-s", other.address, "-j", "DROP"]
+        run("ip", "netns", "exec", self.network, "iptables", *words)
+
     def log(self) -> str:
         return self.output.read_text(errors="replace")
 
@@ -119,6 +141,23 @@ class Lab:
     def cyclone(self, name: str, machine: str, **env: str) -> Pod:
         """Start a participant of Cyclone DDS."""
         return self.python(name, machine, "dds", CYCLONE, **env)
+
+    def router(self, machine: str) -> Pod:
+        """Start a zenoh router."""
+        return self.python("router", machine, "dds", ROUTER)
+
+    def zenoh(self, name: str, machine: str, router: Pod) -> Pod:
+        """Start a zenoh session that is a router's client."""
+        return self.python(name, machine, "dds", CLIENT, router.address)
+
+    def discovery_server(self) -> Pod:
+        """Start Fast DDS' discovery server out of the wheels."""
+        venv = self.venv("jazzy")
+        folders = {str(path.parent) for path in venv.rglob("lib*.so*")}
+        program = str(venv / "bin" / "fast-discovery-server")
+        words = ("-i", "0", "-l", "0.0.0.0", "-p", "11811")
+        libraries = ":".join(sorted(folders))
+        return self.start("server", "one", program, *words, LD_LIBRARY_PATH=libraries)
 
     def python(self, name: str, machine: str, venv: str, *words: str, **env: str) -> Pod:
         """Start a Python program and wait until it says that it is up."""
@@ -198,7 +237,11 @@ class Lab:
 
     def graph(self, mode: str = "macvlan", **more: Any) -> Graph:
         """What `rigel` finds out about the pods."""
-        found = self.members(mode, **more)
+        return self.graph_of(self.members(mode, **more))
+
+    def graph_of(self, found: Sequence[Member]) -> Graph:
+        """What `rigel` finds out about some of them."""
+        self.settled()
         return graph(found, look(self, found))  # type: ignore[arg-type]
 
     def _pod_network(self, machine: str) -> str:
@@ -219,6 +262,14 @@ class Lab:
         run("ip", "-n", bridge, "link", "set", f"v{number}", "master", "br0", "up")
         run("ip", "-n", other, "link", "set", end, *(["master", "br0"] if bridged else []), "up")
 
+    def settled(self) -> None:
+        """Wait until all bridges forward: a new port is noticed up to a second late."""
+        until = time.monotonic() + 10
+        for network in (self.switch, *self.machines.values()):
+            while any(port["state"] != "forwarding" for port in ports(network)):
+                assert time.monotonic() < until, f"{network} does not forward"
+                time.sleep(0.05)
+
     def _bridge(self, network: str) -> None:
         run("ip", "-n", network, "link", "add", "br0", "type", "bridge", "mcast_snooping", "0")
         run("ip", "-n", network, "link", "set", "br0", "up")
@@ -234,6 +285,12 @@ class Lab:
     def _end(pod: Pod) -> None:
         pod.process.kill()
         pod.process.wait()
+
+
+def ports(network: str) -> list[dict[str, Any]]:
+    """The ports of a namespace's bridge."""
+    done = subprocess.run(["bridge", "-n", network, "-j", "link"], check=True, capture_output=True)
+    return json.loads(done.stdout)  # type: ignore[no-any-return]
 
 
 def run(*words: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from pathlib import Path
 
 import pytest
 
@@ -21,21 +20,6 @@ kept = []
 for port in (7400, 7410, 7411):
     kept.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
     kept[-1].bind(("", port))
-print("up", flush=True)
-time.sleep(600)
-"""
-ROUTER = """
-import time, zenoh
-config = zenoh.Config.from_json5('{mode: "router", listen: {endpoints: ["tcp/0.0.0.0:7447"]}}')
-session = zenoh.open(config)
-print("up", flush=True)
-time.sleep(600)
-"""
-CLIENT = """
-import sys, time, zenoh
-where = sys.argv[1]
-config = zenoh.Config.from_json5('{mode: "client", connect: {endpoints: ["tcp/%s:7447"]}}' % where)
-session = zenoh.open(config)
 print("up", flush=True)
 time.sleep(600)
 """
@@ -118,7 +102,7 @@ def test_started_while_waiting(lab):
 
 def test_discovery_server(lab):
     """A discovery server is probed by its port, its client by its own participant."""
-    server = discovery_server(lab)
+    server = lab.discovery_server()
     assert server.probe("dds", "--port", "11811", "--wait", "10").returncode == 0
     assert server.probe("dds", "--port", "11812").returncode == 1
     where = f"{server.address}:11811"
@@ -129,19 +113,10 @@ def test_discovery_server(lab):
     assert client.probe(*DDS).returncode == 0
 
 
-def discovery_server(lab):
-    """A pod with Fast DDS' discovery server out of the wheels."""
-    venv: Path = lab.venv("jazzy")
-    folders = {str(path.parent) for path in venv.rglob("lib*.so*")}
-    program = str(venv / "bin" / "fast-discovery-server")
-    words = ("-i", "0", "-l", "0.0.0.0", "-p", "11811")
-    return lab.start("server", "one", program, *words, LD_LIBRARY_PATH=":".join(sorted(folders)))
-
-
 def test_zenoh(lab):
     """A zenoh session is ready while it is connected to a router."""
-    router = lab.python("router", "one", "dds", ROUTER)
-    client = lab.python("talker", "two", "dds", CLIENT, router.address)
+    router = lab.router("one")
+    client = lab.zenoh("talker", "two", router)
     zenoh = ("zenoh", "--port", "7447")
     assert (
         client.probe(*zenoh).stdout == f"ready: connected to the zenoh router at {router.address}\n"

@@ -205,7 +205,7 @@ def undiscovered(
         missing = [
             other
             for other, does in others.items()
-            if not does and not ways.explains(member.machine, by_pod[other].machine)
+            if not does and not ways.explains(member, by_pod[other])
         ]
         if not missing:
             continue

@@ -37,9 +37,10 @@ class Paths:
     deaf: frozenset[tuple[str, str]] = frozenset()
     alone: frozenset[tuple[str, str]] = frozenset()
 
-    def explains(self, one: str, other: str) -> bool:
-        """Whether two machines' pods cannot discover each other, because they hear nothing."""
-        return bool({(one, other), (other, one)} & self.deaf)
+    def explains(self, one: Member, other: Member) -> bool:
+        """Whether two pods may not discover each other, because one hears nothing of the other."""
+        deaf = {(one.machine, other.machine), (other.machine, one.machine)} & self.deaf
+        return bool(deaf or {(one.machine, other.pod), (other.machine, one.pod)} & self.alone)
 
 
 def paths(looked: Sequence[Member], seen: Mapping[str, Seen]) -> Paths:

@@ -1,0 +1,235 @@
+"""The DDS graph of real participants on machines of namespaces, as `rigel` finds it out."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import pytest
+
+from rigel_k8s.plugins.graph_findings import Graph
+
+pytestmark = pytest.mark.cluster
+
+#: Tells which participants Cyclone DDS knows, whenever a line comes.
+WATCHER = """
+import sys, time
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant
+from cyclonedds.domain import DomainParticipant
+participant = DomainParticipant(0)
+reader = BuiltinDataReader(participant, BuiltinTopicDcpsParticipant)
+print("up", flush=True)
+while True:
+    for sample in reader.take(N=100):
+        info = sample.sample_info
+        print("+" if info.instance_state == 16 else "-", info.instance_handle, flush=True)
+    time.sleep(0.1)
+"""
+TALKER = """
+import rclpy, sys
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node(sys.argv[1])
+publisher = node.create_publisher(String, "chatter", 10)
+node.create_subscription(String, "chatter", lambda m: print("heard", m.data, flush=True), 10)
+node.create_timer(0.05, lambda: publisher.publish(String(data=sys.argv[1])))
+print("up", flush=True)
+rclpy.spin(node)
+"""
+
+
+def told(graph: Graph) -> list[str]:
+    return [f"{finding.kind}: {finding.message}" for finding in graph.findings]
+
+
+def test_all_discover_each_other(lab):
+    """Fast DDS 2 and 3 and Cyclone DDS on three machines: each is discovered in all others."""
+    lab.ros("jazzy", "one")
+    lab.ros("kilted", "two", "kilted")
+    lab.cyclone("cyclone", "three")
+    lab.ros("beside", "one")
+    found = lab.graph()
+    assert told(found) == []
+    names = set(lab.pods)
+    for pod in found.pods:
+        assert set(pod.discovered_by) == names - {pod.pod}
+        assert (pod.out_of, pod.address) == (3, lab.pods[pod.pod].address)
+
+
+def test_one_way(lab):
+    """Multicast that is dropped one way between two machines: exactly that pair is named."""
+    one, again = lab.ros("one", "one"), lab.ros("again", "one")
+    two = lab.ros("two", "two")
+    lab.cyclone("three", "three")
+    one.deaf_to(two)
+    again.deaf_to(two)
+    found = lab.graph()
+    assert found.deaf == (("two", "one"),)
+    assert told(found) == ["deaf: multicast at net1 from two does not reach one"]
+    assert found.findings[0].error
+
+
+def test_both_ways(lab):
+    """Two machines that are deaf to each other are one finding; a third one hears both."""
+    one, two, _ = lab.ros("one", "one"), lab.ros("two", "two"), lab.ros("three", "three")
+    one.deaf_to(two)
+    two.deaf_to(one)
+    found = lab.graph()
+    assert found.deaf == (("one", "two"), ("two", "one"))
+    assert told(found) == ["deaf: multicast at net1 passes neither from one to two nor back"]
+
+
+def test_one_deaf_pod(lab):
+    """A pod that is deaf while others on its machine hear is named itself."""
+    one, two = lab.ros("one", "one"), lab.ros("two", "two")
+    lab.ros("again", "one")
+    one.deaf_to(two)
+    found = lab.graph()
+    assert found.deaf == ()
+    assert told(found) == [
+        "deaf-pod: multicast from two does not reach one, though it reaches its machine"
+    ]
+
+
+def test_no_network_key(lab):
+    """On the pod network, deaf from machine to machine, it is told what to set; no error."""
+    one, again, two = lab.ros("one", "one"), lab.ros("again", "one"), lab.ros("two", "two")
+    for pod in (one, again):
+        pod.deaf_to(two)
+        two.deaf_to(pod)
+    found = lab.graph("none")
+    (finding,) = found.findings
+    assert finding.message.startswith("the pods on one and two do not discover each other")
+    assert "set `network`" in finding.remedy
+    assert not finding.error
+    assert {pod.pod: pod.discovered_by for pod in found.pods} == {
+        "one": ("again",),
+        "again": ("one",),
+        "two": (),
+    }
+
+
+def test_wrong_domain(lab):
+    """A node in another domain is named, and the domain that it is in."""
+    lab.ros("one", "one")
+    lab.ros("two", "two", ROS_DOMAIN_ID="3")
+    assert told(lab.graph()) == ["wrong-domain: two takes part in DDS domain 3 instead of 0"]
+
+
+def test_stopped(lab):
+    """A stopped process is named; the others still discover each other."""
+    lab.ros("one", "one")
+    lab.ros("two", "two")
+    lab.ros("three", "three").signal(signal.SIGSTOP)
+    found = lab.graph()
+    assert [finding.kind for finding in found.findings] == ["stopped"]
+    assert found.findings[0].message.startswith("three has a process that is stopped by a signal")
+    assert found.pods[0].discovered_by == ("three", "two")
+    assert found.pods[2].discovered_by == ()
+
+
+def test_no_participant(lab):
+    """A pod whose program has no DDS is named."""
+    lab.ros("one", "one")
+    lab.start("two", "two", "sleep", "600")
+    assert told(lab.graph()) == ["no-participant: two has no DDS participant"]
+
+
+def test_no_interface(lab):
+    """Pods without their interface, or its address, are named, and explain nothing else."""
+    lab.ros("one", "one")
+    lab.ros("two", "two").ip("address", "flush", "dev", "net1")
+    three = lab.ros("three", "three")
+    three.ip("link", "set", "net1", "down")
+    three.ip("link", "set", "net1", "name", "eth0")
+    found = lab.graph()
+    assert told(found) == [
+        "no-address: two has net1 without an IPv4 address",
+        "no-interface: three has no net1: Multus did not attach the second network when the pod"
+        " was made",
+    ]
+    assert [pod.address for pod in found.pods] == [lab.pods["one"].address, "", ""]
+
+
+def test_other_address(lab):
+    """A pod that lost its promised address is named."""
+    pod = lab.ros("one", "one")
+    assert told(lab.graph(address="10.9.9.9")) == [
+        f"other-address: one has {pod.address} at net1, and should have 10.9.9.9"
+    ]
+
+
+def test_nobody_remembers(lab):
+    """Stand-ins take their announcements back: a participant that knew them forgets them."""
+    watcher = lab.python("watcher", "one", "dds", WATCHER)
+    lab.ros("two", "two")
+    until = time.monotonic() + 20
+    while watcher.log().count("+") < 2:
+        assert time.monotonic() < until, "the watcher does not know the node"
+        time.sleep(0.1)
+    assert told(lab.graph()) == []
+    while watcher.log().count("-") < 2:
+        assert time.monotonic() < until, "the stand-ins are still known"
+        time.sleep(0.1)
+    assert len({line for line in watcher.log().splitlines() if line.startswith("+")}) == 4
+
+
+def test_messages_flow_on(lab):
+    """A look disturbs nobody: messages go on, and no node logs anything."""
+    one = lab.python("one", "one", "jazzy", TALKER, "one", FASTDDS_BUILTIN_TRANSPORTS="UDPv4")
+    lab.python("two", "two", "jazzy", TALKER, "two", FASTDDS_BUILTIN_TRANSPORTS="UDPv4")
+    assert told(lab.graph()) == []
+    before = one.log().count("heard two")
+    assert told(lab.graph()) == []
+    assert one.log().count("heard two") > before
+    assert set(one.log().splitlines()) == {"up", "heard one", "heard two"}
+
+
+def test_discovery_server(lab):
+    """Clients of a discovery server: whether it answers is told, and nothing about multicast."""
+    server = lab.discovery_server()
+    where = f"{server.address}:11811"
+    pods = [lab.ros(name, name, ROS_DISCOVERY_SERVER=where) for name in ("one", "two")]
+    clients = [lab.member(pod, "discovery-server", servers=(where,)) for pod in pods]
+    assert told(lab.graph_of(clients)) == []
+    server.signal(signal.SIGSTOP)
+    assert told(lab.graph_of(clients)) == [
+        f"no-server: {name} gets no answer from the discovery server {where}"
+        for name in ("one", "two")
+    ]
+
+
+def test_peers(lab):
+    """Static peers are asked by name; who does not answer is told by whom."""
+    one, two = lab.ros("one", "one"), lab.ros("two", "two")
+    names = {"one": one.address, "two": two.address}
+    addressed = [lab.member(p, "peers", workload=names[p.name]) for p in (one, two)]
+    assert told(lab.graph_of(addressed)) == []
+    two.deaf_to(one)  # multicast only: peers do not need it
+    assert told(lab.graph_of(addressed)) == []
+    two.drop(one)
+    assert told(lab.graph_of(addressed)) == [
+        "undiscovered: one is discovered by nobody",
+        "undiscovered: two is discovered by nobody",
+    ]
+
+
+def test_zenoh(lab):
+    """Who is connected to no zenoh router is named."""
+    router = lab.router("one")
+    client = lab.zenoh("one", "one", router)
+    alone = lab.start("two", "two", "sleep", "600")
+    members = [lab.member(p, "zenoh", middleware="zenoh") for p in (client, alone)]
+    found = lab.graph_of(members)
+    assert told(found) == ["no-router: two is connected to no zenoh router"]
+    assert found.pods[0].reaches == (router.address,)
+
+
+def test_without_python(lab):
+    """A pod in which nothing can look is said to be unknown, not wrong."""
+    lab.ros("one", "one")
+    two = lab.ros("two", "two")
+    two.env["PATH"] = "/nowhere"
+    found = lab.graph()
+    (finding,) = found.findings
+    assert (finding.kind, finding.error, list(finding.pods)) == ("not-looked", False, ["two"])

@@ -1,0 +1,157 @@
+"""Nodes on several middlewares, in one image: what tests of network modes and of interoperation share."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+
+IMAGES = Path(__file__).parents[3] / "images"
+SCRIPTS = Path(__file__).parents[4] / "examples/ros2-talker-listener/talker_listener/scripts"
+HEARD = re.compile(r"I heard hello world from (\w+): \S+ (\d+)")
+
+
+def cache() -> Path:
+    """Return where a second run finds what was built."""
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "rigel-k8s" / "test-images"
+
+
+def rustdds_node() -> Path:
+    """Return the node on RustDDS, built where the cache lacks it: a minute."""
+    source = IMAGES / "rustdds"
+    files = [source / "Cargo.toml", source / "Cargo.lock", source / "src" / "main.rs"]
+    key = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+    built = cache() / f"rustdds-node-{key}"
+    if built.exists():
+        return built
+    if not (cargo := shutil.which("cargo")):
+        pytest.skip("no cargo, which would build the node on RustDDS")
+    target = cache() / "rustdds"
+    machine = "x86_64-unknown-linux-gnu"
+    words = ["build", "--quiet", "--locked", "--target", machine, "--target-dir", str(target)]
+    done = subprocess.run(
+        [cargo, *words, "--manifest-path", str(source / "Cargo.toml")],
+        env={**os.environ, "RUSTFLAGS": "-C target-feature=+crt-static"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=1800,
+    )
+    assert done.returncode == 0, done.stderr
+    shutil.copy(target / machine / "debug" / "rustdds-node", built)
+    return built
+
+
+def wheels(requirements: Path, target: Path) -> None:
+    """Unpack wheels for the image's Python, Debian 12's, whatever this one is."""
+    words = ["download", "--quiet", "--no-deps", "--require-hashes", "--only-binary=:all:"]
+    words += ["--python-version", "3.11", "--platform", "manylinux_2_17_x86_64"]
+    fetched = target.with_name("fetched")
+    words += ["--requirement", str(requirements), "--dest", str(fetched)]
+    done = subprocess.run(
+        [sys.executable, "-m", "pip", *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    for wheel in fetched.glob("*.whl"):
+        with zipfile.ZipFile(wheel) as opened:
+            opened.extractall(target)
+
+
+@pytest.fixture(scope="session")
+def interop_image(registry: str, ros2_image: str, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The image of tests/images/interop in the cluster's registry."""
+    context = tmp_path_factory.mktemp("interop") / "context"
+    shutil.copytree(IMAGES / "interop", context)
+    shutil.copy2(rustdds_node(), context / "rustdds-node")
+    for script in SCRIPTS.iterdir():
+        shutil.copy2(script, context / "nodes")
+    wheels(context / "requirements.txt", context / "wheels")
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "rigel_k8s",
+            "-f",
+            str(context / "Rigelfile"),
+            "run",
+            "job",
+            "build",
+        ],
+        env={**os.environ, "REGISTRY": registry, "BASE_IMAGE": ros2_image},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return f"{registry}/rigel-test-interop:latest"
+
+
+@attrs.frozen
+class Release:
+    """A deployed release: its project, and what its nodes log."""
+
+    project: Any
+
+    def heard(self, node: str, *, since: int | None = 3) -> set[str]:
+        """Return whom a listener has heard in these last seconds."""
+        pod = self.project.pods().get(node.replace("_", "-"))
+        if pod is None:
+            return set()
+        lines = self.project.cluster.logs(
+            self.project.space, pod["metadata"]["name"], since_seconds=since
+        )
+        return {match[1] for match in map(HEARD.search, lines) if match}
+
+    def until_heard(self, node: str, whom: set[str], *, seconds: float = 60) -> None:
+        """Wait until a listener hears exactly these."""
+        self.project.until(
+            lambda: self.heard(node) == whom,
+            f"{whom} at {node}, which hears {self.heard(node)},",
+            seconds=seconds,
+        )
+
+    def address(self, workload: str) -> str:
+        """Return the address of a workload's pod."""
+        return str(self.project.pods()[workload]["status"]["podIP"])
+
+    def move(self, workload: str) -> None:
+        """Have a workload's pod ended, and a new one started on another machine."""
+        cluster, space = self.project.cluster, self.project.space
+        machine = self.project.machines()[workload]
+        machines = [node["metadata"]["name"] for node in cluster.list("v1", "Node")]
+        other = next(name for name in machines if name != machine)
+        pod = {"nodeSelector": {"kubernetes.io/hostname": other}}
+        ref = ObjectRef("apps/v1", "Deployment", space, workload)
+        cluster.patch(ref, {"spec": {"template": {"spec": pod}}})
+        self.project.until(
+            lambda: self.project.machines().get(workload) == other,
+            f"pod of {workload} on {other}",
+        )
+
+
+@pytest.fixture(scope="module")
+def deployed(
+    project: Callable[..., Any], interop_image: str, ros2_image: str
+) -> Callable[..., Release]:
+    """Deploy tests/images/interop with other options: deployed(network=..., nodes=...)."""
+
+    def deploy(**options: Any) -> Release:
+        made = project("../tests/images/interop", ros2_image, lambda job: job.update(options))
+        made("run", "job", "deploy")
+        return Release(made)
+
+    return deploy

@@ -1,0 +1,49 @@
+"""Three implementations of DDS that share no code, each hearing the others over one wire."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.cluster
+
+TALKERS = {"fast_talker", "cyclone_talker", "rust_talker"}
+
+
+@pytest.fixture(scope="module")
+def interop(deployed: Callable[..., Any], multus: None) -> Any:
+    """tests/images/interop as it is: three talkers and three listeners over macvlan."""
+    return deployed()
+
+
+def test_the_talkers_and_listeners_are_on_three_machines(interop: Any) -> None:
+    """So that what is heard has crossed the wire."""
+    machines = interop.project.machines()
+    assert len(set(machines.values())) == 3
+    for kind, others in (("fast", "cyclone"), ("cyclone", "rust"), ("rust", "cyclone")):
+        assert machines[f"{kind}-listener"] != machines[f"{others}-talker"]
+
+
+@pytest.mark.parametrize("listener", ["fast_listener", "cyclone_listener", "rust_listener"])
+def test_each_hears_all_three(interop: Any, listener: str) -> None:
+    """rclpy on Fast DDS, Cyclone DDS and RustDDS understand each other without further options."""
+    interop.until_heard(listener, TALKERS)
+
+
+def test_it_came_over_the_second_network(interop: Any) -> None:
+    """With net1 of a listener down it hears nobody any more, and all again when it is up."""
+    interop.project.link("cyclone-listener", "net1", "down")
+    interop.until_heard("cyclone_listener", set())
+    interop.project.link("cyclone-listener", "net1", "up")
+    interop.until_heard("cyclone_listener", TALKERS)
+
+
+def test_ros_tools_see_the_node_of_another_implementation(interop: Any) -> None:
+    """RustDDS' nodes stand in ROS 2's graph; Cyclone's are DDS alone, and publish all the same."""
+    project = interop.project
+    nodes = project("exec", "fast_listener", "--", "ros2", "node", "list").stdout.split()
+    assert {"/fast_talker", "/fast_listener", "/rust_talker", "/rust_listener"} <= set(nodes)
+    told = project("exec", "fast_listener", "--", "ros2", "topic", "info", "/chatter").stdout
+    assert "Publisher count: 3" in told

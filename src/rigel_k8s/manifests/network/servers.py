@@ -118,7 +118,10 @@ def server_service(plan: NetworkPlan, name: str, number: int, protocol: str) -> 
 
 
 def server_deployment(plan: NetworkPlan, network: Network, name: str, container: Object) -> Object:
-    """Return a server's Deployment: there before its clients, never twice at once."""
+    """Return a server's Deployment: there before its clients, never twice at once.
+
+    Its pods do not say how they are networked: they are none of the nodes that must find each other.
+    """
     volume, mount = inpod_volume(plan.release)
     image = str(network.image or (plan.pods[0].image if plan.pods else around(plan).default_image))
     whole = {
@@ -135,7 +138,6 @@ def server_deployment(plan: NetworkPlan, network: Network, name: str, container:
         compact(pod),
         strategy={"type": "Recreate"},
         annotations={FIRST_ANNOTATION: "true"},
-        pod_annotations=network_note(plan, role="server"),
     )
 
 

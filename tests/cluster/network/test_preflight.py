@@ -160,6 +160,24 @@ def test_a_tunnel(ask: Ask, machines: dict[str, Machine]) -> None:
     ]
 
 
+def test_a_port_of_a_bridge(ask: Ask, machines: dict[str, Machine], link: str) -> None:
+    """A port of a bridge carries no macvlan; the bridge itself does."""
+    first = next(iter(machines))
+    spec = {"nodeSelector": {"kubernetes.io/hostname": first}}
+    bridge = f"{link}b"
+    machines[first].ip("link", "add", bridge, "type", "bridge")
+    try:
+        machines[first].ip("link", "set", bridge, "up")
+        machines[first].ip("link", "set", link, "master", bridge)
+        assert ask(interface=link, spec=spec) == [
+            f"error interface-port: {link} of {first} is a port of bridge {bridge}, so it carries"
+            " no macvlan"
+        ]
+        assert ask(interface=bridge, spec=spec) == []
+    finally:
+        machines[first].ip("link", "delete", bridge)
+
+
 def test_mtu(ask: Ask) -> None:
     """More than the machines' MTU."""
     assert [line.partition(":")[0] for line in ask(mtu=65000)] == ["error mtu"]

@@ -8,7 +8,7 @@ from rigel_k8s.manifests.preflight.case import Case
 from rigel_k8s.manifests.preflight.finding import Finding
 from rigel_k8s.manifests.preflight.interfaces import interfaces
 from rigel_k8s.manifests.preflight.limits import buffers, policies
-from rigel_k8s.manifests.preflight.presence import presence, programs
+from rigel_k8s.manifests.preflight.presence import clouds, presence, programs
 from rigel_k8s.manifests.preflight.ranges import ranges, room
 
 __all__ = ["findings"]
@@ -21,6 +21,7 @@ CHECKS: Sequence[Callable[[Case], Iterator[Finding]]] = (
     room,
     buffers,
     policies,
+    clouds,
 )
 
 

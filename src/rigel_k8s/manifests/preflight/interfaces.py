@@ -13,6 +13,8 @@ __all__ = ["interfaces"]
 
 #: Interfaces that networks of pods and engines have made: nobody means these.
 OTHERS = ("lo", "veth", "cali", "lxc", "cni", "flannel", "docker", "kube-", "br-", "cilium", "tunl")
+#: What takes all that arrives at its ports: on a port there is no place for anything else.
+TAKES_ALL = ("bridge", "bond", "team", "openvswitch")
 OPPOSITE = {"macvlan": "ipvlan", "ipvlan": "macvlan"}
 
 
@@ -130,13 +132,24 @@ def _mtu(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
 
 
 def _carries_other(one: Attachment, found: Found) -> Iterator[Finding]:
-    """Yield interfaces with the other kind on top in the machine's own network."""
+    """Yield interfaces with something on top, in the machine's own network, that wants them alone.
+
+    The kernel says no more than "Device or resource busy" when a pod starts.
+    """
     for node, (master, facts) in found.items():
         uppers = facts.interfaces[master].uppers if master in facts.interfaces else ()
-        for upper in uppers:
-            kind = facts.interfaces[upper].kind if upper in facts.interfaces else ""
-            if kind == OPPOSITE[one.program]:
-                yield _collision(one, f"{master} of {node} carries {kind} already ({upper})")
+        for upper in (facts.interfaces[name] for name in uppers if name in facts.interfaces):
+            if upper.kind == OPPOSITE[one.program]:
+                what = f"{master} of {node} carries {upper.kind} already ({upper.name})"
+                yield _collision(one, what)
+            elif upper.kind in TAKES_ALL:
+                yield Finding(
+                    "interface-port",
+                    f"{master} of {node} is a port of {upper.kind} {upper.name}, so it carries no"
+                    f" {one.program}",
+                    f"`interface: {upper.name}`",
+                    fault="rigelfile",
+                )
 
 
 def _used_by_other(

@@ -8,7 +8,11 @@ from rigel_k8s.manifests.preflight.attachments import Attachment
 from rigel_k8s.manifests.preflight.case import Case
 from rigel_k8s.manifests.preflight.finding import INSTALL, Finding, by_text, listed
 
-__all__ = ["presence", "programs"]
+__all__ = ["clouds", "presence", "programs"]
+
+#: Virtual networks that deliver to MAC addresses of their own machines only, as Kubernetes' cloud
+#: providers call themselves in a node's providerID.
+CLOUDS = ("aws", "azure", "digitalocean", "gce", "hcloud", "linode", "openstack", "vsphere")
 
 
 def presence(case: Case) -> Iterator[Finding]:
@@ -60,6 +64,27 @@ def _daemons(case: Case) -> Iterator[Finding]:
                 f"the Multus daemon on {node} is not ready: {daemon.state}",
                 f"kubectl -n {daemon.namespace} logs {daemon.pod} -c {daemon.container}",
             )
+
+
+def clouds(case: Case) -> Iterator[Finding]:
+    """Yield machines of clouds: most of their networks drop what macvlan sends."""
+    if not any(one.program == "macvlan" for one in case.attachments):
+        return
+    counting = case.nodes()
+    found: dict[str, str] = {}
+    for node in case.view.nodes:
+        provider = ((node.get("spec") or {}).get("providerID") or "").partition("://")[0]
+        if provider in CLOUDS and node["metadata"]["name"] in counting:
+            found[node["metadata"]["name"]] = provider
+    for provider, nodes in by_text(found).items():
+        yield Finding(
+            "cloud",
+            f"{listed(nodes)} {'is' if len(nodes) == 1 else 'are'} of {provider}: virtual networks"
+            " usually drop what comes from macvlan's further MAC addresses, without a word",
+            "allow it there (forged transmits, port security), or `mode: peers` or"
+            " `discovery-server`",
+            severity="warning",
+        )
 
 
 def programs(case: Case) -> Iterator[Finding]:

@@ -133,6 +133,18 @@ def test_ipvlan_on_the_machine_itself() -> None:
     ]
 
 
+def test_a_port_of_a_bridge() -> None:
+    """A bridge, or a bond, has its ports for itself; the kernel only says that they are busy."""
+    facts = with_interface("eth0", uppers=("br0", "lan.7"))
+    bridge = attrs.evolve(facts.interfaces["eth0"], name="br0", kind="bridge", uppers=())
+    vlan = attrs.evolve(bridge, name="lan.7", kind="vlan")
+    more = {**facts.interfaces, "br0": bridge, "lan.7": vlan}
+    assert texts(found(seen=second(attrs.evolve(facts, interfaces=more)))) == [
+        "error rigelfile interface-port: eth0 of node2 is a port of bridge br0, so it carries no"
+        " macvlan => `interface: br0`"
+    ]
+
+
 def test_ipvlan_of_other_pods() -> None:
     """Pods of others that use the interface the other way are named; those elsewhere do no harm."""
     other = attachment(nad("cams", "vision", type="ipvlan"))

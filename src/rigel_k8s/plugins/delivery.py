@@ -228,7 +228,8 @@ class _Check:
                 "the subscriber's last lines:",
                 *last,
             ],
-            hint=f"`rigel logs {self.options.publisher}`: does it log that value and a number?",
+            hint=f"`rigel logs {self.options.publisher}`: does it log that value and a number? "
+            "`rigel status`: do the two know each other?",
         )
 
     def _stopped(self, error: RigelK8sError) -> RigelK8sError:

@@ -138,12 +138,10 @@ class Project:
         return False
 
 
-def apart() -> dict[str, Any]:
+def apart(*, ros1: bool) -> dict[str, Any]:
     """Return a subnet and a DDS domain that hardly anybody else has on this wire."""
-    return {
-        "subnet": f"10.{random.randint(200, 250)}.{random.randint(0, 255)}.0/24",
-        "domain_id": random.randint(1, 101),
-    }
+    subnet = f"10.{random.randint(200, 250)}.{random.randint(0, 255)}.0/24"
+    return {"subnet": subnet, **({} if ros1 else {"domain_id": random.randint(1, 101)})}
 
 
 @contextmanager
@@ -158,7 +156,8 @@ def projects(cluster: Any, context: str, registry: str, directory: Path) -> Iter
         written = yaml.safe_load((copied / "Rigelfile").read_text())
         change(options := written["jobs"]["deploy"]["with"])
         if options.get("network", {}).get("mode") == "macvlan":
-            options["network"].update(apart())  # other tests share the wire
+            ros1 = written["application"]["distro"] == "noetic"
+            options["network"].update(apart(ros1=ros1))  # other tests share the wire
         (copied / "Rigelfile").write_text(yaml.safe_dump(written, sort_keys=False))
         cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": space}})
         spaces.append(space)

@@ -1,13 +1,15 @@
 # Sourced: gives this shell the environment that the container's ROS node has.
 #
 # Why: `kubectl exec` does not pass through the image's entry point, which is what sources
-# /opt/ros/$ROS_DISTRO/setup.bash and the workspaces; so `rostopic` is not found there. The running
-# node has that environment, and /proc shows it.
+# /opt/ros/$ROS_DISTRO/setup.bash and the workspaces; so `rostopic` or `ros2` is not found there. The
+# running node has that environment, and /proc shows it.
 # Contract: PROMPT_COMMAND=". /rigel-k8s/rc.sh" in the pod's environment makes an interactive bash
 # source this before its first prompt; exec.sh sources it for any command. Takes the variables of
-# the process whose ROS_PACKAGE_PATH is the longest: a workspace comes on top of its base, and
-# process 1 may be a shell that had not sourced it when it started. Where no process shows one, it
-# sources the distribution's own setup. Needs sh and tr; sets nothing but exported variables.
+# the process whose ROS_PACKAGE_PATH (ROS 1) or AMENT_PREFIX_PATH (ROS 2) is the longest: a workspace
+# comes on top of its base, and process 1 may be a shell that had not sourced it when it started.
+# Where no process shows one, it sources the distribution's own setup. Where there is a discovery
+# server, tools here become super clients: others are told only of what concerns their own topics.
+# Needs sh and tr; sets nothing but exported variables.
 
 unset PROMPT_COMMAND
 
@@ -18,18 +20,23 @@ $({ tr '\n\0' '\001\n' <"/proc/$1/environ"; } 2>/dev/null)
 "
 }
 
+# Sets $_rigel_value to the value of variable $1 in $_rigel_environ; fails where it is not there.
+_rigel_get() {
+  case $_rigel_environ in *"
+$1="*) ;; *) return 1 ;; esac
+  _rigel_value=${_rigel_environ#*"
+$1="}
+  _rigel_value=${_rigel_value%%"
+"*}
+}
+
 # Sets $_rigel_best to the process to take after; fails where there is none.
 _rigel_find() {
   _rigel_best= _rigel_length=0
   for _rigel_line in /proc/[0-9]*; do
     [ "${_rigel_line#/proc/}" = $$ ] && continue
     _rigel_read "${_rigel_line#/proc/}"
-    case $_rigel_environ in *"
-ROS_PACKAGE_PATH="*) ;; *) continue ;; esac
-    _rigel_value=${_rigel_environ#*"
-ROS_PACKAGE_PATH="}
-    _rigel_value=${_rigel_value%%"
-"*}
+    _rigel_get ROS_PACKAGE_PATH || _rigel_get AMENT_PREFIX_PATH || continue
     if [ ${#_rigel_value} -gt "$_rigel_length" ]; then
       _rigel_length=${#_rigel_value} _rigel_best=${_rigel_line#/proc/}
     fi
@@ -63,5 +70,6 @@ if _rigel_find; then
 elif [ -r "/opt/ros/${ROS_DISTRO:-}/setup.sh" ]; then
   . "/opt/ros/$ROS_DISTRO/setup.sh"
 fi
-unset -f _rigel_read _rigel_find _rigel_take
+if [ -n "${ROS_DISCOVERY_SERVER:-}" ]; then export ROS_SUPER_CLIENT=TRUE; fi
+unset -f _rigel_read _rigel_get _rigel_find _rigel_take
 unset _rigel_best _rigel_environ _rigel_length _rigel_line _rigel_one _rigel_value

@@ -4,10 +4,11 @@
 # Why: Kubernetes sends SIGTERM to process 1 only. roscpp has no handler for it, a shell that is
 # process 1 does not pass it on, and a node that is killed stays registered with the master. SIGINT
 # is what rospy, roscpp and roslaunch all unregister on. Kubernetes sends SIGTERM as soon as this
-# script returns, so it waits until the processes are gone.
+# script returns, so it waits until the processes are gone. ROS 2's nodes leave DDS on it, and `ros2
+# launch`, which knows no SIGTERM, and `ros2 run`, which did not pass it on, are served as well.
 # Contract: stop.sh [SECONDS]; always 0. SIGINT goes to every process of the container at once, but
-# to a roscore after the nodes, so that they can unregister; to what a roslaunch started not at all,
-# since roslaunch stops it itself and would start it again otherwise; and to process 1 last. What
+# to a roscore after the nodes, so that they can unregister; to what a roslaunch or a ros2 launch
+# started not at all, since it stops that itself and would start it again otherwise; and to process 1 last. What
 # lives on gets SIGINT after 1.5 s whatever it is, and SIGTERM after half of SECONDS (default 8).
 # It waits for all but process 1 and what that launched, unless SIGTERM does nothing to process 1 (a
 # shell, roscpp): then it goes on in the background. For the end of process 1 ends this script with it, and Kubernetes
@@ -37,15 +38,18 @@ group() {
   { while IFS= read -r line; do cgroup="$cgroup$line|"; done <"/proc/$1/cgroup"; } 2>/dev/null
 }
 
-# Notes once whether process $1 is a roscore or a roslaunch: `[python] PATH/roslaunch ...`.
+# Notes once whether process $1 is a roscore or launches others: `[python] PATH/roslaunch ...`, or
+# `[python] PATH/ros2 launch ...`.
 classify() {
   has "$classified" "$1" && return
   classified="$classified$1 "
+  before=
   for word in $({ tr '\0' ' ' <"/proc/$1/cmdline"; } 2>/dev/null); do
-    case ${word##*/} in
+    case $before${word##*/} in
       python*) continue ;;
+      ros2) before='ros2 ' && continue ;;
       roscore) cores="$cores$1 " ;;
-      roslaunch) launches="$launches$1 " ;;
+      roslaunch | 'ros2 launch') launches="$launches$1 " ;;
     esac
     break
   done

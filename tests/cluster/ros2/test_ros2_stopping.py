@@ -1,0 +1,85 @@
+"""ROS 2 nodes that are asked to end do so at once, whoever is process 1, and nobody is killed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+
+pytestmark = pytest.mark.cluster
+
+PROMISE = timedelta(seconds=3)
+TICK = timedelta(seconds=1)  # Kubernetes tells times in whole seconds
+KEPT = "rigel-k8s.test/kept"
+LAUNCH = "<launch><node pkg='talker_listener' exec='talker.py' name='launched'/></launch>"
+WRITE_AND_LAUNCH = f'echo "{LAUNCH}" >/tmp/a.launch.xml; exec ros2 launch /tmp/a.launch.xml'
+#: Ways in which a node runs in its container.
+FORMS: dict[str, dict[str, Any]] = {
+    "direct": {"args": ["talker.py"]},
+    "shell": {"args": ["bash", "-c", "talker.py; true"]},
+    "run": {"package": "talker_listener", "executable": "talker.py"},
+    "launch": {"args": ["bash", "-c", WRITE_AND_LAUNCH], "anonymous": True},
+}
+
+
+def only_forms(options: dict[str, Any]) -> None:
+    """Make each form a node whose pod can be looked at after its end."""
+    del options["network"]
+    keep = {"spec": {"template": {"metadata": {"finalizers": [KEPT]}}}}
+    image = options["nodes"]["talker_1"]["image"]
+    options["nodes"] = {
+        name: {"image": image, "patch": keep, **form} for name, form in FORMS.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def ended(project: Callable[..., Any], ros2_image: str) -> dict[str, dict[str, Any]]:
+    """The pod of each form after it was deleted."""
+    made = project("ros2-talker-listener", ros2_image, only_forms)
+    made("run", "job", "build-talker")
+    made("run", "job", "deploy", check=False)  # without `network` the graph may be in pieces
+    refs = {
+        name: ObjectRef("v1", "Pod", made.space, pod["metadata"]["name"])
+        for name, pod in made.pods().items()
+    }
+    assert set(refs) == set(FORMS)
+    assert all(is_ready(made.cluster.get(ref)) for ref in refs.values())
+    found = {}
+    for name, ref in refs.items():
+        made.cluster.delete(ObjectRef("apps/v1", "Deployment", made.space, name))
+        made.until(lambda ref=ref: end_of(made.cluster.get(ref)), f"end of {name}", seconds=90)
+        found[name] = made.cluster.get(ref)
+        made.cluster.patch(ref, {"metadata": {"finalizers": None}})
+    return found
+
+
+def is_ready(pod: dict[str, Any]) -> bool:
+    """Return whether a pod is ready."""
+    return any(c["type"] == "Ready" and c["status"] == "True" for c in pod["status"]["conditions"])
+
+
+def end_of(pod: dict[str, Any]) -> dict[str, Any] | None:
+    """Return how the container ended, None while it runs."""
+    state = pod["status"]["containerStatuses"][0]["state"]
+    return state.get("terminated")
+
+
+def time_of(text: str) -> datetime:
+    """Return a time as Kubernetes writes it."""
+    return datetime.fromisoformat(text.replace("Z", "+00:00"))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_node_ends_at_once_and_by_itself(ended: dict[str, dict[str, Any]], form: str) -> None:
+    """It is gone in under 3 s of the 30 that it has, not killed."""
+    pod = ended[form]
+    end = end_of(pod)
+    assert end is not None
+    grace = timedelta(seconds=pod["metadata"]["deletionGracePeriodSeconds"])
+    asked = time_of(pod["metadata"]["deletionTimestamp"]) - grace
+    assert end["exitCode"] != 137, end
+    assert time_of(end["finishedAt"]) - asked <= PROMISE + TICK

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import signal
 import time
+from pathlib import Path
 
 import pytest
 
+import rigel_k8s.inpod
 from rigel_k8s.plugins.graph_findings import Graph
 
 pytestmark = pytest.mark.cluster
 
+SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
 #: Tells which participants Cyclone DDS knows, whenever a line comes.
 WATCHER = """
 import sys, time
@@ -24,6 +27,21 @@ while True:
         info = sample.sample_info
         print("+" if info.instance_state == 16 else "-", info.instance_handle, flush=True)
     time.sleep(0.1)
+"""
+#: Announces itself for an hour, waits until it is known, and closes.
+STAND_IN = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+sys.dont_write_bytecode = True
+import dds_local, dds_standin
+dds_standin.LEASE = 3600
+one = dds_standin.StandIn(0, dds_local.interfaces())
+one.announce()
+until = time.time() + 10
+while not one.participants and time.time() < until:
+    one.listen(0.1)
+time.sleep(0.5)
+one.close()
 """
 TALKER = """
 import rclpy, sys
@@ -172,6 +190,18 @@ def test_nobody_remembers(lab):
         assert time.monotonic() < until, "the stand-ins are still known"
         time.sleep(0.1)
     assert len({line for line in watcher.log().splitlines() if line.startswith("+")}) == 4
+
+
+def test_farewell(lab):
+    """Closing a stand-in is enough to be forgotten, long before its lease is over."""
+    watcher = lab.python("watcher", "one", "dds", WATCHER)
+    lab.settled()
+    assert watcher.exec("python3", "-c", STAND_IN, str(SCRIPTS)).returncode == 0
+    until = time.monotonic() + 20
+    while watcher.log().count("-") < 1:
+        assert time.monotonic() < until, watcher.log()
+        time.sleep(0.1)
+    assert watcher.log().count("+") == 2
 
 
 def test_messages_flow_on(lab):

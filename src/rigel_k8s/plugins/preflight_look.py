@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import attrs
 
+from rigel_k8s.deploy.causes import owner
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.kube.objects import ObjectRef
@@ -136,9 +137,10 @@ class _Eyes:
 
     def _pods_of(self, daemon_set: Manifest) -> Iterable[Manifest]:
         labels = daemon_set["spec"]["selector"].get("matchLabels") or {}
-        namespace = daemon_set["metadata"]["namespace"]
-        pods = self._cluster.list("v1", "Pod", namespace, labels=labels)
-        return (pod for pod in pods if not pod["metadata"].get("deletionTimestamp"))
+        meta = daemon_set["metadata"]
+        for pod in self._cluster.list("v1", "Pod", meta["namespace"], labels=labels):
+            if owner(pod) == meta["uid"] and not pod["metadata"].get("deletionTimestamp"):
+                yield pod
 
     def _policies(self, case: Case) -> Sequence[Manifest]:
         namespace = case.wanted[0].namespace

@@ -76,6 +76,7 @@ class Attachment:
         program: the one that makes the interface; "" where the configuration is not in the object.
         master: the machine's interface; None where macvlan takes that of the default route.
         ipam: who gives out addresses, "" for nobody.
+        passes: whether addresses that a pod asks for are passed on (capability `ips`).
         exclusive: whether whereabouts keeps its addresses unique over overlapping ranges.
     """
 
@@ -89,6 +90,7 @@ class Attachment:
     ipam: str = ""
     ranges: tuple[Range, ...] = ()
     gateway: Address | None = None
+    passes: bool = False
     exclusive: bool = True
 
     @property
@@ -121,6 +123,7 @@ def attachment(manifest: Mapping[str, Any]) -> Attachment:
         ipam=str(ipam.get("type", "")),
         ranges=tuple(_ranges(ipam)),
         gateway=address(ipam.get("gateway")),
+        passes=any((plugin.get("capabilities") or {}).get("ips") is True for plugin in plugins),
         exclusive=ipam.get("enable_overlapping_ranges", True) is not False,
     )
 

@@ -148,7 +148,7 @@ class Case:
 
     def ranges(self, one: Attachment) -> tuple[Range, ...]:
         """Return which addresses an attachment gives out; of static ones the Rigelfile tells."""
-        if one.ranges or one.ipam != "static" or one.key not in self.own:
+        if one.ranges or one.ipam != "static":
             return one.ranges
         whole = subnet(self.network.subnet) if self.network.subnet else None
         if whole is None:

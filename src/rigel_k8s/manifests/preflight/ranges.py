@@ -23,6 +23,24 @@ def ranges(case: Case) -> Iterator[Finding]:
             yield from _machines(case, one, given)
             yield from _other_ranges(case, one, given)
         yield from _other_pods(case, one)
+        yield from _asked_in_vain(case, one)
+
+
+def _asked_in_vain(case: Case, one: Attachment) -> Iterator[Finding]:
+    """Yield attachments that do not give pods the addresses that they ask for."""
+    if not case.asked_addresses(one) or (one.ipam == "static" and one.passes):
+        return
+    if one.ipam != "static":
+        why = f"its addresses come from {one.ipam or 'nobody'}"
+    else:
+        why = 'its configuration lacks `"capabilities": {"ips": true}`'
+    yield Finding(
+        "attachment-addresses",
+        f"NetworkAttachmentDefinition {one.key} gives no pod the address that it asks for: {why}",
+        'an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips": true}`, or no'
+        " `ipam: static` in the Rigelfile",
+        fault="rigelfile",
+    )
 
 
 def _cluster_networks(case: Case, given: Range) -> Iterator[Finding]:

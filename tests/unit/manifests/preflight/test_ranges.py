@@ -18,6 +18,9 @@ from .cases import addresses, found, machine, nad, node, texts, view, workload
 KEEP_OFF = "leave them out by `network.range_start`, `range_end` or `exclude`"
 
 
+IPS = {"capabilities": {"ips": True}}
+
+
 def whereabouts(text: str, **more: Any) -> dict[str, Any]:
     return nad(ipam={"type": "whereabouts", "range": text, **more})
 
@@ -78,13 +81,48 @@ def test_addresses_kept_off_the_machines(more: dict[str, Any]) -> None:
 def test_a_static_address_of_a_machine() -> None:
     """Of static addresses only those count that pods get."""
     network = Network(mode="macvlan", ipam="static", subnet="10.66.0.0/24")
-    item = nad(ipam={"type": "static"})
+    item = nad(ipam={"type": "static"}, **IPS)
     good = found(item, workload(networks=static("10.66.0.50/24")), network=network)
     assert good == []
     bad = found(item, workload(networks=static("10.66.0.11/24")), network=network)
     assert [f.message for f in bad] == [
         "pods would be given addresses that machines have: 10.66.0.11 (node1)"
     ]
+
+
+def test_an_attachment_that_gives_no_address_that_is_asked_for() -> None:
+    """Static addresses over an attachment that is there: it must pass them on."""
+    network = Network(
+        mode="attachment", attachment="nets/lab", ipam="static", subnet="10.77.0.0/24"
+    )
+    pods = [
+        workload(
+            name, networks=f'[{{"name": "lab", "namespace": "nets", "ips": ["10.77.0.{end}/24"]}}]'
+        )
+        for name, end in (("talker", 5), ("listener", 6))
+    ]
+
+    def with_lab(**config: Any) -> list[str]:
+        there = attachment(nad("lab", "nets", **config))
+        seen = view(attachments={there.key: there})
+        return texts(found(*pods, seen=seen, network=network))
+
+    why = "error rigelfile attachment-addresses: NetworkAttachmentDefinition nets/lab gives no pod"
+    remedy = (
+        ' => an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips": true}`,'
+        " or no `ipam: static` in the Rigelfile"
+    )
+    assert with_lab(ipam={"type": "static"}) == [
+        f"{why} the address that it asks for: its configuration lacks"
+        f' `"capabilities": {{"ips": true}}`{remedy}'
+    ]
+    assert with_lab(**IPS) == [
+        f"{why} the address that it asks for: its addresses come from whereabouts{remedy}"
+    ]
+    assert with_lab(ipam={"type": "static"}, **IPS) == []
+    network = attrs.evolve(network, range_start="10.77.0.5", range_end="10.77.0.5")
+    kinds = [line.split(":")[0] for line in with_lab(ipam={"type": "static"}, **IPS)]
+    assert kinds == ["error rigelfile too-few-addresses"]
 
 
 def test_the_gateway() -> None:
@@ -154,7 +192,7 @@ def test_an_address_that_another_pod_has() -> None:
     )
     assert texts(found(seen=seen)) == [expected]
     network = Network(mode="macvlan", ipam="static", subnet="10.77.0.0/24")
-    mine = [nad(ipam={"type": "static"}), workload(networks=static("10.77.0.9/24"))]
+    mine = [nad(ipam={"type": "static"}, **IPS), workload(networks=static("10.77.0.9/24"))]
     assert texts(found(*mine, seen=seen, network=network)) == [expected]
     ended = attrs.evolve(seen, taken=list(taken([{**pod, "status": {"phase": "Succeeded"}}])))
     assert found(seen=ended) == []
@@ -206,7 +244,7 @@ def test_static_without_room() -> None:
     network = Network(
         mode="macvlan", ipam="static", subnet="10.77.0.0/24", range_start="10.77.0.250"
     )
-    item = nad(ipam={"type": "static"})
+    item = nad(ipam={"type": "static"}, **IPS)
     pods = [workload(f"n{i}", networks=static(f"10.77.0.{240 + i}/24")) for i in range(6)]
     assert [f.message for f in found(item, *pods, network=network)] == [
         "6 pods want an address, and 10.77.0.0/24 has 5 to give out (10.77.0.250 to 10.77.0.254)"

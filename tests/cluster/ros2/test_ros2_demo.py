@@ -93,6 +93,17 @@ def test_a_listener_without_net1_is_deaf(demo: Any) -> None:
     demo.until(lambda: demo.talkers() == TALKERS, "messages of both")
 
 
+def test_the_pod_network_has_no_part_in_it(demo: Any) -> None:
+    """With eth0 down, and net1 up, both are heard on."""
+    demo.link("listener", "eth0", "down")
+    try:
+        last = demo.heard()[-1][1]
+        demo.until(lambda: demo.heard()[-1][1] > last + 20, "further messages")
+        assert demo.talkers() == TALKERS
+    finally:
+        demo.link("listener", "eth0", "up")
+
+
 def test_a_rescheduled_talker_is_heard_again_with_its_old_address(demo: Any) -> None:
     """Another pod, the same address on net1, as `ipam: static` promises."""
     before, address = demo.pods()["talker-1"]["metadata"], demo.net1()["talker-1"]

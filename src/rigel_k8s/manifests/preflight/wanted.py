@@ -28,6 +28,9 @@ Manifest = Mapping[str, Any]
 NETWORKS = "k8s.v1.cni.cncf.io/networks"
 NETWORK_STATUS = "k8s.v1.cni.cncf.io/network-status"
 
+#: ROS images are Linux'.
+SYSTEM = "kubernetes.io/os"
+
 #: Taints that come and go with a machine's state: its pods wait for it.
 PASSING = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
@@ -112,6 +115,8 @@ def may_run(pod: Manifest, node: Manifest) -> bool:
     """Return whether the scheduler may put a pod (its spec) on a node, were it ready."""
     labels = node["metadata"].get("labels") or {}
     name = node["metadata"]["name"]
+    if labels.get(SYSTEM, "linux") != "linux":
+        return False
     if pod.get("nodeName"):
         return bool(pod["nodeName"] == name)
     chosen = pod.get("nodeSelector") or {}

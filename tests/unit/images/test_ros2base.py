@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import signal
@@ -156,6 +157,33 @@ def test_the_second_build_is_the_first_ones_file(programs: Path) -> None:
     assert not build(Quiet()).built
     assert build(Quiet(), distro="kilted").archive != first.archive
     assert len(list(first.archive.parent.iterdir())) == 2
+
+
+def test_other_wheels_are_another_image(programs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A renewed lock file is built, not overlooked in the cache."""
+    first = build(Quiet())
+    module = sys.modules["rigel_k8s.images.ros2base.build"]
+    monkeypatch.setattr(module, "lock", lambda distro: "ros-rclpy==9")
+    assert build(Quiet()).archive != first.archive
+
+
+def test_a_wheel_with_another_digest_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By pip itself."""
+    found = tmp_path / "ros_demo-1-py3-none-any.whl"
+    about = {"METADATA": "Metadata-Version: 2.1\nName: ros-demo\nVersion: 1\n", "RECORD": ""}
+    about["WHEEL"] = "Wheel-Version: 1.0\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+    wheel(found, **{f"ros_demo-1.dist-info/{name}": text for name, text in about.items()})
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
+    digest = hashlib.sha256(found.read_bytes()).hexdigest()
+    lock = "ros-demo==1 --hash=sha256:"
+    fetched = wheels.fetch(f"{lock}{digest}", tmp_path / "right", Quiet())
+    assert [path.name for path in fetched] == [found.name]
+    with pytest.raises(CommandFailed, match="could not download") as failure:
+        wheels.fetch(f"{lock}{'0' * 64}", tmp_path / "wrong", Quiet())
+    assert "HASHES" in "\n".join(failure.value.details)
 
 
 def test_wheels_that_are_not_the_locked_ones_end_the_build(

@@ -70,6 +70,7 @@ def peer_service(plan: NetworkPlan, pod: PodIdentity) -> Object:
         "metadata": around(plan).metadata(peer_name(pod.name), part_of=pod.name),
         "spec": {
             "selector": selector(pod.name),
+            "ipFamilies": ["IPv4"],
             "ports": ports,
             "publishNotReadyAddresses": True,
         },

@@ -10,6 +10,7 @@ import attrs
 
 from rigel_k8s.manifests.application import has_application
 from rigel_k8s.manifests.naming import object_name
+from rigel_k8s.manifests.network.dds import PARTICIPANTS
 from rigel_k8s.manifests.network.options import Network
 from rigel_k8s.manifests.network.peers import peer_name
 from rigel_k8s.manifests.network.plan import ATTACHED
@@ -105,6 +106,7 @@ def check_pods(
     """
     found = list(workloads_of(options))
     yield from check_replicas(network, found)
+    yield from check_launches(options, network)
     yield from check_count(network, sum(one.pods for one in found) + masters)
     yield from check_machines(network, found)
     yield from check_host_network(network, found)
@@ -121,6 +123,19 @@ def check_replicas(network: Network, found: list[Workload]) -> Iterator[Problem]
         elif static and one.rolling:
             message = f"{STATIC}, and a rolling update has two pods at once; say strategy: Recreate"
             yield Problem(one.update, message, "surge", at_key=True)
+
+
+def check_launches(options: OrchestrationOptions, network: Network) -> Iterator[Problem]:
+    """Yield launch files whose later programs may miss each other: few ports are tried."""
+    launched = [str(key) for key, node in options.nodes.items() if node.launch]
+    if network.mode != "peers" or len(launched) < 2:
+        return
+    for key in launched:
+        message = (
+            f"with `peers` programs beyond the first {PARTICIPANTS} of a pod are not found by those"
+            " of another such pod: keep launch files small, or use another mode"
+        )
+        yield Problem(("nodes", key, "launch"), message, "many-participants", severity="warning")
 
 
 def check_count(network: Network, pods: int) -> Iterator[Problem]:

@@ -114,13 +114,16 @@ def port(name: str, number: int, protocol: str) -> Object:
 def server_service(plan: NetworkPlan, name: str, number: int, protocol: str) -> Object:
     """Return the Service that clients know a server by."""
     entry = {"name": "server", "port": number, "targetPort": number, "protocol": protocol}
-    return service(around(plan), name, [entry])
+    made = service(around(plan), name, [entry])
+    if protocol == "UDP":
+        made["spec"]["ipFamilies"] = ["IPv4"]  # Fast DDS is told to use no other
+    return made
 
 
 def server_deployment(plan: NetworkPlan, network: Network, name: str, container: Object) -> Object:
     """Return a server's Deployment: there before its clients, never twice at once.
 
-    Its pods do not say how they are networked: they are none of the nodes that must find each other.
+    Its pods do not say how they are networked: nobody asks whether they find each other.
     """
     volume, mount = inpod_volume(plan.release)
     image = str(network.image or (plan.pods[0].image if plan.pods else around(plan).default_image))

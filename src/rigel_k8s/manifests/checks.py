@@ -39,9 +39,9 @@ SURGE: Mapping[str, str] = {
     " and services and actions answer from either; Recreate, the default, leaves a gap instead",
 }
 SIDECARS = (
-    "of ROS 2 and DDS one container is in a pod: each is a participant of its own, and those of one"
-    " pod take each other for processes that share memory, which containers do not; make it one of"
-    " `nodes`, or say allow_sidecars: true where it has nothing to do with DDS"
+    "a pod of ROS 2 or DDS has one container: the network's interface, domain and peers are set for"
+    " that one, and it alone is probed, counted in the graph and stopped by itself; make the other"
+    " one of `nodes`, or say allow_sidecars: true where it has nothing to do with DDS"
 )
 
 

@@ -44,6 +44,8 @@ def test_twenty_nodes_on_three_machines_hear_each_other(
     def change(options: dict[str, Any]) -> None:
         nodes = options["nodes"]
         one = {**nodes["talker_1"], "parameters": {"rate": 1.0}}
+        del one["args"]
+        one.update(package="talker_listener", executable="talker.py")  # by ros2 run
         listener = {**nodes["listener"], "placement": {}}
         options["nodes"] = {**dict.fromkeys(sorted(talkers), one), "listener": listener}
         options["network"] = dict(LAN)

@@ -6,6 +6,7 @@ The tests of this module go on one after the other on the same cluster, in this 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import threading
@@ -29,6 +30,8 @@ from rigel_k8s.plugins.network_status import network_status
 
 pytestmark = pytest.mark.cluster
 
+#: Their Multus: its image is there.
+IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
 CRD = "apiextensions.k8s.io/v1", "CustomResourceDefinition"
 
 
@@ -234,7 +237,7 @@ def test_removal_leaves_nodes_that_start_pods(
             ("rbac.authorization.k8s.io/v1", "ClusterRoleBinding"),
         )
         for live in own.cluster.list(*kind)
-        if "rigel" in live["metadata"]["name"]
+        if re.match("rigel[.-](multus|whereabouts|network)", live["metadata"]["name"])
     ]
     assert left == []
     assert own.cluster.get(ObjectRef(*CRD, "", "network-attachment-definitions.k8s.cni.cncf.io"))
@@ -263,7 +266,7 @@ def test_others_multus_is_used_as_it_is(own: Any, own_lab: Any, said: Any) -> No
 
 def others(namespace: str) -> dict[str, Any]:
     """Return a Multus that runs on no node."""
-    container = {"name": "kube-multus", "image": "example.org/hardened-multus-cni:v4.2.1"}
+    container = {"name": "kube-multus", "image": IMAGE}
     pod = {
         "containers": [container],
         "nodeSelector": {"nowhere": "true"},

@@ -29,6 +29,8 @@ PLACE = "/etc/cni/net.d/whereabouts.d"
 #: only add chances to meet a pod whose address is given out and not yet told.
 SCHEDULE = "30 4 * * *"
 NAME = "rigel-whereabouts-reconciler"
+#: Seconds: whereabouts' programs hang when they are told to end, and have nothing to put in order.
+GRACE = 2
 
 
 def address_keeper(machines: Machines, script: Object, image: str) -> Object:
@@ -41,6 +43,7 @@ def address_keeper(machines: Machines, script: Object, image: str) -> Object:
         "NAMESPACE": RELEASE.namespace,
     }
     pod = {
+        "terminationGracePeriodSeconds": GRACE,
         "containers": [
             keeper(machines, "whereabouts", image, env, [mount("etc-cni", "/host/etc/cni")]),
             _control_loop(image),
@@ -96,6 +99,7 @@ def reconciler(image: str) -> tuple[Object, Object]:
     items = [{"key": "cron-expression", "path": "config"}]
     spec = {
         "serviceAccountName": WHEREABOUTS,
+        "terminationGracePeriodSeconds": GRACE,
         "priorityClassName": "system-cluster-critical",
         "nodeSelector": {"kubernetes.io/os": "linux"},
         # Not NoExecute: from a machine that is lost it moves to another.

@@ -132,6 +132,7 @@ class Lab:
         self.switch = self._netns()
         self._bridge(self.switch)
         self.machines: dict[str, str] = {}
+        self._settled = 0
 
     def ros(self, name: str, machine: str, distro: str = "jazzy", **env: str) -> Pod:
         """Start a ROS 2 node on Fast DDS."""
@@ -263,7 +264,10 @@ class Lab:
         run("ip", "-n", other, "link", "set", end, *(["master", "br0"] if bridged else []), "up")
 
     def settled(self) -> None:
-        """Wait until all bridges forward: a new port is noticed up to a second late."""
+        """Wait until all bridges forward: a new port is noticed up to a second late. Once only."""
+        if self._settled == len(self.pods):
+            return
+        self._settled = len(self.pods)
         until = time.monotonic() + 10
         for network in (self.switch, *self.machines.values()):
             while any(port["state"] != "forwarding" for port in ports(network)):

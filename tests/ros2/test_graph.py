@@ -97,6 +97,30 @@ def test_both_ways(lab):
     assert told(found) == ["deaf: multicast at net1 passes neither from one to two nor back"]
 
 
+def test_cut_off(lab):
+    """A machine that hears nobody and that nobody hears is one finding, not one for each pair."""
+    pods = [lab.ros(name, name) for name in ("one", "two", "three")]
+    pods[0].deaf_to(*pods[1:])
+    pods[1].deaf_to(pods[0])
+    pods[2].deaf_to(pods[0])
+    found = lab.graph()
+    assert len(found.deaf) == 4
+    assert told(found) == [
+        "deaf: multicast at net1 passes neither from one to any other machine nor back"
+    ]
+
+
+def test_interface_down(lab):
+    """An interface that is down is told as that, not as a network that is deaf."""
+    lab.ros("one", "one")
+    two = lab.ros("two", "two")
+    lab.settled()
+    two.ip("link", "set", "net1", "down")
+    found = lab.graph()
+    assert told(found) == ["interface-down: two has net1, but it is down"]
+    assert found.deaf == ()
+
+
 def test_one_deaf_pod(lab):
     """A pod that is deaf while others on its machine hear is named itself."""
     one, two = lab.ros("one", "one"), lab.ros("two", "two")
@@ -158,6 +182,7 @@ def test_no_interface(lab):
     lab.ros("one", "one")
     lab.ros("two", "two").ip("address", "flush", "dev", "net1")
     three = lab.ros("three", "three")
+    lab.settled()
     three.ip("link", "set", "net1", "down")
     three.ip("link", "set", "net1", "name", "eth0")
     found = lab.graph()

@@ -32,9 +32,10 @@ def discovered(row: PodGraph) -> str:
 
 
 def graph_lines(graph: Graph) -> Iterator[str]:
-    """Yield what is wrong, and what to do."""
-    for finding in graph.findings:
-        yield str(finding)
+    """Yield what is wrong, and what to do: once where it is the same for several."""
+    for finding, following in zip(graph.findings, [*graph.findings[1:], None], strict=True):
+        same = following is not None and following.remedy == finding.remedy
+        yield finding.message if same else str(finding)
 
 
 def graph_json(graph: Graph | None) -> dict[str, Any] | None:

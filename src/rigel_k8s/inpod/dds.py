@@ -103,6 +103,7 @@ class Look(object):
         """Return the container's own state."""
         return {
             "interfaces": self.interfaces,
+            "down": [name for name in self.interfaces if not dds_local.is_up(name)],
             "participants": [of_process(process) for process in self.own],
             "routers": self._routers(),
         }

@@ -79,7 +79,7 @@ def tell(found: Graph, release: ReleaseId, report: Reporter) -> None:
 def summary(found: Graph) -> str:
     """Return in one line what was found."""
     if found.findings:
-        return found.findings[0].message
+        return f"looked from inside {len(found.pods)} pods"
     machines = len({pod.machine for pod in found.pods})
     where = f"on {machines} machine{'s' * (machines != 1)}"
     if any(pod.discovered_by is None for pod in found.pods):

@@ -76,7 +76,9 @@ def graph(found: Sequence[Member], seen: Mapping[str, Seen]) -> Graph:
 
 def row(member: Member, seen: Seen, known: Mapping[str, bool] | None) -> PodGraph:
     """Return one pod's place in the graph."""
-    address = seen.interfaces.get(member.interface or "") if member.interface else member.ip
+    address = seen.interfaces.get(member.interface) if member.interface else member.ip
+    if seen.problem:
+        address = member.address  # as Multus told, unseen
     reached = [server for server, answers in seen.servers.items() if answers]
     return PodGraph(
         member.pod,
@@ -151,6 +153,9 @@ def interface_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
     elif not seen.interfaces[name]:
         remedy = "`kubectl describe pod` tells what the address management said"
         yield "no-address", f"has {name} without an IPv4 address", remedy
+    elif name in seen.down:
+        remedy = "somebody took it down in the pod, or its machine's interface lost its link"
+        yield "interface-down", f"has {name}, but it is down", remedy
     elif member.address and seen.interfaces[name] != member.address:
         text = f"has {seen.interfaces[name]} at {name}, and should have {member.address}"
         yield "other-address", text, "delete the pod: it gets its address when it is made"

@@ -41,6 +41,7 @@ class Seen:
     Attributes:
         problem: why nothing could be seen, "" where it could.
         interfaces: name -> IPv4 address, None for an interface without one.
+        down: those interfaces that are down.
         own: the pod's processes that take part: pid, command, domain, stopped, ports.
         heard: the participants that a stand-in in this pod discovered; `own` for the pod's.
         beacons: the pods whose beacons came here.
@@ -52,6 +53,7 @@ class Seen:
 
     problem: str = ""
     interfaces: Mapping[str, str | None] = attrs.field(factory=dict)
+    down: frozenset[str] = frozenset()
     own: Sequence[Mapping[str, Any]] = ()
     heard: Sequence[Mapping[str, Any]] = ()
     beacons: frozenset[str] = frozenset()
@@ -62,7 +64,8 @@ class Seen:
 
     def is_on_network(self, member: Member) -> bool:
         """Whether the pod has the network that it is to have."""
-        return not member.interface or bool(self.interfaces.get(member.interface))
+        name = member.interface
+        return not name or bool(self.interfaces.get(name) and name not in self.down)
 
 
 def commands(found: Sequence[Member]) -> dict[str, list[str]]:
@@ -190,6 +193,7 @@ class Run:
         here, heard = json.loads(lines[0]), json.loads(lines[1])
         return Seen(
             interfaces=here["interfaces"],
+            down=frozenset(here["down"]),
             own=here["participants"],
             heard=heard["participants"],
             beacons=frozenset(heard["beacons"]),

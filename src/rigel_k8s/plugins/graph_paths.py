@@ -66,18 +66,39 @@ def deaf_findings(looked: Sequence[Member], ways: Paths) -> Iterator[Finding]:
     if bare and ways.deaf and not any(a != b for a, b in ways.heard):
         yield bare_finding(looked, ways)
         return
-    for one, other in sorted(ways.deaf):
-        both = (other, one) in ways.deaf
-        if both and other < one:
-            continue
-        message = deaf_message(one, other, where, both=both)
-        pods = [m.pod for m in looked if m.machine in (one, other)]
-        remedy = SET_NETWORK if bare else SWITCH
+    remedy = SET_NETWORK if bare else SWITCH
+    for message, machines in deaf_messages(ways, where):
+        pods = [m.pod for m in looked if m.machine in machines]
         yield Finding("deaf", message, remedy, pods, error=not bare)
     for one, pod in sorted(ways.alone):
         message = f"multicast from {one} does not reach {pod}, though it reaches its machine"
         remedy = "delete the pod; if it stays so, see `kubectl describe pod`"
         yield Finding("deaf-pod", message, remedy, [pod], error=not bare)
+
+
+def deaf_messages(ways: Paths, where: str) -> Iterator[tuple[str, set[str]]]:
+    """Yield what is deaf in words, and the machines: first those that nothing reaches at all."""
+    cut = sorted(cut_off(ways))
+    for machine in cut:
+        yield (
+            f"multicast{where} passes neither from {machine} to any other machine nor back",
+            {machine},
+        )
+    for one, other in sorted(ways.deaf):
+        both = (other, one) in ways.deaf and one != other
+        told = {one, other} & set(cut) and one != other
+        if told or (both and other < one):
+            continue
+        yield deaf_message(one, other, where, both=both), {one, other}
+
+
+def cut_off(ways: Paths) -> set[str]:
+    """Return the machines that are deaf to all others and unheard by all, of three and more."""
+    machines = {name for way in ways.heard | ways.deaf for name in way}
+    if len(machines) < 3 or not any(a != b for a, b in ways.heard):
+        return set()
+    across = {way for way in ways.heard if way[0] != way[1]}
+    return machines - {name for way in across for name in way}
 
 
 def deaf_message(one: str, other: str, where: str, *, both: bool) -> str:

@@ -77,15 +77,18 @@ def check_rigel03(settings: Settings) -> CheckResult:
     return grammar.rigel03(settings.rigelfile, os.environ)
 
 
-def init(path: Path, *, force: bool) -> None:
+def init(path: Path, *, ros: str, force: bool) -> None:
     """Write a commented Rigelfile.
+
+    Args:
+        ros: for which ROS, "1" or "2".
 
     Raises:
         UserError: there is one already, and not force.
     """
     if path.exists() and not force:
         raise UserError(f"{path} is there already", hint="--force overwrites it")
-    path.write_text(grammar.STARTER)
+    path.write_text(grammar.STARTERS[ros])
 
 
 def schema() -> dict[str, Any]:

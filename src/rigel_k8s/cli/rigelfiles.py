@@ -10,14 +10,17 @@ __all__ = ["check", "init", "schema"]
 
 
 @click.command()
+@click.option(
+    "--ros", type=click.Choice(["1", "2"]), default="1", show_default=True, help="For which ROS."
+)
 @click.option("--force", is_flag=True, help="Overwrite a Rigelfile that is there.")
 @click.pass_context
-def init(ctx: click.Context, /, force: bool) -> None:  # noqa: FBT001 - click passes it by name
+def init(ctx: click.Context, /, ros: str, force: bool) -> None:  # noqa: FBT001 - click passes it by name
     """Write a commented Rigelfile that passes `rigel check`."""
     from rigel_k8s.actions import rigelfiles as actions
 
     path = settings(ctx).rigelfile
-    actions.init(path, force=force)
+    actions.init(path, ros=ros, force=force)
     click.echo(f"Wrote {path}. Next: edit it, `rigel check`, `rigel run sequence demo`.")
 
 

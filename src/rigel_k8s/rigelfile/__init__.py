@@ -20,11 +20,11 @@ from rigel_k8s.rigelfile.reference import reference
 from rigel_k8s.rigelfile.rigel03 import rigel03
 from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Node, Source, Span, locate, plain
-from rigel_k8s.rigelfile.starter import STARTER
+from rigel_k8s.rigelfile.starter import STARTERS
 from rigel_k8s.rigelfile.structure import Structured, structure
 
 __all__ = [
-    "STARTER",
+    "STARTERS",
     "CheckResult",
     "ComponentSpec",
     "Finding",

@@ -1,14 +1,17 @@
-"""The Rigelfile that `rigel init` writes: a talker and a listener, ready to be changed."""
+"""The Rigelfiles that `rigel init` writes: a talker and a listener, ready to be changed."""
 
 from __future__ import annotations
 
-__all__ = ["STARTER"]
+from collections.abc import Mapping
+from string import Template
 
-STARTER = """\
+__all__ = ["STARTERS"]
+
+TEXT = Template("""\
 # What can be done here:
 #   rigel check                every problem of this file, with line and column
 #   rigel run sequence demo    build the image, push it, deploy it, wait until all is ready
-#   rigel status               what runs where, and what is wrong with it
+#   rigel status               $status
 #   rigel logs listener -f     what a node says
 
 # Values for {{ vars.NAME }}. What is not here is looked up in the environment.
@@ -18,17 +21,17 @@ vars:
   version: "1.0"
 
 application:
-  distro: noetic
+  distro: $distro
   dir: .                 # the sources, relative to this file
 
 # What can be done. Each job is a plugin and its options.
 jobs:
-  # Writes a Dockerfile for the catkin workspace in application.dir. Leave it out to keep your own.
+  # Writes a Dockerfile for the $workspace workspace in application.dir; leave it out to keep yours.
   dockerfile:
     plugin: rigel_k8s.DockerfilePlugin
     with:
-      command: [rosrun, rospy_tutorials, talker]
-      apt: [ros-noetic-rospy-tutorials]
+      command: [$run, $package, talker]
+      apt: [$apt]
 
   # Builds it with docker or podman, and pushes it to where the cluster pulls from.
   build:
@@ -39,21 +42,19 @@ jobs:
       push: true
       platforms: [linux/amd64]
 
-  # Deploys a ROS master and the nodes, each in a pod of its own, and waits until they are ready.
-  deploy:
+$deploys  deploy:
     plugin: rigel_k8s.OrchestrationPlugin
     with:
       namespace: my-robot
-      deploy_ros_master: true
-      image: "{{ vars.image }}:{{ vars.version }}"
+$network      image: "{{ vars.image }}:{{ vars.version }}"
       nodes:
         talker:
-          package: rospy_tutorials
+          package: $package
           executable: talker
-          # parameters: {rate: 10}
+          # parameters: {rate: $rate}
           # remappings: {chatter: /robot/chatter}
         listener:
-          package: rospy_tutorials
+          package: $package
           executable: listener
           # On another machine than the talker:
           # placement: {apart_from: [talker]}
@@ -69,4 +70,41 @@ sequences:
   update:
     stages:
       - jobs: [build, deploy]
-"""
+""")
+
+#: What differs between ROS 1 and ROS 2.
+ROS1 = {
+    "status": "what runs where, and what is wrong with it",
+    "distro": "noetic",
+    "workspace": "catkin",
+    "run": "rosrun",
+    "package": "rospy_tutorials",
+    "apt": "ros-noetic-rospy-tutorials",
+    "rate": "10",
+    "deploys": """\
+  # Deploys a ROS master and the nodes, each in a pod of its own, and waits until they are ready.
+""",
+    "network": "      deploy_ros_master: true\n",
+}
+ROS2 = {
+    "status": "what runs where, who has discovered whom, and what is wrong",
+    "distro": "jazzy",
+    "workspace": "colcon",
+    "run": "ros2, run",
+    "package": "demo_nodes_cpp",
+    "apt": "ros-jazzy-demo-nodes-cpp",
+    "rate": "10.0",
+    "deploys": """\
+  # Deploys the nodes, each in a pod of its own, waits until they are ready, and looks whether they
+  # discover each other.
+""",
+    "network": """\
+      # Pod networks carry no multicast between machines. peers works on any cluster; macvlan puts
+      # the nodes onto the machines' Ethernet, where laptops see them too (docs/networking.md):
+      # network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24, install: true}
+      network: peers
+""",
+}
+
+#: By the ROS that they are for.
+STARTERS: Mapping[str, str] = {"1": TEXT.substitute(ROS1), "2": TEXT.substitute(ROS2)}

@@ -260,6 +260,14 @@ def test_init_writes_what_check_takes(starter: Path) -> None:
     assert "rigel run sequence demo" in starter.read_text()
 
 
+def test_init_writes_one_for_ros2_too(starter: Path) -> None:
+    """It passes the check, for a distribution of ROS 2, with the network said."""
+    CliRunner().invoke(cli, ["init", "--ros", "2", "--force"], catch_exceptions=False)
+    done = CliRunner().invoke(cli, ["check"], standalone_mode=False)
+    assert (done.return_value, done.stdout) == (0, "Rigelfile: no problems\n")
+    assert "distro: jazzy" in starter.read_text()
+
+
 def test_check_tells_in_json(starter: Path) -> None:
     """Editors and scripts get places; exit code 2 as without -o."""
     starter.write_text(starter.read_text().replace("deploy_ros_master: true", "deploy_ros: true"))

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
-from rigel_k8s.rigelfile import STARTER, check_file, reference, rigel03, schema
+from rigel_k8s.rigelfile import STARTERS, check_file, reference, rigel03, schema
 from rigel_k8s.sequences import registry
 
 HERE = Path(__file__).parent
@@ -89,12 +89,12 @@ def test_descriptions_come_from_the_classes(validator: Draft202012Validator) -> 
     assert definitions["Ready"]["description"] == "When it is ready."
 
 
-@pytest.mark.parametrize("name", ["STARTER", "examples/ros1-talker-listener/Rigelfile"])
+@pytest.mark.parametrize("name", ["1", "2", "examples/ros1-talker-listener/Rigelfile"])
 def test_our_own_rigelfiles_are_clean(
     name: str, real: Draft202012Validator, tmp_path: Path
 ) -> None:
     """What `rigel init` writes and what the examples show passes the check and the schema."""
-    text = STARTER if name == "STARTER" else (ROOT / name).read_text()
+    text = STARTERS.get(name) or (ROOT / name).read_text()
     file = tmp_path / "Rigelfile"
     file.write_text(text)
 

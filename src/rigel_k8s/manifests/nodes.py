@@ -33,9 +33,11 @@ from rigel_k8s.manifests.workloads import (
     service,
 )
 
-__all__ = ["NODE_CONTAINER", "Node", "node_objects", "port_of"]
+__all__ = ["DEFAULT_CONTAINER", "NODE_CONTAINER", "Node", "node_objects", "port_of"]
 
 NODE_CONTAINER = "ros-node"
+#: Which container kubectl means where nobody says one; it asks where there are init containers.
+DEFAULT_CONTAINER = "kubectl.kubernetes.io/default-container"
 PARAMETERS_ANNOTATION = "rigel-k8s/parameters"
 
 
@@ -121,7 +123,12 @@ def node_deployment(
         strategy=strategy(options.update, anonymous=options.anonymous),
         replicas=node.identity.replicas,
         annotations=told | ({SINGLETON_ANNOTATION: name} if name else {}),
-        pod_annotations={**told, **parameters_hash(command), **wired.annotations},
+        pod_annotations={
+            **told,
+            **parameters_hash(command),
+            **({DEFAULT_CONTAINER: NODE_CONTAINER} if wired.init_containers else {}),
+            **wired.annotations,
+        },
         own_labels={str(key): str(value) for key, value in options.labels.items()},
     )
     merged: Object = merge(made, options.patch)

@@ -1,4 +1,4 @@
-"""What docs/rigelfile.md shows is what the code takes."""
+"""What docs/rigelfile.md and the README show is what the code takes."""
 
 from __future__ import annotations
 
@@ -11,8 +11,13 @@ import pytest
 from rigel_k8s.rigelfile import check_file
 from rigel_k8s.sequences import registry
 
-PAGE = Path(__file__).parents[3] / "docs" / "rigelfile.md"
-SNIPPETS = re.findall(r"```yaml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+ROOT = Path(__file__).parents[3]
+PAGES = [ROOT / "docs" / "rigelfile.md", ROOT / "README.md"]
+SNIPPETS = [
+    text
+    for page in PAGES
+    for text in re.findall(r"```yaml\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+]
 REST = {
     "application": "application: {distro: noetic}\n",
     "jobs": "jobs: {build: {plugin: buildx, with: {image: x}}, deploy: {plugin: orchestration}}\n",
@@ -33,5 +38,5 @@ def test_the_snippets_pass_the_check(snippet: str, tmp_path: Path) -> None:
 
 
 def test_there_are_snippets() -> None:
-    """The page shows the whole grammar."""
-    assert len(SNIPPETS) >= 4
+    """The pages show the whole grammar, for ROS 1 and ROS 2."""
+    assert len(SNIPPETS) >= 6

@@ -53,6 +53,21 @@ class Pool:
         end = min(int(self.last), int(network.broadcast_address))
         return max(0, end - start + 1)
 
+    def stretches(self) -> Iterator[tuple[IPv4Address, IPv4Address]]:
+        """Yield (first, last) of each stretch without gaps."""
+        start = int(self.first)
+        for network in self.reserved:
+            if start < int(network.network_address):
+                yield from self._stretch(start, int(network.network_address) - 1)
+            start = max(start, int(network.broadcast_address) + 1)
+        yield from self._stretch(start, int(self.last))
+
+    def _stretch(self, start: int, end: int) -> Iterator[tuple[IPv4Address, IPv4Address]]:
+        """Yield a stretch as far as it lies between the first and the last."""
+        end = min(end, int(self.last))
+        if start <= end:
+            yield IPv4Address(start), IPv4Address(end)
+
     def beginning_at(self, number: int) -> Iterator[IPv4Address]:
         """Yield all addresses, once each, beginning at any of them."""
         for step in range(max(0, self._span)):

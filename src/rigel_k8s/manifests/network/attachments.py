@@ -10,6 +10,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.manifests.network.addresses import Pool
 from rigel_k8s.manifests.network.dds import (
     ADDRESS,
     CYCLONE_FILE,
@@ -96,7 +97,7 @@ def ipam(network: Network) -> dict[str, Any]:
     if kind == "whereabouts":
         return compact({"type": kind, **whereabouts_range(network), **routes})
     if kind == "host-local":
-        return compact({"type": kind, "ranges": [[host_local_range(network)]], **routes})
+        return compact({"type": kind, "ranges": [host_local_ranges(network)], **routes})
     if kind == "static":
         return compact({"type": kind, **routes})
     return {"type": kind}
@@ -119,16 +120,20 @@ def excluded(network: Network) -> list[str]:
     return [*network.exclude, *([network.gateway] if network.gateway else [])]
 
 
-def host_local_range(network: Network) -> dict[str, Any]:
-    """Return the range as host-local reads it."""
-    return compact(
-        {
-            "subnet": str(IPv4Network(network.subnet or "", strict=False)),
-            "rangeStart": network.range_start,
-            "rangeEnd": network.range_end,
-            "gateway": network.gateway,
-        }
-    )
+def host_local_ranges(network: Network) -> list[dict[str, Any]]:
+    """Return the ranges as host-local reads them; it knows no exclusions, only several ranges."""
+    pool = Pool(network)
+    return [
+        compact(
+            {
+                "subnet": str(pool.subnet),
+                "rangeStart": str(first),
+                "rangeEnd": str(last),
+                "gateway": network.gateway,
+            }
+        )
+        for first, last in pool.stretches()
+    ]
 
 
 def attached_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:

@@ -47,8 +47,8 @@ OLD_VARIABLE, NEW_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_
 EARLY = frozenset(
     ("ardent", "bouncy", "crystal", "dashing", "eloquent", "foxy", "galactic", "humble", "iron")
 )
-#: Distributions whose Fast DDS is 2.x.
-FASTDDS_2 = EARLY | {"jazzy"}
+#: Distributions whose Fast DDS is 2.x, and those whose is 3.x.
+FASTDDS_2, FASTDDS_3 = EARLY | {"jazzy"}, frozenset({"kilted", "lyrical", "rolling"})
 
 
 def uses(plan: NetworkPlan, middleware: str) -> bool:
@@ -64,9 +64,10 @@ def reads_udp_only(plan: NetworkPlan) -> bool:
 def fastdds_variables(plan: NetworkPlan) -> Variables:
     """Return the variables that name the profiles to whichever version reads them."""
     source = {"value": f"{FILES_PATH}/{FASTDDS_FILE}"}
-    if plan.ros == "none":
-        return {OLD_VARIABLE: source, NEW_VARIABLE: source}
-    return {OLD_VARIABLE if plan.distro.lower() in FASTDDS_2 else NEW_VARIABLE: source}
+    distro = plan.distro.lower() if plan.ros == "2" else ""
+    old = {} if distro in FASTDDS_3 else {OLD_VARIABLE: source}
+    new = {} if distro in FASTDDS_2 else {NEW_VARIABLE: source}
+    return old | new
 
 
 def cyclone_variables() -> Variables:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -204,3 +206,54 @@ def test_stopped(release: Callable[[str], Release], machines: list[str]):
         assert time.monotonic() < until, "still ready"
         time.sleep(0.2)
     assert [f.kind for f in made.look().findings] == ["stopped"]
+
+
+def test_one_way(release: Callable[[str], Release], machines: list[str], namespace: str):
+    """Multicast dropped one way between two machines: exactly that pair is named, as an error."""
+    made = release("macvlan")
+    made.attachment()
+    made.node("one", machines[0])
+    made.node("two", machines[1])
+    made.ready("one", "two")
+    inside = entering(made.cluster, namespace, "one")
+    address = next(pod.address for pod in made.look().pods if pod.pod == "two")
+    drop = ["iptables", "-A", "INPUT", "-s", address, "-d", "239.255.0.1", "-j", "DROP"]
+    subprocess.run([*inside, *drop], check=True)
+    found = made.look()
+    assert found.deaf == ((machines[1], machines[0]),)
+    assert [f.message for f in found.errors] == [
+        f"multicast at net1 from {machines[1]} does not reach {machines[0]}"
+    ]
+    with pytest.raises(graph.GraphError) as caught:
+        made.check()
+    assert caught.value.exit_code == 1
+
+
+def test_no_second_network(release: Callable[[str], Release], machines: list[str], namespace: str):
+    """A pod whose net1 is gone turns unready, and the graph says what to do."""
+    made = release("macvlan")
+    made.attachment()
+    made.node("one", machines[0])
+    made.node("two", machines[1])
+    made.ready("one", "two")
+    inside = entering(made.cluster, namespace, "two")
+    subprocess.run([*inside, "ip", "link", "delete", "net1"], check=True)
+    until = time.monotonic() + 30
+    while made.is_ready("two"):
+        assert time.monotonic() < until, "still ready"
+        time.sleep(0.2)
+    (finding,) = made.look().findings
+    assert finding.message.startswith("two has no net1: Multus did not attach the second network")
+    assert "delete the pod" in finding.remedy
+
+
+def entering(cluster: Any, namespace: str, pod: str) -> list[str]:
+    """What enters a pod's network from outside; skipped where its machine is not this one."""
+    uid = cluster.get(ObjectRef("v1", "Pod", namespace, pod))["metadata"]["uid"]
+    for path in Path("/proc").glob("[0-9]*/cgroup"):
+        try:
+            if uid in path.read_text() or uid.replace("-", "_") in path.read_text():
+                return ["nsenter", f"--net={path.parent}/ns/net"]
+        except OSError:
+            continue  # ended meanwhile
+    pytest.skip("the cluster's machines are not on this one")

@@ -313,25 +313,27 @@ def child(process: subprocess.Popen[bytes]) -> int:
     raise AssertionError(f"the pod did not start (exit code {process.poll()})")
 
 
+def environment(name: str) -> Path:
+    """A virtual environment with DDS programs from PyPI, kept for the next run."""
+    place = CACHE / f"{name}-{sys.version_info[0]}.{sys.version_info[1]}"
+    if not (place / "complete").exists():
+        shutil.rmtree(place, ignore_errors=True)
+        run(sys.executable, "-m", "venv", str(place))
+        run(str(place / "bin" / "pip"), "install", "--quiet", *PACKAGES[name])
+        (place / "complete").touch()
+    return place
+
+
 @pytest.fixture(scope="session")
 def venv() -> Callable[[str], Path]:
-    """A virtual environment with DDS programs from PyPI, kept for the next run."""
+    """What gives an environment by its name."""
     if os.geteuid() != 0:
         pytest.skip("pods of namespaces need root")
     tools = [tool for tool in ("ip", "nsenter", "unshare", "iptables") if not shutil.which(tool)]
     if tools:
         pytest.skip(f"pods of namespaces need {', '.join(tools)}")
 
-    def get(name: str) -> Path:
-        place = CACHE / f"{name}-{sys.version_info[0]}.{sys.version_info[1]}"
-        if not (place / "complete").exists():
-            shutil.rmtree(place, ignore_errors=True)
-            run(sys.executable, "-m", "venv", str(place))
-            run(str(place / "bin" / "pip"), "install", "--quiet", *PACKAGES[name])
-            (place / "complete").touch()
-        return place
-
-    return get
+    return environment
 
 
 @pytest.fixture

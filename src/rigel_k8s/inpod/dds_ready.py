@@ -26,7 +26,7 @@ except ImportError:  # not CPython
     import socket
 
 READS = 3.0  # seconds that a participant has to read what it was sent; a busy machine needs some
-GLANCE = 0.02  # seconds between two looks at its queue
+GLANCE = 0.001  # seconds until a second look at its queue; then twice as long each time
 TICK = 0.2  # seconds between two looks while waiting
 DAEMON = "ros2-daemon"  # of the ros2 command line, left behind by whoever called it in this pod
 
@@ -115,11 +115,12 @@ def reads(found):
     target = "127.0.0.1" if found.address == "0.0.0.0" else found.address
     mouth.sendto(rtps.beacon(os.urandom(12), ""), (target, found.port))
     mouth.close()
-    until = time.time() + READS
+    until, pause = time.time() + READS, GLANCE
     while dds_local.waiting(found.inode):
         if time.time() > until:
             return False
-        time.sleep(GLANCE)
+        time.sleep(pause)
+        pause *= 2
     return True
 
 

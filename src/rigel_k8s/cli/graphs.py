@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import zip_longest
 from typing import Any
 
 import attrs
@@ -33,7 +34,7 @@ def discovered(row: PodGraph) -> str:
 
 def graph_lines(graph: Graph) -> Iterator[str]:
     """Yield what is wrong, and what to do: once where it is the same for several."""
-    for finding, following in zip(graph.findings, [*graph.findings[1:], None], strict=True):
+    for finding, following in zip_longest(graph.findings, graph.findings[1:]):
         same = following is not None and following.remedy == finding.remedy
         yield finding.message if same else str(finding)
 

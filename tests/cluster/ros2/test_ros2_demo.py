@@ -54,6 +54,13 @@ def test_delivery_is_checked_not_assumed(demo: Any) -> None:
     assert re.search(r"10 messages, \d+ to \d+, arrived from talker_2", told.stdout + told.stderr)
 
 
+def test_status_shows_who_is_discovered_over_what(demo: Any) -> None:
+    """As a table for people, as JSON for scripts: interface, address, discovered by all others."""
+    address = demo.net1()["talker-1"]
+    assert re.search(rf"talker-1 .* net1 +{re.escape(address)} +2/2", demo("status").stdout)
+    assert json.loads(demo("status", "-o", "json").stdout)["graph"]["ok"] is True
+
+
 def test_kubectl_follows_the_listener_by_its_label(demo: Any) -> None:
     """`kubectl logs --follow -l app=ros-listener`, as the note has it that the demo comes from."""
     status = [sys.executable, "-m", "rigel_k8s", "cluster", "status", "-o", "json", "--name"]

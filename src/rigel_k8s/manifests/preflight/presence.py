@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
+from rigel_k8s.manifests.multus.machines import STANDARD
 from rigel_k8s.manifests.preflight.attachments import Attachment
 from rigel_k8s.manifests.preflight.case import Case
 from rigel_k8s.manifests.preflight.finding import INSTALL, Finding, by_text, listed
@@ -96,17 +97,31 @@ def programs(case: Case) -> Iterator[Finding]:
 
 
 def _missing_programs(case: Case, one: Attachment) -> Iterator[Finding]:
-    lacking = {}
+    needed = dict.fromkeys(one.programs)
+    lacking: dict[str, str] = {}
+    remedies: dict[str, str] = {}
     for node, facts in case.machines(one):
-        if facts.programs:
-            there = frozenset().union(*facts.programs.values())
-            names = [name for name in dict.fromkeys(one.programs) if name not in there]
-            if names:
-                lacking[node] = f"{listed(names)} (looked into {listed(facts.programs)})"
+        there = frozenset().union(*facts.programs.values())
+        names = [name for name in needed if name not in there] if facts.programs else []
+        if names:
+            lacking[node] = f"{listed(names)} (looked into {listed(facts.programs)})"
+            remedies[lacking[node]] = _bringing(names)
     for text, nodes in by_text(lacking).items():
-        yield Finding(
-            "program-missing", f"{_have(nodes, 'lacks', 'lack')} CNI programs: {text}", INSTALL
+        verb = "lacks" if len(nodes) == 1 else "lack"
+        message = f"{listed(nodes)} {verb} CNI programs: {text}"
+        yield Finding("program-missing", message, remedies[text])
+
+
+def _bringing(names: Sequence[str]) -> str:
+    """Return what brings CNI programs; the standard ones are brought where machines lack most."""
+    if set(names) <= {"whereabouts"}:
+        return INSTALL
+    if set(names) <= {"whereabouts", *STANDARD.split()}:
+        return (
+            "on k3s and kind `network: {install: true}` brings them; elsewhere an image does that"
+            " `network.install.plugins_image` names, or the CNI plugins' release in that directory"
         )
+    return "put them into that directory on each of these machines"
 
 
 def _missing_in_kernel(case: Case, one: Attachment) -> Iterator[Finding]:
@@ -135,7 +150,3 @@ def _dhcp(case: Case, one: Attachment) -> Iterator[Finding]:
             " (nobody listens at /run/cni/dhcp.sock)",
             "run `dhcp daemon` of the CNI plugins on each machine, or `ipam: whereabouts`",
         )
-
-
-def _have(nodes: list[str], one: str, several: str) -> str:
-    return f"{listed(nodes)} {one if len(nodes) == 1 else several}"

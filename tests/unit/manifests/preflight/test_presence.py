@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import attrs
+import pytest
 
 from rigel_k8s.manifests.network.options import Network
 from rigel_k8s.manifests.preflight.attachments import attachment
@@ -92,13 +93,24 @@ def test_an_attachment_that_could_not_be_read_may_be_there() -> None:
     assert found(workload(), seen=view(unread=frozenset({"robot/lan"}))) == []
 
 
-def test_a_program_that_a_machine_lacks() -> None:
+@pytest.mark.parametrize(
+    ("lacking", "remedy"),
+    [
+        (
+            ["macvlan", "whereabouts"],
+            "on k3s and kind `network: {install: true}` brings them; elsewhere an image does that"
+            " `network.install.plugins_image` names, or the CNI plugins' release in that directory",
+        ),
+        (["whereabouts"], INSTALL),
+    ],
+)
+def test_a_program_that_a_machine_lacks(lacking: list[str], remedy: str) -> None:
     """The program, the machine and the directory that was looked into are named."""
     recorded = machine().programs["/opt/cni/bin"]
-    poor = machine(programs={"/opt/cni/bin": recorded - {"macvlan", "whereabouts"}})
+    poor = machine(programs={"/opt/cni/bin": recorded - set(lacking)})
     assert texts(found(seen=view(machines={"node1": machine(), "node2": poor}))) == [
-        "error cluster program-missing: node2 lacks CNI programs: macvlan, whereabouts (looked into"
-        f" /opt/cni/bin) => {INSTALL}"
+        f"error cluster program-missing: node2 lacks CNI programs: {', '.join(lacking)} (looked"
+        f" into /opt/cni/bin) => {remedy}"
     ]
 
 
@@ -109,8 +121,9 @@ def test_all_programs_of_a_chain_count() -> None:
         '{"cniVersion": "0.3.1", "plugins": [{"type": "macvlan", "master": "eth0",'
         ' "ipam": {"type": "static"}}, {"type": "tc"}]}'
     )
-    assert [f.message for f in found(item, workload())] == [
-        "node1, node2 lack CNI programs: tc (looked into /opt/cni/bin)"
+    assert texts(found(item, workload())) == [
+        "error cluster program-missing: node1, node2 lack CNI programs: tc (looked into"
+        " /opt/cni/bin) => put them into that directory on each of these machines"
     ]
 
 

@@ -52,7 +52,7 @@ def up(
 ) -> ClusterStatus:
     """Start a cluster, or what of it does not run, and return it.
 
-    A cluster of an earlier boot is made anew: its etcd does not sync to disk.
+    A cluster of an earlier boot is made anew as it was: its etcd does not sync to disk.
 
     Args:
         name: of the cluster; its context is rigel-NAME.
@@ -74,10 +74,11 @@ def up(
     file = kubeconfig.user_kubeconfig().absolute()
     kubeconfig.load(file)  # one that cannot be changed is told before anything is started
     with working_on(name):
-        state = remembered(name, wish, report) or create(name, wish, report)
+        state = remembered(name, wish, report)
         shared.acquire(name, state.node_paths.binds)
         started = start_machines(state, report)
-        add_extras(state, wish.extras, report)
+        # Those of a cluster that was made anew, or whose `up` was broken off, are missing.
+        add_extras(state, wish.extras or (() if state.offers else state.extras), report)
         if started or not state.furnished:
             furnish(state, report)
         else:
@@ -106,16 +107,16 @@ def working_on(name: str) -> Iterator[None]:
         yield
 
 
-def remembered(name: str, wish: Wish, report: Report) -> State | None:
-    """Return the state of a cluster that can go on; one of an earlier boot is removed."""
+def remembered(name: str, wish: Wish, report: Report) -> State:
+    """Return the state of a cluster that can go on, or of a new one."""
     state = State.load(name)
     if not state:
-        return None
+        return create(name, wish, report)
     state.require_known()
     if state.boot != paths.boot_id():
         report(f"Cluster {name} was lost when this machine restarted; making it anew")
         removal.remove(state, report)
-        return None
+        return create(name, wish.or_as(state), report)
     wish.compare(state)
     if not state.components.complete:
         components.obtain(report, state.builds)
@@ -134,6 +135,7 @@ def create(name: str, wish: Wish, report: Report) -> State:
             boot=paths.boot_id(),
             kubernetes=components.KUBERNETES_VERSION,
             components=parts,
+            extras=list(wish.extras),
             data_dir=wish.new_data_dir,
         )
         state.save()

@@ -74,6 +74,15 @@ class Wish:
         """What is to be built for it besides what every cluster needs."""
         return [*self.extras, *(["k3s"] if self.layout == "k3s" else [])]
 
+    def or_as(self, state: State) -> Wish:
+        """Return a wish for a cluster like one that was, but for what is asked for."""
+        layout = ("k3s", state.data_dir) if state.data_dir else (None, None)
+        return Wish(
+            self.nodes or state.nodes,
+            sorted({*self.extras, *state.extras}),
+            *((self.layout, self.data_dir) if self.layout else layout),
+        )
+
     def compare(self, state: State) -> None:
         """Refuse to change what a cluster is for its life.
 

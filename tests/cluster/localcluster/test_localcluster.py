@@ -311,7 +311,7 @@ def be_interrupted(host: Any) -> None:
 
 
 def restart(host: Any) -> None:
-    """The machine restarts: all that is not on disk is gone. `up` says so and begins anew."""
+    """The machine restarts: all that is not on disk is gone. `up` says so and makes it as it was."""
     live(host)
     state = host.directory / "state"
     kept = {path: path.read_text() for path in [*state.glob("*.json"), *state.glob("*/*/*.json")]}
@@ -321,5 +321,6 @@ def restart(host: Any) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text.replace(boot, "an-earlier-boot"))
     assert host.status("t-gone")["problems"] == ["this machine was restarted"]
-    told = host.rigel("up", "--name", "t-gone", "--nodes", "1")
+    told = host.rigel("up", "--name", "t-gone")
     assert "lost when this machine restarted" in told
+    assert len(host.status("t-gone")["nodes"]) == 1

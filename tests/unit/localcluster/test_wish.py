@@ -64,6 +64,15 @@ def test_what_is_not_asked_for_is_as_it_is() -> None:
         wish.compare(state(data_dir="/data"))
 
 
+def test_a_lost_cluster_is_made_anew_as_it_was() -> None:
+    """After a restart of the machine nothing need be said again; what is said counts."""
+    lost = state(extras=["multus"], data_dir="/data")
+    assert Wish().or_as(lost) == Wish(3, ["multus"], "k3s", "/data")
+    assert Wish(nodes=1, layout="plain").or_as(lost) == Wish(1, ["multus"], "plain", None)
+    assert Wish(layout="k3s").or_as(lost).new_data_dir == "/var/lib/rancher/k3s"
+    assert Wish().or_as(state()) == Wish(3, [])
+
+
 def test_builds_of_a_wish_and_of_its_cluster_are_the_same() -> None:
     """What is built first is what is looked for later."""
     wish = Wish(extras=("multus",), layout="k3s")

@@ -1,4 +1,4 @@
-"""Nodes on several middlewares, in one image: what tests of network modes and of interoperation share."""
+"""Nodes on several middlewares, in one image: what tests of modes and interoperation share."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typing import Any
 
 import attrs
 import pytest
+import yaml
 
 from rigel_k8s.deploy.types import ObjectRef
 
@@ -131,16 +132,22 @@ class Release:
     def move(self, workload: str) -> None:
         """Have a workload's pod ended, and a new one started on another machine."""
         cluster, space = self.project.cluster, self.project.space
-        machine = self.project.machines()[workload]
-        machines = [node["metadata"]["name"] for node in cluster.list("v1", "Node")]
-        other = next(name for name in machines if name != machine)
+        machines = self.project.machines()
+        apart = {"talker-1", "listener"}
+        taken = {machines[name] for name in {workload} | (apart if workload in apart else set())}
+        names = {node["metadata"]["name"] for node in cluster.list("v1", "Node")}
+        other = min(names - taken)
         pod = {"nodeSelector": {"kubernetes.io/hostname": other}}
         ref = ObjectRef("apps/v1", "Deployment", space, workload)
         cluster.patch(ref, {"spec": {"template": {"spec": pod}}})
-        self.project.until(
-            lambda: self.project.machines().get(workload) == other,
-            f"pod of {workload} on {other}",
-        )
+        self.project.until(lambda: self.is_ready(workload, other), f"pod of {workload} on {other}")
+
+    def is_ready(self, workload: str, machine: str) -> bool:
+        """Return whether a workload's pod is ready on a machine."""
+        pod = self.project.pods().get(workload, {"spec": {}, "status": {}})
+        ready = {"type": "Ready", "status": "True"}
+        told = [{key: one[key] for key in ready} for one in pod["status"].get("conditions", ())]
+        return pod["spec"].get("nodeName") == machine and ready in told
 
 
 @pytest.fixture(scope="module")
@@ -151,6 +158,10 @@ def deployed(
 
     def deploy(**options: Any) -> Release:
         made = project("../tests/images/interop", ros2_image, lambda job: job.update(options))
+        if options.get("ros") == "none":  # such an application says itself in which domain it is
+            written = yaml.safe_load(made.rigelfile.read_text())
+            written["jobs"]["deploy"]["with"]["network"].pop("domain_id", None)
+            made.rigelfile.write_text(yaml.safe_dump(written, sort_keys=False))
         made("run", "job", "deploy")
         return Release(made)
 

@@ -27,4 +27,10 @@ def greeting(number):
 
 def heard(text):
     """Log what arrived."""
-    print(f"I heard {text}", flush=True)
+    log(f"I heard {text}")
+
+
+def log(text):
+    """Write a line at once."""
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""router|talker|listener: zenoh's own sessions, set up as rmw_zenoh's are, by ZENOH_CONFIG_OVERRIDE.
+"""router|talker|listener: sessions of zenoh's own, set up as those of rmw_zenoh.
 
-The variable is rmw_zenoh's: KEY=VALUE pairs, parted by semicolons, values in JSON5.
+ZENOH_CONFIG_OVERRIDE is rmw_zenoh's: KEY=VALUE pairs, parted by semicolons, values in JSON5.
 """
 
 import os
@@ -26,7 +26,7 @@ def session():
         except zenoh.ZError as error:
             if os.environ.get("ZENOH_ROUTER_CHECK_ATTEMPTS") != "0":
                 raise
-            print(f"no router yet: {error}", flush=True)
+            words.log(f"no router yet: {error}")
             time.sleep(1)
 
 

@@ -311,7 +311,7 @@ def be_interrupted(host: Any) -> None:
 
 
 def restart(host: Any) -> None:
-    """The machine restarts: all that is not on disk is gone. `up` says so and makes it as it was."""
+    """The machine restarts: what is not on disk is gone. `up` says so and makes it as it was."""
     live(host)
     state = host.directory / "state"
     kept = {path: path.read_text() for path in [*state.glob("*.json"), *state.glob("*/*/*.json")]}

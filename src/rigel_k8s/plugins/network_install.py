@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import attrs
 
 from rigel_k8s.deploy.release import DEFAULT_TIMEOUT, deploy, diff
-from rigel_k8s.deploy.types import RELEASE_LABEL
+from rigel_k8s.deploy.types import RELEASE_LABEL, ref_of
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.manifests.multus import RELEASE
@@ -103,15 +103,27 @@ def install(
         Interrupted: `cancel` was set.
     """
     cancel = cancel or threading.Event()
-    found = find(cluster, options)
+    found = _found(cluster, options)
     installation = installation_of(found, options)
     _tell_others(found, report)
     for name in found.away:
         report.warn(f"node {name} is not ready: it is not waited for")
     if installation.multus or installation.whereabouts:
         _deploy(cluster, installation, found, report, cancel, timeout=timeout, adopt=adopt)
-        _until_ready(cluster, found.up, installation, report, cancel, timeout or DEFAULT_TIMEOUT)
+        _until_ready(cluster, found, installation, report, cancel, timeout or DEFAULT_TIMEOUT)
     return _proved(cluster, options, report, cancel)
+
+
+def _found(cluster: Cluster, options: Install) -> Found:
+    """Look at the cluster, which wants rights that an application's deploy does not."""
+    try:
+        return find(cluster, options)
+    except ClusterError as error:
+        if getattr(error, "status", 0) == 403:
+            error.hint = (
+                "`rigel network install` by an administrator, once; then leave `install` out"
+            )
+        raise
 
 
 def installation_of(found: Found, options: Install, *, retired: bool = False) -> Installation:
@@ -152,6 +164,7 @@ def _deploy(
     if not diff(desired, cluster, adopt=adopt).changes:
         return
     bound = min(timeout or DEFAULT_TIMEOUT, WITHOUT_ALL) if found.away else timeout
+    _let_be_away(cluster, found)
     try:
         deploy(
             desired,
@@ -163,13 +176,21 @@ def _deploy(
             description="network",
         )
     except RolloutFailed:
-        if not found.away or list(_unready(cluster, found.up, installation)):
+        if not found.away or list(_unready(cluster, found, installation)):
             raise
+
+
+def _let_be_away(cluster: Cluster, found: Found) -> None:
+    """Let a roll-out go on though nodes are away: Kubernetes would wait for them first."""
+    rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(found.away)}}
+    for part in (found.multus, found.whereabouts):
+        for one in part.sets if found.away and part and part.ours else ():
+            cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
 
 def _until_ready(
     cluster: Cluster,
-    nodes: Sequence[str],
+    found: Found,
     installation: Installation,
     report: Reporter,
     cancel: threading.Event,
@@ -177,7 +198,7 @@ def _until_ready(
 ) -> None:
     """Wait until both parts' pods are ready on all nodes that are up."""
     end = time.monotonic() + timeout
-    while waiting := list(_unready(cluster, nodes, installation)):
+    while waiting := list(_unready(cluster, found, installation)):
         if time.monotonic() > end:
             raise RolloutFailed(
                 f"the network is not ready on every node within {timeout:g} s",
@@ -189,12 +210,18 @@ def _until_ready(
             raise Interrupted("interrupted while the network was being installed")
 
 
-def _unready(cluster: Cluster, nodes: Iterable[str], installation: Installation) -> Iterable[str]:
-    """Yield which part is not ready on which node."""
-    pods = cluster.list("v1", "Pod", RELEASE.namespace, labels={RELEASE_LABEL: RELEASE.name})
+def _unready(cluster: Cluster, found: Found, installation: Installation) -> Iterable[str]:
+    """Yield what is not ready, and not new, on the nodes that are up."""
+    labels = {RELEASE_LABEL: RELEASE.name}
+    for one in cluster.list("apps/v1", "DaemonSet", RELEASE.namespace, labels=labels):
+        status = one.get("status", {})
+        wanted = status.get("desiredNumberScheduled", 0) - len(found.away)
+        if status.get("updatedNumberScheduled", 0) < wanted:
+            yield f"not all pods of {one['metadata']['name']} are new"
+    pods = cluster.list("v1", "Pod", RELEASE.namespace, labels=labels)
     ready = {(pod["spec"].get("nodeName"), _part_of(pod)) for pod in pods if is_ready(pod)}
     parts = [("multus", installation.multus), ("whereabouts", installation.whereabouts)]
-    for node in nodes:
+    for node in found.up:
         for part, ours in parts:
             if ours and (node, part) not in ready:
                 yield f"{part} is not ready on {node}"

@@ -151,6 +151,29 @@ class Own:
     directory: Path
     data_dir: str | None
 
+    @property
+    def name(self) -> str:
+        """The cluster's name."""
+        return self.context.removeprefix("rigel-")
+
+    def stop(self, node: str) -> None:
+        """Switch a node off, and wait until the cluster knows."""
+        os.kill(int((self.directory / node / "process").read_text().split()[0]), 9)
+        until(lambda: not self.is_up(node), f"loss of {node}")
+
+    def is_up(self, node: str) -> bool:
+        """Return whether a node is Ready."""
+        live = self.cluster.get(ObjectRef("v1", "Node", "", node))
+        conditions = {c["type"]: c["status"] for c in live["status"]["conditions"]}
+        return conditions.get("Ready") == "True"
+
+    def start(self, node: str) -> None:
+        """Switch a node on again."""
+        from rigel_k8s import localcluster
+
+        localcluster.up(self.name, report=print)
+        until(lambda: self.is_up(node), f"return of {node}")
+
     def conf(self, node: str) -> Path:
         """Return where a node's CNI configuration is, seen from here."""
         base = self.directory / node
@@ -169,7 +192,7 @@ def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         pytest.skip("a cluster of one's own needs root")
     from rigel_k8s import localcluster
 
-    name, data_dir = "network", request.param
+    name, data_dir = f"network-{os.getpid()}", request.param
     kubeconfig = tmp_path_factory.mktemp("kube") / "config"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KUBECONFIG", str(kubeconfig))

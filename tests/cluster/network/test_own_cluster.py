@@ -21,7 +21,7 @@ import pytest
 from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.errors import UserError
 from rigel_k8s.localcluster import components, k3s
-from rigel_k8s.manifests.multus import RELEASE
+from rigel_k8s.manifests.multus import RELEASE, WHEREABOUTS_IMAGE
 from rigel_k8s.manifests.multus.interfaces import without_interface
 from rigel_k8s.manifests.network.options import Install
 from rigel_k8s.plugins.network_install import install
@@ -30,6 +30,8 @@ from rigel_k8s.plugins.network_status import network_status
 
 pytestmark = pytest.mark.cluster
 
+#: The same image by another name, which the local cluster's registry serves as well.
+MULTUS = "k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
 #: Their Multus: its image is there.
 IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
 CRD = "apiextensions.k8s.io/v1", "CustomResourceDefinition"
@@ -199,6 +201,27 @@ def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -
     own_lab.start("older", node="node1")
     assert own_lab.has_interface("older")
     install(own.cluster, Install(), said)
+
+
+def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: Any) -> None:
+    """A node that is off is named and left out, also of an update; it has it when it is back."""
+    own.stop("node2")
+    done = install(own.cluster, Install(), said)
+    assert (done.nodes, done.away) == (("node1",), ("node2",))
+    assert said.warnings == ["node node2 is not ready: it is not waited for"]
+    old = daemon(own, "node1")["metadata"]["uid"]
+    changed = Install(whereabouts_image=WHEREABOUTS_IMAGE, multus_image=f"docker.io/{MULTUS}")
+    done = install(own.cluster, changed, said)
+    assert (done.nodes, done.away) == (("node1",), ("node2",))
+    new = daemon(own, "node1")
+    assert new["metadata"]["uid"] != old
+    assert new["spec"]["containers"][0]["image"] == f"docker.io/{MULTUS}"
+    with pytest.raises(UserError) as error:
+        remove(own.cluster, Install(), said)
+    assert "node node2 is away and keeps Multus' configuration" in error.value.details
+    own.start("node2")
+    done = install(own.cluster, Install(), said)
+    assert (done.nodes, done.away) == (("node1", "node2"), ())
 
 
 def test_removal_is_refused_while_pods_are_attached(own: Any, own_lab: Any, said: Any) -> None:

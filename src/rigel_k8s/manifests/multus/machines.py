@@ -185,8 +185,11 @@ def daemon_set(
         **({"affinity": machines.affinity} if machines.affinity else {}),
         **pod,
     }
-    # What retires is gone soon; what is updated must not be away everywhere at once.
-    rolling = {"maxUnavailable": "100%" if machines.retired else 1}
+    # One machine after the other (Kubernetes' default, left to whoever has to let more be away);
+    # what retires is gone soon, and may be so everywhere.
+    strategy: Object = {"type": "RollingUpdate"}
+    if machines.retired:
+        strategy["rollingUpdate"] = {"maxUnavailable": "100%"}
     return {
         "apiVersion": "apps/v1",
         "kind": "DaemonSet",
@@ -197,7 +200,7 @@ def daemon_set(
         },
         "spec": {
             "selector": {"matchLabels": selector(own)},
-            "updateStrategy": {"type": "RollingUpdate", "rollingUpdate": rolling},
+            "updateStrategy": strategy,
             "template": {
                 "metadata": {
                     "labels": {**labels(own, RELEASE.name), RELEASE_LABEL: RELEASE.name},

@@ -24,6 +24,7 @@ import attrs
 import pytest
 
 import rigel_k8s.inpod
+from rigel_k8s.manifests.network.peers import peer_name
 from rigel_k8s.plugins.graph_findings import Graph, graph
 from rigel_k8s.plugins.graph_looks import look
 from rigel_k8s.plugins.graph_members import Member
@@ -35,7 +36,7 @@ PACKAGES = {
     "kilted": ["ros-kilted-rclpy", "ros-kilted-rmw-fastrtps-cpp", "ros-kilted-std-msgs"],
     "dds": ["cyclonedds", "eclipse-zenoh"],
 }
-_BOX = 'mount -t proc proc /proc; exec env -i "$@"'
+_BOX = 'mount -t proc proc /proc; mount --bind "$HOSTS" /etc/hosts; exec env -i "$@"'
 
 ROS_NODE = """
 import rclpy, sys
@@ -133,6 +134,8 @@ class Lab:
         self._bridge(self.switch)
         self.machines: dict[str, str] = {}
         self._settled = 0
+        self.hosts = folder / "hosts"  # what the cluster's DNS is to pods
+        self.hosts.write_text("127.0.0.1 localhost\n")
 
     def ros(self, name: str, machine: str, distro: str = "jazzy", **env: str) -> Pod:
         """Start a ROS 2 node on Fast DDS."""
@@ -181,8 +184,16 @@ class Lab:
         line = ["nsenter", f"--net=/run/netns/{network}", "unshare", "--mount", "--pid"]
         line += ["--propagation=private", "--fork", "--kill-child", "/bin/sh", "-c", _BOX, "sh"]
         line += [*(f"{k}={v}" for k, v in variables.items()), *command]
+        with self.hosts.open("a") as file:
+            file.write(f"{address} {peer_name(name)}\n")
         with output.open("w") as file:
-            process = subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=file, stderr=file)
+            process = subprocess.Popen(
+                line,
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=file,
+                env={**os.environ, "HOSTS": str(self.hosts)},
+            )
         pod = Pod(name, machine, address, network, process, output, variables)
         self.pods[name] = pod
         self.cleanup.callback(self._end, pod)

@@ -257,13 +257,11 @@ def test_discovery_server(lab):
 def test_peers(lab):
     """Static peers are asked by name; who does not answer is told by whom."""
     one, two = lab.ros("one", "one"), lab.ros("two", "two")
-    names = {"one": one.address, "two": two.address}
-    addressed = [lab.member(p, "peers", workload=names[p.name]) for p in (one, two)]
-    assert told(lab.graph_of(addressed)) == []
+    assert told(lab.graph("peers")) == []
     two.deaf_to(one)  # multicast only: peers do not need it
-    assert told(lab.graph_of(addressed)) == []
+    assert told(lab.graph("peers")) == []
     two.drop(one)
-    assert told(lab.graph_of(addressed)) == [
+    assert told(lab.graph("peers")) == [
         "undiscovered: one is discovered by nobody",
         "undiscovered: two is discovered by nobody",
     ]

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import attrs
 
+from rigel_k8s.manifests.network.peers import peer_name
 from rigel_k8s.plugins.graph_looks import Seen
 from rigel_k8s.plugins.graph_members import Member
 from rigel_k8s.plugins.graph_paths import Paths, deaf_findings, paths
@@ -216,11 +217,10 @@ def undiscovered(
             continue
         nobody = len(missing) == len(others)
         who = "nobody" if nobody else listed(missing)
-        remedy = (
-            "are the Services there, and does a NetworkPolicy keep UDP out?"
-            if member.mode == "peers"
-            else "is its DDS bound to the right interface, and does a firewall drop UDP?"
-        )
+        remedy = "is its DDS bound to the right interface, and does a firewall drop UDP?"
+        if member.mode == "peers":
+            service = peer_name(member.workload)
+            remedy = f"is the Service {service} there, and does a NetworkPolicy keep UDP out?"
         verb = "is discovered by nobody" if nobody else f"is not discovered by {who}"
         error = member.mode != "none"
         yield Finding("undiscovered", f"{pod} {verb}", remedy, [pod], error=error)

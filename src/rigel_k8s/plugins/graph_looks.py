@@ -20,6 +20,7 @@ import attrs
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.manifests.network.peers import peer_name
 from rigel_k8s.plugins.graph_members import Member
 
 __all__ = ["ANNOUNCERS", "LISTEN", "Seen", "commands", "look"]
@@ -94,7 +95,7 @@ def command(
     if member.pod in senders.values():
         words += ["--beacon", member.pod]
     if member.mode == "peers":
-        others = {m.workload for m in found if m.workload != member.workload}
+        others = {peer_name(m.workload) for m in found if m.workload != member.workload}
         words += [word for name in sorted(others) for word in ("--ask", name)]
     for server in member.servers:
         words += ["--server", server]

@@ -32,7 +32,7 @@ class Member:
     """One pod that takes part, as its manifest and Kubernetes tell.
 
     Attributes:
-        workload: the name of its Deployment, which in mode `peers` is its Service's too.
+        workload: the name of its Deployment.
         machine: the Kubernetes node that it runs on.
         interface: the one that DDS is to use, None for all.
         address: what that interface is to have, as the Rigelfile or Multus tell, None if nobody.

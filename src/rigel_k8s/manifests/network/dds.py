@@ -6,7 +6,7 @@ pods for one machine writes where nobody reads. A profile that names its transpo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from rigel_k8s.manifests.network.wiring import NetworkPlan
@@ -18,12 +18,12 @@ __all__ = [
     "FASTDDS_FILE",
     "FILES_PATH",
     "PARTICIPANTS",
-    "UDP_ONLY",
     "cyclone_config",
     "cyclone_variables",
     "fastdds_profile",
     "fastdds_variables",
     "reads_udp_only",
+    "udp_only",
     "uses",
 ]
 
@@ -35,15 +35,15 @@ FASTDDS_FILE = "fastdds.xml"
 CYCLONE_FILE = "cyclonedds.xml"
 #: Stands in a file for the pod's address, until the pod knows it.
 ADDRESS = "@ADDRESS@"
-#: Fast DDS without shared memory, where no profile names its transports.
-UDP_ONLY: Mapping[str, dict[str, Any]] = {"FASTDDS_BUILTIN_TRANSPORTS": {"value": "UDPv4"}}
-
+#: What Fast DDS asks for its sockets, and gets as far as the machine's net.core.rmem_max allows.
+#: docs/networking.md has what that is worth to large messages.
+BUFFER = 4 * 2**20
 #: How many participants of one address Fast DDS looks for; a program has one.
 PARTICIPANTS = 4
 
 #: The variable that names Fast DDS' profiles: that of 2.x, which 3.x warns about, and that of 3.x.
 OLD_VARIABLE, NEW_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
-#: Distributions whose Fast DDS may be older than 2.6.7 or 2.13, and does not read UDP_ONLY.
+#: Distributions whose Fast DDS may not read udp_only(): it does from 2.14 on.
 EARLY = frozenset(
     ("ardent", "bouncy", "crystal", "dashing", "eloquent", "foxy", "galactic", "humble", "iron")
 )
@@ -57,8 +57,14 @@ def uses(plan: NetworkPlan, middleware: str) -> bool:
 
 
 def reads_udp_only(plan: NetworkPlan) -> bool:
-    """Return whether the application's Fast DDS is sure to read UDP_ONLY."""
+    """Return whether the application's Fast DDS is sure to read udp_only(), options too."""
     return plan.ros == "2" and plan.distro.lower() not in EARLY
+
+
+def udp_only(plan: NetworkPlan) -> Variables:
+    """Return what keeps Fast DDS from shared memory where no profile names its transports."""
+    options = f"?sockets_size={BUFFER // 10**6}MB" if reads_udp_only(plan) else ""
+    return {"FASTDDS_BUILTIN_TRANSPORTS": {"value": f"UDPv4{options}"}}
 
 
 def fastdds_variables(plan: NetworkPlan) -> Variables:
@@ -86,6 +92,8 @@ def fastdds_profile(address: str | None = None, peers: Sequence[str] = ()) -> st
         "transport_descriptor",
         leaf("transport_id", "rigel"),
         leaf("type", "UDPv4"),
+        leaf("sendBufferSize", str(BUFFER)),
+        leaf("receiveBufferSize", str(BUFFER)),
         element("interfaceWhiteList", leaf("address", address) if address else []),
     )
     locators = [element("locator", element("udpv4", leaf("address", peer))) for peer in peers]

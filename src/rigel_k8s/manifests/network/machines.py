@@ -9,10 +9,10 @@ import attrs
 from rigel_k8s.manifests.network.attachments import pinned_files, pinned_variables
 from rigel_k8s.manifests.network.dds import (
     FASTDDS_FILE,
-    UDP_ONLY,
     fastdds_profile,
     fastdds_variables,
     reads_udp_only,
+    udp_only,
     uses,
 )
 from rigel_k8s.manifests.network.files import (
@@ -71,4 +71,4 @@ def variables(plan: NetworkPlan, interface: str | None) -> dict[str, Object]:
         return pinned_variables(plan)
     if not uses(plan, "fastdds"):
         return {}
-    return fastdds_variables(plan) if needs_profile(plan) else dict(UDP_ONLY)
+    return fastdds_variables(plan) if needs_profile(plan) else udp_only(plan)

@@ -20,12 +20,12 @@ from rigel_k8s.manifests.network.dds import (
     CYCLONE_FILE,
     FASTDDS_FILE,
     PARTICIPANTS,
-    UDP_ONLY,
     cyclone_config,
     cyclone_variables,
     fastdds_profile,
     fastdds_variables,
     reads_udp_only,
+    udp_only,
     uses,
 )
 from rigel_k8s.manifests.network.files import around, as_they_are, config_name, files_config
@@ -118,5 +118,5 @@ def peers_variables(plan: NetworkPlan) -> dict[str, Object]:
     reference = {"configMapKeyRef": {"name": config_name(plan), "key": PEERS_KEY}}
     return {
         "ROS_STATIC_PEERS": {"valueFrom": reference},
-        **UDP_ONLY,
+        **udp_only(plan),
     }

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from rigel_k8s.deploy.types import FIRST_ANNOTATION
 from rigel_k8s.manifests.commands import words
 from rigel_k8s.manifests.naming import object_name
-from rigel_k8s.manifests.network.dds import UDP_ONLY
+from rigel_k8s.manifests.network.dds import udp_only
 from rigel_k8s.manifests.network.files import around
 from rigel_k8s.manifests.network.options import Network
 from rigel_k8s.manifests.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
@@ -61,7 +61,7 @@ def discovery_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
         container = {
             "name": "discovery-server",
             "args": command_line(network, [*SERVER, str(DISCOVERY_PORT)]),
-            "env": variables({**UDP_ONLY, **told(index, name)}),
+            "env": variables({**udp_only(plan), **told(index, name)}),
             "ports": [port("discovery", DISCOVERY_PORT, "UDP")],
             **probes({"exec": {"command": ["/bin/sh", "-c", LISTENS]}}),
         }
@@ -148,7 +148,7 @@ def discovery_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> W
     """Return what makes a pod a client of the discovery servers."""
     servers = ";".join(f"{name}:{DISCOVERY_PORT}" for name in server_names(plan.release, network))
     return Wiring(
-        env={"ROS_DISCOVERY_SERVER": {"value": servers}, **UDP_ONLY},
+        env={"ROS_DISCOVERY_SERVER": {"value": servers}, **udp_only(plan)},
         annotations=network_note(plan),
     )
 

@@ -3,7 +3,7 @@
 Why: a pod that is "Running" may have no second network, another domain, or a process that hangs.
 Each of that shows inside the pod; nobody else has to be there, so no pod waits for another one.
 
-    dds_ready.py dds --domain N [--interface NAME] [--wait SECONDS]
+    dds_ready.py dds [--domain N] [--interface NAME] [--wait SECONDS]    any domain without N
     dds_ready.py dds --port N [--wait SECONDS]         a discovery server's port
     dds_ready.py zenoh --port N [--wait SECONDS]       the router's port
 
@@ -44,13 +44,13 @@ class Arguments(object):
         values = {words[i]: words[i + 1] for i in range(0, len(words) - 1, 2)}
         known = {"--domain", "--interface", "--port", "--wait"}
         if self.kind not in ("dds", "zenoh") or len(words) % 2 or set(values) - known:
-            raise ValueError("dds|zenoh --domain N|--port N [--interface NAME] [--wait SECONDS]")
+            raise ValueError("dds|zenoh [--domain N|--port N] [--interface NAME] [--wait SECONDS]")
         self.domain = int(values["--domain"]) if "--domain" in values else None
         self.port = int(values["--port"]) if "--port" in values else None
         self.interface = values.get("--interface")
         self.wait = float(values.get("--wait", 0))
-        if self.domain is None and self.port is None:
-            raise ValueError("which domain or port? --domain N or --port N")
+        if self.kind == "zenoh" and self.port is None:
+            raise ValueError("zenoh --port N: which port has the router?")
 
 
 def look(arguments):
@@ -62,8 +62,12 @@ def look(arguments):
     found = own(arguments.domain, arguments.port)
     for process in found:
         check_process(process, arguments.port)
-    where = "domain %s" % arguments.domain if arguments.port is None else arguments.port
-    return "%s at %s" % (", ".join(str(process) for process in found), where)
+    return ", ".join(told(process, arguments.port) for process in found)
+
+
+def told(process, port):
+    """Return a process and where it takes part."""
+    return "%s at %s" % (process, "port %d" % port if port else "domain %s" % process.domain)
 
 
 def check_interface(name):
@@ -86,12 +90,15 @@ def own(domain, port):
         if not wanted:
             raise NotReady("no process of this container has UDP port %d yet" % port)
         return wanted
-    wanted = [process for process in found if process.domain == domain]
-    if not wanted and found:
+    known = [process for process in found if process.domain is not None]
+    wanted = [process for process in known if domain in (None, process.domain)]
+    if not wanted and known:
         text = "%s takes part in DDS domain %s instead of %s: is its domain id set in the image?"
-        raise NotReady(text % (found[0], found[0].domain, domain))
+        raise NotReady(text % (known[0], known[0].domain, domain))
     if not wanted:
         text = "no process of this container takes part in DDS domain %s yet (UDP port %d)"
+        if domain is None:
+            raise NotReady("no process of this container takes part in DDS yet")
         raise NotReady(text % (domain, rtps.announcement_port(domain)))
     return wanted
 

@@ -135,6 +135,14 @@ def test_graph_in_the_table() -> None:
     }
 
 
+def test_a_graph_in_order() -> None:
+    """A graph without findings adds columns and no line; a remedy of several stands once."""
+    order = attrs.evolve(GRAPH, findings=(), deaf=())
+    assert status_text(release(TALKER), NOW, order).splitlines()[-1].startswith("talker")
+    twice = attrs.evolve(GRAPH, findings=GRAPH.findings * 2)
+    assert status_text(release(TALKER), NOW, twice).count("look at the switch") == 1
+
+
 def test_status_for_scripts() -> None:
     """The shape that docs/cli.md promises."""
     found = status_json(release(TALKER))

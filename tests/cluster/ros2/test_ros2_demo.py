@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 import time
@@ -78,12 +79,29 @@ def test_kubectl_follows_the_listener_by_its_label(demo: Any) -> None:
     assert set(re.findall(r"I heard hello world from (\w+):", text)) == TALKERS
 
 
-def test_ros_tools_see_the_whole_graph(demo: Any) -> None:
-    """`rigel exec` has ROS set up: all three nodes are seen from one of them."""
-    nodes = demo("exec", "listener", "--", "ros2", "node", "list").stdout.split()
-    assert set(nodes) == {"/talker_1", "/talker_2", "/listener"}
-    told = demo("exec", "talker_1", "--", "ros2", "topic", "info", "/chatter").stdout
-    assert "Publisher count: 2" in told
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("node list", r"\A/listener\n/talker_1\n/talker_2\n\Z"),
+        ("node info /talker_2", r"Publishers:\n    /chatter: std_msgs/msg/String"),
+        ("topic list -t", r"^/chatter \[std_msgs/msg/String\]$"),
+        ("topic info /chatter", r"Publisher count: 2\nSubscription count: 1"),
+        ("topic type chatter", r"\Astd_msgs/msg/String\n\Z"),
+        (
+            "topic echo --once --field data /chatter",
+            r"\Ahello world from talker_\d: \S+ \d+\n---\n",
+        ),
+        ("service list", r"^/talker_1/set_parameters$"),
+        ("param list /talker_1", r"^  nonce\n  rate$"),
+        ("param get /talker_1 rate", r"\ADouble value is: 5.0\n\Z"),
+        ("param set /talker_2 nonce mine", r"\ASet parameter successful\n\Z"),
+        ("topic pub -1 /chatter std_msgs/msg/String {data:\\ hi}", r"^publishing #1: .*data='hi'"),
+    ],
+)
+def test_ros2_commands_see_the_whole_graph(demo: Any, words: str, told: str) -> None:
+    """`rigel exec` has ROS set up: from the listener's pod all nodes are seen and told."""
+    done = demo("exec", "listener", "--", "ros2", *shlex.split(words))
+    assert re.search(told, done.stdout, re.MULTILINE), done.stdout
 
 
 def test_a_listener_without_net1_is_deaf(demo: Any) -> None:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from rigel_k8s.manifests.network.dds import EARLY
-from rigel_k8s.manifests.network.options import Network
+from rigel_k8s.manifests.network.options import Install, Network
 from rigel_k8s.manifests.network.plan import ATTACHED, middleware_word, network_of
 from rigel_k8s.manifests.network.podchecks import check_pods, workloads_of
 from rigel_k8s.manifests.network.rangechecks import check_peers, check_ranges
@@ -210,6 +210,10 @@ def check_form(network: Network) -> Iterator[Problem]:
     if network.attachment is not None and not ATTACHMENT.fullmatch(network.attachment):
         message = f'"{network.attachment}" is neither NAME nor NAMESPACE/NAME'
         yield Problem(("network", "attachment"), message, "bad-name")
+    install = network.install
+    if isinstance(install, Install) and install.data_dir and install.platform not in (None, "k3s"):
+        message = f"only k3s has a data directory, and this is {install.platform}"
+        yield Problem(("network", "install", "data_dir"), message, "no-k3s")
     if network.mode == "ipvlan" and network.ipam == "dhcp":
         message = "interfaces of ipvlan share one MAC address, so a DHCP server takes them for one"
         yield Problem(("network", "ipam"), message, "wrong-mode")

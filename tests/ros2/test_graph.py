@@ -286,3 +286,12 @@ def test_without_python(lab):
     found = lab.graph()
     (finding,) = found.findings
     assert (finding.kind, finding.error, list(finding.pods)) == ("not-looked", False, ["two"])
+
+
+def test_domain_of_the_image(lab):
+    """Where nobody told a domain, each is looked at in its own."""
+    lab.ros("one", "one", ROS_DOMAIN_ID="7")
+    lab.ros("two", "two", ROS_DOMAIN_ID="7")
+    found = lab.graph("none", domain=None)
+    assert told(found) == []
+    assert [pod.discovered_by for pod in found.pods] == [("two",), ("one",)]

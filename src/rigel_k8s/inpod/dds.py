@@ -3,12 +3,13 @@
 Why: a pod that is ready may be deaf. What a pod's own participant would discover, a stand-in in its
 network does discover; and whose beacons it hears shows which machines' multicast gets through.
 
-    dds.py --domain N [--interface NAME] [--announce] [--beacon TEXT] [--ask ADDRESS]...
+    dds.py [--domain N] [--interface NAME] [--announce] [--beacon TEXT] [--ask ADDRESS]...
            [--server ADDRESS:PORT]... [--router PORT] [--seconds S]
 
 Contract: the first line tells the pod's own state, as soon as it hears; the second line what it
 heard, when a line comes on standard input, and after --seconds (10) in any case.
-Without --interface it takes all but the loopback. --announce: by multicast; --ask: participants
+Without --domain it is in that of the container's own participant, without --interface on all but
+the loopback. --announce: by multicast; --ask: participants
 at an address, at the domain's first ports; --server: a discovery server; --beacon: a text for the
 other stand-ins, ten a second; --router: connections to a zenoh router's port are told too.
 Exit code 0, 2 for wrong arguments. Python 3.6 and newer, nothing but the standard library.
@@ -36,7 +37,7 @@ class Arguments(object):
 
     def __init__(self, words):
         """Raise ValueError where they are wrong."""
-        self.domain, self.interface, self.seconds = 0, None, 10.0
+        self.domain, self.interface, self.seconds = None, None, 10.0
         self.announce, self.beacon, self.ask, self.server = False, None, [], []
         self.router = None
         words = list(words)
@@ -78,10 +79,16 @@ class Look(object):
         wanted = [arguments.interface] if arguments.interface else list(self.interfaces)
         usable = {name: self.interfaces.get(name) for name in wanted}
         self.own = dds_local.participants()
-        self.standin = StandIn(arguments.domain, {n: a for n, a in usable.items() if a})
-        ports = [rtps.participant_port(arguments.domain, i) for i in range(FIRST_PORTS)]
+        self.domain = self._domain()
+        self.standin = StandIn(self.domain, {n: a for n, a in usable.items() if a})
+        ports = [rtps.participant_port(self.domain, i) for i in range(FIRST_PORTS)]
         self.targets = [(a, p) for a in map(resolved, arguments.ask) if a for p in ports]
         self.servers = {word: address_of(word) for word in arguments.server}
+
+    def _domain(self):
+        if self.arguments.domain is not None:
+            return self.arguments.domain
+        return next((p.domain for p in self.own if p.domain is not None), 0)
 
     def run(self):
         """Tell what is here, listen until the end, tell what was heard."""
@@ -131,7 +138,7 @@ class Look(object):
             if address:
                 self.standin.ask_server(word, address)
         for process in self.own:
-            if process.domain == self.arguments.domain:
+            if process.domain == self.domain:
                 self._ask_own(process)
 
     def _ask_own(self, process):

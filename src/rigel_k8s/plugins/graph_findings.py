@@ -25,6 +25,7 @@ class PodGraph:
     Attributes:
         interface: the one that DDS uses, "" for all.
         address: what that interface has, "" for none; the pod's address without an interface.
+        domain: the one it is to be in, None where its image decides.
         discovered_by: the pods in which a stand-in discovered it; None where that cannot be told
             (a discovery server or a zenoh router stands between them, or nobody could look).
         out_of: in how many other pods one looked.
@@ -34,7 +35,7 @@ class PodGraph:
     pod: str
     machine: str
     mode: str
-    domain: int
+    domain: int | None
     interface: str
     address: str
     discovered_by: tuple[str, ...] | None
@@ -165,7 +166,7 @@ def interface_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
 def participant_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
     """Yield what is wrong with the pod's own participants."""
     domains = sorted({p["domain"] for p in seen.own if p["domain"] is not None})
-    here = [p for p in seen.own if p["domain"] == member.domain]
+    here = [p for p in seen.own if member.domain in (None, p["domain"])]
     stopped = [p for p in here if p["stopped"]]
     if not here and domains:
         text = f"takes part in DDS domain {listed(map(str, domains))} instead of {member.domain}"

@@ -87,7 +87,9 @@ def command(
     announcers: Iterable[str],
 ) -> list[str]:
     """Return what is run in one pod."""
-    words = [*SCRIPT, "--domain", str(member.domain), "--seconds", str(LONGEST)]
+    words = [*SCRIPT, "--seconds", str(LONGEST)]
+    if member.domain is not None:
+        words += ["--domain", str(member.domain)]
     if member.interface:
         words += ["--interface", member.interface]
     if member.pod in announcers:

@@ -34,6 +34,7 @@ class Member:
     Attributes:
         workload: the name of its Deployment.
         machine: the Kubernetes node that it runs on.
+        domain: the DDS domain that it is to be in, None where the image decides.
         interface: the one that DDS is to use, None for all.
         address: what that interface is to have, as the Rigelfile or Multus tell, None if nobody.
         servers: the discovery servers that it is told, HOST:PORT.
@@ -47,7 +48,7 @@ class Member:
     machine: str
     container: str
     mode: str
-    domain: int
+    domain: int | None
     middleware: str
     interface: str | None
     address: str | None
@@ -85,7 +86,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         machine=str(spec.get("nodeName") or ""),
         container=str(container["name"]),
         mode=str(note["mode"]),
-        domain=int(note.get("domain") or 0),
+        domain=None if note.get("domain") is None else int(note["domain"]),
         middleware=str(note.get("middleware") or ""),
         interface=str(interface) if interface else None,
         address=expected_address(note, annotations, interface),

@@ -32,6 +32,8 @@ SOURCE_PATH = "/rigel-k8s-network-source"
 SOURCE_VOLUME, VOLUME = "rigel-network-source", "rigel-network"
 INIT_NAME = "rigel-network"
 
+#: Whom a container runs as, which a namespace may ask of init containers too.
+IDENTITY = ("runAsUser", "runAsGroup", "runAsNonRoot", "seccompProfile", "seLinuxOptions")
 #: It reads /proc and writes to an emptyDir.
 HARMLESS = {"allowPrivilegeEscalation": False, "capabilities": {"drop": ["ALL"]}}
 
@@ -88,12 +90,13 @@ def made_at_start(
     """
     address = plan.addresses.get(pod.name, "").partition("/")[0]
     words = [interface, missing, *([address] if address else [])]
+    secure = pod.like.get("securityContext", {})
     init = {
         "name": INIT_NAME,
         "image": pod.image,
         **pod.like,
         "command": ["/bin/sh", f"{SOURCE_PATH}/{SCRIPT}", *words],
-        "securityContext": HARMLESS,
+        "securityContext": {key: secure[key] for key in IDENTITY if key in secure} | HARMLESS,
         "volumeMounts": [
             {"name": SOURCE_VOLUME, "mountPath": SOURCE_PATH, "readOnly": True},
             {"name": VOLUME, "mountPath": FILES_PATH},

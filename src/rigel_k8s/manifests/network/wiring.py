@@ -28,7 +28,8 @@ class PodIdentity:
         image: its container's image, from which init containers are made.
         ros_name: the full ROS name where it is fixed.
         replicas: how many pods, None for one.
-        like: fields of its container that init containers share: imagePullPolicy, resources.
+        like: fields of its container that init containers share: imagePullPolicy, resources, and
+            of securityContext whom it runs as.
     """
 
     name: str

@@ -26,7 +26,7 @@ def cells(graph: Graph, pod: str) -> list[str]:
 def discovered(row: PodGraph) -> str:
     """Return in how many of the others a pod was discovered, or over whom it goes."""
     if row.reaches:
-        return f"over {row.reaches[0]}"
+        return "over a server" if row.mode == "discovery-server" else "over a router"
     if row.discovered_by is None or not row.out_of:
         return "-"
     return f"{len(row.discovered_by)}/{row.out_of}"

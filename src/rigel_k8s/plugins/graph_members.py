@@ -87,7 +87,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         container=str(container["name"]),
         mode=str(note["mode"]),
         domain=None if note.get("domain") is None else int(note["domain"]),
-        middleware=str(note.get("middleware") or ""),
+        middleware=str(note.get("middleware") or ("zenoh" if note["mode"] == "zenoh" else "")),
         interface=str(interface) if interface else None,
         address=expected_address(note, annotations, interface),
         ip=str(status.get("podIP") or ""),

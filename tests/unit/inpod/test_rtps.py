@@ -71,6 +71,18 @@ def rtps() -> ModuleType:
                 "lease": 10,
             },
         ),
+        (
+            "rustdds-0.15",
+            {
+                "prefix": "01122736b2128d84edf30918",
+                "vendor": "RustDDS",
+                "domain": None,
+                "name": "",
+                "user_data": "",
+                "locators": [("10.9.0.1", 7410)],
+                "lease": 50,
+            },
+        ),
     ],
 )
 def test_real_announcements(rtps: ModuleType, name: str, told: dict[str, object]):

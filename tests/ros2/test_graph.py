@@ -170,6 +170,15 @@ def test_stopped(lab):
     assert found.pods[2].discovered_by == ()
 
 
+def test_limited_discovery(lab):
+    """A node whose image keeps it to its own machine is discovered by nobody, and told."""
+    lab.ros("one", "one")
+    lab.ros("two", "two", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+    found = lab.graph()
+    assert told(found) == ["undiscovered: two is discovered by nobody"]
+    assert "ROS_AUTOMATIC_DISCOVERY_RANGE" in found.findings[0].remedy
+
+
 def test_no_participant(lab):
     """A pod whose program has no DDS is named."""
     lab.ros("one", "one")

@@ -135,9 +135,8 @@ def of_pod(member: Member, seen: Seen) -> Iterator[Finding]:
     elif not wrong:
         wrong = [*participant_findings(member, seen), *server_findings(member, seen)]
     for kind, message, remedy in wrong:
-        yield Finding(
-            kind, f"{member.pod} {message}", remedy, [member.pod], error=member.mode != "none"
-        )
+        promised = member.mode != "none" and (member.probed or kind != "no-participant")
+        yield Finding(kind, f"{member.pod} {message}", remedy, [member.pod], error=promised)
 
 
 Wrong = tuple[str, str, str]
@@ -218,7 +217,10 @@ def undiscovered(
             continue
         nobody = len(missing) == len(others)
         who = "nobody" if nobody else listed(missing)
-        remedy = "is its DDS bound to the right interface, and does a firewall drop UDP?"
+        remedy = (
+            "does its image limit DDS (ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, a"
+            " profile), or a firewall drop UDP?"
+        )
         if member.mode == "peers":
             service = peer_name(member.workload)
             remedy = f"is the Service {service} there, and does a NetworkPolicy keep UDP out?"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -24,6 +24,7 @@ OWN_WAYS = (
     "FASTRTPS_DEFAULT_PROFILES_FILE",
     "FASTDDS_DEFAULT_PROFILES_FILE",
 )
+PROBE = f"{MOUNT_PATH}/ready.sh"
 STATUS_ANNOTATION = "k8s.v1.cni.cncf.io/network-status"
 
 
@@ -40,6 +41,8 @@ class Member:
         servers: the discovery servers that it is told, HOST:PORT.
         own_ways: variables by which it goes its own way without `network`.
         running: whether its container runs, so that one can look into it.
+        probed: whether it has our readiness probe; where a user set another one, or none, its
+            program need not have DDS.
     """
 
     namespace: str
@@ -56,6 +59,7 @@ class Member:
     servers: tuple[str, ...]
     own_ways: tuple[str, ...]
     running: bool
+    probed: bool = True
 
     @property
     def by_multicast(self) -> bool:
@@ -94,6 +98,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         servers=tuple(filter(None, env.get("ROS_DISCOVERY_SERVER", "").split(";"))),
         own_ways=tuple(v for v in OWN_WAYS if env.get(v)) if note["mode"] == "none" else (),
         running=runs(status, str(container["name"])),
+        probed=PROBE in probe_words(container),
     )
 
 
@@ -128,6 +133,12 @@ def given(annotations: Mapping[str, str], interface: str | None) -> Iterator[str
     for network in parsed(annotations.get(STATUS_ANNOTATION), []):
         if interface and network.get("interface") == interface:
             yield from (str(ip) for ip in network.get("ips") or [] if ":" not in str(ip))
+
+
+def probe_words(container: Mapping[str, Any]) -> Sequence[str]:
+    """Return the command of a container's readiness probe."""
+    probe = container.get("readinessProbe") or {}
+    return (probe.get("exec") or {}).get("command") or ()
 
 
 def runs(status: Mapping[str, Any], container: str) -> bool:

@@ -18,6 +18,7 @@ from rigel_k8s.plugins.graph_members import Member, members
 from rigel_k8s.plugins.graph_words import Finding, listed
 
 NOTE = {"mode": "macvlan", "interface": "net1", "domain": 3, "middleware": "fastdds", "ros": "2"}
+PROBE = ["/bin/sh", "/rigel-k8s/ready.sh", "dds", "--domain", "3"]
 STATUS = [
     {"name": "pods", "interface": "eth0", "ips": ["10.244.1.2"], "default": True},
     {"name": "lan", "interface": "net1", "ips": ["fd00::1", "10.1.0.7"]},
@@ -29,7 +30,12 @@ def pod(name: str = "talker-1", note: Any = NOTE, **more: Any) -> dict[str, Any]
     if note is not None:
         annotations["rigel-k8s/network"] = json.dumps(note)
     mounts = [{"name": "rigel-inpod", "mountPath": "/rigel-k8s"}]
-    container = {"name": "ros-node", "volumeMounts": mounts, "env": more.pop("env", [])}
+    container = {
+        "name": "ros-node",
+        "volumeMounts": mounts,
+        "env": more.pop("env", []),
+        "readinessProbe": {"exec": {"command": more.pop("probe", PROBE)}},
+    }
     return {
         "metadata": {
             "name": name,
@@ -66,6 +72,15 @@ def test_member():
         own_ways=(),
         running=True,
     )
+
+
+@pytest.mark.parametrize(("probe", "error"), [(PROBE, True), (["/healthy"], False)])
+def test_a_program_without_dds(probe: list[str], error: bool):  # noqa: FBT001
+    """Who gives a node another readiness may mean one without DDS: told, and no error."""
+    (found,) = members([pod(probe=probe)])
+    found = attrs.evolve(found, address=None)
+    (finding,) = graph([found], {found.pod: seen("x", own=[], heard=[])}).findings
+    assert (finding.kind, finding.error) == ("no-participant", error)
 
 
 def test_promised_address():

@@ -87,6 +87,7 @@ class Node:
                         self.options.image_pull_policy, pinned=self.pinned
                     ),
                     "resources": resources(self.options.resources, {}),
+                    "securityContext": plain(self.options.security_context),
                 }
             ),
         )

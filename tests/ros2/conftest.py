@@ -133,6 +133,7 @@ class Lab:
         self.switch = self._netns()
         self._bridge(self.switch)
         self.machines: dict[str, str] = {}
+        self.links: dict[str, str] = {}
         self._settled = 0
         self.hosts = folder / "hosts"  # what the cluster's DNS is to pods
         self.hosts.write_text("127.0.0.1 localhost\n")
@@ -260,19 +261,36 @@ class Lab:
         if machine not in self.machines:
             self.machines[machine] = self._netns()
             self._bridge(self.machines[machine])
-            self._cable(self.switch, self.machines[machine], bridged=True)
+            self.links[machine] = self._cable(self.switch, self.machines[machine], bridged=True)
         network = self._netns()
         self._cable(self.machines[machine], network, bridged=False)
         return network
 
-    def _cable(self, bridge: str, other: str, *, bridged: bool) -> None:
-        """Join a namespace to another one's bridge; its end is net1, or on its bridge too."""
+    def _cable(self, bridge: str, other: str, *, bridged: bool) -> str:
+        """Join a namespace to another one's bridge; its end is net1, or on its bridge too.
+
+        Returns the end at the first bridge.
+        """
         number = next(self._serial)
         end = f"u{number}" if bridged else "net1"
         pair = ["type", "veth", "peer", "name", end, "netns", other]
         run("ip", "-n", bridge, "link", "add", f"v{number}", *pair)
         run("ip", "-n", bridge, "link", "set", f"v{number}", "master", "br0", "up")
         run("ip", "-n", other, "link", "set", end, *(["master", "br0"] if bridged else []), "up")
+        return f"v{number}"
+
+    def deaf(self, one: str, other: str) -> None:
+        """Let the switch drop the multicast of discovery from one machine to another."""
+        rules = f"""
+        table bridge {one}-{other} {{
+            chain drops {{
+                type filter hook forward priority 0;
+                iifname {self.links[one]} oifname {self.links[other]} ip daddr 239.255.0.1 drop
+            }}
+        }}
+        """
+        words = ["ip", "netns", "exec", self.switch, "nft", "-f", "-"]
+        subprocess.run(words, input=rules, text=True, check=True, capture_output=True)
 
     def settled(self) -> None:
         """Wait until all bridges forward: a new port is noticed up to a second late. Once only."""
@@ -340,7 +358,9 @@ def venv() -> Callable[[str], Path]:
     """What gives an environment by its name."""
     if os.geteuid() != 0:
         pytest.skip("pods of namespaces need root")
-    tools = [tool for tool in ("ip", "nsenter", "unshare", "iptables") if not shutil.which(tool)]
+    tools = [
+        tool for tool in ("ip", "nsenter", "unshare", "iptables", "nft") if not shutil.which(tool)
+    ]
     if tools:
         pytest.skip(f"pods of namespaces need {', '.join(tools)}")
 

@@ -81,7 +81,7 @@ def ros_variables(plan: NetworkPlan) -> dict[str, Object]:
     if plan.ros != "2":
         return {}
     found: dict[str, Object] = {}
-    if plan.options is not None and (plan.mode != "none" or plan.options.domain_id is not None):
+    if plan.domain_id is not None:
         found["ROS_DOMAIN_ID"] = {"value": str(plan.domain_id)}
     if plan.mode not in ("none", "zenoh"):
         found |= OLD_RANGE if plan.distro.lower() in BEFORE_IRON else RANGE

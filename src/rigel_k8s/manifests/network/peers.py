@@ -62,7 +62,7 @@ def peer_service(plan: NetworkPlan, pod: PodIdentity) -> Object:
     ports = [
         {"name": f"participant-{index}", "port": port, "targetPort": port, "protocol": "UDP"}
         for index in range(PARTICIPANTS)
-        for port in [discovery_port(plan.domain_id, index)]
+        for port in [discovery_port(plan.domain_id or 0, index)]
     ]
     return {
         "apiVersion": "v1",
@@ -87,7 +87,7 @@ def peer_files(plan: NetworkPlan, network: Network) -> dict[str, str]:
         else:
             found[FASTDDS_FILE] = fastdds_profile(peers=[LOOPBACK, *names])
     if uses(plan, "cyclonedds"):
-        ports = [discovery_port(plan.domain_id, index) for index in range(PARTICIPANTS)]
+        ports = [discovery_port(plan.domain_id or 0, index) for index in range(PARTICIPANTS)]
         listed = [f"{name}:{port}" for name in [LOOPBACK, *names] for port in ports]
         found[CYCLONE_FILE] = cyclone_config(peers=listed, multicast=False)
     return found

@@ -81,11 +81,16 @@ def network_plan(
     )
 
 
-def domain(network: Network | None, ros: Ros, salt: str) -> int:
-    """Return the DDS domain: as told, else 0 where laptops are, and one of its own elsewhere."""
-    if network is not None and network.domain_id is not None:
-        return network.domain_id
-    if network is None or network.mode not in OVER_PODS or ros == "none":
-        return 0  # a plain DDS application says itself in which domain it is
+def domain(network: Network | None, ros: Ros, salt: str) -> int | None:
+    """Return the DDS domain: as told, else 0 where laptops are, and one of its own elsewhere.
+
+    None where nobody says it: an image of ROS 2 may, and a plain DDS application does by itself.
+    """
+    if network is None or network.domain_id is not None:
+        return network.domain_id if network else None
+    if network.mode == "none" or ros == "none":
+        return None
+    if network.mode not in OVER_PODS:
+        return 0
     digest = hashlib.sha256(salt.encode()).digest()
     return 1 + int.from_bytes(digest[:8], "big") % SAFE_DOMAINS

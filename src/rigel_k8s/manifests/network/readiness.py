@@ -19,4 +19,5 @@ def ready_words(plan: NetworkPlan) -> tuple[str, ...]:
     if plan.middleware == "zenoh":
         return ("zenoh", "--port", str(ZENOH_PORT))
     interface = ("--interface", INTERFACE) if plan.mode in PINNED else ()
-    return ("dds", "--domain", str(plan.domain_id), *interface)
+    domain = () if plan.domain_id is None else ("--domain", str(plan.domain_id))
+    return ("dds", *domain, *interface)

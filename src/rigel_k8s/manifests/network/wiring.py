@@ -48,7 +48,7 @@ class NetworkPlan:
         ros: which ROS, "none" for plain DDS.
         distro: application.distro.
         middleware: fastdds, cyclonedds or zenoh; None where nobody said.
-        domain_id: the DDS domain.
+        domain_id: the DDS domain; None where only the images know it.
         pods: all workloads of the release that take part.
         addresses: workload name -> its address with prefix length, for `ipam: static`.
         pull_secrets: Secrets with registry credentials, for pods that a mode adds.
@@ -60,7 +60,7 @@ class NetworkPlan:
     ros: Ros
     distro: str
     middleware: str | None = None
-    domain_id: int = 0
+    domain_id: int | None = None
     pods: Sequence[PodIdentity] = ()
     addresses: Mapping[str, str] = attrs.field(factory=dict)
     pull_secrets: Sequence[str] = ()

@@ -71,10 +71,8 @@ def wheels(requirements: Path, target: Path) -> None:
             opened.extractall(target)
 
 
-@pytest.fixture(scope="session")
-def interop_image(registry: str, ros2_image: str, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The image of tests/images/interop in the cluster's registry."""
-    context = tmp_path_factory.mktemp("interop") / "context"
+def build(registry: str, base: str, context: Path, tag: str) -> str:
+    """Build tests/images/interop on a base image, push it, and return its name."""
     shutil.copytree(IMAGES / "interop", context)
     shutil.copy2(rustdds_node(), context / "rustdds-node")
     for script in SCRIPTS.iterdir():
@@ -91,14 +89,29 @@ def interop_image(registry: str, ros2_image: str, tmp_path_factory: pytest.TempP
             "job",
             "build",
         ],
-        env={**os.environ, "REGISTRY": registry, "BASE_IMAGE": ros2_image},
+        env={**os.environ, "REGISTRY": registry, "BASE_IMAGE": base, "TAG": tag},
         capture_output=True,
         text=True,
         check=False,
         timeout=600,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    return f"{registry}/rigel-test-interop:latest"
+    return f"{registry}/rigel-test-interop:{tag}"
+
+
+@pytest.fixture(scope="session")
+def interop_image(registry: str, ros2_image: str, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The image of tests/images/interop in the cluster's registry, on jazzy."""
+    return build(registry, ros2_image, tmp_path_factory.mktemp("interop") / "jazzy", "jazzy")
+
+
+@pytest.fixture(scope="session")
+def kilted_image(registry: str, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The same on kilted, whose Fast DDS is 3."""
+    base = f"{registry}/ros:kilted"
+    words = ["image", "ros2-base", "--distro", "kilted", "--push", base]
+    subprocess.run([sys.executable, "-m", "rigel_k8s", *words], check=True, timeout=900)
+    return build(registry, base, tmp_path_factory.mktemp("interop") / "kilted", "kilted")
 
 
 @attrs.frozen
@@ -156,12 +169,14 @@ def deployed(
 ) -> Callable[..., Release]:
     """Deploy tests/images/interop with other options: deployed(network=..., nodes=...)."""
 
-    def deploy(**options: Any) -> Release:
+    def deploy(distro: str = "jazzy", **options: Any) -> Release:
         made = project("../tests/images/interop", ros2_image, lambda job: job.update(options))
+        written = yaml.safe_load(made.rigelfile.read_text())
+        written["application"]["distro"] = distro
         if options.get("ros") == "none":  # such an application says itself in which domain it is
-            written = yaml.safe_load(made.rigelfile.read_text())
             written["jobs"]["deploy"]["with"]["network"].pop("domain_id", None)
-            made.rigelfile.write_text(yaml.safe_dump(written, sort_keys=False))
+        made.rigelfile.write_text(yaml.safe_dump(written, sort_keys=False))
+        made = attrs.evolve(made, env={**made.env, "TAG": distro})
         made("run", "job", "deploy")
         return Release(made)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import attrs
 import pytest
 import yaml
 
@@ -214,6 +215,25 @@ class TestPlainDds:
         assert container["args"] == ["cyclone.py", "plain-listener"]
 
 
+LAN = {"mode": "macvlan", "interface": "eth0", "subnet": "192.168.148.0/24", "ipam": "static"}
+
+
+class TestKilted:
+    """Fast DDS 3, which wants other variables, and takes pods of one machine-id for one machine."""
+
+    @pytest.mark.parametrize(
+        "network",
+        [LAN, {"mode": "peers"}, {"mode": "discovery-server"}],
+        ids=lambda one: one["mode"],
+    )
+    def test_both_talkers_are_heard(
+        self, deployed: Deploy, kilted_image: str, multus: None, network: dict[str, str]
+    ) -> None:
+        """In the modes whose configuration depends on the version."""
+        release = deployed(distro="kilted", network=network, nodes=NODES)
+        release.until_heard("listener", BOTH)
+
+
 @pytest.mark.parametrize(
     ("distro", "middleware", "network"),
     [
@@ -243,6 +263,7 @@ def test_what_cannot_run_here_is_taken_by_kubernetes(
     made = project("../tests/images/interop", ros2_image, change)
     text = made.rigelfile.read_text().replace("distro: jazzy", f"distro: {distro}")
     made.rigelfile.write_text(text)
+    made = attrs.evolve(made, env={**made.env, "TAG": distro})
     sent = [one for one in yaml.safe_load_all(made("render", "deploy").stdout) if one]
     assert {"listener", "talker-1", "talker-2"} <= {one["metadata"]["name"] for one in sent}
     for one in sent:

@@ -266,13 +266,21 @@ class Lab:
         self._cable(self.machines[machine], network, bridged=False)
         return network
 
-    def _cable(self, bridge: str, other: str, *, bridged: bool) -> str:
-        """Join a namespace to another one's bridge; its end is net1, or on its bridge too.
+    def default_network(self, *pods: Pod) -> None:
+        """Give pods an eth0 too, on a network of its own that carries everything."""
+        bridge = self._netns()
+        self._bridge(bridge)
+        for number, pod in enumerate(pods, 1):
+            self._cable(bridge, pod.network, bridged=False, name="eth0")
+            pod.ip("address", "add", f"10.8.0.{number}/24", "dev", "eth0")
+
+    def _cable(self, bridge: str, other: str, *, bridged: bool, name: str = "net1") -> str:
+        """Join a namespace to another one's bridge; its end is `name`, or on its bridge too.
 
         Returns the end at the first bridge.
         """
         number = next(self._serial)
-        end = f"u{number}" if bridged else "net1"
+        end = f"u{number}" if bridged else name
         pair = ["type", "veth", "peer", "name", end, "netns", other]
         run("ip", "-n", bridge, "link", "add", f"v{number}", *pair)
         run("ip", "-n", bridge, "link", "set", f"v{number}", "master", "br0", "up")

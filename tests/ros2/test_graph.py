@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,32 @@ from rigel_k8s.plugins.graph_findings import Graph
 pytestmark = pytest.mark.cluster
 
 SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
+#: Hears on both networks until beacons have come, and tells which stand-in heard what.
+EARS = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+sys.dont_write_bytecode = True
+import dds_local, dds_standin
+ears = [dds_standin.StandIn(0, {n: a}) for n, a in dds_local.interfaces().items()]
+print("hears", flush=True)
+until = time.time() + 10
+while not any(ear.beacons for ear in ears) and time.time() < until:
+    for ear in ears:
+        ear.listen(0.05)
+for ear in ears:
+    ear.listen(0.5)
+print({text: sorted(n for e in ears for n in e.beacons.get(text, ()))
+       for e in ears for text in e.beacons}, flush=True)
+"""
+#: Sends a beacon on one network.
+MOUTH = """
+import sys
+sys.path.insert(0, sys.argv[1])
+sys.dont_write_bytecode = True
+import dds_local, dds_standin
+name = sys.argv[2]
+dds_standin.StandIn(0, {name: dds_local.address_of(name)}).beacon("over " + name)
+"""
 #: Tells which participants Cyclone DDS knows, whenever a line comes.
 WATCHER = """
 import sys, time
@@ -104,6 +131,21 @@ def test_both_ways(lab):
     text = "deaf: multicast at net1 passes neither from one to two nor back"
     found = looked(lambda: lab.graph(), text)
     assert found.deaf == (("one", "two"), ("two", "one"))
+
+
+def test_only_the_second_network_counts(lab):
+    """What arrives over the pod network proves nothing about net1, and the other way round."""
+    one, two = lab.start("one", "one", "sleep", "600"), lab.start("two", "two", "sleep", "600")
+    lab.default_network(one, two)
+    lab.settled()
+    with subprocess.Popen(
+        two.entering(["python3", "-c", EARS, str(SCRIPTS)]), stdout=subprocess.PIPE, text=True
+    ) as ears:
+        assert ears.stdout is not None
+        assert ears.stdout.readline() == "hears\n"
+        assert one.exec("python3", "-c", MOUTH, str(SCRIPTS), "eth0").returncode == 0
+        heard = ears.stdout.readline()
+    assert heard == "{'over eth0': ['eth0']}\n"
 
 
 def test_cut_off(lab):

@@ -7,22 +7,19 @@ pods when it is back.
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Iterable, Mapping
-from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import attrs
 
-from rigel_k8s.deploy.release import DEFAULT_TIMEOUT, deploy, diff
-from rigel_k8s.deploy.types import RELEASE_LABEL, ref_of
-from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.manifests.multus import RELEASE
-from rigel_k8s.manifests.multus.release import Installation, network_release
+from rigel_k8s.manifests.multus.release import Installation
 from rigel_k8s.manifests.network.options import Install, Network
 from rigel_k8s.plugins.network_found import Found, Part, find
 from rigel_k8s.plugins.network_proof import fingerprint, prove, proven, remember
+from rigel_k8s.plugins.network_rollout import Rollout
 from rigel_k8s.report import Reporter
 
 if TYPE_CHECKING:
@@ -34,18 +31,10 @@ __all__ = [
     "ensure",
     "install",
     "installation_of",
-    "is_ready",
-    "machine_script",
     "marks_of",
     "told",
     "wanted",
 ]
-
-Object = Mapping[str, Any]
-
-LOOK = 1.0
-#: Seconds for a roll-out where a node is away: it cannot end, and the others are quick.
-WITHOUT_ALL = 60.0
 
 
 @attrs.frozen
@@ -109,8 +98,7 @@ def install(
     for name in found.away:
         report.warn(f"node {name} is not ready: it is not waited for")
     if installation.multus or installation.whereabouts:
-        _deploy(cluster, installation, found, report, cancel, timeout=timeout, adopt=adopt)
-        _until_ready(cluster, found, installation, report, cancel, timeout or DEFAULT_TIMEOUT)
+        Rollout(cluster, installation, found, report, cancel, timeout, adopt).run()
     return _proved(cluster, options, report, cancel)
 
 
@@ -138,106 +126,10 @@ def installation_of(found: Found, options: Install, *, retired: bool = False) ->
     )
 
 
-def machine_script() -> str:
-    """Return the text of machine.sh."""
-    return (files("rigel_k8s.manifests.multus") / "machine.sh").read_text(encoding="utf-8")
-
-
 def _tell_others(found: Found, report: Reporter) -> None:
     for name, part in (("Multus", found.multus), ("whereabouts", found.whereabouts)):
         if part and not part.ours:
             report.line(f"{name} is there already ({part.where}, {part.image}): used as it is")
-
-
-def _deploy(
-    cluster: Cluster,
-    installation: Installation,
-    found: Found,
-    report: Reporter,
-    cancel: threading.Event,
-    *,
-    timeout: float | None,
-    adopt: bool,
-) -> None:
-    """Apply what differs; what only nodes that are away keep from being ready is no failure."""
-    desired = network_release(installation, machine_script())
-    if not diff(desired, cluster, adopt=adopt).changes:
-        return
-    bound = min(timeout or DEFAULT_TIMEOUT, WITHOUT_ALL) if found.away else timeout
-    _let_be_away(cluster, found)
-    try:
-        deploy(
-            desired,
-            cluster,
-            report=report,
-            cancel=cancel,
-            timeout=bound,
-            adopt=adopt,
-            description="network",
-        )
-    except RolloutFailed:
-        if not found.away or list(_unready(cluster, found, installation)):
-            raise
-
-
-def _let_be_away(cluster: Cluster, found: Found) -> None:
-    """Let a roll-out go on though nodes are away: Kubernetes would wait for them first."""
-    rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(found.away)}}
-    for part in (found.multus, found.whereabouts):
-        for one in part.sets if found.away and part and part.ours else ():
-            cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
-
-
-def _until_ready(
-    cluster: Cluster,
-    found: Found,
-    installation: Installation,
-    report: Reporter,
-    cancel: threading.Event,
-    timeout: float,
-) -> None:
-    """Wait until both parts' pods are ready on all nodes that are up."""
-    end = time.monotonic() + timeout
-    while waiting := list(_unready(cluster, found, installation)):
-        if time.monotonic() > end:
-            raise RolloutFailed(
-                f"the network is not ready on every node within {timeout:g} s",
-                hint=f"kubectl -n {RELEASE.namespace} get pods -l {RELEASE_LABEL}={RELEASE.name}",
-                details=waiting,
-            )
-        report.progress("network", waiting[0])
-        if cancel.wait(LOOK):
-            raise Interrupted("interrupted while the network was being installed")
-
-
-def _unready(cluster: Cluster, found: Found, installation: Installation) -> Iterable[str]:
-    """Yield what is not ready, and not new, on the nodes that are up."""
-    labels = {RELEASE_LABEL: RELEASE.name}
-    for one in cluster.list("apps/v1", "DaemonSet", RELEASE.namespace, labels=labels):
-        status = one.get("status", {})
-        wanted = status.get("desiredNumberScheduled", 0) - len(found.away)
-        if status.get("updatedNumberScheduled", 0) < wanted:
-            yield f"not all pods of {one['metadata']['name']} are new"
-    pods = cluster.list("v1", "Pod", RELEASE.namespace, labels=labels)
-    ready = {(pod["spec"].get("nodeName"), _part_of(pod)) for pod in pods if is_ready(pod)}
-    parts = [("multus", installation.multus), ("whereabouts", installation.whereabouts)]
-    for node in found.up:
-        for part, ours in parts:
-            if ours and (node, part) not in ready:
-                yield f"{part} is not ready on {node}"
-
-
-def _part_of(pod: Object) -> str:
-    name = str((pod["metadata"].get("labels") or {}).get("app.kubernetes.io/name", ""))
-    is_reconciler = name.endswith("reconciler")
-    return "" if is_reconciler else "multus" if name.startswith("rigel-multus") else "whereabouts"
-
-
-def is_ready(pod: Object) -> bool:
-    """Return whether a pod is ready and stays."""
-    conditions = pod.get("status", {}).get("conditions", [])
-    met = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
-    return met and not pod["metadata"].get("deletionTimestamp")
 
 
 def _proved(

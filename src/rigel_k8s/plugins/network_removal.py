@@ -21,8 +21,9 @@ from rigel_k8s.manifests.multus.interfaces import asked
 from rigel_k8s.manifests.multus.release import network_release
 from rigel_k8s.manifests.network.options import Install
 from rigel_k8s.plugins.network_found import Found, find
-from rigel_k8s.plugins.network_install import WITHOUT_ALL, installation_of, machine_script
+from rigel_k8s.plugins.network_install import installation_of
 from rigel_k8s.plugins.network_proof import forget
+from rigel_k8s.plugins.network_rollout import WITHOUT_ALL, machine_script
 from rigel_k8s.report import Reporter
 
 __all__ = ["Removed", "remove", "users"]

@@ -11,8 +11,9 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.manifests.multus.interfaces import Missing, without_interface
 from rigel_k8s.manifests.network.options import Install
 from rigel_k8s.plugins.network_found import Found, Part, find, is_up
-from rigel_k8s.plugins.network_install import is_ready, marks_of
+from rigel_k8s.plugins.network_install import marks_of
 from rigel_k8s.plugins.network_proof import proven
+from rigel_k8s.plugins.network_rollout import is_ready
 
 __all__ = ["NetworkStatus", "NodeStatus", "PartStatus", "network_status"]
 

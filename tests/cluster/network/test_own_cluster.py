@@ -308,8 +308,9 @@ def others(namespace: str) -> dict[str, Any]:
 
 
 def test_it_can_be_installed_again(own: Any, own_lab: Any, said: Any) -> None:
-    """What was removed can be installed again, and removed with all its kinds."""
-    assert install(own.cluster, Install(), said).ours
+    """What was removed can be installed again, by two at once, and removed with all its kinds."""
+    both = own.cluster.parallel(lambda _: install(own.cluster, Install(), said), (1, 2))
+    assert [done.nodes for done in both] == [("node1", "node2")] * 2
     own_lab.attachment("10.213.15.0/24")
     own_lab.start("again", node="node2")
     assert own_lab.has_interface("again")

@@ -101,6 +101,9 @@ def test_a_machine_that_leaves_takes_only_its_own_node_along(own_cluster: Make) 
     demo.until(lambda: demo.talkers() == {"talker_1"}, "end of talker_2 alone")
     number = demo.heard(since=2)[-1][1]
     demo.until(lambda: demo.heard(since=2)[-1][1] > number + 20, "further messages of talker_1")
+    told = demo("status").stdout
+    assert re.search(r"^talker-2-\S+ could not be checked", told, re.MULTILINE)
+    assert re.search(r"talker-1 .* 1/1 ", told)  # the two others still know each other
     demo.rigel("cluster", "up", "--name", "t-ros2")
     demo.until(lambda: demo.talkers() == TALKERS, "messages of both", seconds=120)
     assert demo.net1() == addresses

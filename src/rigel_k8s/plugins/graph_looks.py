@@ -32,6 +32,7 @@ TICK = 0.05  # seconds between two looks at the others
 LONGEST = int(START + LISTEN + END)  # after which a script ends where nobody tells it anything
 ANNOUNCERS = 24  # more stand-ins would make every participant answer more than these show
 ROUTER = 7447  # zenoh's port
+SLOW = "its container did not answer in time; is its machine busy, or away?"
 SCRIPT = ("python3", "-S", "-E", "-B", f"{MOUNT_PATH}/dds.py")
 
 
@@ -118,6 +119,8 @@ def look(
     words = commands(running)
     runs = [Run(cluster, member, words[member.pod]) for member in running]
     wait(runs, lambda run: run.hears, START, cancel)
+    for run in runs:
+        run.late = not run.hears
     wait(runs, lambda run: run.ended, LISTEN, cancel)
     for run in runs:
         run.enough()
@@ -148,6 +151,7 @@ class Run:
         self.output, self.errors = io.BytesIO(), io.BytesIO()
         self.code: int | None = None
         self.problem = ""
+        self.late = False  # whether the others were heard without it
         reading, self.writing = os.pipe()
         self.stdin = os.fdopen(reading, "rb", buffering=0)
         self.thread = threading.Thread(target=self.work, daemon=True)
@@ -191,6 +195,8 @@ class Run:
     def seen(self) -> Seen:
         """Return what it told."""
         lines = self.output.getvalue().decode("utf-8", "replace").splitlines()
+        if self.late and not self.problem:
+            return Seen(SLOW)
         if self.problem or len(lines) != 2 or self.code != 0:
             return Seen(self.problem or self.failure(lines))
         here, heard = json.loads(lines[0]), json.loads(lines[1])
@@ -209,7 +215,7 @@ class Run:
     def failure(self, lines: Sequence[str]) -> str:
         """Return why there is no answer."""
         if self.code is None:
-            return "its container did not answer in time"
+            return SLOW
         told = self.errors.getvalue().decode("utf-8", "replace").splitlines() or list(lines)
         if any("can't open file" in line for line in told):
             return "it was deployed by an older version, without this check: deploy it again"

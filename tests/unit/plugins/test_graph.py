@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from typing import Any
 
 import attrs
@@ -12,6 +13,7 @@ import pytest
 from rigel_k8s.deploy.types import ReleaseId
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.plugins import graph as graphs
+from rigel_k8s.plugins import graph_looks
 from rigel_k8s.plugins.graph_findings import Graph, graph
 from rigel_k8s.plugins.graph_looks import ANNOUNCERS, Seen, commands, look
 from rigel_k8s.plugins.graph_members import Member, members
@@ -196,6 +198,27 @@ def test_looks_that_are_refused():
     """The refusal of the cluster becomes a reason in words."""
     found = look(Refusing(), [member("a")])  # type: ignore[arg-type]
     assert found["a"].problem.startswith("looking into pods is not allowed here")
+
+
+class Slow:
+    """A cluster in which one pod starts to hear late."""
+
+    def exec(self, namespace: str, pod: str, *_: Any, stdout: Any, stdin: Any, **__: Any) -> int:
+        if pod == "late":
+            time.sleep(0.5)
+        stdout.write(b'{"interfaces": {}, "down": [], "participants": [], "routers": []}\n')
+        stdin.read(1)
+        stdout.write(b'{"participants": [], "beacons": {}, "servers": {}, "sent": 0}\n')
+        return 0
+
+
+def test_a_late_pod(monkeypatch: pytest.MonkeyPatch):
+    """A pod that hears when the others have ended tells nothing about whom it hears."""
+    monkeypatch.setattr(graph_looks, "START", 0.1)
+    monkeypatch.setattr(graph_looks, "LISTEN", 0.1)
+    found = look(Slow(), [member("late"), member("soon")])  # type: ignore[arg-type]
+    assert found["late"].problem.startswith("its container did not answer in time")
+    assert found["soon"].problem == ""
 
 
 def test_not_running():

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """A node that does nothing but be there; with MEMBERS it has newcomers join, and tells how long.
 
-A newcomer is a participant of its own. It has joined when it knows the nodes of all MEMBERS.
-Printed: one line of JSON, `{"joins": [seconds, ...]}`.
+A newcomer is a participant of its own, with a subscription. Data flows to it when that knows the
+publishers of all MEMBERS; it knows the graph when it knows the names of their nodes, which ROS 2
+tells by messages of its own. Printed: one line of JSON, `{"joins": [[seconds, seconds], ...]}`.
 """
 
 import json
@@ -13,33 +14,35 @@ import time
 
 import rclpy
 from rclpy.context import Context
+from std_msgs.msg import Empty
 
-JOINS, PATIENCE = 7, 60.0
+JOINS, PATIENCE = 15, 30.0
 
 
 def join(number, members):
-    """Return the seconds from nothing to all nodes known, None where it took too long."""
+    """Return the seconds from nothing to all publishers, and to all nodes; None: too long."""
     context = Context()
     started = time.monotonic()
     rclpy.init(context=context)
     node = rclpy.create_node(f"newcomer_{number}", context=context)
-    took = None
-    while time.monotonic() - started < PATIENCE:
-        known = {name for name in node.get_node_names() if not name.startswith("newcomer")}
-        if len(known) >= members:
-            took = time.monotonic() - started
-            break
-        time.sleep(0.002)
+    node.create_subscription(Empty, "here", lambda _: None, 1)
+    matched = named = None
+    while time.monotonic() - started < PATIENCE and None in (matched, named):
+        past = time.monotonic() - started
+        if matched is None and node.count_publishers("here") >= members:
+            matched = past
+        names = {name for name in node.get_node_names() if not name.startswith("newcomer")}
+        if named is None and len(names) >= members:
+            named = past
+        time.sleep(0.005)
     node.destroy_node()
     context.shutdown()
-    return took
+    return matched, named
 
 
 def measure(members):
     """Let newcomers join one after the other, once all members know each other."""
-    if join(0, members) is None:
-        sys.stdout.write(json.dumps({"joins": []}) + "\n")
-        return
+    join(0, members)
     joins = []
     for number in range(1, JOINS + 1):
         time.sleep(1.0)
@@ -52,6 +55,7 @@ def main():
     """Be there until asked to stop."""
     rclpy.init()
     node = rclpy.create_node("member")
+    node.create_publisher(Empty, "here", 1)
     if members := os.environ.get("MEMBERS"):
         threading.Thread(target=measure, args=(int(members),), daemon=True).start()
     rclpy.spin(node)

@@ -233,6 +233,21 @@ class TestKilted:
         release = deployed(distro="kilted", network=network, nodes=NODES)
         release.until_heard("listener", BOTH)
 
+    def test_it_hears_jazzy_and_jazzy_hears_it(
+        self, deployed: Deploy, interop_image: str, kilted_image: str, multus: None
+    ) -> None:
+        """On one network, in one Rigelfile: robots are not updated all at once."""
+        younger = {"image": kilted_image}
+        nodes = {
+            "talker_1": TALKER,
+            "talker_2": {**TALKER, **younger},
+            "listener": LISTENER,
+            "listener_2": {**LISTENER, **younger},
+        }
+        release = deployed(image=interop_image, network=LAN, nodes=nodes)
+        release.until_heard("listener", BOTH)
+        release.until_heard("listener_2", BOTH)
+
 
 @pytest.mark.parametrize(
     ("distro", "middleware", "network"),

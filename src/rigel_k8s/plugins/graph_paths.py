@@ -19,7 +19,7 @@ SWITCH = (
 )
 SET_NETWORK = (
     "set `network`: macvlan or ipvlan where machines share an Ethernet, peers or discovery-server"
-    " elsewhere (docs/networking.md)"
+    " elsewhere, host on a single machine (docs/networking.md)"
 )
 
 
@@ -113,8 +113,9 @@ def deaf_message(one: str, other: str, where: str, *, both: bool) -> str:
 def bare_finding(looked: Sequence[Member], ways: Paths) -> Finding:
     """Return what it means that the pod network carries no multicast."""
     machines = sorted({name for way in ways.deaf for name in way})
+    within = any(one == other for one, other in ways.deaf)
     message = (
         f"the pods on {listed(machines)} do not discover each other: the pod network carries no"
-        " multicast from machine to machine"
+        f" multicast{'' if within else ' from machine to machine'}"
     )
     return Finding("deaf", message, SET_NETWORK, [m.pod for m in looked])

@@ -173,6 +173,33 @@ def test_one_way():
     ]
 
 
+@pytest.mark.parametrize(
+    ("machines", "message"),
+    [
+        (
+            ("node1", "node2"),
+            "the pods on node1 and node2 do not discover each other: the pod network carries no"
+            " multicast from machine to machine",
+        ),
+        (
+            ("node1", "node1"),
+            "the pods on node1 do not discover each other: the pod network carries no multicast",
+        ),
+    ],
+    ids=["two machines", "one machine"],
+)
+def test_pod_network(machines: tuple[str, str], message: str):
+    """A pod network that carries no multicast is told once, between machines or within one."""
+    found = [
+        member(name, machine, mode="none", interface=None)
+        for name, machine in zip("ab", machines, strict=True)
+    ]
+    looks = {"a": seen("a", sends=True), "b": seen("b", sends=machines[0] != machines[1])}
+    (finding,) = graph(found, looks).findings
+    assert (finding.message, finding.error) == (message, False)
+    assert finding.remedy.startswith("set `network`")
+
+
 def test_forbidden():
     """Where exec is forbidden that is said once, and is no error: nothing is known."""
     problem = Seen("looking into pods is not allowed here (the right `create pods/exec`)")

@@ -3,8 +3,8 @@
 usage: python -m bench.ros2 [--only discovery,flow,first] [--members 2,20,50] [--rounds 3]
                             [--context NAME]
 
-The context is one of `rigel cluster`, with three machines and Multus; its ROS 2 base image is made
-where it is missing. What is compared takes turns within one run.
+The context is one of `rigel cluster`, with three machines and Multus; left out, such a cluster is
+made and stays. What is compared takes turns within one run.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from rigel_k8s import localcluster
 
 NODES = Path(__file__).parent / "ros2_nodes"
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ros2-talker-listener"
+OWN = "rigel-bench2"
 SPACE = "bench-ros2"
 LAN = {"mode": "macvlan", "interface": "eth0", "subnet": "10.199.0.0/16", "ipam": "static"}
 #: Rigelfile's `network` by the name in the tables.
@@ -104,16 +105,23 @@ class Bench:
         raise SystemExit(f"{workload} has not told anything in {seconds:.0f} s")
 
 
+def rigel(*words: str) -> None:
+    """Run rigel and show what it says."""
+    subprocess.run([sys.executable, "-m", "rigel_k8s", *words], check=True)
+
+
 def main() -> None:
     """Measure and print."""
     words = arguments()
     name = words.context.removeprefix("rigel-")
+    if words.context == OWN:
+        rigel("cluster", "up", "--name", name, "--nodes", "3", "--with", "multus")
+        rigel("--context", OWN, "network", "install")
     status = localcluster.status(name)
     only = words.only.split(",")
     with tempfile.TemporaryDirectory() as directory:
         bench = Bench(words.context, status.kubectl, status.registry, Path(directory))
-        base = [sys.executable, "-m", "rigel_k8s", "image", "ros2-base", "--push"]
-        subprocess.run([*base, f"{status.registry}/ros:jazzy"], check=True)
+        rigel("image", "ros2-base", "--push", f"{status.registry}/ros:jazzy")
         image = bench.image("bench-ros2", NODES)
         if "discovery" in only:
             show(discovery(bench, image, [int(n) for n in words.members.split(",")]))
@@ -130,7 +138,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--only", default="discovery,flow,first")
     parser.add_argument("--members", default="2,20,50", help="how many participants")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--context", default="rigel-bench", help="of a cluster of `rigel cluster`")
+    parser.add_argument("--context", default=OWN, help="of a cluster of `rigel cluster`")
     return parser.parse_args()
 
 

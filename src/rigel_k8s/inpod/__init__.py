@@ -1,8 +1,9 @@
 """Scripts that run inside the application's own containers; they know nothing of this package.
 
-Everything here but this module is mounted from a ConfigMap into every ROS 1 container, so that any
-image can be probed, stopped and entered without being changed. They need a POSIX sh, and the probes
-a Python 2.7 or 3 with nothing but its standard library. docs/in-pod-scripts.md is their manual.
+Everything here but this module is mounted from a ConfigMap into every container of an application,
+so that any image can be probed, stopped, entered and looked around in without being changed. They
+need a POSIX sh; the probes a Python 2.7 or 3, those for DDS a Python 3.6, with nothing but its
+standard library. docs/in-pod-scripts.md is their manual.
 """
 
 from __future__ import annotations

@@ -96,14 +96,14 @@ def row(member: Member, seen: Seen, known: Mapping[str, bool] | None) -> PodGrap
 
 
 def discoveries(looked: Sequence[Member], seen: Mapping[str, Seen]) -> dict[str, dict[str, bool]]:
-    """Return pod -> other pod -> whether a stand-in in the other one discovered it."""
+    """Return pod -> other pod -> whether a stand-in there discovered all its participants."""
     known: dict[str, dict[str, bool]] = {}
     for member in looked:
         if member.mode not in ANSWERING or member.middleware == "zenoh" or member.own_ways:
             continue
         own = {p["prefix"] for p in seen[member.pod].heard if p["own"]}
         known[member.pod] = {
-            other.pod: bool(own & {p["prefix"] for p in seen[other.pod].heard})
+            other.pod: bool(own) and own <= {p["prefix"] for p in seen[other.pod].heard}
             for other in looked
             if other.pod != member.pod and other.domain == member.domain
             if seen[other.pod].announced or asks(other, member)

@@ -163,6 +163,15 @@ def test_in_order():
     assert [pod.discovered_by for pod in found.pods] == [("b",), ("a",)]
 
 
+def test_every_participant_of_a_pod_counts():
+    """A pod with several participants is discovered where all of them are."""
+    several = [participant(name, own=True) for name in ("a", "a2")]
+    looks = {"a": seen("a", "b", heard=[*several, participant("b", own=False)])}
+    looks["b"] = seen("b", "a")
+    found = graph([member("a", "node1"), member("b", "node2")], looks)
+    assert [f.message for f in found.findings] == ["a is discovered by nobody"]
+
+
 def test_one_way():
     """A direction in which no beacon arrives is deaf, the other one is not."""
     looks = {"a": seen("a", "b", beacons=frozenset()), "b": seen("b", "a")}

@@ -9,11 +9,9 @@ import argparse
 import os
 import sys
 
+from failure import Failure
+
 ABOUT = "A part of ros2cli by rigel-k8s: PyPI has no wheel of upstream's."
-
-
-class Failure(Exception):
-    """What the user reads; the exit code is 1."""
 
 
 def main(words):
@@ -104,7 +102,6 @@ def verb(verbs, name, call, about):
 
 
 if __name__ == "__main__":
-    sys.modules["ros2"] = sys.modules["__main__"]  # where the other files find Failure
     try:
         sys.exit(main(sys.argv[1:]))
     except Failure as failure:

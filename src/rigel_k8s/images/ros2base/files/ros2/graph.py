@@ -1,6 +1,6 @@
 """What is in the graph: topics, nodes, services."""
 
-from ros2 import Failure
+from failure import Failure
 from session import full, hidden, session, topic_type
 
 

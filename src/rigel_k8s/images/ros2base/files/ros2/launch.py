@@ -12,9 +12,9 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import yaml
+from failure import Failure
 from processes import Process, supervise
 from programs import executable, prefix
-from ros2 import Failure
 
 _FUNCTION = re.compile(r"\$\(([a-z-]+)((?:\s[^()]*)?)\)")
 

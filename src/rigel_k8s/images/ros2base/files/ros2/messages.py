@@ -4,7 +4,7 @@ import array
 import importlib
 import re
 
-from ros2 import Failure
+from failure import Failure
 
 
 def message_class(kind):

@@ -1,10 +1,10 @@
 """A node's parameters, asked of and told to the node itself."""
 
+from failure import Failure
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter import get_parameter_value as parsed
 from rclpy.parameter_client import AsyncParameterClient
-from ros2 import Failure
 from session import full, session, spin
 
 _KINDS = {

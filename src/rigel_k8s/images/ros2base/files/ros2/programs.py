@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from ros2 import Failure
+from failure import Failure
 
 
 def run(words):

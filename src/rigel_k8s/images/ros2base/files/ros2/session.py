@@ -5,8 +5,8 @@ import time
 from contextlib import contextmanager
 
 import rclpy
+from failure import Failure
 from rclpy.signals import SignalHandlerOptions
-from ros2 import Failure
 
 
 @contextmanager

@@ -5,9 +5,9 @@ import time
 from itertools import pairwise
 
 import yaml
+from failure import Failure
 from messages import fill, message_class, plain
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from ros2 import Failure
 from session import full, session, spin, topic_type
 
 

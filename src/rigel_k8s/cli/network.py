@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import attrs
@@ -61,6 +61,7 @@ def network() -> None:
 
 @network.command()
 @with_options(*PLACES, *IMAGES)
+@click.option("--dhcp/--no-dhcp", default=None, help="CNI's DHCP daemon, for `ipam: dhcp`.")
 @click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
 @click.option("--adopt", is_flag=True, help="Take over objects of the same names.")
 @click.pass_context
@@ -69,7 +70,7 @@ def install(
     /,
     timeout: float | None,
     adopt: bool,  # noqa: FBT001 - click passes it by name
-    **words: str | None,
+    **words: str | bool | None,
 ) -> None:
     """Install or update both, and let each node attach a pod. What others installed is used."""
     from rigel_k8s.actions import networks
@@ -131,7 +132,7 @@ def remove(
     click.echo(f"Multus and whereabouts are gone: {done.count} objects deleted{kept}")
 
 
-def options_of(words: dict[str, str | None]) -> Install:
+def options_of(words: Mapping[str, str | bool | None]) -> Install:
     """Return the words as the same options that a Rigelfile has.
 
     Raises:

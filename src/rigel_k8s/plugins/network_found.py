@@ -7,6 +7,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.deploy.release import last_good
 from rigel_k8s.deploy.survey import belongs
 from rigel_k8s.deploy.types import RELEASE_LABEL, ObjectRef
 from rigel_k8s.errors import ClusterError
@@ -16,7 +17,7 @@ from rigel_k8s.manifests.multus.definitions import attachment_definition, wherea
 from rigel_k8s.manifests.multus.recognition import Group, groups
 from rigel_k8s.manifests.network.options import Install
 
-__all__ = ["Found", "Part", "find", "is_up"]
+__all__ = ["Found", "Part", "find", "is_up", "settled"]
 
 Object = Mapping[str, Any]
 
@@ -105,6 +106,18 @@ def find(cluster: Cluster, options: Install) -> Found:
         _part("whereabouts", sets),
         _definitions(cluster),
     )
+
+
+def settled(cluster: Cluster, said: Install) -> Install:
+    """Return options with those of the last installation for what is not said.
+
+    Several Rigelfiles share a cluster's network: one that says `install: true` must not take back
+    what another has said of images and directories.
+    """
+    last = last_good(cluster, RELEASE)
+    before = dict(last.options) if last else {}
+    new = attrs.asdict(said, filter=lambda _, value: value is not None)
+    return Install(**{**before, **new})
 
 
 def is_up(node: Object) -> bool:

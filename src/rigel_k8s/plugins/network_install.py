@@ -17,7 +17,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.manifests.multus import RELEASE
 from rigel_k8s.manifests.multus.release import Installation
 from rigel_k8s.manifests.network.options import Install, Network
-from rigel_k8s.plugins.network_found import Found, Part, find
+from rigel_k8s.plugins.network_found import Found, Part, find, settled
 from rigel_k8s.plugins.network_proof import fingerprint, prove, proven, remember
 from rigel_k8s.plugins.network_rollout import Rollout
 from rigel_k8s.report import Reporter
@@ -70,7 +70,10 @@ def wanted(network: Network | str | None) -> Install | None:
         return None
     if network.mode not in ("macvlan", "ipvlan", "attachment"):
         return None
-    return network.install if isinstance(network.install, Install) else Install()
+    said = network.install if isinstance(network.install, Install) else Install()
+    if network.ipam == "dhcp" and said.dhcp is None:
+        return attrs.evolve(said, dhcp=True)
+    return said
 
 
 def install(
@@ -92,7 +95,7 @@ def install(
         Interrupted: `cancel` was set.
     """
     cancel = cancel or threading.Event()
-    found = _found(cluster, options)
+    options, found = _found(cluster, options)
     installation = installation_of(found, options)
     _tell_others(found, report)
     for name in found.away:
@@ -102,10 +105,11 @@ def install(
     return _proved(cluster, options, report, cancel)
 
 
-def _found(cluster: Cluster, options: Install) -> Found:
+def _found(cluster: Cluster, said: Install) -> tuple[Install, Found]:
     """Look at the cluster, which wants rights that an application's deploy does not."""
     try:
-        return find(cluster, options)
+        options = settled(cluster, said)
+        return options, find(cluster, options)
     except ClusterError as error:
         if getattr(error, "status", 0) == 403:
             error.hint = (

@@ -20,7 +20,7 @@ from rigel_k8s.manifests.multus import RELEASE
 from rigel_k8s.manifests.multus.interfaces import asked
 from rigel_k8s.manifests.multus.release import network_release
 from rigel_k8s.manifests.network.options import Install
-from rigel_k8s.plugins.network_found import Found, find
+from rigel_k8s.plugins.network_found import Found, find, settled
 from rigel_k8s.plugins.network_install import installation_of
 from rigel_k8s.plugins.network_proof import forget
 from rigel_k8s.plugins.network_rollout import WITHOUT_ALL, machine_script
@@ -67,6 +67,7 @@ def remove(
         RolloutFailed: a node does not give its configuration back.
     """
     cancel = cancel or threading.Event()
+    options = settled(cluster, options)
     found = find(cluster, options)
     _refuse(cluster, found, report, force=force)
     installation = installation_of(found, options, retired=True)

@@ -13,6 +13,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.deploy import revisions
 from rigel_k8s.deploy.lease import lease_ref
 from rigel_k8s.deploy.release import DEFAULT_TIMEOUT, deploy, diff
 from rigel_k8s.deploy.types import RELEASE_LABEL, Desired, ref_of
@@ -90,6 +91,8 @@ class Rollout:
         except RolloutFailed:
             if not self.found.away or list(self._unready()):
                 raise
+            newest = revisions.records(self.cluster, RELEASE)[-1].revision()
+            revisions.update(self.cluster, attrs.evolve(newest, status="good"))
 
     def _let_be_away(self) -> None:
         """Let it go on though nodes are away: Kubernetes would wait for them first."""

@@ -10,7 +10,7 @@ import attrs
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.manifests.multus.interfaces import Missing, without_interface
 from rigel_k8s.manifests.network.options import Install
-from rigel_k8s.plugins.network_found import Found, Part, find, is_up
+from rigel_k8s.plugins.network_found import Found, Part, find, is_up, settled
 from rigel_k8s.plugins.network_install import marks_of
 from rigel_k8s.plugins.network_proof import proven
 from rigel_k8s.plugins.network_rollout import is_ready
@@ -77,7 +77,7 @@ class NetworkStatus:
 
 def network_status(cluster: Cluster, options: Install) -> NetworkStatus:
     """Look at all nodes and pods of a cluster."""
-    found = find(cluster, options)
+    found = find(cluster, settled(cluster, options))
     pods = cluster.list("v1", "Pod")
     marks = marks_of(found)
     good = proven(cluster, marks)

@@ -200,7 +200,7 @@ def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -
     own_lab.attachment("10.213.13.0/24")
     own_lab.start("older", node="node1")
     assert own_lab.has_interface("older")
-    install(own.cluster, Install(), said)
+    install(own.cluster, Install(cni_bin_dir="/data/data/cni"), said)
 
 
 def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: Any) -> None:
@@ -222,6 +222,9 @@ def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: 
     own.start("node2")
     done = install(own.cluster, Install(), said)
     assert (done.nodes, done.away) == (("node1", "node2"), ())
+    # What another Rigelfile has said of images stays.
+    images = {c["image"] for c in daemon(own, "node2")["spec"]["containers"]}
+    assert images == {f"docker.io/{MULTUS}"}
 
 
 def test_removal_is_refused_while_pods_are_attached(own: Any, own_lab: Any, said: Any) -> None:

@@ -140,6 +140,8 @@ def test_a_cluster_without_linux() -> None:
         (Network(), None),
         (Network(install=True), Install()),
         (Network(mode="ipvlan", install=Install(data_dir="/data")), Install(data_dir="/data")),
+        (Network(ipam="dhcp", install=True), Install(dhcp=True)),
+        (Network(ipam="dhcp", install=Install(dhcp=False)), Install(dhcp=False)),
         (Network(mode="peers", install=True), None),
         (Network(mode="host", install=True), None),
     ],
@@ -194,3 +196,24 @@ def test_a_proof_holds_for_one_start_of_one_installation() -> None:
 def test_definitions_hold_data() -> None:
     """With a definition goes every object of its kind: no release takes one away unasked."""
     assert "CustomResourceDefinition" in PROTECTED
+
+
+def test_what_is_not_said_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second Rigelfile's `install: true` takes nothing back; what is said wins; a first
+    installation has nothing to keep."""
+    from rigel_k8s.plugins import network_found
+
+    before = {"multus_image": "registry.lab/multus:1", "data_dir": "/data"}
+
+    class Last:
+        options = before
+
+    monkeypatch.setattr(network_found, "last_good", lambda *_: Last)
+    cluster: Any = None
+    assert network_found.settled(cluster, Install()) == Install(**before)
+    said = Install(data_dir="/var/lib/rancher/k3s")
+    assert network_found.settled(cluster, said) == Install(
+        multus_image="registry.lab/multus:1", data_dir="/var/lib/rancher/k3s"
+    )
+    monkeypatch.setattr(network_found, "last_good", lambda *_: None)
+    assert network_found.settled(cluster, Install()) == Install()

@@ -42,13 +42,14 @@ DIRECTORIES = {
 
 
 def multus_daemon(
-    machines: Machines, script: Object, image: str, plugins_image: str | None
+    machines: Machines, script: Object, image: str, plugins_image: str | None, *, dhcp: bool
 ) -> tuple[Object, Object]:
     """Return the daemon's ConfigMap and DaemonSet for the machines of one platform.
 
     Args:
         script: the ConfigMap with machine.sh.
         plugins_image: brings the standard CNI programs that the machines lack; None: they have all.
+        dhcp: whether CNI's DHCP daemon runs too.
     """
     config = config_map(
         machines.named("rigel-multus-config"),
@@ -64,7 +65,11 @@ def multus_daemon(
     pod = {
         "hostPID": True,  # a runtime may name a pod's network /proc/PID/ns/net
         "initContainers": [bringer(machines, "multus", plugins_image)] if plugins_image else [],
-        "containers": [_daemon(machines, image), keeper(machines, "multus", image, env, mounts)],
+        "containers": [
+            _daemon(machines, image),
+            keeper(machines, "multus", image, env, mounts),
+            *([_dhcp(machines, image)] if dhcp else []),
+        ],
         "volumes": [*volumes(machines), *_volumes(config["metadata"]["name"])],
     }
     return config, daemon_set(machines, MULTUS, pod, [config, script])
@@ -111,6 +116,29 @@ def _daemon(machines: Machines, image: str) -> Object:
                 mount(n, path, mountPropagation="HostToContainer")
                 for n, path in DIRECTORIES.items()
             ),
+        ],
+    }
+
+
+def _dhcp(machines: Machines, image: str) -> Object:
+    """Return the container that keeps the leases of attachments with `ipam: dhcp`.
+
+    The machine's own program runs, in the machine's root: it is asked by others that do.
+    """
+    program = f"{machines.platform.bin_dir}/dhcp"
+    wait = f"until [ -x {program} ]; do echo 'there is no {program} yet'; sleep 2; done"
+    start = f"rm -f {HOST_ROOT}/run/cni/dhcp.sock; exec chroot {HOST_ROOT} {program} daemon"
+    return {
+        "name": "dhcp",
+        "image": image,
+        "imagePullPolicy": "IfNotPresent",
+        "command": ["/bin/sh", "-c", f"{wait}; {start}"],
+        "resources": {"requests": {"cpu": "5m", "memory": "16Mi"}, "limits": {"memory": "128Mi"}},
+        "securityContext": {"privileged": True},
+        "terminationMessagePolicy": "FallbackToLogsOnError",
+        "volumeMounts": [
+            *root_mounts(machines.platform, read_only=True),
+            mount("machine", HOST_ROOT, mountPropagation="HostToContainer"),
         ],
     }
 

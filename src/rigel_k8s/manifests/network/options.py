@@ -42,6 +42,9 @@ class Install:
     plugins_image: ImageRef | None = option(
         "an image with the standard CNI programs in /opt/cni/bin, for machines that lack macvlan"
     )
+    dhcp: bool | None = option(
+        "run the DHCP daemon of CNI on each machine (default: where `ipam: dhcp` wants it)"
+    )
 
 
 @attrs.frozen(kw_only=True)

@@ -40,6 +40,7 @@ CASES = {
     "minikube": on(platform("minikube")),
     "mixed": on(K3S, platform("k3s", version="v1.34.4+k3s1", data_dir="/data")),
     "own-images": on(platform("plain"), options=OWN_IMAGES),
+    "dhcp": on(K3S, options=Install(dhcp=True)),
     "others-multus": on(platform("plain"), multus=False),
     "retired": on(platform("plain"), retired=True),
 }
@@ -96,7 +97,7 @@ def test_what_the_daemon_runs_is_where_the_machine_has_it(case: str) -> None:
             roots = [name for name in hosts if name.startswith("root-")]
             assert roots
             assert [mounts[name] for name in roots] == [hosts[name] for name in roots]
-            said = {e["name"]: e.get("value") for e in container["env"]}
+            said = {e["name"]: e.get("value") for e in container.get("env", [])}
             for place in filter(None, (said.get("BIN_DIR"), said.get("CONF_DIR"))):
                 assert any(f"{place}/".startswith(f"{hosts[name]}/") for name in roots)
 

@@ -1,0 +1,47 @@
+"""The names that the stack, its dashboards, the exporter and the command line share.
+
+Queries stand in dashboards and rules; what they ask for is named here and documented in
+docs/observability.md. A changed name is a changed contract: people have dashboards of their own.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "EXPORTER",
+    "EXPORTER_PORT",
+    "GRAFANA",
+    "GRAFANA_PORT",
+    "LABELS",
+    "LEVELS",
+    "LOKI",
+    "LOKI_PORT",
+    "PROMETHEUS",
+    "PROMETHEUS_PORT",
+    "RELEASE",
+]
+
+#: The stack's release; its namespace is the option's.
+RELEASE = "rigel-observability"
+
+#: The Services of the stack, in its namespace, and their ports.
+LOKI, LOKI_PORT = "loki", 3100
+PROMETHEUS, PROMETHEUS_PORT = "prometheus", 9090
+GRAFANA, GRAFANA_PORT = "grafana", 3000
+
+#: The ROS exporter: a workload of each application's release, beside its nodes.
+EXPORTER, EXPORTER_PORT = "ros-exporter", 9419
+
+#: What log streams and metrics of pods are labelled with, in Loki and Prometheus alike, and which
+#: label or annotation of the pod it is read from; the others are where and what the pod is.
+LABELS = {
+    "application": "rigel-k8s/release",
+    "workload": "app.kubernetes.io/name",
+    "ros_node": "rigel-k8s/ros-name",
+    "namespace": None,
+    "pod": None,
+    "container": None,
+    "node": None,
+}
+
+#: The label `level` of a log line, read from ROS 1's and ROS 2's formats; "" where none is found.
+LEVELS = ("debug", "info", "warn", "error", "fatal")

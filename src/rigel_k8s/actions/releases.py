@@ -74,16 +74,16 @@ def render(settings: Settings, job: str | None) -> Manifests:
     """
     found = job_of(settings, job)
     cluster = connect(settings) if is_partial(found.raw) else None
-    desired = prepare(found.options, found.raw, found.application, settings, cluster=cluster)
-    return Manifests(prepared(desired), found.warnings)
+    made = prepare(found.options, found.raw, found.application, settings, cluster)
+    return Manifests(prepared(made.desired), found.warnings)
 
 
 def diff(settings: Settings, job: str | None) -> Difference:
     """Return what a job would change on the cluster; nothing is written."""
     found = job_of(settings, job)
     with connect(settings) as cluster:
-        desired = prepare(found.options, found.raw, found.application, settings, cluster=cluster)
-        plan = deploys.diff(desired, cluster, adopt=settings.adopt)
+        made = prepare(found.options, found.raw, found.application, settings, cluster)
+        plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
     return Difference(plan, difference(plan), found.warnings)
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
+from rigel_k8s.manifests.network.checks import check_install
 from rigel_k8s.manifests.network.options import Install
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["NetworkJob", "check_install"]
+__all__ = ["NetworkJob"]
 
 
 class NetworkJob:
@@ -20,7 +21,7 @@ class NetworkJob:
 
     def check(self, options: Install, application: Application) -> Sequence[Problem]:
         """Return what contradicts itself."""
-        return check_install(options)
+        return tuple(check_install(options))
 
     def exclusive(
         self, options: Install, application: Application, settings: Settings
@@ -46,11 +47,3 @@ class NetworkJob:
                 adopt=job.settings.adopt,
             )
         job.report.line(told(done))
-
-
-def check_install(options: Install) -> Sequence[Problem]:
-    """Return what of the options contradicts itself; paths are relative to `install`."""
-    if options.data_dir and options.platform not in (None, "k3s"):
-        message = f"only k3s has a data directory, and the platform is {options.platform}"
-        return [Problem(("data_dir",), message, "no-k3s")]
-    return []

@@ -16,7 +16,6 @@ from rigel_k8s.manifests.partial import is_partial
 from rigel_k8s.plugins.orchestration_places import check_places
 from rigel_k8s.plugins.orchestration_release import (
     Preparation,
-    preparation,
     prepare,
     release_of,
     timeout_of,
@@ -63,7 +62,7 @@ class OrchestrationJob:
             job.report.warn("observability is not deployed by this version: nothing to do")
             return
         with connect(job.settings) as cluster:
-            prepared = preparation(
+            prepared = prepare(
                 options,
                 job.raw,
                 job.application,

@@ -34,7 +34,7 @@ from rigel_k8s.settings import Application, Settings
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["Preparation", "preparation", "prepare", "release_of", "timeout_of"]
+__all__ = ["Preparation", "prepare", "release_of", "timeout_of"]
 
 
 @attrs.frozen
@@ -52,21 +52,6 @@ class Preparation:
 
 
 def prepare(
-    options: OrchestrationOptions,
-    raw: Mapping[str, Any],
-    application: Application,
-    settings: Settings,
-    cluster: Cluster | None = None,
-    data: Mapping[str, Any] | None = None,
-    providers: Mapping[str, Any] | None = None,
-) -> Desired:
-    """Return what the release shall be; as preparation() does."""
-    return preparation(
-        options, raw, application, settings, cluster, data=data, providers=providers
-    ).desired
-
-
-def preparation(
     options: OrchestrationOptions,
     raw: Mapping[str, Any],
     application: Application,

@@ -11,7 +11,7 @@ from rigel_k8s.cli.network import options_of
 from rigel_k8s.deploy.order import PROTECTED
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.manifests.network.options import Install, Network
-from rigel_k8s.plugins.network import NetworkJob, check_install
+from rigel_k8s.plugins.network import NetworkJob
 from rigel_k8s.plugins.network_found import find
 from rigel_k8s.plugins.network_install import installation_of, wanted
 from rigel_k8s.plugins.network_proof import fingerprint
@@ -153,11 +153,10 @@ def test_what_a_job_wants_installed(network: Any, install: Install | None) -> No
 
 def test_a_data_directory_is_k3s() -> None:
     """Where the platform is said to be another one, that is a mistake."""
-    assert check_install(Install(data_dir="/data")) == []
-    assert check_install(Install(data_dir="/data", platform="k3s")) == []
-    (problem,) = NetworkJob().check(
-        Install(data_dir="/data", platform="kind"), Application(distro="jazzy")
-    )
+    jazzy = Application(distro="jazzy")
+    assert NetworkJob().check(Install(data_dir="/data"), jazzy) == ()
+    assert NetworkJob().check(Install(data_dir="/data", platform="k3s"), jazzy) == ()
+    (problem,) = NetworkJob().check(Install(data_dir="/data", platform="kind"), jazzy)
     assert problem.path == ("data_dir",)
 
 

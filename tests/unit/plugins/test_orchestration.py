@@ -19,10 +19,10 @@ from rigel_k8s.deploy.types import ObjectRef, ReleaseId, Revision
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.manifests.options import OrchestrationOptions
-from rigel_k8s.plugins.orchestration import OrchestrationJob, prepare, release_of
+from rigel_k8s.plugins.orchestration import OrchestrationJob, release_of
 from rigel_k8s.plugins.orchestration_digests import pins
 from rigel_k8s.plugins.orchestration_places import check_places
-from rigel_k8s.plugins.orchestration_release import preparation, timeout_of
+from rigel_k8s.plugins.orchestration_release import prepare, timeout_of
 from rigel_k8s.plugins.orchestration_results import extract
 from rigel_k8s.plugins.orchestration_secrets import secret_of
 from rigel_k8s.rigelfile.source import Node, Span, made
@@ -62,7 +62,7 @@ class Cluster:
 def image_of(raw: Mapping[str, Any], name: str, **more: Any) -> str:
     """Return the image of a Deployment that a job wants."""
     made_of = prepare(options(raw), raw, NOETIC, Settings(), Cluster(), **more)  # type: ignore[arg-type]
-    found = [m for m in made_of.objects if m["kind"] == "Deployment"]
+    found = [m for m in made_of.desired.objects if m["kind"] == "Deployment"]
     named = {m["metadata"]["name"]: m["spec"]["template"]["spec"]["containers"][0] for m in found}
     return str(named[name]["image"])
 
@@ -99,7 +99,7 @@ def test_the_namespace_is_the_flags_the_files_or_the_contexts(
     """And only the one that the Rigelfile names is created."""
     raw = {"application_image": "localhost:1/a", **raw}
     settings = Settings(namespace=given)
-    found = prepare(options(raw), raw, NOETIC, settings, Cluster())  # type: ignore[arg-type]
+    found = prepare(options(raw), raw, NOETIC, settings, Cluster()).desired  # type: ignore[arg-type]
     assert found.release == ReleaseId(namespace, "rigel-k8s-application")
     assert found.create_namespace is create
 
@@ -125,7 +125,7 @@ def test_a_partial_job_keeps_what_it_does_not_name(revision: dict[str, Any]) -> 
     """The peer's update_k8s names no image, and resets none."""
     revision["options"] = {"application_image": "localhost:1/app:1", "deploy_ros_master": False}
     raw = {"orchestration": {"rolling_update": {"strategy": "Recreate"}}}
-    found = prepare(options(raw["orchestration"]), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
+    found = prepare(options(raw["orchestration"]), raw, NOETIC, Settings(), Cluster()).desired  # type: ignore[arg-type]
     assert [m["kind"] for m in found.objects] == ["ConfigMap", "Deployment"]
     assert found.options == {**revision["options"], "rolling_update": {"strategy": "Recreate"}}
 
@@ -232,7 +232,7 @@ def test_credentials_of_the_images_registries_become_a_pull_secret(revision: obj
         "elsewhere": Credentials("ghcr.io", "you", "concealed"),
         "ssh": object(),
     }
-    found = preparation(
+    found = prepare(
         options(raw),
         raw,
         NOETIC,
@@ -253,7 +253,7 @@ def test_credentials_of_the_images_registries_become_a_pull_secret(revision: obj
 def test_without_credentials_there_is_no_secret(revision: object) -> None:
     """A name of a Secret that is not there would be a warning on every pod."""
     raw = {"application_image": "localhost:1/app"}
-    found = prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
+    found = prepare(options(raw), raw, NOETIC, Settings(), Cluster()).desired  # type: ignore[arg-type]
     assert "imagePullSecrets" not in json.dumps(found.objects)
 
 
@@ -263,9 +263,9 @@ def test_an_unconnected_provider_takes_no_secret_away(revision: object) -> None:
     cluster = Cluster()
     cluster.has_secret = True
     found = prepare(options(raw), raw, NOETIC, Settings(), cluster)  # type: ignore[arg-type]
-    assert "rigel-k8s-application-registry" in json.dumps(found.objects)
+    assert "rigel-k8s-application-registry" in json.dumps(found.desired.objects)
     found = prepare(options(raw), raw, NOETIC, Settings(), cluster, providers={})  # type: ignore[arg-type]
-    assert "imagePullSecrets" not in json.dumps(found.objects)
+    assert "imagePullSecrets" not in json.dumps(found.desired.objects)
 
 
 # Places

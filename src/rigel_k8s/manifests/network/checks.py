@@ -17,7 +17,7 @@ from rigel_k8s.manifests.network.wiring import Ros
 from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.problems import Problem
 
-__all__ = ["check_network"]
+__all__ = ["check_install", "check_network"]
 
 MULTUS, SERVERS = ("macvlan", "ipvlan", "attachment"), ("discovery-server", "zenoh")
 #: Which modes read a key; those of all modes are left out.
@@ -210,13 +210,19 @@ def check_form(network: Network) -> Iterator[Problem]:
     if network.attachment is not None and not ATTACHMENT.fullmatch(network.attachment):
         message = f'"{network.attachment}" is neither NAME nor NAMESPACE/NAME'
         yield Problem(("network", "attachment"), message, "bad-name")
-    install = network.install
-    if isinstance(install, Install) and install.data_dir and install.platform not in (None, "k3s"):
-        message = f"only k3s has a data directory, and this is {install.platform}"
-        yield Problem(("network", "install", "data_dir"), message, "no-k3s")
+    if isinstance(network.install, Install):
+        for problem in check_install(network.install):
+            yield problem.under(("network", "install"))
     if network.mode == "ipvlan" and network.ipam == "dhcp":
         message = "interfaces of ipvlan share one MAC address, so a DHCP server takes them for one"
         yield Problem(("network", "ipam"), message, "wrong-mode")
     if network.mode == "attachment" and network.ipam not in (None, "static"):
         message = "the attachment that is there says who gives out addresses: leave it out"
         yield Problem(("network", "ipam"), message, "foreign-key", at_key=True)
+
+
+def check_install(options: Install) -> Iterator[Problem]:
+    """Yield what of an installation contradicts itself, with paths from the root of its options."""
+    if options.data_dir and options.platform not in (None, "k3s"):
+        message = f"only k3s has a data directory, and this is {options.platform}"
+        yield Problem(("data_dir",), message, "no-k3s")

@@ -31,6 +31,21 @@ SOCKETS = "/run/rigel-network"
 SOCKET_DIR = f"{SOCKETS}/multus"
 HOST_ROOT = "/hostroot"
 
+DHCP_SOCKET = "/run/cni/dhcp.sock"
+#: Starts CNI's DHCP daemon, its program the only argument, unless the machine runs one already: that
+#: one has leases, and loses its callers with its socket. The kernel forgets who ended; a file that
+#: is left keeps the next one from listening.
+DHCP = f"""\
+until [ -x "$1" ]; do echo "there is no $1 yet"; sleep 2; done
+while :; do
+  case "$(cat /proc/net/unix)" in *" {DHCP_SOCKET}"*) ;; *) break ;; esac
+  echo "a DHCP daemon that is not of this pod listens at {DHCP_SOCKET}"
+  sleep 10
+done
+rm -f {HOST_ROOT}{DHCP_SOCKET}
+exec chroot {HOST_ROOT} "$1" daemon
+"""
+
 #: Directories of the machine that the daemon looks into: those of pods' networks (the runtime's),
 #: of what it has attached, and of devices that pods were given.
 DIRECTORIES = {
@@ -59,7 +74,7 @@ def multus_daemon(
         "PROGRAMS": "multus-shim passthru",
         "SOURCE": PROGRAMS,
         "GENERATED": GENERATED,
-        "NEEDED": "macvlan static",
+        "NEEDED": "macvlan static dhcp" if dhcp else "macvlan static",
     }
     mounts = [mount("generated", GENERATED, read_only=True)]
     pod = {
@@ -125,16 +140,15 @@ def _dhcp(machines: Machines, image: str) -> Object:
 
     The machine's own program runs, in the machine's root: it is asked by others that do.
     """
-    program = f"{machines.platform.bin_dir}/dhcp"
-    wait = f"until [ -x {program} ]; do echo 'there is no {program} yet'; sleep 2; done"
-    start = f"rm -f {HOST_ROOT}/run/cni/dhcp.sock; exec chroot {HOST_ROOT} {program} daemon"
+    listens = {"exec": {"command": ["/bin/sh", "-c", f"test -S {HOST_ROOT}{DHCP_SOCKET}"]}}
     return {
         "name": "dhcp",
         "image": image,
         "imagePullPolicy": "IfNotPresent",
-        "command": ["/bin/sh", "-c", f"{wait}; {start}"],
+        "command": ["/bin/sh", "-c", DHCP, "dhcp", f"{machines.platform.bin_dir}/dhcp"],
         "resources": {"requests": {"cpu": "5m", "memory": "16Mi"}, "limits": {"memory": "128Mi"}},
         "securityContext": {"privileged": True},
+        "startupProbe": {**listens, "periodSeconds": 1, "failureThreshold": 180},
         "terminationMessagePolicy": "FallbackToLogsOnError",
         "volumeMounts": [
             *root_mounts(machines.platform, read_only=True),

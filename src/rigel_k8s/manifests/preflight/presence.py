@@ -148,5 +148,6 @@ def _dhcp(case: Case, one: Attachment) -> Iterator[Finding]:
             "dhcp-daemon",
             f"the daemon of the CNI program dhcp does not run on {listed(nodes)}"
             " (nobody listens at /run/cni/dhcp.sock)",
-            "run `dhcp daemon` of the CNI plugins on each machine, or `ipam: whereabouts`",
+            "`network: {install: true}` or `rigel network install --dhcp` runs it; or `ipam:"
+            " whereabouts`",
         )

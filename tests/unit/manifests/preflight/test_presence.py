@@ -140,8 +140,8 @@ def test_no_dhcp_daemon() -> None:
     machines = {"node1": machine(dhcp=True), "node2": machine(dhcp=False)}
     assert texts(found(nad(ipam={"type": "dhcp"}), workload(), seen=view(machines=machines))) == [
         "error cluster dhcp-daemon: the daemon of the CNI program dhcp does not run on node2"
-        " (nobody listens at /run/cni/dhcp.sock) => run `dhcp daemon` of the CNI plugins on each"
-        " machine, or `ipam: whereabouts`"
+        " (nobody listens at /run/cni/dhcp.sock) => `network: {install: true}` or `rigel network"
+        " install --dhcp` runs it; or `ipam: whereabouts`"
     ]
 
 

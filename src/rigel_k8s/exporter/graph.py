@@ -6,7 +6,7 @@ told, is judged above it, once for both.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 __all__ = ["Graph", "Half", "Master", "Node", "Samples", "Subscriber", "Topic", "Traffic"]
@@ -55,19 +55,26 @@ class Traffic(NamedTuple):
 
 
 class Master(NamedTuple):
-    """The ROS 1 master: whether it answers, and its process (0: it does not say)."""
+    """The ROS 1 master: whether it answers, its process, and its /run_id ("": none is set yet)."""
 
     up: bool
     pid: int = 0
+    run: str = ""
 
 
 class Graph(NamedTuple):
-    """What there is now; `master` is None where ROS has none."""
+    """What there is now.
+
+    Attributes:
+        master: None where ROS has none.
+        dropped: what is there and was not asked, since it is too much: `nodes`, how many.
+    """
 
     nodes: Sequence[Node] = ()
     topics: Sequence[Topic] = ()
     traffic: Sequence[Traffic] = ()
     master: Master | None = None
+    dropped: Mapping[str, int] = {}
 
 
 class Samples(NamedTuple):

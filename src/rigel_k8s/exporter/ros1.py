@@ -1,0 +1,284 @@
+"""ROS 1's half: the graph as the master and the nodes tell it, and topics by TCPROS.
+
+Nothing of it subscribes but `subscribe`: rates of topics that nobody named come from the nodes' own
+counts. It registers with the master for the first named topic, and leaves it at the end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+import time
+from collections.abc import Coroutine, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+
+from rigel_k8s.exporter import ros1_messages
+from rigel_k8s.exporter.graph import Graph, Master, Node, Topic
+from rigel_k8s.exporter.ros1_calls import CallFailed, Conversation
+from rigel_k8s.exporter.ros1_node import Slave
+from rigel_k8s.exporter.ros1_topic import Hearing
+from rigel_k8s.exporter.ros1_traffic import Ledger
+from rigel_k8s.exporter.ros1_view import MASTER, Said, View, ask_master, ask_nodes, lookup
+
+__all__ = ["NAME", "Ros1"]
+
+#: What every exporter's name begins with; none is told of in metrics.
+NAME = "/ros_exporter"
+#: Seconds after which the master is asked for a node's address again, though the node answers.
+_FRESH = 60.0
+#: Seconds that a look takes at most, with every deadline in it missed.
+_LOOK = 30.0
+
+T = TypeVar("T")
+
+
+class Ros1:
+    """A ROS 1 graph, by its master."""
+
+    def __init__(
+        self, master_uri: str, *, name: str = NAME, first: Iterable[str] = (), most: int = 200
+    ) -> None:
+        """Ask nobody yet.
+
+        Args:
+            master_uri: http://HOST:PORT.
+            name: the exporter's own ROS name, which begins with NAME.
+            first: names of nodes that are asked whatever else there is.
+            most: how many nodes are asked.
+        """
+        self._uri, self._name = master_uri, name
+        self._first, self._most = frozenset(first), most
+        self._places: dict[str, _Place] = {}
+        self._ledger = Ledger()
+        self._hearings: dict[str, Hearing] = {}
+        self._lock = threading.Lock()
+        self._slave: Slave | None = None
+        self._host = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or ""
+        self._loop = asyncio.new_event_loop()
+        threading.Thread(target=self._loop.run_forever, name="ros1", daemon=True).start()
+
+    # -- the graph --
+
+    def look(self) -> Graph:
+        """Return what is there now; takes seconds at most, whatever has stopped or gone."""
+        return self._run(self._look())
+
+    async def _look(self) -> Graph:
+        try:
+            view = await ask_master(self._uri, self._name)
+        except CallFailed:
+            return await self._without_master()
+        names = self._chosen(view)
+        await self._find(names, view)
+        said = await self._ask(names)
+        later = await self._again(view, said)
+        self._count(said)
+        await self._hear(view)
+        return Graph(
+            nodes=self._nodes(names, said, (view, later)),
+            topics=_topics(view, self._hearings),
+            traffic=self._ledger.totals(),
+            master=Master(up=True, pid=view.pid, run=view.run),
+            dropped={"nodes": len(_visible(view.nodes)) - len(names)},
+        )
+
+    async def _without_master(self) -> Graph:
+        """Return what the nodes say that were there before; nobody knows whether they still are."""
+        said = await self._ask(())
+        self._count(said)
+        return Graph(
+            nodes=self._nodes((), said, ()),
+            traffic=self._ledger.totals(),
+            master=Master(up=False),
+        )
+
+    def _chosen(self, view: View) -> list[str]:
+        """Return the nodes to tell of: the expected ones, then the others by name."""
+        return sorted(_visible(view.nodes), key=lambda n: (n not in self._first, n))[: self._most]
+
+    async def _find(self, names: Sequence[str], view: View) -> None:
+        """Learn where the nodes are that are new, silent, or not asked for in a while."""
+        now = time.monotonic()
+        wanted = [n for n in names if n not in self._places or self._places[n].asked + _FRESH < now]
+        found = await lookup(self._uri, self._name, wanted) if wanted else {}
+        for name, uri in found.items():
+            old = self._places.get(name)
+            pid = old.pid if old and old.uri == uri else ""
+            self._places[name] = _Place(uri, now, pid)
+        taken = {self._places[name].uri for name in names if name in self._places}
+        for name in [n for n, place in self._places.items() if n not in view.nodes]:
+            if self._places[name].uri in taken:  # another node has its place
+                del self._places[name]
+
+    async def _ask(self, names: Sequence[str]) -> dict[str, Said]:
+        """Return what the nodes say: those named, and those that were registered before."""
+        uris = {name: place.uri for name, place in self._places.items()}
+        said = await ask_nodes(uris, self._name)
+        for name, answer in said.items():
+            place = self._places[name]
+            if answer.answers and (name in names or not place.pid):
+                place.pid = answer.pid
+            elif not answer.answers:
+                place.asked = 0.0  # it may have moved
+        for name in [n for n in said if n not in names and not self._stays(n, said[n])]:
+            del self._places[name]
+        return said
+
+    def _stays(self, name: str, said: Said) -> bool:
+        """Return whether who answers at a node's old place is that node still."""
+        return said.answers and said.pid == self._places[name].pid
+
+    async def _again(self, view: View, said: Mapping[str, Said]) -> View:
+        """Return the master's state once more where somebody has registered meanwhile, perhaps."""
+        if not any(_missing(name, answer, (view,)) for name, answer in said.items()):
+            return view
+        try:
+            return await ask_master(self._uri, self._name)
+        except CallFailed:
+            return view
+
+    def _nodes(
+        self, names: Sequence[str], said: Mapping[str, Said], views: Sequence[View]
+    ) -> list[Node]:
+        """Return the registered nodes, and the orphans: alive, and unknown to the master."""
+        orphans = [name for name in self._places if name not in names]
+        return [self._node(name, said.get(name) or Said(), views, known=True) for name in names] + [
+            self._node(name, said[name], views, known=False) for name in orphans if name in said
+        ]
+
+    def _node(self, name: str, said: Said, views: Sequence[View], *, known: bool) -> Node:
+        place = self._places.get(name)
+        return Node(
+            name,
+            up=known and said.answers,
+            registered=known,
+            address=place.uri if place else "",
+            missing=_missing(name, said, views),
+        )
+
+    def _count(self, said: Mapping[str, Said]) -> None:
+        for name, answer in said.items():
+            if answer.stats is not None and name in self._places:
+                self._ledger.add(name, self._places[name].uri, answer.stats)
+        self._ledger.keep(self._places)
+
+    # -- named topics --
+
+    def subscribe(self, topic: str, keep: int = 0) -> Hearing:
+        """Begin to hear a topic with the next look, and keep that many of its latest payloads."""
+        with self._lock:
+            if self._slave is None:
+                self._slave = Slave(self._uri, lambda: list(self._hearings), self._changed)
+            hearing = Hearing(topic, self._name, keep, self._leave)
+            self._hearings[topic] = hearing
+        return hearing
+
+    async def _hear(self, view: View) -> None:
+        """Register where the master does not know it (any more); follow the publishers."""
+        for topic, hearing in list(self._hearings.items()):
+            if self._name not in view.subscribers.get(topic, ()):
+                hearing.publishers(await self._register("registerSubscriber", topic, view))
+                continue
+            names = view.publishers.get(topic, frozenset())
+            hearing.publishers(self._places[n].uri for n in names if n in self._places)
+
+    async def _register(self, method: str, topic: str, view: View) -> list[str]:
+        talk = Conversation(self._uri, self._name, MASTER)
+        try:
+            return list(await talk.call(method, topic, "*", self._api(view.local_address)))
+        except CallFailed:
+            return []
+        finally:
+            talk.close()
+
+    def _api(self, local_address: str) -> str:
+        assert self._slave is not None  # there is one with the first topic
+        return f"http://{self._host or local_address}:{self._slave.port}/"
+
+    def _changed(self, topic: str, publishers: Sequence[str]) -> None:
+        if hearing := self._hearings.get(topic):
+            hearing.publishers(publishers)
+
+    def _leave(self, hearing: Hearing) -> None:
+        self._hearings.pop(hearing.topic, None)
+        self._run(self._unregister(hearing.topic))
+
+    async def _unregister(self, topic: str) -> None:
+        talk = Conversation(self._uri, self._name, MASTER)
+        try:
+            api = self._api(await _local(talk))
+            await talk.call("unregisterSubscriber", topic, api)
+        except CallFailed:
+            pass  # it is gone itself
+        finally:
+            talk.close()
+
+    # -- what messages mean --
+
+    def diagnostics(self, payload: bytes) -> Sequence[tuple[str, str, int]]:
+        """Return (name, hardware id, level) of each status in a DiagnosticArray."""
+        return ros1_messages.diagnostics(payload)
+
+    def clock(self, payload: bytes) -> float:
+        """Return the time of a Clock message in seconds."""
+        return ros1_messages.clock(payload)
+
+    def transforms(self, payload: bytes) -> Sequence[tuple[str, str, float]]:
+        """Return (parent, child, stamp in seconds) of each transform in a TFMessage."""
+        return ros1_messages.transforms(payload)
+
+    def close(self) -> None:
+        """Leave the graph with all subscribers."""
+        for hearing in list(self._hearings.values()):
+            hearing.close()
+        if self._slave:
+            self._slave.close()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+
+    def _run(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(_LOOK)
+
+
+class _Place:
+    """Where a node is: its URI, when the master said so, and its process when it was registered."""
+
+    def __init__(self, uri: str, asked: float, pid: str) -> None:
+        self.uri, self.asked, self.pid = uri, asked, pid
+
+
+async def _local(talk: Conversation) -> str:
+    """Return the own address as the master sees it."""
+    await talk.call("getPid")
+    return talk.local_address or ""
+
+
+def _visible(names: Iterable[str]) -> set[str]:
+    """Return the names without exporters'."""
+    return {name for name in names if name != NAME and not name.startswith(f"{NAME}_")}
+
+
+def _topics(view: View, named: Iterable[str]) -> list[Topic]:
+    found = {*view.publishers, *view.subscribers}
+    made = [
+        Topic(
+            name,
+            view.types.get(name, ""),
+            len(_visible(view.publishers.get(name, ()))),
+            len(_visible(view.subscribers.get(name, ()))),
+        )
+        for name in sorted(found)
+    ]
+    return [topic for topic in made if topic.publishers or topic.subscribers or topic.name in named]
+
+
+def _missing(name: str, said: Said, views: Sequence[View]) -> int:
+    """Return how much a node says it does and none of the views knows."""
+    parts = [(said.publishes, "publishers"), (said.subscribes, "subscribers")]
+    if not views:
+        return 0
+    return sum(
+        not any(name in getattr(view, part).get(topic, ()) for view in views)
+        for topics, part in parts
+        for topic in topics
+    )

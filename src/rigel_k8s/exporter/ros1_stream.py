@@ -1,0 +1,138 @@
+"""One topic heard from one publisher: TCPROS, as a subscriber that takes any type.
+
+A thread blocks on a socket and counts; of a message it keeps its first bytes only, whatever its
+size, unless whole messages are asked for. It knows nothing of masters.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+
+from rigel_k8s.exporter import ros1_messages
+
+__all__ = ["LARGEST_KEPT", "Stream", "StreamFailed", "decoded", "encoded"]
+
+#: Messages beyond it are counted and not kept, in bytes.
+LARGEST_KEPT = 1 << 20
+_CHUNK = 1 << 16
+_LARGEST_HEADER = 1 << 20
+_CONNECT = 5.0
+
+
+class StreamFailed(Exception):
+    """The publisher cannot be heard; the message says why."""
+
+
+class Stream:
+    """A connection to a publisher; `heard` gets (size, stamp, payload or None) of each message."""
+
+    def __init__(self, host: str, port: int, topic: str, caller: str) -> None:
+        """Connect and agree.
+
+        Raises:
+            StreamFailed: nobody is there, or the publisher refuses.
+        """
+        try:
+            self._socket = socket.create_connection((host, port), _CONNECT)
+            _watch(self._socket)
+            self._socket.sendall(encoded(_asked(topic, caller)))
+            fields = decoded(self._exactly(min(self._length(), _LARGEST_HEADER)))
+        except (OSError, ValueError) as error:
+            raise StreamFailed(str(error)) from error
+        if "error" in fields:
+            raise StreamFailed(fields["error"])
+        self._stamped = ros1_messages.has_header(fields.get("message_definition", ""))
+        self._socket.settimeout(None)
+
+    def listen(
+        self, heard: Callable[[int, float | None, bytes | None], None], *, keep: bool
+    ) -> None:
+        """Hear until the connection ends or is closed.
+
+        Args:
+            heard: gets each message's size in bytes, its stamp, and itself where it is kept.
+            keep: hand whole messages over, as far as they are not larger than LARGEST_KEPT.
+        """
+        scratch = bytearray(_CHUNK)
+        with suppress(OSError, ValueError):
+            while True:
+                size = self._length()
+                whole = keep and size <= LARGEST_KEPT
+                first = self._exactly(size if whole else min(size, ros1_messages.HEADER))
+                stamp = ros1_messages.stamp(first) if self._stamped else None
+                self._skip(size - len(first), scratch)
+                heard(size, stamp, first if whole else None)
+
+    def close(self) -> None:
+        """End the connection; who listens returns."""
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+
+    def _length(self) -> int:
+        found: int = struct.unpack("<I", self._exactly(4))[0]
+        return found
+
+    def _exactly(self, size: int) -> bytes:
+        data = bytearray()
+        while len(data) < size:
+            data += self._some(size - len(data))
+        return bytes(data)
+
+    def _some(self, size: int) -> bytes:
+        data = self._socket.recv(min(size, _CHUNK))
+        if not data:
+            raise ValueError("the publisher has ended the connection")
+        return data
+
+    def _skip(self, size: int, scratch: bytearray) -> None:
+        view = memoryview(scratch)
+        while size > 0:
+            got = self._socket.recv_into(view[: min(size, len(scratch))])
+            if not got:
+                raise ValueError("the publisher has ended the connection")
+            size -= got
+
+
+def encoded(fields: Mapping[str, str]) -> bytes:
+    """Return a TCPROS connection header with its length in front."""
+    lines = [f"{key}={value}".encode() for key, value in fields.items()]
+    body = b"".join(struct.pack("<I", len(line)) + line for line in lines)
+    return struct.pack("<I", len(body)) + body
+
+
+def decoded(data: bytes) -> dict[str, str]:
+    """Return the fields of a connection header.
+
+    Raises:
+        ValueError: it is none.
+    """
+    return dict(_fields(data))
+
+
+def _fields(data: bytes) -> Iterator[tuple[str, str]]:
+    at = 0
+    while at < len(data):
+        if at + 4 > len(data):
+            raise ValueError("it does not speak TCPROS")
+        size = struct.unpack_from("<I", data, at)[0]
+        key, sign, value = data[at + 4 : at + 4 + size].decode("utf-8", "replace").partition("=")
+        if not sign:
+            raise ValueError("it does not speak TCPROS")
+        yield key, value
+        at += 4 + size
+
+
+def _asked(topic: str, caller: str) -> dict[str, str]:
+    return {"callerid": caller, "topic": topic, "md5sum": "*", "type": "*", "tcp_nodelay": "0"}
+
+
+def _watch(connection: socket.socket) -> None:
+    """Notice within half a minute that the publisher's machine is gone."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 10)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 5)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)

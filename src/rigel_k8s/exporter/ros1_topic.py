@@ -1,0 +1,161 @@
+"""One named topic of ROS 1: heard from all its publishers, through their restarts.
+
+It counts what comes; who the publishers are, it is told.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+import xmlrpc.client
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rigel_k8s.exporter.graph import Samples
+from rigel_k8s.exporter.ros1_stream import Stream, StreamFailed
+
+__all__ = ["Hearing"]
+
+#: Seconds between two tries to hear a publisher, the first and the longest.
+_RETRY, _RETRY_LONGEST = 0.5, 10.0
+_ANSWER = 5.0
+
+
+class Hearing:
+    """A topic's subscriber; `left` is told when it is closed."""
+
+    def __init__(self, topic: str, caller: str, keep: int, left: Callable[[Hearing], None]) -> None:
+        """Hear nobody yet; keep so many of the latest messages."""
+        self.topic = topic
+        self._caller, self._left = caller, left
+        self._lock = threading.Lock()
+        self._messages = self._size = 0
+        self._last: float | None = None
+        self._stamp: float | None = None
+        self._kept: deque[bytes] = deque(maxlen=keep)
+        self._links: dict[str, _Link] = {}
+        self._closed = False
+
+    def publishers(self, uris: Iterable[str]) -> None:
+        """Hear these, and no others any more."""
+        wanted = set(uris)
+        with self._lock:
+            if self._closed:
+                return
+            gone = [self._links.pop(uri) for uri in set(self._links) - wanted]
+            new = [_Link(uri, self) for uri in wanted - set(self._links)]
+            self._links.update((link.uri, link) for link in new)
+        for link in gone:
+            link.close()
+        for link in new:
+            link.start()
+
+    def samples(self) -> Samples:
+        """Return the counts up to now; kept payloads are handed out once."""
+        with self._lock:
+            payloads = tuple(self._kept)
+            self._kept.clear()
+            return Samples(self._messages, self._size, self._last, self._stamp, payloads)
+
+    def close(self) -> None:
+        """Hear nobody any more, and say so to the master."""
+        self.publishers(())
+        with self._lock:
+            self._closed = True
+        self._left(self)
+
+    # -- for the links --
+
+    @property
+    def caller(self) -> str:
+        """The ROS name that subscribes."""
+        return self._caller
+
+    @property
+    def keeps(self) -> bool:
+        """Whether whole messages are wanted."""
+        return self._kept.maxlen != 0
+
+    def heard(self, size: int, stamp: float | None, payload: bytes | None) -> None:
+        """Count a message."""
+        with self._lock:
+            self._messages += 1
+            self._size += size
+            self._last = time.time()
+            self._stamp = stamp
+            if payload is not None:
+                self._kept.append(payload)
+
+
+class _Link:
+    """The thread that hears one publisher, again after each end until it is closed."""
+
+    def __init__(self, uri: str, hearing: Hearing) -> None:
+        self.uri, self._hearing = uri, hearing
+        self._closed = threading.Event()
+        self._lock = threading.Lock()
+        self._stream: Stream | None = None
+
+    def start(self) -> None:
+        """Begin to hear."""
+        threading.Thread(
+            target=self._run, name=f"{self._hearing.topic} {self.uri}", daemon=True
+        ).start()
+
+    def close(self) -> None:
+        """Stop; the thread ends by itself."""
+        with self._lock:
+            self._closed.set()
+            if self._stream:
+                self._stream.close()
+
+    def _run(self) -> None:
+        pause = _RETRY
+        while not self._closed.wait(0):
+            began = time.monotonic()
+            self._once()
+            pause = (
+                _RETRY
+                if time.monotonic() - began > _RETRY_LONGEST
+                else min(2 * pause, _RETRY_LONGEST)
+            )
+            self._closed.wait(pause)
+
+    def _once(self) -> None:
+        hearing = self._hearing
+        try:
+            host, port = _address(self.uri, hearing.topic, hearing.caller)
+            stream = Stream(host, port, hearing.topic, hearing.caller)
+        except StreamFailed:
+            return
+        with self._lock:
+            self._stream = stream
+            if self._closed.is_set():
+                stream.close()
+        stream.listen(hearing.heard, keep=hearing.keeps)
+        stream.close()
+
+
+def _address(uri: str, topic: str, caller: str) -> tuple[str, int]:
+    """Return where a publisher sends a topic by TCP.
+
+    Raises:
+        StreamFailed: it does not say.
+    """
+    try:
+        with xmlrpc.client.ServerProxy(uri, transport=_Transport()) as publisher:
+            answer: Any = publisher.requestTopic(caller, topic, [["TCPROS"]])
+        return str(answer[2][1]), int(answer[2][2])
+    except Exception as error:  # http.client's, expat's and xmlrpc's own share no base
+        raise StreamFailed(str(error)) from error
+
+
+class _Transport(xmlrpc.client.Transport):
+    """One call with a deadline."""
+
+    def make_connection(self, host: Any) -> Any:
+        """Return the connection, which waits no longer than _ANSWER."""
+        connection = super().make_connection(host)
+        connection.timeout = _ANSWER
+        return connection

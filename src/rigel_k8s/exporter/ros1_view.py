@@ -1,0 +1,135 @@
+"""What a ROS 1 master and its nodes say of themselves, asked all at once.
+
+It compares nothing and remembers nothing; ros1.py does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rigel_k8s.exporter.ros1_calls import CallFailed, Conversation, Refused
+
+__all__ = ["Said", "View", "ask_master", "ask_nodes", "lookup"]
+
+#: Seconds that the master has for one round of answers, and a node for all of its own.
+MASTER, ANSWER = 5.0, 3.0
+
+Names = Mapping[str, frozenset[str]]
+
+
+class View(NamedTuple):
+    """The master's state: topic or service -> names of nodes; topic -> type."""
+
+    pid: int
+    run: str
+    publishers: Names
+    subscribers: Names
+    services: Names
+    types: Mapping[str, str]
+    local_address: str = ""
+
+    @property
+    def nodes(self) -> set[str]:
+        """The names of all nodes that have registered anything."""
+        parts = (self.publishers, self.subscribers, self.services)
+        return {name for part in parts for names in part.values() for name in names}
+
+
+class Said:
+    """What a node answers; what it did not come to say stays empty."""
+
+    def __init__(self) -> None:
+        self.pid = ""
+        self.stats: Any = None
+        self.publishes: set[str] = set()
+        self.subscribes: set[str] = set()
+
+    @property
+    def answers(self) -> bool:
+        """Whether it said anything at all."""
+        return bool(self.pid)
+
+
+async def ask_master(uri: str, caller: str) -> View:
+    """Return the master's state; it gets a second chance, for a lost word is no lost master.
+
+    Raises:
+        CallFailed: it does not answer.
+    """
+    try:
+        return await _ask_master(uri, caller)
+    except CallFailed:
+        return await _ask_master(uri, caller)
+
+
+async def _ask_master(uri: str, caller: str) -> View:
+    talk = Conversation(uri, caller, MASTER)
+    try:
+        pid = int(await talk.call("getPid"))
+        state = await talk.call("getSystemState")
+        types = dict(await talk.call("getTopicTypes"))
+        run = await _parameter(talk, "/run_id")
+        publishers, subscribers, services = map(_names, state)
+        here = talk.local_address or ""
+        return View(pid, run, publishers, subscribers, services, types, here)
+    except (ValueError, TypeError) as error:
+        raise CallFailed(f"it does not speak ROS: {error}") from error
+    finally:
+        talk.close()
+
+
+def _names(part: Sequence[tuple[str, Sequence[str]]]) -> Names:
+    return {name: frozenset(nodes) for name, nodes in part}
+
+
+async def _parameter(talk: Conversation, name: str) -> str:
+    try:
+        return str(await talk.call("getParam", name))
+    except Refused:
+        return ""
+
+
+async def lookup(uri: str, caller: str, names: Iterable[str]) -> dict[str, str]:
+    """Return the URIs of those of the nodes that the master knows, as far as it comes to say."""
+    talk, found = Conversation(uri, caller, MASTER), {}
+    try:
+        for name in names:
+            try:
+                found[name] = str(await talk.call("lookupNode", name))
+            except Refused:
+                continue
+    except CallFailed:
+        pass
+    finally:
+        talk.close()
+    return found
+
+
+async def ask_nodes(uris: Mapping[str, str], caller: str) -> dict[str, Said]:
+    """Return what each node says; all are asked at once, each has its own deadline."""
+    answers = await asyncio.gather(*(_ask_node(uri, caller) for uri in uris.values()))
+    return dict(zip(uris, answers))
+
+
+async def _ask_node(uri: str, caller: str) -> Said:
+    said = Said()
+    try:
+        talk = Conversation(uri, caller, ANSWER)
+    except CallFailed:
+        return said
+    try:
+        said.pid = str(await talk.call("getPid"))
+        said.publishes = _topics(await talk.call("getPublications"))
+        said.subscribes = _topics(await talk.call("getSubscriptions"))
+        said.stats = await talk.call("getBusStats")  # rospy fails beyond 2 GiB: the last
+    except CallFailed:
+        pass
+    finally:
+        talk.close()
+    return said
+
+
+def _topics(value: Sequence[Sequence[str]]) -> set[str]:
+    return {entry[0] for entry in value if entry}

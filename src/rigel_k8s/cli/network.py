@@ -12,6 +12,8 @@ from rigel_k8s.cli.words import Timeout, json_option, print_json, reporting, set
 from rigel_k8s.errors import UserError
 
 if TYPE_CHECKING:
+    from rigel_k8s.manifests.multus.interfaces import Missing
+    from rigel_k8s.manifests.multus.leases import Unkept
     from rigel_k8s.manifests.network.options import Install
     from rigel_k8s.plugins.network_status import NetworkStatus, PartStatus
 
@@ -174,9 +176,10 @@ def show(found: NetworkStatus) -> None:
         for node in found.nodes
     ]
     click.echo(f"\n{table(heads, rows)}")
-    for missing in found.missing:
-        click.secho(f"\n{missing}", fg="yellow", nl=False)
-        click.echo(f"\n  kubectl -n {missing.namespace} delete pod {missing.pod}")
+    lacking: list[Missing | Unkept] = [*found.missing, *found.unkept]
+    for wrong in lacking:
+        click.secho(f"\n{wrong}", fg="yellow", nl=False)
+        click.echo(f"\n  kubectl -n {wrong.namespace} delete pod {wrong.pod}")
 
 
 def line_of(part: PartStatus | None) -> str:

@@ -9,7 +9,9 @@ import attrs
 
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.manifests.multus.interfaces import Missing, without_interface
+from rigel_k8s.manifests.multus.leases import Unkept, unkept
 from rigel_k8s.manifests.network.options import Install
+from rigel_k8s.manifests.preflight.attachments import API, KIND
 from rigel_k8s.plugins.network_found import Found, Part, find, is_up, settled
 from rigel_k8s.plugins.network_install import marks_of
 from rigel_k8s.plugins.network_proof import proven
@@ -60,17 +62,19 @@ class NetworkStatus:
         multus: None where there is none.
         whereabouts: None where there is none.
         missing: running pods that lack a network which they ask for.
+        unkept: running pods with addresses by DHCP that nobody renews.
     """
 
     multus: PartStatus | None
     whereabouts: PartStatus | None
     nodes: tuple[NodeStatus, ...]
     missing: tuple[Missing, ...]
+    unkept: tuple[Unkept, ...]
 
     @property
     def ok(self) -> bool:
-        """Whether every node that is up attaches pods, and no pod lacks a network."""
-        if self.multus is None or self.whereabouts is None or self.missing:
+        """Whether every node that is up attaches pods, and no pod lacks a network or its lease."""
+        if self.multus is None or self.whereabouts is None or self.missing or self.unkept:
             return False
         return all(n.multus and n.whereabouts for n in self.nodes if n.up)
 
@@ -90,7 +94,14 @@ def network_status(cluster: Cluster, options: Install) -> NetworkStatus:
         _told(found.whereabouts),
         tuple(_nodes(found, ready, good)),
         tuple(without_interface(pods)),
+        tuple(unkept(pods, _pods_of(found.multus, pods), _attachments(cluster))),
     )
+
+
+def _attachments(cluster: Cluster) -> list[dict[str, Any]]:
+    if not cluster.serves(API, KIND):
+        return []
+    return cluster.list(API, KIND)
 
 
 def _told(part: Part | None) -> PartStatus | None:
@@ -99,13 +110,17 @@ def _told(part: Part | None) -> PartStatus | None:
 
 def _nodes_of(part: Part | None, pods: list[dict[str, Any]]) -> set[str]:
     """Return the nodes on which a part's pod is ready."""
+    return {pod["spec"].get("nodeName", "") for pod in _pods_of(part, pods) if is_ready(pod)}
+
+
+def _pods_of(part: Part | None, pods: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return a part's pods."""
     owners = {one["metadata"]["uid"] for one in part.sets} if part else set()
-    return {
-        pod["spec"].get("nodeName", "")
+    return [
+        pod
         for pod in pods
-        if is_ready(pod)
-        and any(o["uid"] in owners for o in pod["metadata"].get("ownerReferences") or [])
-    }
+        if any(o["uid"] in owners for o in pod["metadata"].get("ownerReferences") or [])
+    ]
 
 
 def _nodes(found: Found, ready: Mapping[str, set[str]], good: set[str]) -> list[NodeStatus]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from rigel_k8s.manifests.multus.leases import DHCP_CONTAINER
 from rigel_k8s.manifests.multus.machines import (
     Machines,
     bringer,
@@ -32,9 +33,9 @@ SOCKET_DIR = f"{SOCKETS}/multus"
 HOST_ROOT = "/hostroot"
 
 DHCP_SOCKET = "/run/cni/dhcp.sock"
-#: Starts CNI's DHCP daemon, its program the only argument, unless the machine runs one already: that
-#: one has leases, and loses its callers with its socket. The kernel forgets who ended; a file that
-#: is left keeps the next one from listening.
+#: Starts CNI's DHCP daemon, its program the only argument, unless the machine runs one already:
+#: that one has leases, and loses its callers with its socket. The kernel forgets who ended; a file
+#: that is left keeps the next one from listening.
 DHCP = f"""\
 until [ -x "$1" ]; do echo "there is no $1 yet"; sleep 2; done
 while :; do
@@ -142,7 +143,7 @@ def _dhcp(machines: Machines, image: str) -> Object:
     """
     listens = {"exec": {"command": ["/bin/sh", "-c", f"test -S {HOST_ROOT}{DHCP_SOCKET}"]}}
     return {
-        "name": "dhcp",
+        "name": DHCP_CONTAINER,
         "image": image,
         "imagePullPolicy": "IfNotPresent",
         "command": ["/bin/sh", "-c", DHCP, "dhcp", f"{machines.platform.bin_dir}/dhcp"],

@@ -51,7 +51,7 @@ def cluster() -> None:
     "--with",
     "extras",
     multiple=True,
-    type=click.Choice(["multus"]),
+    type=click.Choice(["multus", "observability", "prometheus-operator"]),
     help="What the registry offers besides; may be repeated, also for a running cluster.",
 )
 @click.option(

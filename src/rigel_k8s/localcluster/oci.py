@@ -33,6 +33,9 @@ class Image:
         files: path inside (no leading slash) -> a program on this machine, or text.
         links: path inside -> target.
         command: what it starts, or the arguments of the entrypoint, where nothing else is said.
+        user: as whom, by name or number; root where nothing is said.
+        owned: directory inside -> the number of the user and group to whom it belongs.
+        volume: the one of these that is a volume of its own, and where it starts.
     """
 
     name: str
@@ -40,20 +43,30 @@ class Image:
     entrypoint: Sequence[str]
     links: Mapping[str, str] = attrs.field(factory=dict)
     command: Sequence[str] = ()
+    user: str = ""
+    owned: Mapping[str, int] = attrs.field(factory=dict)
+    volume: str = ""
 
     @property
     def config(self) -> dict[str, object]:
         """What the image says of its start; what it does not say is left out."""
-        said = {"Entrypoint": list(self.entrypoint), "Cmd": list(self.command)}
+        said = {
+            "Entrypoint": list(self.entrypoint),
+            "Cmd": list(self.command),
+            "User": self.user,
+            "WorkingDir": self.volume,
+            "Volumes": {self.volume: {}} if self.volume else {},
+        }
         return {**{key: words for key, words in said.items() if words}, "Env": [PATH]}
 
     def layer(self) -> bytes:
         """Return the uncompressed tar of the one layer."""
         buffer = io.BytesIO()
         with tarfile.open(fileobj=buffer, mode="w", format=tarfile.PAX_FORMAT) as tar:
-            for directory in sorted({"tmp", *self._parents()}):
+            for directory in sorted({"tmp", *self.owned, *self._parents()}):
                 entry = tarfile.TarInfo(directory)
                 entry.type, entry.mode = tarfile.DIRTYPE, 0o1777 if directory == "tmp" else 0o755
+                entry.uid = entry.gid = self.owned.get(directory, 0)
                 tar.addfile(entry)
             for path, content in sorted(self.files.items()):
                 data = content.encode() if isinstance(content, str) else content.read_bytes()
@@ -67,7 +80,7 @@ class Image:
         return buffer.getvalue()
 
     def _parents(self) -> set[str]:
-        paths = [Path(p) for p in [*self.files, *self.links]]
+        paths = [Path(p) for p in [*self.files, *self.links, *self.owned]]
         return {str(parent) for p in paths for parent in p.parents if str(parent) != "."}
 
 

@@ -26,7 +26,7 @@ BUILDS = [*GO_BUILDS, *(build for builds in ON_REQUEST.values() for build in bui
 @pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
 def test_the_lock_files_pin_the_version(build: GoBuild) -> None:
     """The version that we tell is the one that go.mod requires; go.sum has its hash."""
-    required = f"{build.module} v{build.version}"
+    required = f"{build.module} v{build.module_version}"
     assert required in (build.lock / "go.mod").read_text()
     assert required in (build.lock / "go.sum").read_text()
 

@@ -60,7 +60,7 @@ def test_a_cluster_stays_what_it_is(wish: Wish, data_dir: str | None, told: str)
 
 def test_what_is_not_asked_for_is_as_it_is() -> None:
     """A plain `up` fits every cluster, and so does the same wish again."""
-    for wish in (Wish(), Wish(nodes=3, layout="k3s", data_dir="/data"), Wish(extras=EXTRAS)):
+    for wish in (Wish(), Wish(nodes=3, layout="k3s", data_dir="/data"), Wish(extras=tuple(EXTRAS))):
         wish.compare(state(data_dir="/data"))
 
 
@@ -85,6 +85,6 @@ def test_the_command_line_offers_what_there_is() -> None:
     choices = {
         p.opts[0]: tuple(p.type.choices) for p in up.params if isinstance(p.type, click.Choice)
     }
-    assert choices["--with"] == EXTRAS
+    assert choices["--with"] == tuple(EXTRAS)
     assert choices["--layout"] == LAYOUTS
     assert all(offered([extra]) for extra in EXTRAS)

@@ -15,6 +15,7 @@ import attrs
 from rigel_k8s.manifests.fields import needed, option
 from rigel_k8s.manifests.network.options import Mode, Network
 from rigel_k8s.manifests.observability import Observability
+from rigel_k8s.manifests.resources import Resources
 from rigel_k8s.manifests.scalars import (
     Count,
     Delay,
@@ -152,16 +153,6 @@ class EnvVar:
             "doc": "where its value comes from: secretKeyRef, configMapKeyRef, fieldRef ...",
         },
     )
-
-
-@attrs.frozen(kw_only=True)
-class Resources:
-    """What a container asks for and may use at most."""
-
-    requests: Mapping[LabelKey, Quantity] = option(
-        "by resource: cpu, memory, nvidia.com/gpu ...", {}
-    )
-    limits: Mapping[LabelKey, Quantity] = option("by resource", {})
 
 
 @attrs.frozen(kw_only=True)

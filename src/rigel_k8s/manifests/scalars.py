@@ -237,8 +237,14 @@ class Duration(Text):
 
 
 class Retention(Text):
-    """A span of time as Prometheus and Loki write it."""
+    """A span of time as Prometheus and Loki write it: the larger units first."""
 
     kind = "bad-duration"
-    expects = "a duration such as 15s, 12h or 7d"
-    pattern = re.compile(r"(\d+(ms|[smhdwy]))+|0")
+    expects = "a duration such as 15s, 12h, 7d or 1d12h"
+    pattern = re.compile(r"(?=.)(\d+y)?(\d+w)?(\d+d)?(\d+h)?(\d+m)?(\d+s)?(\d+ms)?|0")
+
+    @property
+    def seconds(self) -> float:
+        """The same in seconds."""
+        units = {"y": 31_536_000, "w": 604_800, "d": 86_400, "h": 3600, "m": 60, "s": 1, "ms": 1e-3}
+        return sum(float(n) * units[u] for n, u in re.findall(r"(\d+)(ms|[smhdwy])", self))

@@ -1,0 +1,23 @@
+"""What a container asks for and may use at most, as every job type writes it."""
+
+# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import attrs
+
+from rigel_k8s.manifests.fields import option
+from rigel_k8s.manifests.scalars import LabelKey, Quantity
+
+__all__ = ["Resources"]
+
+
+@attrs.frozen(kw_only=True)
+class Resources:
+    """What a container asks for and may use at most."""
+
+    requests: Mapping[LabelKey, Quantity] = option(
+        "by resource: cpu, memory, nvidia.com/gpu ...", {}
+    )
+    limits: Mapping[LabelKey, Quantity] = option("by resource", {})

@@ -6,12 +6,15 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeVar
+from urllib.parse import quote
+
+import attrs
 
 from rigel_k8s.kube import threads
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.failures import Missing
 from rigel_k8s.kube.objects import Manifest, ObjectRef, ref_of
-from rigel_k8s.kube.resources import path
+from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
 
@@ -235,6 +238,32 @@ class Cluster:
     def parallel(self, function: Callable[[T], R], items: Iterable[T]) -> Sequence[R]:
         """Call a function for all items on a few threads; results in the order of the items."""
         return threads.parallel(function, items)
+
+    def proxied(
+        self,
+        ref: ObjectRef,
+        inner: str,
+        *,
+        port: int | None = None,
+        query: Mapping[str, object] | None = None,
+    ) -> bytes:
+        """Return what a Service or a Node answers to a GET that the API server passes on.
+
+        Args:
+            inner: the path there: `loki/api/v1/series`.
+            port: the Service's; a Node answers on its kubelet's.
+            query: a list is a parameter that is said several times.
+
+        Raises:
+            Refusal: 403 where the right is missing, 503 where nothing is ready behind it, and what
+                it answers itself.
+        """
+        what = f"ask {ref}"
+        address = ref if port is None else attrs.evolve(ref, name=f"{ref.name}:{port}")
+        url = f"{self.path_of(address, what, subresource='proxy')}/{quote(inner)}"
+        answer = self.client.transport.request("GET", with_query(url, query), what)
+        self.client.raise_for(answer, what)
+        return answer.body
 
     # Pods.
 

@@ -9,7 +9,7 @@ from urllib.parse import quote, urlencode
 
 import attrs
 
-__all__ = ["Resource", "Resources", "path"]
+__all__ = ["Resource", "Resources", "path", "with_query"]
 
 
 @attrs.frozen
@@ -93,6 +93,10 @@ def path(
     if resource is not None:
         parts += ["namespaces", namespace] if resource.namespaced and namespace else []
         parts += [resource.plural, *filter(None, (name, subresource))]
-    text = "/" + "/".join(quote(part, safe="") for part in parts)
+    return with_query("/" + "/".join(quote(part, safe="") for part in parts), query)
+
+
+def with_query(url: str, query: Mapping[str, object] | None) -> str:
+    """Return a URL with its query; values that are None or "" are left out."""
     said = {key: value for key, value in (query or {}).items() if value not in (None, "", False)}
-    return f"{text}?{urlencode(said, doseq=True)}" if said else text
+    return f"{url}?{urlencode(said, doseq=True)}" if said else url

@@ -1,15 +1,15 @@
-"""image: the base images, built, loaded and pushed."""
+"""image: the project's own images, built, loaded and pushed."""
 
 from __future__ import annotations
 
 from rigel_k8s import localcluster
-from rigel_k8s.images import ros1base, ros2base
+from rigel_k8s.images import exporter, ros1base, ros2base
 from rigel_k8s.images.base.build import BaseImage
 from rigel_k8s.images.base.engine import load
 from rigel_k8s.images.base.engine import push as push_image
 from rigel_k8s.sequences.job import Reporter
 
-__all__ = ["ros1_base", "ros2_base"]
+__all__ = ["ros1_base", "ros2_base", "ros_exporter"]
 
 
 def ros1_base(report: Reporter, *, variant: ros1base.Variant, push: str | None, force: bool) -> str:
@@ -20,6 +20,11 @@ def ros1_base(report: Reporter, *, variant: ros1base.Variant, push: str | None, 
 def ros2_base(report: Reporter, *, distro: ros2base.Distro, push: str | None, force: bool) -> str:
     """Build (once) the base image, load it into podman or docker, push it; return its name."""
     return _deliver(ros2base.build(report, distro=distro, force=force), push, report)
+
+
+def ros_exporter(report: Reporter, *, push: str | None, force: bool) -> str:
+    """Build (once) the image, load it into podman or docker, push it; return its name."""
+    return _deliver(exporter.build(report, force=force), push, report)
 
 
 def _deliver(image: BaseImage, push: str | None, report: Reporter) -> str:

@@ -47,3 +47,18 @@ def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bo
     with reporting(ctx) as report:
         name = images.ros2_base(report, distro=distro, push=push, force=force)
     click.echo(name)
+
+
+@image.command("ros-exporter")
+@click.option(
+    "--push", metavar="IMAGE", help="Push it under this name, HOST:PORT/ros-exporter say."
+)
+@click.option("--force", is_flag=True, help="Build it anew.")
+@click.pass_context
+def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None:  # noqa: FBT001
+    """The image of the exporter that gives an application's ros_metrics."""
+    from rigel_k8s.actions import images
+
+    with reporting(ctx) as report:
+        name = images.ros_exporter(report, push=push, force=force)
+    click.echo(name)

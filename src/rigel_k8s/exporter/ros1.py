@@ -202,13 +202,13 @@ class Ros1:
 
     def _leave(self, hearing: Hearing) -> None:
         self._hearings.pop(hearing.topic, None)
-        self._run(self._unregister(hearing.topic))
+        self._run(self._unregister([hearing.topic]))
 
-    async def _unregister(self, topic: str) -> None:
+    async def _unregister(self, topics: Sequence[str]) -> None:
         talk = Conversation(self._uri, self._name, MASTER)
         try:
-            api = self._api(await _local(talk))
-            await talk.call("unregisterSubscriber", topic, api)
+            for topic in topics:
+                await talk.call("unregisterSubscriber", topic, self._api(await _local(talk)))
         except CallFailed:
             pass  # it is gone itself
         finally:
@@ -230,8 +230,11 @@ class Ros1:
 
     def close(self) -> None:
         """Leave the graph with all subscribers."""
-        for hearing in list(self._hearings.values()):
-            hearing.close()
+        hearings = list(self._hearings.values())
+        self._hearings.clear()
+        for hearing in hearings:
+            hearing.publishers(())
+        self._run(self._unregister([hearing.topic for hearing in hearings]))
         if self._slave:
             self._slave.close()
         self._loop.call_soon_threadsafe(self._loop.stop)

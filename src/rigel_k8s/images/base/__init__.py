@@ -1,4 +1,4 @@
-"""What the ROS 1 and the ROS 2 base image have in common; knows neither.
+"""What the images that the project builds have in common; knows none of them.
 
 bootstrap.py  mmdebstrap: packages to a root file system
 layer.py      a few files and links to a layer

@@ -12,7 +12,10 @@ from pathlib import Path
 from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.report import Reporter
 
-__all__ = ["bootstrap", "ensure_mmdebstrap"]
+__all__ = ["MINBASE", "bootstrap", "ensure_mmdebstrap"]
+
+#: Debian's essential packages and apt beside what is asked for.
+MINBASE = "minbase"
 
 _KEY = "root file system"
 
@@ -34,6 +37,7 @@ def bootstrap(
     *,
     mtime: int,
     hooks: Sequence[str] = (),
+    variant: str = MINBASE,
 ) -> None:
     """Write a Debian root file system with these packages to `target`, an uncompressed tar.
 
@@ -44,12 +48,14 @@ def bootstrap(
         report: where to tell what happens.
         mtime: seconds since 1970, the latest time that a file gets.
         hooks: options of mmdebstrap that change the root file system when its packages are in.
+        variant: mmdebstrap's; `extract` unpacks the packages and what they depend on, and sets
+            nothing up: no shell, no apt.
 
     Raises:
         CommandFailed: mmdebstrap failed; carries its last lines.
     """
     ensure_mmdebstrap(report)
-    command = _command(suite, packages, target, hooks)
+    command = _command(suite, packages, target, hooks, variant)
     last: deque[str] = deque(maxlen=15)
     environment = {**os.environ, "SOURCE_DATE_EPOCH": str(mtime), "LC_ALL": "C.UTF-8"}
     with subprocess.Popen(
@@ -88,10 +94,12 @@ def ensure_mmdebstrap(report: Reporter) -> None:
     _apt("install", "-q", "-y", "--no-install-recommends", "mmdebstrap", "debian-archive-keyring")
 
 
-def _command(suite: str, packages: Sequence[str], target: Path, hooks: Sequence[str]) -> list[str]:
+def _command(
+    suite: str, packages: Sequence[str], target: Path, hooks: Sequence[str], variant: str
+) -> list[str]:
     return [
         "mmdebstrap",
-        "--variant=minbase",
+        f"--variant={variant}",
         # Links /bin to /usr/bin before the first package, for usr-is-merged.
         "--hook-dir=/usr/share/mmdebstrap/hooks/merged-usr",
         *(f"--dpkgopt=path-exclude={pattern}" for pattern in _LEAVE_OUT),

@@ -13,7 +13,7 @@ from pathlib import Path
 import attrs
 
 from rigel_k8s.images.base import archive
-from rigel_k8s.images.base.bootstrap import bootstrap
+from rigel_k8s.images.base.bootstrap import MINBASE, bootstrap
 from rigel_k8s.report import Reporter
 
 __all__ = ["EPOCH", "BaseImage", "Recipe", "build"]
@@ -42,6 +42,7 @@ class Recipe:
         locked: what else decides about the content: versions and digests.
         prepare: gets a scratch directory, fetches there what is no Debian package, and returns
             mmdebstrap's hooks that put it in.
+        variant: mmdebstrap's, as bootstrap says.
     """
 
     title: str
@@ -50,10 +51,11 @@ class Recipe:
     reference: str
     suite: str
     packages: Sequence[str]
-    config: Mapping[str, Sequence[str]]
+    config: Mapping[str, str | Sequence[str]]
     overlay: bytes
     locked: bytes = b""
     prepare: Callable[[Path, Reporter], Sequence[str]] = _nothing
+    variant: str = MINBASE
 
 
 @attrs.frozen
@@ -105,7 +107,15 @@ def _build(recipe: Recipe, target: Path, report: Reporter) -> None:
     with tempfile.TemporaryDirectory(prefix="build-", dir=target.parent) as scratch:
         hooks = recipe.prepare(Path(scratch), report)
         debian = Path(scratch) / "debian.tar"
-        bootstrap(recipe.suite, recipe.packages, debian, report, mtime=EPOCH, hooks=hooks)
+        bootstrap(
+            recipe.suite,
+            recipe.packages,
+            debian,
+            report,
+            mtime=EPOCH,
+            hooks=hooks,
+            variant=recipe.variant,
+        )
         own = Path(scratch) / "overlay.tar"
         own.write_bytes(recipe.overlay)
         report.progress("archive", "writing")
@@ -117,6 +127,8 @@ def _key(recipe: Recipe) -> str:
     """What the archive is made of, as a short digest: another recipe is another file."""
     lines = [archive.FORMAT, archive.architecture(), recipe.suite, *recipe.packages]
     lines.append(json.dumps(recipe.config))
+    if recipe.variant != MINBASE:
+        lines.append(recipe.variant)
     found = hashlib.sha256("\n".join(lines).encode())
     found.update(recipe.overlay)
     found.update(recipe.locked)

@@ -1,0 +1,73 @@
+"""`python3 -m rigel_k8s.exporter CONFIG.json`: the exporter until it is told to end."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from pathlib import Path
+
+from rigel_k8s.exporter.collection import Collection
+from rigel_k8s.exporter.config import Config, ConfigFailed, read
+from rigel_k8s.exporter.graph import Half
+from rigel_k8s.exporter.serving import Server
+
+
+def main(arguments: list[str]) -> int:
+    """Serve until SIGTERM or SIGINT; return the exit code, 2 for a wrong configuration."""
+    if len(arguments) != 1:
+        return _fail("usage: python3 -m rigel_k8s.exporter CONFIG.json", 2)
+    try:
+        config = read(Path(arguments[0]))
+    except ConfigFailed as error:
+        return _fail(str(error), 2)
+    ended = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: ended.set())
+    half = _half(config)
+    try:
+        return _serve(half, config, ended)
+    finally:
+        half.close()
+
+
+def _serve(half: Half, config: Config, ended: threading.Event) -> int:
+    collection = Collection(half, config)
+    try:
+        server = Server(config.port, collection.metrics, collection.well)
+    except OSError as error:
+        return _fail(f"port {config.port}: {error.strerror}", 1)
+    collection.start()
+    threading.Thread(target=server.serve_forever, name="http", daemon=True).start()
+    ended.wait()
+    server.shutdown()
+    collection.close()
+    return 0
+
+
+def _half(config: Config) -> Half:
+    """Return the graph that the configuration names; the other ROS is not even loaded."""
+    if config.ros == "1":
+        from rigel_k8s.exporter.ros1 import Ros1
+
+        return Ros1(config.master_uri, name=config.name, first=config.expected)
+    from rigel_k8s.exporter.dds import Domain
+
+    domain = Domain(
+        domain=config.domain,
+        mode=config.mode,
+        interface=config.interface,
+        peers=config.peers,
+        servers=config.servers,
+    )
+    domain.start()
+    return domain
+
+
+def _fail(text: str, code: int) -> int:
+    sys.stderr.write(f"ros-exporter: {text}\n")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,62 @@
+"""/metrics and /healthz over HTTP; what they say is somebody else's."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from rigel_k8s.exporter.metrics import CONTENT_TYPE
+
+__all__ = ["Server"]
+
+
+class Server(ThreadingHTTPServer):
+    """Serves on all addresses, IPv4's and IPv6's where the machine has both."""
+
+    daemon_threads = True
+    address_family = socket.AF_INET6 if socket.has_dualstack_ipv6() else socket.AF_INET
+
+    def __init__(self, port: int, metrics: Callable[[], str], well: Callable[[], bool]) -> None:
+        """Take the port (0: a free one); `serve_forever` answers.
+
+        Raises:
+            OSError: the port is taken.
+        """
+        self.metrics, self.well = metrics, well
+        super().__init__(("", port), _Handler)
+
+    def server_bind(self) -> None:
+        """Take IPv4 and IPv6 at once."""
+        if self.address_family == socket.AF_INET6:
+            self.socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        super().server_bind()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+    timeout = 10
+
+    def do_GET(self) -> None:
+        path = self.path.partition("?")[0]
+        if path == "/metrics":
+            self._answer(200, self.server.metrics())
+        elif path == "/healthz":
+            well = self.server.well()
+            self._answer(200 if well else 503, "ok\n" if well else "no look at the graph yet\n")
+        else:
+            self._answer(404, "there are /metrics and /healthz\n")
+
+    do_HEAD = do_GET
+
+    def _answer(self, status: int, text: str) -> None:
+        body = text.encode()
+        self.send_response(status)
+        self.send_header("Content-Type", CONTENT_TYPE)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing: a line for each scrape would be all that the log has."""

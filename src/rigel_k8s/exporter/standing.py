@@ -1,0 +1,122 @@
+"""How the graph stands against what is expected and what was seen before, bounded in number.
+
+It judges looks; it makes none. Times are seconds since 1970.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TypeVar
+
+from rigel_k8s.exporter.graph import Graph, Master, Node
+from rigel_k8s.exporter.metrics import Sample
+
+__all__ = ["NODES", "TOPICS", "TRAFFIC", "Standing"]
+
+#: The most that is told of each; ros_exporter_dropped counts the rest.
+NODES, TOPICS, TRAFFIC = 200, 500, 2000
+#: Seconds that a node which nobody expects is told to be gone.
+REMEMBERED = 3600.0
+#: How ROS makes a name that nobody will have again: /talker_1234_1700000000000.
+_ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
+
+T = TypeVar("T")
+
+
+class Standing:
+    """The looks so far."""
+
+    def __init__(self, expected: Mapping[str, str], named: Iterable[str]) -> None:
+        """Begin with no look.
+
+        Args:
+            expected: ROS names of nodes, and the workload of each.
+            named: topics that are told of whatever else there is.
+        """
+        self._expected, self._named = dict(expected), frozenset(named)
+        self._graph = Graph()
+        self._seen: dict[str, float] = {}
+        self._dropped: dict[str, int] = {}
+        self._master: Master | None = None
+        self._master_since = 0.0
+        self._restarts = 0
+
+    def take(self, graph: Graph, now: float) -> None:
+        """Take in a look."""
+        nodes = _first(graph.nodes, NODES, lambda n: (n.name not in self._expected, n.name))
+        topics = _first(graph.topics, TOPICS, lambda t: (t.name not in self._named, t.name))
+        much = {topic.name for topic in graph.topics} - {topic.name for topic in topics}
+        traffic = [part for part in graph.traffic if part.topic not in much][:TRAFFIC]
+        self._dropped = {
+            "nodes": len(graph.nodes) - len(nodes) + graph.dropped.get("nodes", 0),
+            "topics": len(graph.topics) - len(topics) + graph.dropped.get("topics", 0),
+            "traffic": len(graph.traffic) - len(traffic),
+        }
+        self._graph = graph._replace(nodes=nodes, topics=topics, traffic=traffic)
+        self._remember(nodes, now)
+        if graph.master and graph.master.up:
+            self._meet(graph.master, now)
+
+    def _remember(self, nodes: Iterable[Node], now: float) -> None:
+        seen = {n.name: now for n in nodes if not _ANONYMOUS.search(n.name)}
+        self._seen = {n: when for n, when in self._seen.items() if when + REMEMBERED > now} | seen
+
+    def _meet(self, master: Master, now: float) -> None:
+        """Note a master; another process, or another run, is another master.
+
+        Its /run_id comes a moment after it: nothing before it is no other run.
+        """
+        old = self._master
+        self._master = master
+        if old and old.pid == master.pid and (old.run == master.run or not old.run):
+            return
+        self._master_since = now
+        self._restarts += bool(old)
+
+    def samples(self) -> Iterator[Sample]:
+        """Yield what is to be told of the graph."""
+        yield from (
+            Sample("ros_exporter_dropped", count, {"what": what})
+            for what, count in self._dropped.items()
+        )
+        yield from self._of_master()
+        for node in self._nodes():
+            yield from self._of_node(node)
+        yield from self._of_topics()
+
+    def _of_master(self) -> Iterator[Sample]:
+        if self._graph.master:
+            yield Sample("ros_master_up", self._graph.master.up)
+            yield Sample("ros_master_restarts_total", self._restarts)
+        if self._master:
+            yield Sample("ros_master_start_time_seconds", self._master_since)
+
+    def _nodes(self) -> list[Node]:
+        """Return the nodes, and those that are gone though expected or seen before."""
+        here = {node.name for node in self._graph.nodes}
+        names = [*self._expected, *sorted(set(self._seen) - set(self._expected))]
+        gone = [Node(name, up=False, registered=False) for name in names if name not in here]
+        room = max(0, NODES - len(self._graph.nodes))
+        return [*self._graph.nodes, *gone[: max(room, len(self._expected))]]
+
+    def _of_node(self, node: Node) -> Iterator[Sample]:
+        labels = {"ros_node": node.name, "workload": self._expected.get(node.name, "")}
+        yield Sample("ros_node_up", node.up, labels)
+        yield Sample("ros_node_registered", node.registered, labels)
+        if self._graph.master:
+            yield Sample("ros_node_missing_registrations", node.missing, labels)
+
+    def _of_topics(self) -> Iterator[Sample]:
+        for topic in self._graph.topics:
+            labels = {"topic": topic.name, "type": topic.type}
+            yield Sample("ros_topic_publishers", topic.publishers, labels)
+            yield Sample("ros_topic_subscribers", topic.subscribers, labels)
+        for part in self._graph.traffic:
+            labels = {"ros_node": part.node, "topic": part.topic, "direction": part.direction}
+            yield Sample("ros_node_topic_messages_total", part.messages, labels)
+            yield Sample("ros_node_topic_bytes_total", part.size, labels)
+
+
+def _first(items: Iterable[T], most: int, key: Callable[[T], tuple[bool, str]]) -> list[T]:
+    return sorted(items, key=key)[:most]

@@ -77,9 +77,9 @@ def up(
     The first time its programs are built (about 15 minutes on two cores) and kept in a cache. The
     context rigel-NAME is put into your kubeconfig and becomes the current one.
     """
-    from rigel_k8s import localcluster
+    from rigel_k8s.actions import clusters
 
-    status = localcluster.up(
+    status = clusters.up(
         name, nodes, extras=extras, layout=layout, data_dir=data_dir, report=steps(ctx)
     )
     if output == "json":

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-
-import attrs
-import urllib3
+from types import MappingProxyType
 
 from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.localcluster import (
@@ -20,17 +18,16 @@ from rigel_k8s.localcluster import (
     kubeconfig,
     machine,
     network,
-    oci,
     paths,
     removal,
     shared,
 )
 from rigel_k8s.localcluster.commands import Report
 from rigel_k8s.localcluster.control_plane import control_plane
-from rigel_k8s.localcluster.extras import extra_images, offered
 from rigel_k8s.localcluster.layout import CONTROL_PLANE, Layout
 from rigel_k8s.localcluster.machine import Machine
 from rigel_k8s.localcluster.node import node, write_resolv_conf
+from rigel_k8s.localcluster.registry import Made, offer, push_images
 from rigel_k8s.localcluster.requirements import check_name, require_host, require_root
 from rigel_k8s.localcluster.state import State
 from rigel_k8s.localcluster.status import ClusterStatus, status_of
@@ -39,6 +36,7 @@ from rigel_k8s.localcluster.wish import DEFAULT_NODES, Wish
 __all__ = ["DEFAULT_NAME", "down", "up"]
 
 DEFAULT_NAME = "local"
+NOTHING_MADE: Made = MappingProxyType({})
 
 
 def up(
@@ -48,6 +46,7 @@ def up(
     extras: Sequence[str] = (),
     layout: str | None = None,
     data_dir: str | None = None,
+    made: Made = NOTHING_MADE,
     report: Report = lambda _: None,
 ) -> ClusterStatus:
     """Start a cluster, or what of it does not run, and return it.
@@ -60,6 +59,7 @@ def up(
         extras: what its registry offers besides ("multus"); a running cluster gains them.
         layout: "plain" or "k3s": where its nodes have CNI and containerd; None as with `nodes`.
         data_dir: k3s' data directory.
+        made: images that others make for extras; asked for only where the extra is.
         report: takes one line for each step.
 
     Raises:
@@ -78,7 +78,7 @@ def up(
         shared.acquire(name, state.node_paths.binds)
         started = start_machines(state, report)
         # Those of a cluster that was made anew, or whose `up` was broken off, are missing.
-        add_extras(state, wish.extras or (() if state.offers else state.extras), report)
+        offer(state, wish.extras or (() if state.offers else state.extras), made, report)
         if started or not state.furnished:
             furnish(state, report)
         else:
@@ -181,38 +181,6 @@ def what_is(layout: Layout, name: str) -> Machine:
     if name == CONTROL_PLANE:
         return control_plane(layout)
     return node(layout, name, cgroup=cgroups.create(layout.name, name), mtu=network.mtu())
-
-
-def add_extras(state: State, extras: Sequence[str], report: Report) -> None:
-    """Put what a cluster does not offer yet into its registry, which keeps it."""
-    offers = offered(extras)
-    if set(offers) <= set(state.offers):
-        return
-    # The programs of a running cluster stay what they are, also for a newer rigel.
-    parts = components.obtain(report, extras).go | state.components.go
-    report(f"Adding {', '.join(extras)} to the registry")
-    state.components = attrs.evolve(state.components, go=parts)
-    push_images(state.layout, extra_images(state.components, extras))
-    state.extras = sorted({*state.extras, *extras})
-    state.offers = sorted({*state.offers, *offers})
-    state.save()
-
-
-def push_images(layout: Layout, images: Iterable[oci.Image], seconds: float = 30) -> None:
-    """Put images into the cluster's registry, as soon as that listens."""
-    deadline = time.monotonic() + seconds
-    for image in images:
-        while True:
-            try:
-                oci.push(image, layout.registry)
-                break
-            except urllib3.exceptions.HTTPError as error:
-                if time.monotonic() > deadline:
-                    raise LocalClusterError(
-                        f"the registry {layout.registry} does not answer: {error}",
-                        hint=f"its log: {layout.directory}/control-plane/logs/registry.log",
-                    ) from error
-                time.sleep(0.1)
 
 
 def furnish(state: State, report: Report) -> None:

@@ -12,6 +12,7 @@ import json
 import tarfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import IO
 from urllib.parse import urljoin
 
 import attrs
@@ -19,7 +20,7 @@ import urllib3
 
 from rigel_k8s.errors import LocalClusterError
 
-__all__ = ["Image", "push"]
+__all__ = ["Image", "push", "put_blob", "refuse"]
 
 #: As nearly every image has it; CNI programs look for iptables along it on the node.
 PATH = "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -112,7 +113,7 @@ def push(image: Image, registry: str) -> None:
     http = urllib3.PoolManager(retries=False)
     base = f"http://{registry}/v2/{repository}"
     for part in (blob, config):
-        put_blob(http, base, part)
+        put_blob(http, base, digest(part), part, len(part))
     answer = http.request(
         "PUT",
         f"{base}/manifests/{tag}",
@@ -122,15 +123,21 @@ def push(image: Image, registry: str) -> None:
     refuse(answer, image.name)
 
 
-def put_blob(http: urllib3.PoolManager, base: str, data: bytes) -> None:
-    """Upload one blob where the registry lacks it."""
-    if http.request("HEAD", f"{base}/blobs/{digest(data)}").status == 200:
+def put_blob(
+    http: urllib3.PoolManager, base: str, name: str, data: bytes | IO[bytes], size: int
+) -> None:
+    """Upload one blob of a digest and a size in bytes where the registry lacks it.
+
+    Raises:
+        LocalClusterError: the registry refused it.
+    """
+    if http.request("HEAD", f"{base}/blobs/{name}").status == 200:
         return
     start = http.request("POST", f"{base}/blobs/uploads/")
     refuse(start, base)
     place = urljoin(base, start.headers["Location"])
-    place += ("&" if "?" in place else "?") + f"digest={digest(data)}"
-    kind = {"Content-Type": "application/octet-stream"}
+    place += ("&" if "?" in place else "?") + f"digest={name}"
+    kind = {"Content-Type": "application/octet-stream", "Content-Length": str(size)}
     refuse(http.request("PUT", place, body=data, headers=kind), base)
 
 

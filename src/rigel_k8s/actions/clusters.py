@@ -1,0 +1,59 @@
+"""cluster up: a local cluster with images that other rooms make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s import localcluster
+from rigel_k8s.images import exporter
+
+__all__ = ["up"]
+
+
+@attrs.frozen
+class Steps:
+    """A Reporter that tells steps alone."""
+
+    tell: Callable[[str], None]
+
+    def line(self, text: str) -> None:
+        """Tell a step."""
+        self.tell(text)
+
+    def warn(self, text: str) -> None:
+        """Tell what to look at."""
+        self.tell(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Leave out what happens within a step."""
+
+
+def up(
+    name: str,
+    nodes: int | None,
+    *,
+    extras: Sequence[str],
+    layout: str | None,
+    data_dir: str | None,
+    report: Callable[[str], None],
+) -> localcluster.ClusterStatus:
+    """Start a cluster, or what of it does not run; see `localcluster.up`.
+
+    With "observability" it serves the ROS exporter too, which is made here.
+    """
+
+    def ros_exporter() -> Path:
+        return exporter.build(Steps(report)).archive
+
+    return localcluster.up(
+        name,
+        nodes,
+        extras=extras,
+        layout=layout,
+        data_dir=data_dir,
+        made={"observability": {exporter.UPSTREAM: ros_exporter}},
+        report=report,
+    )

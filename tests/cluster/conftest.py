@@ -46,7 +46,9 @@ def context() -> Iterator[str]:
         return
     if os.geteuid() != 0:
         pytest.skip("the local cluster needs root; name a cluster with RIGEL_TEST_CONTEXT instead")
-    words = ["cluster", "up", "--name", "test", "--nodes", "3", "--with", "multus"]
+    extras = ("multus", "observability", "prometheus-operator")
+    words = ["cluster", "up", "--name", "test", "--nodes", "3"]
+    words += [word for extra in extras for word in ("--with", extra)]
     if run_rigel(*words, check=False, timeout=3600).returncode == 2:  # one of an older checkout
         run_rigel("cluster", "down", "--name", "test")
         run_rigel(*words, timeout=3600)

@@ -7,7 +7,7 @@ from pathlib import Path
 import attrs
 import pytest
 
-from rigel_k8s.localcluster import gobuild
+from rigel_k8s.localcluster import components, gobuild
 from rigel_k8s.localcluster.components import (
     COREDNS,
     GO_BUILDS,
@@ -116,3 +116,28 @@ def test_progress_counts_packages(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_cleared_cache_is_noticed(tmp_path: Path) -> None:
     """Components whose programs were deleted are not complete."""
     assert not Components({"kubelet": str(tmp_path / "kubelet")}, str(tmp_path)).complete
+
+
+@pytest.mark.parametrize(
+    ("requested", "more"),
+    [
+        ([], []),
+        (["multus"], ["multus", "whereabouts", "cni-plugins"]),
+        (
+            ["observability"],
+            ["loki", "promtail", "prometheus", "kube-state-metrics", "node-exporter"],
+        ),
+        (["prometheus-operator"], ["prometheus-operator"]),
+    ],
+)
+def test_only_what_is_asked_for_is_built(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, requested: list[str], more: list[str]
+) -> None:
+    """A cluster needs three builds; each extra adds its own, one after the other."""
+    built: list[str] = []
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(components, "unpack", lambda report: None)
+    monkeypatch.setattr(GoBuild, "build", lambda self, report: built.append(self.name))
+    found = components.obtain(print, requested)
+    assert built == ["kubernetes", "coredns", "local-path-provisioner", *more]
+    assert ("loki" in found.go) == (requested == ["observability"])

@@ -44,7 +44,7 @@ class Traffic(NamedTuple):
 
     Attributes:
         direction: `published` or `received`.
-        size: the bytes of the messages, without TCP's.
+        size: bytes, as it counts them: with the header that a connection begins with.
     """
 
     node: str

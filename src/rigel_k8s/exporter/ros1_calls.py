@@ -62,6 +62,8 @@ class Conversation:
         except _BROKEN as error:
             self.close()
             raise CallFailed(str(error) or type(error).__name__) from error
+        if isinstance(answer, list) and answer and isinstance(answer[0], list):
+            return answer  # roscpp answers getBusStats without a code
         if not isinstance(answer, list) or len(answer) != 3:
             raise CallFailed("it does not speak ROS")
         if answer[0] != "1":

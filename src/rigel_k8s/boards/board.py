@@ -173,7 +173,6 @@ def choice(name: str, label: str, query: str, everything: str | None) -> Json:
         "label": label,
         "datasource": SOURCES["metrics"],
         "query": {"query": query, "refId": name},
-        "definition": query,
         "regex": "",
         "hide": 0,
         "refresh": REFRESH_ON_TIME,

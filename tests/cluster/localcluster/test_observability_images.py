@@ -21,22 +21,23 @@ from rigel_k8s.localcluster.upstream import short
 
 pytestmark = pytest.mark.cluster
 
-#: Image -> arguments with which its program tells its version, and what it says then.
+#: Image -> what its program says when asked for its version.
 VERSIONS = {
-    observability_images.LOKI_IMAGE: (["-version"], "loki, version 3.7.8"),
-    observability_images.PROMTAIL_IMAGE: (["-version"], "promtail, version 3.6.15"),
-    observability_images.PROMETHEUS_IMAGE: (["--version"], "prometheus, version 3.13.3"),
-    observability_images.KUBE_STATE_METRICS_IMAGE: (
-        ["version"],
-        "kube-state-metrics, version v2.18.0",
-    ),
-    observability_images.NODE_EXPORTER_IMAGE: (["--version"], "node_exporter, version 1.12.1"),
-    observability_images.OPERATOR_IMAGE: (["--version"], "prometheus-operator, version 0.92.1"),
-    observability_images.RELOADER_IMAGE: (
-        ["--version"],
-        "prometheus-config-reloader, version 0.92.1",
-    ),
+    observability_images.LOKI_IMAGE: "loki, version 3.7.8",
+    observability_images.PROMTAIL_IMAGE: "promtail, version 3.6.15",
+    observability_images.PROMETHEUS_IMAGE: "prometheus, version 3.13.3",
+    observability_images.KUBE_STATE_METRICS_IMAGE: "kube-state-metrics, version v2.18.0",
+    observability_images.NODE_EXPORTER_IMAGE: "node_exporter, version 1.12.1",
+    observability_images.OPERATOR_IMAGE: "prometheus-operator, version 0.92.1",
+    observability_images.RELOADER_IMAGE: "prometheus-config-reloader, version 0.92.1",
 }
+#: Image -> how it is asked, where it is not by this argument.
+ASKED = {
+    observability_images.LOKI_IMAGE: {"args": ["-version"]},
+    observability_images.PROMTAIL_IMAGE: {"args": ["-version"]},
+    observability_images.KUBE_STATE_METRICS_IMAGE: {"command": ["/kube-state-metrics", "version"]},
+}
+BY_ARGUMENT = {"args": ["--version"]}
 #: Image -> port and path where its program says, started with nothing besides, that it is well.
 SERVERS = {
     observability_images.LOKI_IMAGE: (3100, "ready", "ready"),
@@ -52,11 +53,11 @@ class Place:
     cluster: Any
     namespace: str
 
-    def start(self, image: str, args: list[str] | None = None, **container: Any) -> ObjectRef:
+    def start(self, image: str, **container: Any) -> ObjectRef:
         """Start a pod of one image."""
         name = short(image).rpartition("/")[2].replace(":", "-").replace(".", "-")
-        ref = ObjectRef("v1", "Pod", self.namespace, f"{name}{'-v' if args else ''}")
-        spec = {"name": "c", "image": image, **({"args": args} if args else {}), **container}
+        ref = ObjectRef("v1", "Pod", self.namespace, name)
+        spec = {"name": "c", "image": image, **container}
         self.cluster.create(
             {
                 "apiVersion": "v1",
@@ -100,9 +101,9 @@ def place(cluster: Any, namespace: str) -> Place:
 
 def test_every_program_is_that_of_its_image(place: Place) -> None:
     """Pulled by upstream's name, each says who it is and in which version."""
-    started = {image: place.start(image, args) for image, (args, _) in VERSIONS.items()}
+    started = {image: place.start(image, **ASKED.get(image, BY_ARGUMENT)) for image in VERSIONS}
     for image, pod in started.items():
-        assert VERSIONS[image][1] in place.ended(pod)
+        assert VERSIONS[image] in place.ended(pod)
 
 
 def test_servers_work_as_they_come(place: Place) -> None:
@@ -115,8 +116,8 @@ def test_servers_work_as_they_come(place: Place) -> None:
 
 def test_loki_is_not_root(place: Place) -> None:
     """Its user has a number, so that `runAsNonRoot` needs no other word."""
-    secure = {"securityContext": {"runAsNonRoot": True}}
-    pod = place.start(observability_images.LOKI_IMAGE, ["-version"], **secure)
+    secure = {"runAsNonRoot": True}
+    pod = place.start(observability_images.LOKI_IMAGE, args=["-version"], securityContext=secure)
     assert "loki, version" in place.ended(pod)
 
 

@@ -85,7 +85,7 @@ def lost(before: Any, after: Any, path: str = "") -> Iterator[str]:
 
 @each
 def test_panels_have_ids_places_and_refs_of_their_own(model: dict[str, Any]) -> None:
-    """No two panels have one id or lie on each other, none leaves the grid, no refId is there twice."""
+    """No two panels have one id or lie on each other, none leaves the grid, refIds differ."""
     ids = [panel["id"] for panel in model["panels"]]
     assert len(set(ids)) == len(ids)
     for panel in panels(model):

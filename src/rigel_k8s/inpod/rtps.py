@@ -76,39 +76,39 @@ def announcement(prefix, domain, name, address, port, lease, vendor=UNKNOWN):
         lease: seconds after which others may forget it.
         vendor: FAST_DDS for one that a discovery server is to answer.
     """
-    locator = _locator(address, port)
+    place = locator(address, port)
     text = name.encode() + b"\0"
-    parameters = [
+    told = [
         (PID_VERSION, VERSION),
         (PID_VENDOR, vendor),
         (PID_GUID, prefix + PARTICIPANT),
         (PID_DOMAIN, pack("<I", domain)),
-        (PID_META_UNICAST, locator),
-        (PID_DEFAULT_UNICAST, locator),
+        (PID_META_UNICAST, place),
+        (PID_DEFAULT_UNICAST, place),
         (PID_LEASE, pack("<iI", lease, 0)),
         (PID_ENDPOINTS, pack("<I", ENDPOINTS)),
         (PID_NAME, pack("<I", len(text)) + text),
     ]
-    flags, content = LITTLE | WITH_DATA, _serialized(parameters)
+    flags, content = LITTLE | WITH_DATA, serialized(told)
     if vendor == FAST_DDS:
         sample = prefix + SPDP_WRITER + pack("<iI", 0, 1)
-        inline = _parameters([(PID_RELATED, sample), (PID_RELATED_FAST_DDS, sample)])
+        inline = parameters([(PID_RELATED, sample), (PID_RELATED_FAST_DDS, sample)])
         flags, content = flags | INLINE, inline + content
-    return _header(prefix, vendor) + _data(flags, content, 1)
+    return header(prefix, vendor) + _data(flags, content, 1)
 
 
 def farewell(prefix, vendor=UNKNOWN):
     """Return the message that takes a participant's announcement back."""
     key = [(PID_GUID, prefix + PARTICIPANT)]
-    inline = _parameters([(PID_KEY_HASH, prefix + PARTICIPANT), (PID_STATUS, GONE)])
-    data = _data(LITTLE | INLINE | WITH_KEY, inline + _serialized(key), 2)
-    return _header(prefix, vendor) + data
+    inline = parameters([(PID_KEY_HASH, prefix + PARTICIPANT), (PID_STATUS, GONE)])
+    data = _data(LITTLE | INLINE | WITH_KEY, inline + serialized(key), 2)
+    return header(prefix, vendor) + data
 
 
 def beacon(prefix, text):
     """Return a message that every participant must ignore (8.3.4.1), and that carries a text."""
-    body = _padded(text.encode())
-    return _header(prefix, UNKNOWN) + pack("<BBH", BEACON, LITTLE, len(body)) + body
+    body = padded(text.encode())
+    return header(prefix, UNKNOWN) + pack("<BBH", BEACON, LITTLE, len(body)) + body
 
 
 def beacon_text(message):
@@ -179,11 +179,11 @@ def _participant(message, flags, body):
     }
     at = 4 + unpack_from(order + "H", body, 2)[0]
     if flags & INLINE:
-        inline, at = _parameter_list(body, at, order)
+        inline, at = parameter_list(body, at, order)
         found["leaving"] = any(v[3] & 3 for pid, v in inline if pid == PID_STATUS)
     if flags & (WITH_DATA | WITH_KEY):
         order = "<" if body[at + 1] & 1 else ">"
-        for pid, value in _parameter_list(body, at + 4, order)[0]:
+        for pid, value in parameter_list(body, at + 4, order)[0]:
             _take(found, pid, value, order)
     return found
 
@@ -214,7 +214,7 @@ def _text(value, order):
     return value[4 : 4 + size].rstrip(b"\0").decode("utf-8", "replace")
 
 
-def _parameter_list(body, at, order):
+def parameter_list(body, at, order):
     """Return (pairs of id and value, where it ends)."""
     pairs = []
     while True:
@@ -228,7 +228,8 @@ def _parameter_list(body, at, order):
         at += size
 
 
-def _header(prefix, vendor):
+def header(prefix, vendor):
+    """Return what every message of a participant begins with."""
     return b"RTPS" + VERSION + vendor + prefix
 
 
@@ -238,20 +239,24 @@ def _data(flags, content, number):
     return pack("<BBH", DATA, flags, len(body)) + body
 
 
-def _serialized(parameters):
-    return b"\x00\x03\x00\x00" + _parameters(parameters)
+def serialized(pairs):
+    """Return a parameter list as a sample's content."""
+    return b"\x00\x03\x00\x00" + parameters(pairs)
 
 
-def _parameters(pairs):
-    texts = [(pid, _padded(value)) for pid, value in pairs]
+def parameters(pairs):
+    """Return pairs of id and value as a parameter list."""
+    texts = [(pid, padded(value)) for pid, value in pairs]
     listed = b"".join(pack("<HH", pid, len(value)) + value for pid, value in texts)
     return listed + pack("<HH", PID_SENTINEL, 0)
 
 
-def _padded(value):
+def padded(value):
+    """Return bytes filled up to a multiple of four."""
     return value + b"\0" * (-len(value) % 4)
 
 
-def _locator(address, port):
+def locator(address, port):
+    """Return the place of a UDP socket as a parameter's value."""
     numbers = bytes(int(n) for n in address.split("."))
     return pack("<iI", UDP4, port) + b"\0" * 12 + numbers

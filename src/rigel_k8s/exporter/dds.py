@@ -1,0 +1,222 @@
+"""DDS' half: the graph of a domain by joining its discovery, and named topics by hearing them.
+
+A thread of its own reads, acknowledges and announces all the time, since others forget who does
+not; `look` tells what it knows at the moment. What is subscribed to is ros_discovery_info, as every
+tool of ROS 2 does, and the named topics, best effort. dds_participant.py
+speaks, dds_ways.py carries.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+
+from rigel_k8s.exporter import dds_messages as messages
+from rigel_k8s.exporter import dds_names as names
+from rigel_k8s.exporter.dds_discovery import ENDPOINTS, Endpoint, Place, Told
+from rigel_k8s.exporter.dds_participant import LEASE, NAME, Participant
+from rigel_k8s.exporter.dds_peer import Peer
+from rigel_k8s.exporter.dds_samples import Hearing
+from rigel_k8s.exporter.dds_ways import Resolver, Sockets, addresses
+from rigel_k8s.exporter.graph import Graph, Node, Topic
+from rigel_k8s.inpod import rtps
+
+__all__ = ["Domain"]
+
+_ANNOUNCE = 3.0  # seconds between two announcements
+_FIRST = 0.2  # seconds between the first few: packets get lost while a network comes up
+_FIRSTS = 5
+_TICK = 1.0
+_INTERFACES = 10.0  # seconds between two looks whether the interfaces are still the same
+_PEER_PORTS = 8  # so many participants of a peer's address are looked for
+
+
+class Domain:
+    """A DDS domain, seen by a participant of it."""
+
+    def __init__(
+        self,
+        domain: int = 0,
+        *,
+        mode: str = "multicast",
+        interface: str | None = None,
+        peers: Sequence[str] = (),
+        servers: Sequence[str] = (),
+    ) -> None:
+        """Nothing is sent before `start`.
+
+        Args:
+            domain: its number.
+            mode: `peers`, who are asked one by one, `discovery-server`, or by multicast.
+            interface: the only one that is used; all but the loopback if left out.
+            peers: names or addresses.
+            servers: HOST:PORT of discovery servers.
+        """
+        self._domain, self._mode, self._interface = domain, mode, interface
+        self._resolver = Resolver(peers if mode == "peers" else ())
+        self._sockets: Sockets | None = None
+        self._found: dict[str, str] = {}
+        told = Told(os.urandom(12), domain=domain, name=NAME, lease=LEASE, endpoints=ENDPOINTS)
+        self._participant = Participant(told, self._send)
+        self._lock, self._end = threading.Lock(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="dds", daemon=True)
+
+    def start(self) -> None:
+        """Join; an interface that is not there yet is waited for."""
+        self._thread.start()
+
+    def look(self) -> Graph:
+        """Return what is known now."""
+        with self._lock:
+            participant = self._participant
+            writers, readers = (
+                list(participant.writers.values()),
+                list(participant.readers.values()),
+            )
+            peers = list(participant.peers.values())
+        return Graph(nodes=_nodes(peers), topics=_topics(writers, readers))
+
+    def subscribe(self, topic: str, keep: int = 0) -> Hearing:
+        """Begin to hear a topic, and keep that many of its latest payloads."""
+        with self._lock:
+            return self._participant.hear(topic, keep, self._leave)
+
+    def diagnostics(self, payload: bytes) -> Sequence[tuple[str, str, int]]:
+        """Return (name, hardware id, level) of each status in a DiagnosticArray."""
+        return messages.diagnostics(payload)
+
+    def clock(self, payload: bytes) -> float:
+        """Return the time of a Clock message in seconds."""
+        return messages.clock(payload)
+
+    def transforms(self, payload: bytes) -> Sequence[tuple[str, str, float]]:
+        """Return (parent, child, stamp in seconds) of each transform in a TFMessage."""
+        return messages.transforms(payload)
+
+    def close(self) -> None:
+        """Leave the domain, and say so to it."""
+        self._end.set()
+        self._thread.join()
+        self._resolver.close()
+
+    def _leave(self, hearing: Hearing) -> None:
+        with self._lock:
+            self._participant.leave(hearing)
+
+    def _send(self, message: bytes, places: Sequence[Place]) -> None:
+        if self._sockets:
+            self._sockets.send(message, places)
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            if self._open():
+                self._stay()
+            else:
+                self._end.wait(_TICK)
+
+    def _open(self) -> bool:
+        self._found = addresses(self._interface)
+        if not self._found:
+            return False
+        try:
+            sockets = Sockets(self._domain, self._found, is_multicast=self._mode == "multicast")
+        except OSError:
+            return False
+        with self._lock:
+            self._sockets, participant = sockets, self._participant
+            participant.own = participant.own._replace(
+                meta=tuple(sockets.meta), data=tuple(sockets.data)
+            )
+        return True
+
+    def _stay(self) -> None:
+        """Take part until the end, or until the interfaces are others."""
+        sockets, buffer = self._sockets, bytearray(65536)
+        assert sockets is not None
+        now = time.monotonic()
+        timers = _Timers(now)
+        while not self._end.is_set() and not self._has_moved(timers, now):
+            for size, source in sockets.receive(buffer, timers.next - now):
+                self._take(memoryview(buffer)[:size], source)
+            now = time.monotonic()
+            with self._lock:
+                if timers.is_due("announce", now):
+                    sockets.send(self._participant.announcement(), self._announced_to())
+                if timers.is_due("tick", now):
+                    self._participant.tick(now)
+        with self._lock:
+            if self._end.is_set():
+                sockets.send(self._participant.farewell(), self._announced_to())
+            self._sockets = None
+        sockets.close()
+
+    def _take(self, message: memoryview, source: str) -> None:
+        try:
+            with self._lock:
+                self._participant.take(message, source, time.monotonic(), time.time())
+        except rtps.Malformed:
+            return  # another program's packet, or a broken one
+
+    def _has_moved(self, timers: _Timers, now: float) -> bool:
+        return timers.is_due("interfaces", now) and addresses(self._interface) != self._found
+
+    def _announced_to(self) -> list[Place]:
+        if self._mode == "multicast":
+            return [(rtps.GROUP, rtps.announcement_port(self._domain))]
+        known = [place for peer in self._participant.peers.values() for place in peer.places]
+        ports = [rtps.participant_port(self._domain, i) for i in range(_PEER_PORTS)]
+        asked = [(a, port) for a in self._resolver.found.values() for port in ports]
+        return list({*known, *asked})
+
+
+class _Timers:
+    """What is due when; `next` is the earliest, in seconds of the clock that never jumps."""
+
+    def __init__(self, now: float) -> None:
+        self._due = {"announce": now, "tick": now + _TICK, "interfaces": now + _INTERFACES}
+        self._firsts = _FIRSTS
+
+    @property
+    def next(self) -> float:
+        return min(self._due.values())
+
+    def is_due(self, name: str, now: float) -> bool:
+        """Whether something is due; then it is put off until it is due again."""
+        if now < self._due[name]:
+            return False
+        self._due[name] = now + self._period(name)
+        return True
+
+    def _period(self, name: str) -> float:
+        if name == "announce" and self._firsts:
+            self._firsts -= 1
+            return _FIRST
+        return {"announce": _ANNOUNCE, "tick": _TICK, "interfaces": _INTERFACES}[name]
+
+
+def _nodes(peers: Sequence[Peer]) -> list[Node]:
+    """Return the nodes of all participants; one that several have is up if any of them is."""
+    found: dict[str, Node] = {}
+    for peer in peers:
+        address = next(iter(sorted(peer.sources)), "")
+        for name in peer.nodes or ([] if peer.is_ros else [peer.name]):
+            known = found.get(name)
+            if known is None or (peer.answers and not known.up):
+                found[name] = Node(name, up=peer.answers, registered=True, address=address)
+    return list(found.values())
+
+
+def _topics(writers: Sequence[Endpoint], readers: Sequence[Endpoint]) -> list[Topic]:
+    """Return the topics; services' requests and replies, and ROS' own, are left out."""
+    published = Counter(key for key in map(_topic, writers) if key)
+    subscribed = Counter(key for key in map(_topic, readers) if key)
+    return [Topic(*key, published[key], subscribed[key]) for key in {**published, **subscribed}]
+
+
+def _topic(endpoint: Endpoint) -> tuple[str, str] | None:
+    if endpoint.topic == names.NODES or names.is_service(endpoint.topic):
+        return None
+    return names.topic_name(endpoint.topic), names.type_name(endpoint.type)

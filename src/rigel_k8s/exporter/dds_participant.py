@@ -1,0 +1,286 @@
+"""A participant of a DDS domain that reads discovery and hears the topics that are named.
+
+Why: the domain's graph is in no place but its participants; who joins their discovery is told all
+of it. It announces a reader for ros_discovery_info, as every tool of ROS 2 does, one for each named
+topic and type, and nothing else, so that nobody is sent anything else.
+
+It must not know sockets, threads, nor read any clock: messages and times are passed in.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from rigel_k8s.exporter import dds_discovery as discovery
+from rigel_k8s.exporter import dds_messages as messages
+from rigel_k8s.exporter import dds_names as names
+from rigel_k8s.exporter import dds_wire as wire
+from rigel_k8s.exporter.dds_discovery import Endpoint, Place, Told
+from rigel_k8s.exporter.dds_peer import Peer
+from rigel_k8s.exporter.dds_reliable import Change, Incoming, Outgoing
+from rigel_k8s.exporter.dds_samples import Hearing, Source
+from rigel_k8s.inpod import rtps
+
+__all__ = ["LEASE", "NAME", "Participant"]
+
+NAME = "rigel-k8s exporter"  # what a tool that lists participants shows
+LEASE = 20  # seconds; others forget us then, even where our farewell is lost
+_MOST_PEERS, _MOST_ENDPOINTS = 2000, 50_000
+_NO_KEY, _KEY = b"\x04", b"\x07"  # kinds of readers
+
+
+class Send(Protocol):
+    """What sends a message to some places."""
+
+    def __call__(self, message: bytes, places: Sequence[Place]) -> None: ...
+
+
+class Participant:
+    """Our participant.
+
+    Attributes:
+        peers: the others, by their prefixes.
+        writers, readers: their endpoints by GUID, without the built-in ones.
+    """
+
+    def __init__(self, own: Told, send: Send) -> None:
+        self.own, self._send = own, send
+        self.peers: dict[bytes, Peer] = {}
+        self.writers: dict[bytes, Endpoint] = {}
+        self.readers: dict[bytes, Endpoint] = {}
+        self._outgoing = Outgoing(discovery.SUBSCRIPTIONS_WRITER, discovery.SUBSCRIPTIONS_READER)
+        self._own_readers: dict[Endpoint, int] = {}
+        self._hearings: list[Hearing] = []
+        self._sources: dict[bytes, Source] = {}
+        self._ids = itertools.count(1)
+
+    # What we say
+
+    def announcement(self) -> bytes:
+        """Return the message that announces us."""
+        content = wire.data(
+            rtps.SPDP_READER,
+            rtps.SPDP_WRITER,
+            1,
+            b"",
+            discovery.participant_payload(self.own),
+            is_key=False,
+        )
+        return wire.message(self.own.prefix, self.own.vendor, b"", [content])
+
+    def farewell(self) -> bytes:
+        """Return the message that takes us back."""
+        return bytes(rtps.farewell(self.own.prefix, self.own.vendor))
+
+    def tick(self, now: float) -> None:
+        """Forget who is gone, ask who is silent; about once a second."""
+        for peer in [peer for peer in self.peers.values() if peer.is_expired(now)]:
+            self._forget(peer.told.prefix)
+        for peer in self.peers.values():
+            if peer.is_to_be_asked(now):
+                self._tell(peer, [self._outgoing.beat()])
+            asked = [
+                incoming.answer(writer, final=False)
+                for writer, incoming in peer.incoming.items()
+                if not incoming.is_known
+            ]
+            if asked:
+                self._tell(peer, asked)
+
+    def _tell(self, peer: Peer, submessages: Sequence[bytes]) -> None:
+        own, to = self.own, peer.told.prefix
+        self._send(wire.message(own.prefix, own.vendor, to, submessages), peer.places)
+
+    # What we hear
+
+    def take(self, message: memoryview, source: str, now: float, wall: float) -> None:
+        """Take in a message.
+
+        Args:
+            message: what came.
+            source: the address that it came from.
+            now: seconds of a clock that never jumps.
+            wall: seconds since 1970.
+
+        Raises:
+            rtps.Malformed: it, or the rest of it, is nothing that RTPS knows.
+        """
+        for prefix, item in wire.read(message, self.own.prefix):
+            if prefix == self.own.prefix:
+                return
+            peer = self.peers.get(prefix)
+            if peer:
+                peer.hear(now)
+            if isinstance(item, (wire.Data, wire.Fragment)):
+                known = self._sources.get(prefix + item.writer)
+                if known:
+                    known.take(item, wall)
+                elif item.writer == rtps.SPDP_WRITER and isinstance(item, wire.Data):
+                    self._take_announcement(item, source, now)
+                elif peer and item.writer in peer.incoming:
+                    changes = peer.incoming[item.writer].take(item)
+                    self._apply(prefix + item.writer, changes)
+            elif peer:
+                self._take_protocol(peer, item)
+
+    def _take_protocol(self, peer: Peer, item: wire.Heartbeat | wire.Gap | wire.Acknack) -> None:
+        if isinstance(item, wire.Acknack):
+            if item.writer == self._outgoing.writer:
+                lacking = self._outgoing.answer(item)
+                if lacking:
+                    self._tell(peer, [*lacking, self._outgoing.beat(final=True)])
+            return
+        incoming = peer.incoming.get(item.writer)
+        if incoming is None:
+            return
+        guid = peer.told.prefix + item.writer
+        if isinstance(item, wire.Gap):
+            self._apply(guid, incoming.gap(item))
+            return
+        self._apply(guid, incoming.heartbeat(item))
+        if incoming.missing() or not item.final:
+            self._tell_of(peer, item.writer, incoming.answer(item.writer))
+
+    def _tell_of(self, peer: Peer, writer: bytes, answer: bytes) -> None:
+        """Answer a writer where it listens: built-in ones elsewhere than others."""
+        own, to = self.own, peer.told.prefix
+        is_built_in = writer[3] & 0xC0 == 0xC0
+        places = peer.places if is_built_in else peer.data_places
+        self._send(wire.message(own.prefix, own.vendor, to, [answer]), places)
+
+    def _take_announcement(self, item: wire.Data, source: str, now: float) -> None:
+        if item.status:
+            gone = item.key or discovery.key_of(item.payload)
+            self._forget(gone[:12])
+            return
+        told = discovery.participant(item.payload)
+        if told.domain not in (None, self.own.domain) or told.prefix == self.own.prefix:
+            return
+        peer = self.peers.get(told.prefix)
+        if peer is None:
+            if len(self.peers) < _MOST_PEERS:
+                self._meet(told, source, now)
+            return
+        peer.told = told
+        peer.sources.add(source)
+        peer.hear(now)
+
+    def _meet(self, told: Told, source: str, now: float) -> None:
+        """Get to know a participant: it is told of us at once, and asked for what it has."""
+        peer = self.peers[told.prefix] = Peer(told, now)
+        peer.sources.add(source)
+        self._send(self.announcement(), peer.places)
+        asked = [i.answer(writer, final=False) for writer, i in peer.incoming.items()]
+        self._tell(peer, [*asked, self._outgoing.beat()])
+
+    def _forget(self, prefix: bytes) -> None:
+        if self.peers.pop(prefix, None) is None:
+            return
+        for found in (self.writers, self.readers, self._sources):
+            for guid in [guid for guid in found if guid[:12] == prefix]:
+                del found[guid]
+
+    # What becomes of it
+
+    def _apply(self, guid: bytes, changes: Sequence[Change]) -> None:
+        """Take in the samples of a reliable writer."""
+        what = {
+            discovery.PUBLICATIONS_WRITER: self._take_writer,
+            discovery.SUBSCRIPTIONS_WRITER: self._take_reader,
+        }.get(guid[12:])
+        for change in changes:
+            if what:
+                what(change)
+            elif not change.status:
+                self._take_nodes(guid[:12], change)
+
+    def _take_nodes(self, prefix: bytes, change: Change) -> None:
+        try:
+            self.peers[prefix].nodes = messages.nodes(change.payload)
+        except messages.Unreadable as cause:
+            raise rtps.Malformed(str(cause)) from cause
+
+    def _take_reader(self, change: Change) -> None:
+        if change.status:
+            self.readers.pop(_guid(change), None)
+        elif len(self.readers) < _MOST_ENDPOINTS:
+            found = discovery.endpoint(change.payload)
+            self.readers[found.guid] = found
+
+    def _take_writer(self, change: Change) -> None:
+        if change.status:
+            guid = _guid(change)
+            self.writers.pop(guid, None)
+            self._sources.pop(guid, None)
+        elif len(self.writers) < _MOST_ENDPOINTS:
+            found = discovery.endpoint(change.payload)
+            self.writers[found.guid] = found
+            self._match(found)
+
+    # What we subscribe to
+
+    def hear(self, topic: str, keep: int, leave: Callable[[Hearing], None]) -> Hearing:
+        """Begin to hear a topic by its name in ROS; `leave` ends it."""
+        hearing = Hearing(topic, keep, leave)
+        self._hearings.append(hearing)
+        for writer in list(self.writers.values()):
+            self._match(writer)
+        return hearing
+
+    def leave(self, hearing: Hearing) -> None:
+        """Take the readers of a topic back."""
+        if hearing in self._hearings:
+            self._hearings.remove(hearing)
+        for guid in [guid for guid, found in self._sources.items() if found.hearing is hearing]:
+            del self._sources[guid]
+        for reader in [r for r in self._own_readers if names.topic_name(r.topic) == hearing.topic]:
+            self._outgoing.drop(self._own_readers.pop(reader))
+            self._retract(reader)
+
+    def _match(self, writer: Endpoint) -> None:
+        """Announce a reader for a writer, if somebody wants to hear it."""
+        if writer.topic == names.NODES:
+            self._listen(writer)
+            return
+        topic = names.topic_name(writer.topic)
+        for hearing in self._hearings:
+            if hearing.topic == topic and writer.guid not in self._sources:
+                self._sources[writer.guid] = Source(hearing, names.type_name(writer.type))
+                self._announce(writer, is_reliable=False)
+
+    def _listen(self, writer: Endpoint) -> None:
+        """Hear which nodes a participant has."""
+        reader = self._announce(writer, is_reliable=True)
+        peer = self.peers.get(writer.guid[:12])
+        if peer and writer.guid[12:] not in peer.incoming:
+            peer.incoming[writer.guid[12:]] = Incoming(reader)
+
+    def _announce(self, writer: Endpoint, *, is_reliable: bool) -> bytes:
+        """Announce a reader that fits a writer, once; return its entity id."""
+        wanted = writer._replace(guid=b"", is_reliable=is_reliable, is_local=is_reliable)
+        for reader in self._own_readers:
+            if reader._replace(guid=b"") == wanted and reader.is_keyed == writer.is_keyed:
+                return reader.guid[12:]
+        kind = _KEY if writer.is_keyed else _NO_KEY
+        entity = next(self._ids).to_bytes(3, "big") + kind
+        reader = wanted._replace(guid=self.own.prefix + entity)
+        self._own_readers[reader] = self._publish(reader.guid, discovery.reader_payload(reader))
+        return entity
+
+    def _retract(self, reader: Endpoint) -> None:
+        self._publish(reader.guid, discovery.reader_key(reader), is_gone=True)
+
+    def _publish(self, guid: bytes, payload: bytes, *, is_gone: bool = False) -> int:
+        """Tell all others of a reader; who loses it gets it after the next heartbeat."""
+        inline = [(rtps.PID_KEY_HASH, guid)] + ([(rtps.PID_STATUS, rtps.GONE)] if is_gone else [])
+        number = self._outgoing.add(bytes(rtps.parameters(inline)), payload, is_key=is_gone)
+        told = [self._outgoing.sample(number), self._outgoing.beat()]
+        for peer in self.peers.values():
+            self._tell(peer, told)
+        return number
+
+
+def _guid(change: Change) -> bytes:
+    return change.key or discovery.key_of(change.payload)

@@ -1,0 +1,91 @@
+"""Another participant: what it announced, and whether it answers.
+
+Why: a lease of 20 s and more tells late that a process is stopped, and one that hangs may keep its
+lease. What works with Fast DDS, Cyclone DDS and RustDDS alike is what reliability demands: a reader
+that gets a heartbeat without the final flag acknowledges it (DDSI-RTPS 2.5: 8.4.12.2). So the
+built-in reader for subscriptions, which every participant has that wants to be matched, is sent one
+whenever nothing was heard of its participant for a while; three in a row without a word mean that
+it does not answer. Unanswered questions are counted, not seconds: if the exporter itself gets no
+processor, nobody is blamed.
+
+It must not know sockets, nor read any clock.
+"""
+
+from __future__ import annotations
+
+from rigel_k8s.exporter import dds_discovery as discovery
+from rigel_k8s.exporter.dds_discovery import Place, Told
+from rigel_k8s.exporter.dds_reliable import Incoming
+from rigel_k8s.inpod import rtps
+
+__all__ = ["PATIENCE", "Peer"]
+
+PING = 2.0  # seconds of silence after which it is asked
+PATIENCE = 3  # questions without an answer until it counts as not answering
+_PROCESS = ("__ProcessName", "fastdds.physical_data.process")  # Cyclone DDS', Fast DDS'
+
+
+class Peer:
+    """Another participant of the domain.
+
+    Attributes:
+        sources: where its announcements came from.
+        nodes: the ROS nodes that it says it has.
+        incoming: its built-in and other reliable writers, by their entity ids.
+    """
+
+    def __init__(self, told: Told, now: float) -> None:
+        self.told, self.heard = told, now
+        self.sources: set[str] = set()
+        self.nodes: list[str] = []
+        self.incoming: dict[bytes, Incoming] = {}
+        self._asked, self._unanswered = now, 0
+        if told.endpoints & discovery.HAS_PUBLICATIONS:
+            self.incoming[discovery.PUBLICATIONS_WRITER] = Incoming(discovery.PUBLICATIONS_READER)
+        if told.endpoints & discovery.HAS_SUBSCRIPTIONS:
+            self.incoming[discovery.SUBSCRIPTIONS_WRITER] = Incoming(discovery.SUBSCRIPTIONS_READER)
+
+    def hear(self, now: float) -> None:
+        """Take note that it said something."""
+        self.heard, self._unanswered = now, 0
+
+    @property
+    def answers(self) -> bool:
+        """Whether it answers, as far as it was asked."""
+        return self._unanswered <= PATIENCE  # the latest may still be answered
+
+    def is_to_be_asked(self, now: float) -> bool:
+        """Whether it was silent for so long that it is asked now, which counts as asked."""
+        if now - max(self.heard, self._asked) < PING:
+            return False
+        self._asked, self._unanswered = now, self._unanswered + 1
+        return True
+
+    def is_expired(self, now: float) -> bool:
+        """Whether its lease is over."""
+        return now - self.heard > self.told.lease
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Where it takes what discovery sends: of several addresses the one that it sent from."""
+        near = tuple(place for place in self.told.meta if place[0] in self.sources)
+        return near or self.told.meta
+
+    @property
+    def data_places(self) -> tuple[Place, ...]:
+        """Where it takes what its other endpoints are sent."""
+        near = tuple(place for place in self.told.data if place[0] in self.sources)
+        return near or self.told.data or self.places
+
+    @property
+    def is_ros(self) -> bool:
+        """Whether ROS' middleware made it: its nodes tell their names, or will."""
+        return self.told.user_data.startswith("enclave=")
+
+    @property
+    def name(self) -> str:
+        """What it is called where it has no ROS nodes: the same after a restart."""
+        properties = dict(self.told.properties)
+        process = next((properties[key] for key in _PROCESS if properties.get(key)), "")
+        own = self.told.name.strip("/") or process
+        return own or rtps.VENDORS.get(int.from_bytes(self.told.vendor, "big"), "participant")

@@ -1,0 +1,99 @@
+"""A named topic: its writers' samples are counted as they come, and forgotten.
+
+Why: rate, bandwidth and age of a topic are had by hearing it, and by nothing else. A sample counts
+with the first of its fragments, which tells its size, so that a lost fragment loses nothing but
+that sample's payload. It must not know sockets, or how readers are announced.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from threading import Lock
+
+from rigel_k8s.exporter import dds_messages as messages
+from rigel_k8s.exporter import dds_wire as wire
+from rigel_k8s.exporter.dds_reliable import Assembly
+from rigel_k8s.exporter.graph import Samples
+
+__all__ = ["Hearing", "Source"]
+
+
+class Source:
+    """One writer of a named topic, as far as it has been heard."""
+
+    def __init__(self, hearing: Hearing, type_name: str) -> None:
+        self.hearing, self.type = hearing, type_name
+        self._last = 0
+        self._whole: Assembly | None = None
+
+    def take(self, item: wire.Data | wire.Fragment, now: float) -> None:
+        """Take in a sample or fragments of one; `now` is in seconds since 1970."""
+        if isinstance(item, wire.Data):
+            if item.number > self._last and len(item.payload):
+                self._last = item.number
+                self.hearing.count(len(item.payload), self._stamp(item.payload), now)
+                self.hearing.keep(item.payload)
+        elif item.number >= self._last:
+            self._take_part(item, now)
+
+    def _take_part(self, part: wire.Fragment, now: float) -> None:
+        if part.number > self._last:
+            self._last, self._whole = part.number, None
+            self.hearing.count(part.total, None, now)
+            if self.hearing.keeps and Assembly.fits(part):
+                self._whole = Assembly(part)
+        if part.first == 1:
+            self.hearing.stamp(self._stamp(part.payload))
+        whole = self._whole.add(part) if self._whole else None
+        if whole is not None:
+            self._whole = None
+            self.hearing.keep(memoryview(whole))
+
+    def _stamp(self, payload: memoryview) -> float | None:
+        try:
+            return messages.stamp(payload, self.type)
+        except messages.Unreadable:
+            return None
+
+
+class Hearing:
+    """What has been heard of one named topic; a graph.Subscriber."""
+
+    def __init__(self, topic: str, keep: int, leave: Callable[[Hearing], None]) -> None:
+        self.topic, self.keeps = topic, keep
+        self._leave = leave
+        self._lock = Lock()
+        self._messages, self._size = 0, 0
+        self._last: float | None = None
+        self._stamp: float | None = None
+        self._payloads: deque[bytes] = deque(maxlen=keep)
+
+    def samples(self) -> Samples:
+        """Return the counts up to now; kept payloads are handed out once."""
+        with self._lock:
+            found = tuple(self._payloads)
+            self._payloads.clear()
+            return Samples(self._messages, self._size, self._last, self._stamp, found)
+
+    def close(self) -> None:
+        """Take the readers back from all who know them."""
+        self._leave(self)
+
+    def count(self, size: int, stamp: float | None, now: float) -> None:
+        """Count a sample that has begun to come."""
+        with self._lock:
+            self._messages += 1
+            self._size += size
+            self._last, self._stamp = now, stamp or self._stamp
+
+    def stamp(self, stamp: float | None) -> None:
+        """Take the header's stamp of the sample that was counted last."""
+        with self._lock:
+            self._stamp = stamp or self._stamp
+
+    def keep(self, payload: memoryview) -> None:
+        """Keep a whole payload, if any are kept."""
+        if self.keeps:
+            with self._lock:
+                self._payloads.append(bytes(payload))

@@ -1,0 +1,153 @@
+"""How a participant's packets leave and come: interfaces, sockets, and who is told of it first.
+
+Why: each network mode of an application has its own way into the domain: a multicast group, a list
+of peers, discovery servers. It must not know what the packets say.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import selectors
+import socket
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from struct import pack
+
+from rigel_k8s.exporter.dds_discovery import Place
+from rigel_k8s.inpod import rtps
+
+__all__ = ["Resolver", "Sockets", "addresses"]
+
+_SIOCGIFADDR = 0x8915
+_MULTICAST_ALL = 49  # IP_MULTICAST_ALL, which Python does not name
+_ROOM = 4 << 20  # bytes of a socket's buffer that are asked for; the kernel gives what it may
+_AT_ONCE = 64  # packets that are read from a socket before the others have their turn
+_ANEW = 10.0  # seconds after which names are resolved anew
+
+
+def addresses(interface: str | None) -> dict[str, str]:
+    """Return name -> IPv4 address of an interface, or of all but the loopback; those that have one.
+
+    Where there is nothing but the loopback, that is it.
+    """
+    every = [interface] if interface else [name for _, name in socket.if_nameindex()]
+    found = {name: _address(name) for name in every}
+    usable = {name: address for name, address in found.items() if address}
+    if len(usable) > 1:
+        usable.pop("lo", None)
+    return usable
+
+
+def _address(name: str) -> str:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        try:
+            answer = fcntl.ioctl(asking, _SIOCGIFADDR, pack("256s", name.encode()[:15]))
+        except OSError:
+            return ""
+    return socket.inet_ntoa(answer[20:24])
+
+
+class Sockets:
+    """The sockets of a participant: on each interface one for discovery and one for samples.
+
+    Attributes:
+        meta, data: where they are, one place an interface.
+    """
+
+    def __init__(self, domain: int, found: Mapping[str, str], *, is_multicast: bool) -> None:
+        """`found` is interface -> address.
+
+        Raises:
+            OSError: an address is not there any more.
+        """
+        self._selector = selectors.DefaultSelector()
+        self._mouths: dict[str, socket.socket] = {}
+        self.meta: list[Place] = []
+        self.data: list[Place] = []
+        try:
+            for name, address in found.items():
+                self._open(domain, name, address, is_multicast=is_multicast)
+        except OSError:
+            self.close()
+            raise
+
+    def _open(self, domain: int, name: str, address: str, *, is_multicast: bool) -> None:
+        mouth = self._add(_bound(address, 0))
+        mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _membership(name))
+        self._mouths[address] = mouth
+        self.meta.append(mouth.getsockname())
+        self.data.append(self._add(_bound(address, 0)).getsockname())
+        if is_multicast:
+            ear = self._add(_bound(rtps.GROUP, rtps.announcement_port(domain)))
+            ear.setsockopt(socket.IPPROTO_IP, _MULTICAST_ALL, 0)
+            ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(name))
+
+    def _add(self, found: socket.socket) -> socket.socket:
+        found.setblocking(False)
+        self._selector.register(found, selectors.EVENT_READ)
+        return found
+
+    def send(self, message: bytes, places: Iterable[Place]) -> None:
+        """Send a message through every interface; where no way leads there, nobody gets it."""
+        for place in places:
+            for mouth in self._mouths.values():
+                try:
+                    mouth.sendto(message, place)
+                except OSError:
+                    continue
+
+    def receive(self, buffer: bytearray, seconds: float) -> Iterator[tuple[int, str]]:
+        """Yield (size, address it came from) of what comes into `buffer` within some seconds."""
+        for key, _ in self._selector.select(max(seconds, 0)):
+            ready = key.fileobj
+            assert isinstance(ready, socket.socket)
+            for _ in range(_AT_ONCE):
+                try:
+                    size, source = ready.recvfrom_into(buffer)
+                except OSError:
+                    break
+                yield size, source[0]
+
+    def close(self) -> None:
+        """Close them all."""
+        for key in list(self._selector.get_map().values()):
+            assert isinstance(key.fileobj, socket.socket)
+            key.fileobj.close()
+        self._selector.close()
+
+
+def _bound(address: str, port: int) -> socket.socket:
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _ROOM)
+    if port:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    found.bind((address, port))
+    return found
+
+
+def _membership(name: str) -> bytes:
+    """Return a struct ip_mreqn of the group on an interface."""
+    return socket.inet_aton(rtps.GROUP) + pack("=4si", b"", socket.if_nametoindex(name))
+
+
+class Resolver:
+    """Keeps the addresses of names: a name server that is away must not keep anybody waiting."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.found: dict[str, str] = {}
+        self._names, self._end = names, threading.Event()
+        if names:
+            threading.Thread(target=self._run, name="dds-names", daemon=True).start()
+
+    def close(self) -> None:
+        """Resolve no more."""
+        self._end.set()
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            for name in self._names:
+                try:
+                    self.found[name] = socket.gethostbyname(name)
+                except OSError:
+                    continue  # what was known may still be right
+            self._end.wait(_ANEW if len(self.found) == len(self._names) else 1.0)

@@ -1,0 +1,233 @@
+"""What reliable endpoints say to each other in RTPS, read without copying, and written.
+
+Why: inpod/rtps.py announces a participant and reads such announcements; who also wants to know the
+endpoints, and to count samples, needs DATA_FRAG, HEARTBEAT, ACKNACK and GAP (DDSI-RTPS 2.5: 9.4.5).
+It must not know sockets, time, or what the data mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from struct import error, pack, unpack_from
+from typing import NamedTuple, Union
+
+from rigel_k8s.inpod import rtps
+
+__all__ = [
+    "Acknack",
+    "Data",
+    "Fragment",
+    "Gap",
+    "Heartbeat",
+    "Item",
+    "acknack",
+    "data",
+    "gap",
+    "heartbeat",
+    "message",
+    "read",
+]
+
+ACKNACK, HEARTBEAT, GAP, INFO_SOURCE, DATA_FRAG = 0x06, 0x07, 0x08, 0x0C, 0x16
+LITTLE, FINAL = 0x01, 0x02
+INLINE, WITH_DATA, WITH_KEY, FRAGMENT_KEY = 0x02, 0x04, 0x08, 0x04
+ANYBODY = b"\0" * 12
+WIDEST = 256  # the most numbers that one ACKNACK or GAP names
+
+
+class Data(NamedTuple):
+    """A whole sample; `payload` begins with its encapsulation and is empty where there is none.
+
+    status: 1 disposed, 2 unregistered, 3 both; key: the key hash, empty where it is not told.
+    """
+
+    writer: bytes
+    number: int
+    payload: memoryview
+    status: int = 0
+    key: bytes = b""
+
+
+class Fragment(NamedTuple):
+    """Some successive fragments of a sample; `first` counts from 1, the rest are bytes."""
+
+    writer: bytes
+    number: int
+    first: int
+    size: int
+    total: int
+    payload: memoryview
+
+
+class Heartbeat(NamedTuple):
+    """Which samples a writer has; last = first - 1 where it has none."""
+
+    writer: bytes
+    first: int
+    last: int
+    final: bool
+
+
+class Acknack(NamedTuple):
+    """What a reader has: everything before `base` but not `missing`."""
+
+    reader: bytes
+    writer: bytes
+    base: int
+    missing: tuple[int, ...]
+
+
+class Gap(NamedTuple):
+    """Numbers a writer has no sample for: from `start` to before `base`, and `others`."""
+
+    writer: bytes
+    start: int
+    base: int
+    others: tuple[int, ...]
+
+
+Item = Union[Data, Fragment, Heartbeat, Acknack, Gap]
+
+
+def read(message: memoryview, own: bytes) -> Iterator[tuple[bytes, Item]]:
+    """Yield (the sender's prefix, what it says) for what is meant for `own` or for anybody.
+
+    Raises:
+        rtps.Malformed: these bytes are no RTPS message, or a broken one.
+    """
+    source, is_for_us = bytes(message[8:20]), True
+    for kind, flags, body in rtps.submessages(message):
+        try:
+            if kind == rtps.INFO_DST:
+                is_for_us = bytes(body[:12]) in (own, ANYBODY)
+            elif kind == INFO_SOURCE:
+                source = bytes(body[8:20])
+            elif is_for_us and kind in _READERS:
+                yield source, _READERS[kind](body, flags, "<" if flags & LITTLE else ">")
+        except (error, IndexError) as cause:
+            raise rtps.Malformed("a submessage ends before it should") from cause
+
+
+def _data(body: memoryview, flags: int, order: str) -> Data:
+    number, at, status, key = _number(body, 12, order), 4 + _offset(body, order), 0, b""
+    if flags & INLINE:
+        at, status, key = _inline(body, at, order)
+    payload = body[at:] if flags & (WITH_DATA | WITH_KEY) else body[:0]
+    if flags & WITH_KEY and not status:
+        status = 3  # nothing but a key: who forgot to say why
+    return Data(bytes(body[8:12]), number, payload, status, key)
+
+
+def _fragment(body: memoryview, flags: int, order: str) -> Fragment:
+    first, _, size, total = unpack_from(order + "IHHI", body, 20)
+    at = 4 + _offset(body, order)
+    if flags & INLINE:
+        at = _inline(body, at, order)[0]
+    if not first or not size:
+        raise rtps.Malformed("a fragment without a number or a size")
+    return Fragment(bytes(body[8:12]), _number(body, 12, order), first, size, total, body[at:])
+
+
+def _heartbeat(body: memoryview, flags: int, order: str) -> Heartbeat:
+    first, last = _number(body, 8, order), _number(body, 16, order)
+    return Heartbeat(bytes(body[4:8]), first, last, bool(flags & FINAL))
+
+
+def _acknack(body: memoryview, _: int, order: str) -> Acknack:
+    base, missing = _numbers(body, 8, order)
+    return Acknack(bytes(body[0:4]), bytes(body[4:8]), base, missing)
+
+
+def _gap(body: memoryview, _: int, order: str) -> Gap:
+    base, others = _numbers(body, 16, order)
+    return Gap(bytes(body[4:8]), _number(body, 8, order), base, others)
+
+
+_READERS: dict[int, Callable[[memoryview, int, str], Item]] = {
+    rtps.DATA: _data,
+    DATA_FRAG: _fragment,
+    HEARTBEAT: _heartbeat,
+    ACKNACK: _acknack,
+    GAP: _gap,
+}
+
+
+def _offset(body: memoryview, order: str) -> int:
+    return int(unpack_from(order + "H", body, 2)[0])
+
+
+def _inline(body: memoryview, at: int, order: str) -> tuple[int, int, bytes]:
+    """Return (where the inline QoS ends, its status, its key hash)."""
+    status, key = 0, b""
+    pairs, at = rtps.parameter_list(body, at, order)
+    for pid, value in pairs:
+        if pid == rtps.PID_STATUS:
+            status = value[3] & 3
+        elif pid == rtps.PID_KEY_HASH:
+            key = bytes(value[:16])
+    return at, status, key
+
+
+def _number(body: memoryview, at: int, order: str) -> int:
+    high, low = unpack_from(order + "iI", body, at)
+    return int((high << 32) + low)
+
+
+def _numbers(body: memoryview, at: int, order: str) -> tuple[int, tuple[int, ...]]:
+    """Return (base, the numbers whose bit is set)."""
+    base = _number(body, at, order)
+    (width,) = unpack_from(order + "I", body, at + 8)
+    if width > WIDEST:
+        raise rtps.Malformed("a set of more than 256 numbers")
+    words = unpack_from(f"{order}{(width + 31) // 32}I", body, at + 12)
+    return base, tuple(base + i for i in range(width) if words[i >> 5] >> (31 - i % 32) & 1)
+
+
+def message(prefix: bytes, vendor: bytes, to: bytes, submessages: Iterable[bytes]) -> bytes:
+    """Return a message to the participant `to`, to anybody where that is empty."""
+    aim = pack("<BBH", rtps.INFO_DST, LITTLE, 12) + to if to else b""
+    return bytes(rtps.header(prefix, vendor)) + aim + b"".join(submessages)
+
+
+def data(
+    reader: bytes, writer: bytes, number: int, inline: bytes, payload: bytes, *, is_key: bool
+) -> bytes:
+    """Return a DATA submessage; `inline` is a parameter list or empty."""
+    flags = LITTLE | (WITH_KEY if is_key else WITH_DATA) | (INLINE if inline else 0)
+    body = pack("<HH", 0, 16) + reader + writer + _packed(number) + inline + payload
+    return pack("<BBH", rtps.DATA, flags, len(body)) + body
+
+
+def heartbeat(
+    reader: bytes, writer: bytes, first: int, last: int, count: int, *, final: bool
+) -> bytes:
+    """Return a HEARTBEAT, which a reader must answer unless it is final."""
+    body = reader + writer + _packed(first) + _packed(last) + pack("<I", count)
+    return pack("<BBH", HEARTBEAT, LITTLE | (FINAL if final else 0), len(body)) + body
+
+
+def acknack(
+    reader: bytes, writer: bytes, base: int, missing: Iterable[int], count: int, *, final: bool
+) -> bytes:
+    """Return an ACKNACK: all before `base` is there, `missing` (from `base` on) is wanted."""
+    body = reader + writer + _packed(base) + _bits(base, missing) + pack("<I", count)
+    return pack("<BBH", ACKNACK, LITTLE | (FINAL if final else 0), len(body)) + body
+
+
+def gap(reader: bytes, writer: bytes, start: int, end: int) -> bytes:
+    """Return a GAP: there is nothing from `start` to before `end`."""
+    body = reader + writer + _packed(start) + _packed(end) + pack("<I", 0)
+    return pack("<BBH", GAP, LITTLE, len(body)) + body
+
+
+def _packed(number: int) -> bytes:
+    return pack("<iI", number >> 32, number & 0xFFFFFFFF)
+
+
+def _bits(base: int, numbers: Iterable[int]) -> bytes:
+    offsets = [number - base for number in numbers if 0 <= number - base < WIDEST]
+    width = max(offsets) + 1 if offsets else 0
+    words = [0] * ((width + 31) // 32)
+    for offset in offsets:
+        words[offset >> 5] |= 1 << (31 - offset % 32)
+    return pack(f"<I{len(words)}I", width, *words)

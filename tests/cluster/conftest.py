@@ -12,10 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from rigel_k8s.settings import Settings
 
 Rigel = Callable[..., subprocess.CompletedProcess[str]]
+
+
+class Manifests(yaml.CSafeLoader):
+    """Manifests that Go wrote, for which a plain `=` is a text."""
+
+
+Manifests.add_constructor("tag:yaml.org,2002:value", Manifests.construct_yaml_str)  # type: ignore[type-var]
 
 
 def run_rigel(
@@ -110,6 +118,25 @@ def registry(cluster: Any) -> str:
 def multus(context: str) -> None:
     """Multus and whereabouts on the cluster, as the product installs them; they stay there."""
     run_rigel("--context", context, "network", "install")
+
+
+@pytest.fixture(scope="session")
+def prometheus_operator(cluster: Any) -> None:
+    """The Prometheus operator by upstream's own manifests, unchanged; it stays on the cluster."""
+    from rigel_k8s.deploy.types import ObjectRef
+    from rigel_k8s.localcluster.observability import OPERATOR
+
+    OPERATOR.build(print)
+    manifests = (OPERATOR.directory / "prometheus-operator.yaml").read_text()
+    for manifest in filter(None, yaml.load_all(manifests, Manifests)):
+        cluster.apply(manifest)
+    ref = ObjectRef("apps/v1", "Deployment", "default", "prometheus-operator")
+    for event in cluster.watch("apps/v1", "Deployment", ref.namespace, seconds=180):
+        if event.object["metadata"]["name"] == ref.name and event.object["status"].get(
+            "readyReplicas"
+        ):
+            return
+    raise AssertionError(f"{ref} is not ready: {cluster.get(ref)['status']}")
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import attrs
@@ -10,7 +11,7 @@ import attrs
 from rigel_k8s import localcluster
 from rigel_k8s.images import exporter
 
-__all__ = ["up"]
+__all__ = ["ros_exporter", "up"]
 
 
 @attrs.frozen
@@ -44,16 +45,17 @@ def up(
 
     With "observability" it serves the ROS exporter too, which is made here.
     """
-
-    def ros_exporter() -> Path:
-        return exporter.build(Steps(report)).archive
-
     return localcluster.up(
         name,
         nodes,
         extras=extras,
         layout=layout,
         data_dir=data_dir,
-        made={"observability": {exporter.UPSTREAM: ros_exporter}},
+        made={"observability": {exporter.UPSTREAM: partial(ros_exporter, report)}},
         report=report,
     )
+
+
+def ros_exporter(report: Callable[[str], None]) -> Path:
+    """Return the archive of the ROS exporter's image, made where it is not there yet."""
+    return exporter.build(Steps(report)).archive

@@ -16,7 +16,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.localcluster import components, k3s
+from rigel_k8s.actions import clusters
+from rigel_k8s.images import exporter
+from rigel_k8s.localcluster import components, k3s, observability_images
 from rigel_k8s.localcluster.commands import run
 from rigel_k8s.localcluster.gobuild import GoBuild, toolchain
 
@@ -170,6 +172,20 @@ def test_a_running_cluster_gains_what_is_asked_for(host: Any, offering: str) -> 
     assert "Adding" not in host.rigel("up", "--name", offering, "--with", "multus")
     assert host.status(offering)["offers"] == offers
     assert host.status(offering)["extras"] == ["multus"]
+
+
+def test_a_running_cluster_gains_another_extra(host: Any, offering: str) -> None:
+    """What it offered stays; an image that is no program of its own comes too, once."""
+    components.obtain(print, ["observability"])  # the machine itself reaches nothing
+    clusters.ros_exporter(print)
+    before = host.status(offering)["offers"]
+    words = ["up", "--name", offering, "--with", "observability"]
+    assert f"Adding {exporter.UPSTREAM} to the registry" in host.rigel(*words)
+    offers = host.status(offering)["offers"]
+    assert set(before) | set(observability_images.OBSERVABILITY_IMAGES) <= set(offers)
+    assert exporter.UPSTREAM in offers
+    assert host.status(offering)["extras"] == ["multus", "observability"]
+    assert "Adding" not in host.rigel(*words)
 
 
 def test_nodes_hear_each_others_multicast(host: Any, plain: str) -> None:

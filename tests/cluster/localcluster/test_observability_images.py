@@ -129,6 +129,20 @@ def test_the_exporter_comes_with_them(place: Place) -> None:
     place.ended(pod)
 
 
+def test_the_operator_runs_a_prometheus(place: Place, prometheus_operator: None) -> None:
+    """Upstream's manifests run unchanged, and what the operator makes becomes ready."""
+    place.cluster.create(
+        {
+            "apiVersion": "monitoring.coreos.com/v1",
+            "kind": "Prometheus",
+            "metadata": {"name": "own", "namespace": place.namespace},
+            "spec": {"image": observability_images.PROMETHEUS_IMAGE, "version": "v3.13.3"},
+        }
+    )
+    pod = ObjectRef("v1", "Pod", place.namespace, "prometheus-own-0")
+    assert "Prometheus Server is Ready" in place.answer(pod, 9090, "-/ready")
+
+
 def test_an_archive_is_pushed_where_it_is_not_there(registry: str, tmp_path: Path) -> None:
     """The same image twice is one upload; another one takes its name over."""
     first, second = (archive(tmp_path / name, name.encode()) for name in ("one", "two"))

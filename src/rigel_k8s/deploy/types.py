@@ -13,6 +13,7 @@ from rigel_k8s.problems import Path
 __all__ = [
     "FIELD_MANAGER",
     "FIRST_ANNOTATION",
+    "OPTIONAL_ANNOTATION",
     "RELEASE_LABEL",
     "SINGLETON_ANNOTATION",
     "Desired",
@@ -33,6 +34,8 @@ RELEASE_LABEL = "rigel-k8s/release"
 SINGLETON_ANNOTATION = "rigel-k8s/singleton"
 #: On a workload, "true": the release's other workloads start when it is ready (a ROS master).
 FIRST_ANNOTATION = "rigel-k8s/first"
+#: On a workload, "true": the release is good without it, and says so.
+OPTIONAL_ANNOTATION = "rigel-k8s/optional"
 
 
 @attrs.frozen

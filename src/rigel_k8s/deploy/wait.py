@@ -14,7 +14,14 @@ from rigel_k8s.deploy.causes import Cause, causes, containers, pods_of, probe_fa
 from rigel_k8s.deploy.order import WORKLOADS
 from rigel_k8s.deploy.patience import Ledger, Patience, Seen
 from rigel_k8s.deploy.readiness import UNSEEN, Readiness, readiness
-from rigel_k8s.deploy.types import RELEASE_LABEL, Manifest, ObjectRef, ReleaseId, ref_of
+from rigel_k8s.deploy.types import (
+    OPTIONAL_ANNOTATION,
+    RELEASE_LABEL,
+    Manifest,
+    ObjectRef,
+    ReleaseId,
+    ref_of,
+)
 from rigel_k8s.deploy.view import EVENT, POD, REPLICA_SET, Kind, View
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
@@ -27,6 +34,7 @@ EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none
 LOG_LINES = 12
 STEADY = 12.0  # seconds that a workload must stay up after its last crash to count as ready
+GRACE = 30.0  # seconds that what a release can do without has when all else is ready
 WAITED = (*WORKLOADS, "PersistentVolumeClaim", "CustomResourceDefinition")
 
 
@@ -59,6 +67,8 @@ class Waiter:
     rolling: set[ObjectRef] = attrs.field(factory=set)
     crashes: dict[ObjectRef, tuple[int, float]] = attrs.field(factory=dict)
     unsteady: set[ObjectRef] = attrs.field(factory=set)
+    optional: set[ObjectRef] = attrs.field(factory=set)
+    enough_since: float | None = None
     explained: float = 0.0
 
     def __attrs_post_init__(self) -> None:
@@ -72,6 +82,7 @@ class Waiter:
             Interrupted: `cancel` was set.
         """
         targets = {ref_of(live): live for live in applied if is_waited_for(live)}
+        self.optional = {ref for ref, live in targets.items() if is_optional(live)}
         if all(self.settled(ref, live) for ref, live in targets.items()):
             return
         deadline = time.monotonic() + self.timeout
@@ -86,7 +97,7 @@ class Waiter:
                 if now - started > QUIET:
                     view.watch([EVENT], fields="type=Warning")
                 self.look_for_causes(view, targets, now)
-                if now > deadline:
+                if now > deadline and self.enough_since is None:
                     raise self.too_late(view, targets)
                 if self.cancel.is_set():
                     raise Interrupted(
@@ -113,8 +124,21 @@ class Waiter:
             live = view.find(ref)
             if live is not None:
                 self.settled(ref, live)
-        waiting = [ref for ref in targets if not self.ready(ref)]
-        return not waiting
+        return self.enough([ref for ref in targets if not self.ready(ref)])
+
+    def enough(self, waiting: Sequence[ObjectRef]) -> bool:
+        """Whether nothing is waited for any more: what is optional only has a short while."""
+        if not self.optional.issuperset(waiting):
+            self.enough_since = None
+            return False
+        now = time.monotonic()
+        self.enough_since = self.enough_since or now
+        if waiting and now - self.enough_since < GRACE:
+            return False
+        for ref in waiting:
+            text = f"{ref.name} is not ready: {self.states[ref].message}; {self.release.name}"
+            self.report.warn(f"{text} runs without it (`rigel status` tells how it goes on)")
+        return True
 
     def look_for_crashes(self, view: View, targets: dict[ObjectRef, Manifest]) -> None:
         """Note which workloads crashed lately: without probes they look ready in between."""
@@ -167,7 +191,7 @@ class Waiter:
         for ref, cause in found:
             if ref.kind in WORKLOADS:
                 self.show(ref, cause.message, done=False)
-        if hopeless := list(self.ledger.hopeless(now)):
+        if hopeless := [s for s in self.ledger.hopeless(now) if s.ref not in self.optional]:
             raise self.failed(hopeless)
 
     def current(
@@ -239,7 +263,7 @@ class Waiter:
     def too_late(self, view: View, targets: dict[ObjectRef, Manifest]) -> RolloutFailed:
         """Return the error for the end of the time."""
         pods, sets = view.owned(POD), view.owned(REPLICA_SET)
-        warnings, lines, late = view.warnings(), [], [r for r in targets if not self.ready(r)]
+        warnings, lines, late = view.warnings(), [], self.late(targets)
         for ref in late:
             live = view.find(ref)
             own = sets.get(live["metadata"]["uid"], []) if live else []
@@ -256,9 +280,18 @@ class Waiter:
             details=lines,
         )
 
+    def late(self, targets: dict[ObjectRef, Manifest]) -> list[ObjectRef]:
+        """Return what the release cannot do without and is not ready."""
+        return [ref for ref in targets if not self.ready(ref) and ref not in self.optional]
+
     def hint(self, ref: ObjectRef) -> str:
         """Return what to do next."""
         return f"`rigel logs {ref.name}` shows its output; {self.way_out}"
+
+
+def is_optional(live: Manifest) -> bool:
+    """Whether a release is good without an object."""
+    return (live["metadata"].get("annotations") or {}).get(OPTIONAL_ANNOTATION) == "true"
 
 
 def its_pods(

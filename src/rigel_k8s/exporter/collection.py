@@ -33,7 +33,7 @@ class Collection:
         """Look at nothing yet."""
         self._half, self._config = half, config
         self._listening = Listening(half, config)
-        self._standing = Standing(config.expected, config.topics)
+        self._standing = Standing(config.expected, config.known, config.topics)
         self._lock = threading.Lock()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="looks", daemon=True)

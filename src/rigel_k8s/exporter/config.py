@@ -26,11 +26,12 @@ class Config(NamedTuple):
         name: the exporter's own ROS 1 name.
         master_uri: ROS 1's master.
         domain: DDS' domain.
-        mode: how participants find each other: multicast, peers or servers.
+        mode: how participants find each other: multicast, peers or discovery-server.
         interface: the network interface for DDS, None for any.
         peers: names or addresses that are told of the exporter.
         servers: discovery servers, HOST or HOST:PORT.
         expected: ROS names of nodes that there must be, and the workload of each.
+        known: the same for nodes that may have another name.
         topics: topics to hear; nothing else is subscribed but what the next three ask for.
         diagnostics: hear /diagnostics.
         clock: hear /clock.
@@ -49,6 +50,7 @@ class Config(NamedTuple):
     peers: Sequence[str] = ()
     servers: Sequence[str] = ()
     expected: Mapping[str, str] = {}
+    known: Mapping[str, str] = {}
     topics: Sequence[str] = ()
     diagnostics: bool = False
     clock: bool = False
@@ -57,7 +59,7 @@ class Config(NamedTuple):
     port: int = PORT
 
 
-_CHOICES = {"ros": ("1", "2", "none"), "mode": ("multicast", "peers", "servers")}
+_CHOICES = {"ros": ("1", "2", "none"), "mode": ("multicast", "peers", "discovery-server")}
 
 
 def read(path: Path) -> Config:

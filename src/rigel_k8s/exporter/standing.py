@@ -27,14 +27,18 @@ T = TypeVar("T")
 class Standing:
     """The looks so far."""
 
-    def __init__(self, expected: Mapping[str, str], named: Iterable[str]) -> None:
+    def __init__(
+        self, expected: Mapping[str, str], known: Mapping[str, str], named: Iterable[str]
+    ) -> None:
         """Begin with no look.
 
         Args:
-            expected: ROS names of nodes, and the workload of each.
+            expected: ROS names of nodes that there must be, and the workload of each.
+            known: the workloads of others.
             named: topics that are told of whatever else there is.
         """
         self._expected, self._named = dict(expected), frozenset(named)
+        self._workloads = {**known, **expected}
         self._graph = Graph()
         self._seen: dict[str, float] = {}
         self._dropped: dict[str, int] = {}
@@ -101,7 +105,7 @@ class Standing:
         return [*self._graph.nodes, *gone[: max(room, len(self._expected))]]
 
     def _of_node(self, node: Node) -> Iterator[Sample]:
-        labels = {"ros_node": node.name, "workload": self._expected.get(node.name, "")}
+        labels = {"ros_node": node.name, "workload": self._workloads.get(node.name, "")}
         yield Sample("ros_node_up", node.up, labels)
         yield Sample("ros_node_registered", node.registered, labels)
         if self._graph.master:

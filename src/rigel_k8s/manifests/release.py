@@ -19,13 +19,22 @@ from rigel_k8s.manifests.distros import ros_of
 from rigel_k8s.manifests.images import pinned
 from rigel_k8s.manifests.master import master_deployment, master_service
 from rigel_k8s.manifests.network.modes import network_objects, wiring
-from rigel_k8s.manifests.network.plan import network_plan
+from rigel_k8s.manifests.network.plan import network_of, network_plan
 from rigel_k8s.manifests.network.readiness import ready_words
 from rigel_k8s.manifests.network.wiring import NetworkPlan, PodIdentity, Ros
-from rigel_k8s.manifests.nodes import Node, node_objects
+from rigel_k8s.manifests.nodes import Node, node_objects, plan_of
+from rigel_k8s.manifests.observability.exporter import (
+    Graph,
+    exporter_identity,
+    exporter_objects,
+)
+from rigel_k8s.manifests.observability.exporterchecks import can_be_seen
+from rigel_k8s.manifests.observability.names import EXPORTER
+from rigel_k8s.manifests.observability.options import RosMetrics
 from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.manifests.overlay import merge, plain
 from rigel_k8s.manifests.partial import flat
+from rigel_k8s.manifests.placing import node_selector, remote_selector, tolerations
 from rigel_k8s.manifests.pods import (
     MASTER_NAME,
     MASTER_PORT,
@@ -33,6 +42,7 @@ from rigel_k8s.manifests.pods import (
     Object,
     scripts_config,
 )
+from rigel_k8s.manifests.programs import program, takes_ros_arguments
 from rigel_k8s.manifests.storage import storage
 from rigel_k8s.manifests.workloads import Surroundings, config_map
 from rigel_k8s.problems import Path
@@ -42,6 +52,9 @@ __all__ = ["Files", "deploys_master", "desired", "has_workloads", "master_uri"]
 
 #: On the pods of ROS nodes: which roscore they register with.
 MASTER_ANNOTATION = "rigel-k8s/master"
+
+#: The node that each roscore has.
+ROSOUT = "/rosout"
 
 #: The texts of parameter files, by the names that the Rigelfile gives them.
 Files = Mapping[str, str]
@@ -119,6 +132,7 @@ def desired(
 def bound_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
     """Yield the objects, the pods of all nodes bound to the very roscore that they register with.
 
+    The exporter registers anew by itself, and would forget that there was another roscore.
     A roscore that is changed is started anew and knows nobody; nobody registers again. So its nodes
     must start anew too, after it: a hash of its pod template stands in theirs.
     """
@@ -127,7 +141,8 @@ def bound_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
     mark = {MASTER_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:12]}
     over = {"spec": {"template": {"metadata": {"annotations": mark}}}}
     for item in made:
-        follows = masters and item["kind"] == "Deployment" and not is_master(item)
+        stays = is_master(item) or item["metadata"]["name"] == EXPORTER
+        follows = masters and item["kind"] == "Deployment" and not stays
         yield merge(item, over) if follows else item
 
 
@@ -153,7 +168,7 @@ class Parts:
     def master(self) -> PodIdentity:
         """What the network knows roscore by."""
         image = self.options.ros_master_image or self.around.default_image
-        return PodIdentity(MASTER_NAME, str(image), "/rosout")
+        return PodIdentity(MASTER_NAME, str(image), ROSOUT)
 
     def nodes(self) -> Iterator[Node]:
         """Yield the nodes."""
@@ -161,6 +176,13 @@ class Parts:
         for key, node in self.options.nodes.items():
             image = str(node.image or self.options.image)
             yield Node(str(key), node, image, self.files, volumes)
+
+    @property
+    def exporter(self) -> RosMetrics | None:
+        """What the exporter shall do; None where there is none, or it could see nothing."""
+        found = self.options.observability.exporter
+        seen = has_workloads(self.options) and can_be_seen(self.options, self.around.ros)
+        return found if seen else None
 
     def identities(self) -> Iterator[PodIdentity]:
         """Yield all workloads as the network knows them."""
@@ -171,7 +193,13 @@ class Parts:
         yield from (node.identity for node in self.nodes())
 
     def plan(self, previous: Sequence[Manifest]) -> NetworkPlan:
-        """Return the network of all of them."""
+        """Return the network of all of them.
+
+        Nobody needs to know the exporter, which knows the others; but it has an address of its own.
+        """
+        network = network_of(self.options.network)
+        static = network is not None and network.ipam == "static"
+        watching = [exporter_identity(self.exporter)] if static and self.exporter else []
         return network_plan(
             self.options.network,
             namespace=self.around.namespace,
@@ -179,7 +207,7 @@ class Parts:
             ros=self.around.ros,
             distro=self.around.distro,
             middleware=self.options.middleware,
-            pods=tuple(self.identities()),
+            pods=(*self.identities(), *watching),
             previous=previous,
             pull_secrets=self.around.pull_secrets,
         )
@@ -207,6 +235,40 @@ def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced
     for node in own.nodes():
         for item in node_objects(around, node, plan):
             yield ("nodes", node.key), item
+    if own.exporter:
+        for item in exporter_objects(around, own.exporter, graph_of(own, plan), plan):
+            yield ("observability",), item
+
+
+def graph_of(own: Parts, plan: NetworkPlan) -> Graph:
+    """Return what the exporter shall see: the nodes of one domain, and where all of them are."""
+    nodes = list(own.nodes())
+    domains = {node.key: plan_of(node, plan).domain_id for node in nodes}
+    domain = next(iter(domains.values())) if len(set(domains.values())) == 1 else plan.domain_id
+    near = [node for node in nodes if domains[node.key] == domain]
+    named = {node.ros_name: node for node in near if node.ros_name and own.around.ros != "none"}
+    told = {name: node.name for name, node in named.items() if is_told(own.around.ros, node)}
+    rest = {name: node.name for name, node in named.items() if name not in told}
+    if own.has_master:
+        told[ROSOUT] = MASTER_NAME
+    return Graph(told, rest, domain or 0, placement(own.options))
+
+
+def is_told(ros: Ros, node: Node) -> bool:
+    """Return whether a program gets its ROS name from here; another may have one of its own."""
+    line = program(ros, node.options)
+    return not node.options.launch and takes_ros_arguments(ros, line)
+
+
+def placement(options: OrchestrationOptions) -> Mapping[str, Any]:
+    """Return where the exporter runs: with the nodes, where all are bound to the same machines."""
+    chosen = [node_selector(node.placement) for node in options.nodes.values()]
+    if has_application(options):
+        chosen.append(remote_selector(options.distributed))
+    if not chosen or not chosen[0] or any(one != chosen[0] for one in chosen):
+        return {}
+    asked = next(iter(options.nodes.values())).tolerations if options.nodes else []
+    return {"nodeSelector": chosen[0], "tolerations": tolerations(asked, pinned=True)}
 
 
 def protected(items: Iterator[Object]) -> Iterator[ObjectRef]:

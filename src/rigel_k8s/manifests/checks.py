@@ -10,6 +10,8 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import attrs
+
 from rigel_k8s.manifests.application import (
     APP_CONTAINER,
     containers_of,
@@ -23,6 +25,7 @@ from rigel_k8s.manifests.network.checks import check_network
 from rigel_k8s.manifests.network.wiring import Ros
 from rigel_k8s.manifests.nodechecks import check_node
 from rigel_k8s.manifests.nodes import NODE_CONTAINER
+from rigel_k8s.manifests.observability.checks import check as check_stack
 from rigel_k8s.manifests.options import OrchestrationOptions, Readiness, RollingUpdate
 from rigel_k8s.manifests.pods import MASTER_NAME
 from rigel_k8s.manifests.release import deploys_master
@@ -236,8 +239,8 @@ def check_fixed(path: Path, tree: object) -> Iterator[Problem]:
 
 
 def check_observability(options: OrchestrationOptions) -> Iterator[Problem]:
-    """Yield that the stack is checked and not deployed."""
-    if options.observability.enabled or options.observability_only:
-        key = "observability_only" if options.observability_only else "observability"
-        message = "it is checked, but this version does not deploy it yet"
-        yield Problem((key,), message, "not-deployed", severity="warning", at_key=True)
+    """Yield what is wrong with the stack that the job asks for."""
+    said = options.observability
+    if options.observability_only:
+        said = attrs.evolve(said, enabled=True)
+    yield from (problem.under(("observability",)) for problem in check_stack(said))

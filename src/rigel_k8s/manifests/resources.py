@@ -1,6 +1,6 @@
 """What a container asks for and may use at most, as every job type writes it."""
 
-# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
-from rigel_k8s.errors import Interrupted, RigelK8sError
+from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
 from rigel_k8s.manifests.checks import check
 from rigel_k8s.manifests.distros import ros_of
 from rigel_k8s.manifests.options import OrchestrationOptions
-from rigel_k8s.manifests.partial import is_partial
+from rigel_k8s.manifests.partial import flat, is_partial
+from rigel_k8s.plugins.observability import run as run_stack
 from rigel_k8s.plugins.orchestration_places import check_places
 from rigel_k8s.plugins.orchestration_release import (
     Preparation,
@@ -55,11 +56,14 @@ class OrchestrationJob:
             UserError: the options do not fit the cluster or the release; nothing was written.
             ClusterError, RolloutFailed: it went wrong; the causes are in the details.
             GraphError: it is deployed, and its DDS nodes do not discover each other.
+
+        Where only the observability stack does not become ready, the application is deployed and
+        the stack's RolloutFailed raised afterwards.
         """
         from rigel_k8s.kube import connect
 
         if options.observability_only:
-            job.report.warn("observability is not deployed by this version: nothing to do")
+            run_stack(flat(job.raw).get("observability") or {}, options.observability, job)
             return
         with connect(job.settings) as cluster:
             prepared = prepare(
@@ -73,10 +77,13 @@ class OrchestrationJob:
             )
             check_places(prepared.desired.objects, cluster)
             _ready_the_network(prepared, cluster, job)
+            late = _observe(prepared, cluster, job)
             write_pull_secret(prepared.desired, prepared.credentials, cluster)
             _deploy(prepared, cluster, job)
             _check_graph(prepared, cluster, job)
             _copy_results(prepared, cluster, job)
+            if late is not None:
+                raise late
 
 
 def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
@@ -93,6 +100,22 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     )
     release = revision.release
     job.report.line(f"{release.name} in {release.namespace} is at revision {revision.number}")
+
+
+def _observe(prepared: Preparation, cluster: Cluster, job: JobContext) -> RolloutFailed | None:
+    """Have the observability stack there that the job asks for.
+
+    Returns:
+        Why it does not become ready: robots do not wait for dashboards, so it is told at the end.
+    """
+    from rigel_k8s.plugins.observability_install import ensure
+
+    try:
+        ensure(prepared, cluster, job)
+    except RolloutFailed as error:
+        job.report.warn(f"{error.message}; the application is deployed all the same")
+        return error
+    return None
 
 
 def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:

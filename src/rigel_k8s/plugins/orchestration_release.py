@@ -75,8 +75,8 @@ def prepare(
     """
     if options.observability_only:
         raise UserError(
-            "observability_only: this version does not deploy observability yet",
-            hint="leave observability_only out to deploy the application",
+            "observability_only: this job describes no application",
+            hint="a job without observability_only deploys one",
         )
     release = release_of(options, settings, cluster)
     last = _LastRevision(cluster, release)

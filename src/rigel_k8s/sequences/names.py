@@ -68,6 +68,11 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
             "rigel_k8s.plugins.network:NetworkJob",
             ("rigel_k8s.NetworkPlugin",),
         ),
+        Builtin(
+            "observability",
+            "rigel_k8s.plugins.observability:ObservabilityJob",
+            ("rigel_k8s.ObservabilityPlugin",),
+        ),
     ),
     "provider": (
         Builtin(

@@ -1,0 +1,23 @@
+"""The images of the stack: upstream's, each of one version; every part's `image` replaces its."""
+
+from __future__ import annotations
+
+__all__ = [
+    "ALLOY_IMAGE",
+    "GRAFANA_IMAGE",
+    "KUBE_STATE_METRICS_IMAGE",
+    "LOKI_IMAGE",
+    "NODE_EXPORTER_IMAGE",
+    "PROMETHEUS_IMAGE",
+    "PROMTAIL_IMAGE",
+]
+
+LOKI_IMAGE = "docker.io/grafana/loki:3.7.8"
+#: The last one: its upkeep ended with it.
+PROMTAIL_IMAGE = "docker.io/grafana/promtail:3.6.11"
+ALLOY_IMAGE = "docker.io/grafana/alloy:v1.19.2"
+#: The line with long-term support.
+PROMETHEUS_IMAGE = "docker.io/prom/prometheus:v3.13.3"
+KUBE_STATE_METRICS_IMAGE = "registry.k8s.io/kube-state-metrics/kube-state-metrics:v2.18.0"
+NODE_EXPORTER_IMAGE = "quay.io/prometheus/node-exporter:v1.12.1"
+GRAFANA_IMAGE = "docker.io/grafana/grafana:13.2.3"

@@ -73,7 +73,8 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
     yield from check_ranges(network)
     yield from check_peers(network.peers)
     masters = int(ros == "1" and options.ros_master_uri is None)
-    yield from check_pods(options, network, masters=masters)
+    watching = int(options.observability.exporter is not None)
+    yield from check_pods(options, network, others=masters + watching)
 
 
 def check_missing(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:

@@ -97,17 +97,17 @@ def mapping(value: Any) -> Mapping[str, Any]:
 
 
 def check_pods(
-    options: OrchestrationOptions, network: Network, *, masters: int
+    options: OrchestrationOptions, network: Network, *, others: int
 ) -> Iterator[Problem]:
     """Yield what the workloads cannot do.
 
     Args:
-        masters: how many roscores there are besides.
+        others: how many pods there are besides, roscore's and the exporter's.
     """
     found = list(workloads_of(options))
     yield from check_replicas(network, found)
     yield from check_launches(options, network)
-    yield from check_count(network, sum(one.pods for one in found) + masters)
+    yield from check_count(network, sum(one.pods for one in found) + others)
     yield from check_machines(network, found)
     yield from check_host_network(network, found)
     yield from check_names(options, network, found)

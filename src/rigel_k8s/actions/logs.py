@@ -1,45 +1,52 @@
-"""logs: of some or all ROS nodes, followed through restarts and roll-outs."""
+"""logs: of some or all ROS nodes, followed through restarts and roll-outs.
+
+What is asked of the past (`since`, `level`) is told in the order of time, from Loki where it is
+there (actions/logs_history.py); what a pod says now comes as it is, from the API server alone.
+"""
 
 from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
 
 import attrs
 
-from rigel_k8s.actions.pods import Pod, pod_of, pods_of, release_pods
+from rigel_k8s.actions.log_lines import LogLine
+from rigel_k8s.actions.pods import Pod, chosen_pods, pod_of
 from rigel_k8s.actions.targets import Release, release
 from rigel_k8s.deploy.types import RELEASE_LABEL
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.kube import Cluster
 from rigel_k8s.settings import Settings
 
-__all__ = ["LogLine", "LogOptions", "logs"]
+__all__ = ["Follow", "LogLine", "LogOptions", "logs"]
 
 LOOK = 0.2  # seconds between two looks whether a follow has ended
 
 
 @attrs.frozen
 class LogOptions:
-    """Which log lines: of the last seconds, the last so many, of the container before."""
+    """Which log lines: of the last seconds, the last so many, of the container before.
+
+    Attributes:
+        level: this one of names.LEVELS and those above it.
+        parsed: with time and level of each line, in the order of time.
+    """
 
     follow: bool = False
     since: int | None = None
     tail: int | None = None
     previous: bool = False
     timestamps: bool = False
+    level: str | None = None
+    parsed: bool = False
 
-
-@attrs.frozen
-class LogLine:
-    """One line, and the workload and pod it is of; a note is ours and not the pod's."""
-
-    workload: str
-    pod: str
-    text: str
-    note: bool = False
+    @property
+    def of_the_past(self) -> bool:
+        """Whether more is asked than the containers that there are now can tell."""
+        return (self.since is not None or self.level is not None) and not self.previous
 
 
 def logs(
@@ -53,14 +60,20 @@ def logs(
     """
     found = release(settings, job)
     with found.cluster as cluster:
-        chosen = [p for n in nodes for p in pods_of(found, n)] if nodes else release_pods(found)
-        if not chosen:
-            raise UserError(
-                f"no pod of {found.id.name} is in the namespace {found.id.namespace}",
-                hint="`rigel status` tells what is there; -n names another namespace",
-            )
+        if options.of_the_past or options.parsed or options.level:
+            from rigel_k8s.actions.logs_history import history
+
+            yield from history(found, nodes, options)
+            return
+        chosen = some(chosen_pods(found, nodes), found)
         if options.follow:
-            yield from Follow(cluster, found, chosen, options).lines()
+
+            def read(pod: Pod, *, old: bool, cancel: threading.Event) -> Iterator[LogLine]:
+                # What began after us is new from its beginning.
+                words = options if old else attrs.evolve(options, since=None, tail=None)
+                return lines_of(cluster, pod, words, follow=True, cancel=cancel)
+
+            yield from Follow(found, {pod.workload for pod in chosen}, chosen, read).lines()
             return
         for pod in chosen:
             try:
@@ -69,6 +82,20 @@ def logs(
                 if len(chosen) == 1:
                     raise
                 yield LogLine(pod.workload, pod.name, error.message, note=True)
+
+
+def some(pods: list[Pod], found: Release) -> list[Pod]:
+    """Return the pods.
+
+    Raises:
+        UserError: there is none.
+    """
+    if pods:
+        return pods
+    raise UserError(
+        f"no pod of {found.id.name} is in the namespace {found.id.namespace}",
+        hint="`rigel status` tells what is there; -n names another namespace",
+    )
 
 
 def lines_of(cluster: Cluster, pod: Pod, options: LogOptions, **more: Any) -> Iterator[LogLine]:
@@ -87,16 +114,25 @@ def lines_of(cluster: Cluster, pod: Pod, options: LogOptions, **more: Any) -> It
 
 
 class Follow:
-    """Lines of all pods of some workloads as they come: a thread for each run of a container."""
+    """Lines of all pods of some workloads as they come: a thread for each run of a container.
+
+    Args:
+        pods: those that were there before; the others are read from their beginning.
+        read: reads and follows a pod; `old` says that its pod was there before.
+    """
 
     def __init__(
-        self, cluster: Cluster, found: Release, pods: Sequence[Pod], options: LogOptions
+        self,
+        found: Release,
+        workloads: Collection[str],
+        pods: Sequence[Pod],
+        read: Callable[..., Iterator[LogLine]],
     ) -> None:
-        self._cluster = cluster
+        self._cluster = found.cluster
         self._found = found
-        self._workloads = {pod.workload for pod in pods}
+        self._workloads = workloads
         self._old = {pod.name for pod in pods}
-        self._options = options
+        self._read = read
         self._lines: queue.Queue[LogLine | Exception] = queue.Queue()
         self._stop = threading.Event()
         self._seen: set[tuple[str, int]] = set()
@@ -135,16 +171,13 @@ class Follow:
         if (pod.name, number) in self._seen:
             return
         self._seen.add((pod.name, number))
-        options = self._options
-        if pod.name in self._old:
-            self._old.discard(pod.name)
-        else:  # it began after us: all that it says is new
-            options = attrs.evolve(options, since=None, tail=None)
-        threading.Thread(target=self._follow, args=(pod, options), daemon=True).start()
+        old = pod.name in self._old
+        self._old.discard(pod.name)
+        threading.Thread(target=self._follow, args=(pod,), kwargs={"old": old}, daemon=True).start()
 
-    def _follow(self, pod: Pod, options: LogOptions) -> None:
+    def _follow(self, pod: Pod, *, old: bool) -> None:
         try:
-            for line in lines_of(self._cluster, pod, options, follow=True, cancel=self._stop):
+            for line in self._read(pod, old=old, cancel=self._stop):
                 self._lines.put(line)
         except RigelK8sError as error:
             if not self._stop.is_set():

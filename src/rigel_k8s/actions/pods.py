@@ -22,8 +22,18 @@ from rigel_k8s.manifests.pods import SCRIPTS_PATH
 from rigel_k8s.rigelfile import nearest
 from rigel_k8s.settings import Settings
 
-__all__ = ["Pod", "execute", "forward", "pod_of", "pods_of", "release_pods"]
+__all__ = [
+    "Pod",
+    "chosen_pods",
+    "execute",
+    "forward",
+    "matching",
+    "pod_of",
+    "pods_of",
+    "release_pods",
+]
 
+COMPONENT_LABEL, OBSERVABILITY = "app.kubernetes.io/component", "observability"
 LOOK = 1.0  # seconds between two looks at a forward
 
 
@@ -36,6 +46,9 @@ class Pod:
         aliases: all names under which a user may mean its node.
         container: its first container.
         scripts: whether that has the in-pod scripts.
+        machine: the cluster node, "" before one takes it.
+        restarts: of its first container.
+        helper: it is no node of the application but looks at them (the ROS exporter).
     """
 
     name: str
@@ -47,6 +60,10 @@ class Pod:
     phase: str
     created: str
     ready: bool
+    ros_name: str = ""
+    machine: str = ""
+    restarts: int = 0
+    helper: bool = False
 
 
 def pod_of(item: dict[str, Any]) -> Pod:
@@ -69,7 +86,17 @@ def pod_of(item: dict[str, Any]) -> Pod:
         phase="Terminating" if meta.get("deletionTimestamp") else status.get("phase", "Unknown"),
         created=meta.get("creationTimestamp", ""),
         ready=conditions.get("Ready") == "True",
+        ros_name=ros_name,
+        machine=item["spec"].get("nodeName", ""),
+        restarts=restarts_of(status, container["name"]),
+        helper=(meta.get("labels") or {}).get(COMPONENT_LABEL) == OBSERVABILITY,
     )
+
+
+def restarts_of(status: dict[str, Any], container: str) -> int:
+    """Return how often a container was started again."""
+    counts = {s["name"]: s["restartCount"] for s in status.get("containerStatuses") or []}
+    return int(counts.get(container, 0))
 
 
 def release_pods(found: Release) -> list[Pod]:
@@ -79,6 +106,13 @@ def release_pods(found: Release) -> list[Pod]:
     return sorted((pod_of(item) for item in items), key=lambda p: (p.workload, p.created))
 
 
+def chosen_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
+    """Return the pods of some ROS nodes, or of all; raises as pods_of."""
+    if nodes:
+        return [pod for node in nodes for pod in pods_of(found, node)]
+    return [pod for pod in release_pods(found) if not pod.helper]
+
+
 def pods_of(found: Release, node: str) -> list[Pod]:
     """Return the pods of a ROS node, named by its key, its ROS name or its Kubernetes name.
 
@@ -86,9 +120,7 @@ def pods_of(found: Release, node: str) -> list[Pod]:
         UserError: no pod of the release is of such a node.
     """
     everything = release_pods(found)
-    chosen = [pod for pod in everything if node in pod.aliases]
-    chosen = chosen or [pod for pod in everything if pod.workload == object_name(node)]
-    if chosen:
+    if chosen := matching(everything, node):
         return chosen
     names = sorted({pod.workload for pod in everything})
     if not names:
@@ -99,6 +131,12 @@ def pods_of(found: Release, node: str) -> list[Pod]:
     close = nearest(node, names)
     meant = f', did you mean "{close}"?' if close else ""
     raise UserError(f'no pod of a node "{node}"{meant}', hint=f"there are: {', '.join(names)}")
+
+
+def matching(pods: Sequence[Pod], node: str) -> list[Pod]:
+    """Return those of the pods that a name means."""
+    chosen = [pod for pod in pods if node in pod.aliases]
+    return chosen or [pod for pod in pods if pod.workload == object_name(node)]
 
 
 def running(pods: Sequence[Pod]) -> Pod:

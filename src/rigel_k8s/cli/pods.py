@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
+import json
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
 from rigel_k8s.cli.words import Timeout, complete_node, job_option, settings
 
+if TYPE_CHECKING:
+    from rigel_k8s.actions.log_lines import LogLine
+
 __all__ = ["exec_", "forward", "logs"]
 
+LEVELS = ("debug", "info", "warn", "error", "fatal")
 COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_cyan", "bright_green")
 
 
 @click.command()
 @click.argument("nodes", nargs=-1, metavar="[NODE]...", shell_complete=complete_node)
 @click.option("-f", "--follow", is_flag=True, help="Go on with new lines, and with new pods.")
-@click.option("--since", type=Timeout(), help="Only the last 30s, 5m, 1h ...")
+@click.option(
+    "--since", type=Timeout(), help="The last 30s, 5m, 1h, 2d ...: from Loki, where it is there."
+)
+@click.option(
+    "--level",
+    type=click.Choice(LEVELS, case_sensitive=False),
+    help="This level and those above it [--since 1h].",
+)
 @click.option("--tail", type=click.IntRange(min=0), help="Only so many last lines of each pod.")
 @click.option("-p", "--previous", is_flag=True, help="Of the container before its last restart.")
 @click.option("--timestamps", is_flag=True, help="With the time of each line.")
+@click.option(
+    "-o", "--output", type=click.Choice(["text", "json"]), default="text", help="The form."
+)
 @job_option
 @click.pass_context
 def logs(
@@ -28,14 +44,18 @@ def logs(
     nodes: tuple[str, ...],
     follow: bool,  # noqa: FBT001 - click passes them by name
     since: float | None,
+    level: str | None,
     tail: int | None,
     previous: bool,  # noqa: FBT001
     timestamps: bool,  # noqa: FBT001
+    output: str,
     job: str | None,
 ) -> None:
     """Print the logs of ROS nodes; of all, where none is named.
 
     Lines of one node are printed as they are, those of several with the node's name before them.
+    With --since or --level they come by time, also those of pods that are gone, from the
+    observability stack's Loki; without one, from the API server.
     """
     from rigel_k8s.actions.logs import LogOptions
     from rigel_k8s.actions.logs import logs as lines_of
@@ -46,13 +66,40 @@ def logs(
         tail=tail,
         previous=previous,
         timestamps=timestamps,
+        level=level,
+        parsed=output == "json",
     )
     colors: dict[str, str] = {}
     for line in lines_of(settings(ctx), nodes, options, job):
+        if output == "json" and not line.note:
+            click.echo(json.dumps(line_json(line)))
+            continue
         color = colors.setdefault(line.workload, COLORS[len(colors) % len(COLORS)])
-        alone = len(nodes) == 1 and not line.note
+        alone = (len(nodes) == 1 and not line.note) or not line.workload
         prefix = "" if alone else click.style(f"[{line.workload}] ", fg=color)
-        click.echo(prefix + line.text, err=line.note)
+        click.echo(prefix + text_of(line, timestamps=timestamps), err=line.note)
+
+
+def text_of(line: LogLine, *, timestamps: bool) -> str:
+    """Return a line as people read it."""
+    from rigel_k8s.actions.log_lines import stamp
+
+    return f"{stamp(line.time)} {line.text}" if timestamps and line.time else line.text
+
+
+def line_json(line: LogLine) -> dict[str, str | None]:
+    """Return a line as scripts get it (docs/cli.md)."""
+    from rigel_k8s.actions.log_lines import stamp
+
+    return {
+        "time": stamp(line.time) if line.time else None,
+        "level": line.level or None,
+        "workload": line.workload,
+        "ros_name": line.ros_node or None,
+        "pod": line.pod,
+        "node": line.node or None,
+        "text": line.text,
+    }
 
 
 @click.command("exec", context_settings={"ignore_unknown_options": True})

@@ -64,7 +64,7 @@ def warn(warnings: Iterable[str]) -> None:
 
 
 class Timeout(click.ParamType[float]):
-    """A duration such as 90, 90s, 5m or 1h, as seconds."""
+    """A duration such as 90, 90s, 5m, 1h or 7d, as seconds."""
 
     name = "duration"
 
@@ -74,14 +74,14 @@ class Timeout(click.ParamType[float]):
         """Return seconds."""
         if isinstance(value, int | float):
             return float(value)
-        units = {"s": 1.0, "m": 60.0, "h": 3600.0}
+        units = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
         number, unit = (value[:-1], value[-1]) if value[-1:] in units else (value, "s")
         try:
             seconds = float(number) * units[unit]
         except ValueError:
             seconds = -1.0
         if not 0 < seconds < 1e9:
-            self.fail(f'"{value}" is no duration: write 90s, 5m or 1h', param, ctx)
+            self.fail(f'"{value}" is no duration: write 90s, 5m, 1h or 7d', param, ctx)
         return seconds
 
 

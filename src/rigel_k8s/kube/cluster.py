@@ -275,6 +275,7 @@ class Cluster:
         *,
         follow: bool = False,
         since_seconds: int | None = None,
+        since_time: str | None = None,
         tail: int | None = None,
         previous: bool = False,
         timestamps: bool = False,
@@ -284,6 +285,7 @@ class Cluster:
 
         Args:
             container: None is the pod's only one.
+            since_time: as Kubernetes writes times, in whole seconds; instead of `since_seconds`.
             previous: the container's life before its last restart.
             cancel: ends a follow soon after it is set.
         """
@@ -292,6 +294,7 @@ class Cluster:
             "container": container,
             "follow": follow and "true",
             "sinceSeconds": since_seconds,
+            "sinceTime": since_time,
             "tailLines": None if tail is None else str(tail),
             "previous": previous and "true",
             "timestamps": timestamps and "true",

@@ -19,13 +19,13 @@ LINES = {
     "[ERROR] [1763728000.123456789] [lab.arm]: lost": "error",
     "[talker-1] [ERROR] [1763728000.123456789] [talker]: lost": "error",
     "[ERROR] [talker-1]: process has died [pid 7, exit code 1, cmd 'x'].": "error",
+    "[rosmaster.main][INFO] 2026-11-21 12:00:00,000: up": "info",
     "\x1b[0m[talker-1] \x1b[33m[WARN] [1763728000.1] [talker]: late\x1b[0m": "warn",
     # Python's logging, roslaunch, Rust's tracing, Fast DDS
     "WARNING:root:careful": "warn",
     "ERROR: cannot launch node of type [x/y]": "error",
     "CRITICAL:root:down": "fatal",
     "2026-11-21T12:00:00.000001Z  WARN ThreadId(02) zenoh: late": "warn",
-    "\x1b[2m2026-11-21T12:00:00.0Z\x1b[0m \x1b[32m INFO\x1b[0m zenohd: up": "info",
     "2026-11-21 12:00:00.123 [RTPS_TRANSPORT_SHM Error] Failed to lock -> Function x": "error",
     "Traceback (most recent call last):": "error",
     # what says no level of itself

@@ -1,0 +1,97 @@
+"""Log lines as plain data: their times, and how two sources of the same lines become one.
+
+Loki and the API server tell the same time for the same line, to the nanosecond: what the container
+runtime wrote down.
+"""
+
+from __future__ import annotations
+
+import heapq
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from datetime import datetime, timezone
+
+import attrs
+
+__all__ = ["LogLine", "joined", "stamp", "stamped"]
+
+SECOND = 1_000_000_000
+STAMP = re.compile(
+    r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+-]\d\d:\d\d) ?(.*)", re.DOTALL
+)
+
+
+@attrs.frozen
+class LogLine:
+    """One line, and what it is of.
+
+    Attributes:
+        text: without its end; where no time is known and one was asked for, it begins with it.
+        note: it is ours and not the pod's.
+        time: nanoseconds since 1970, None where it was not asked for.
+        level: one of names.LEVELS, "" where none is known.
+        ros_node: the ROS name, "" where the pod is of no ROS node.
+        node: the machine.
+        part: which line of an entry of several (a traceback) it is; all have the entry's time.
+    """
+
+    workload: str
+    pod: str
+    text: str
+    note: bool = False
+    time: int | None = None
+    level: str = ""
+    ros_node: str = ""
+    node: str = ""
+    part: int = 0
+
+
+def stamped(line: str) -> tuple[int | None, str]:
+    """Return the time before a line, in nanoseconds since 1970, and the line without it."""
+    found = STAMP.fullmatch(line)
+    if not found:
+        return None, line
+    day, fraction, zone, text = found.groups()
+    offset = "+00:00" if zone == "Z" else zone
+    seconds = int(datetime.fromisoformat(day + offset).timestamp())
+    return seconds * SECOND + int((fraction or "0").ljust(9, "0")), text
+
+
+def stamp(time: int) -> str:
+    """Return a time in the form of Kubernetes: 2026-11-21T12:00:00.000000001Z."""
+    seconds, rest = divmod(time, SECOND)
+    day = datetime.fromtimestamp(seconds, timezone.utc)
+    return f"{day:%Y-%m-%dT%H:%M:%S}.{rest:09d}Z"
+
+
+def joined(stored: Iterable[LogLine], fresh: Iterable[LogLine]) -> Iterator[LogLine]:
+    """Yield the lines of both by time, those that are in both once; both are in order themselves.
+
+    A line of a traceback has its own time where it is fresh, and its entry's where it is stored.
+    """
+    now: set[tuple[str, str]] = set()
+    parts: Counter[tuple[str, str]] = Counter()
+    latest = -1
+    sources = (((time_of(line), 0, line) for line in stored),) + (
+        ((time_of(line), 1, line) for line in fresh),
+    )
+    for time, source, line in heapq.merge(*sources, key=lambda item: item[:2]):
+        key = (line.pod, line.text)
+        if time > latest:
+            now.clear()
+            latest = time
+        if source == 0:
+            now.add(key)
+            parts[key] += line.part > 0
+        elif key in now:
+            continue
+        elif parts[key] > 0:
+            parts[key] -= 1
+            continue
+        yield line
+
+
+def time_of(line: LogLine) -> int:
+    """Return a line's time; what has none comes first."""
+    return line.time or 0

@@ -1,0 +1,113 @@
+"""Where the observability stack is, and how its parts are asked: through the API server.
+
+So that the user's own kubeconfig is all that is needed: no port is open to anybody else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.deploy.types import RELEASE_LABEL
+from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube import Cluster, ObjectRef
+from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.manifests.observability.names import RELEASE
+
+__all__ = ["NoStack", "Part", "Stack", "find_stack", "why_not"]
+
+#: Where a stack is looked for by somebody who may not list the Services of all namespaces.
+USUAL = "monitoring"
+HINT = (
+    "`observability: {enabled: true}` in an orchestration job deploys one with the next"
+    " `rigel run`; -n NAMESPACE, if it is where you may not look"
+)
+
+
+class NoStack(UserError):
+    """There is no observability stack, or it lacks the part that is asked for."""
+
+
+@attrs.frozen
+class Part:
+    """A Service of the stack."""
+
+    cluster: Cluster
+    namespace: str
+    name: str
+    port: int
+
+    def ask(self, path: str, query: Mapping[str, object] | None = None) -> bytes:
+        """Return what it answers to a GET; raises as Cluster.proxied."""
+        ref = ObjectRef("v1", "Service", self.namespace, self.name)
+        return self.cluster.proxied(ref, path, port=self.port, query=query)
+
+
+@attrs.frozen
+class Stack:
+    """A stack's namespace, and the ports of its Services by their names."""
+
+    cluster: Cluster
+    namespace: str
+    services: Mapping[str, Mapping[str, Any]]
+
+    def part(self, name: str) -> Part:
+        """Return one of its Services.
+
+        Raises:
+            NoStack: it was deployed without.
+        """
+        if name not in self.services:
+            raise NoStack(
+                f"the observability stack in {self.namespace} has no {name.capitalize()}",
+                hint=f"`observability: {{{name}: {{enabled: true}}}}` deploys it",
+            )
+        port = self.services[name]["spec"]["ports"][0]["port"]
+        return Part(self.cluster, self.namespace, name, port)
+
+
+def find_stack(cluster: Cluster, namespace: str | None = None) -> Stack:
+    """Return the stack, of one namespace or wherever it is.
+
+    Raises:
+        NoStack: there is none, or there are several.
+        Refusal: nobody may look.
+    """
+    by_namespace: dict[str, dict[str, Any]] = {}
+    for service in services(cluster, namespace):
+        meta = service["metadata"]
+        by_namespace.setdefault(meta["namespace"], {})[meta["name"]] = service
+    if not by_namespace:
+        where = f" in the namespace {namespace}" if namespace else " on this cluster"
+        raise NoStack(f"there is no observability stack{where}", hint=HINT)
+    if len(by_namespace) > 1:
+        listed = ", ".join(sorted(by_namespace))
+        raise NoStack(f"there are several observability stacks: {listed}", hint="name one with -n")
+    ((found, named),) = by_namespace.items()
+    return Stack(cluster, found, named)
+
+
+def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:
+    """Return the stack's Services; who may not look everywhere gets the usual namespace's."""
+    labels = {RELEASE_LABEL: RELEASE}
+    try:
+        return cluster.list("v1", "Service", namespace, labels=labels)
+    except Refusal as error:
+        if error.status != 403 or namespace:
+            raise
+    return cluster.list("v1", "Service", USUAL, labels=labels)
+
+
+def why_not(what: str, error: ClusterError | NoStack) -> str:
+    """Return in a few words why a part of the stack is not asked."""
+    if isinstance(error, NoStack):
+        return error.message
+    if not isinstance(error, Refusal):
+        return f"{what} does not answer: {error.message}"
+    if error.status == 403:
+        return f"you may not ask {what} (the right to get services/proxy)"
+    if error.status in (0, 500, 502, 503, 504):
+        return f"{what} is not ready"
+    return f"{what} refuses: {error.message}"

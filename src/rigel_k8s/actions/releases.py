@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import attrs
 
+from rigel_k8s.actions import stacks
 from rigel_k8s.actions.interruption import interruptible
 from rigel_k8s.actions.targets import job_of, release
 from rigel_k8s.deploy import release as deploys
@@ -16,6 +18,7 @@ from rigel_k8s.deploy.prepare import prepared
 from rigel_k8s.deploy.types import Manifest, Plan, ReleaseId, Revision
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import connect
+from rigel_k8s.manifests.partial import flat
 from rigel_k8s.plugins.graph import survey
 from rigel_k8s.plugins.graph_findings import Graph
 from rigel_k8s.plugins.orchestration import is_partial, prepare
@@ -67,24 +70,52 @@ class Difference:
 
 
 def render(settings: Settings, job: str | None) -> Manifests:
-    """Return the manifests that apply would send.
+    """Return the manifests that apply would send, those of the observability stack first.
 
     The cluster is asked only where the Rigelfile alone does not say enough: a job that describes
-    a part of a release is laid over the release's last revision.
+    a part of a release is laid over the release's last revision. The stack is what this job says
+    of it; on a cluster it is laid over what others have said.
     """
+    if alone := stacks.stack_job(settings, job):
+        return Manifests(stacks.manifests(alone.raw), alone.warnings)
     found = job_of(settings, job)
+    if found.options.observability_only:
+        return Manifests(stacks.manifests(observed(found.raw)), found.warnings)
     cluster = connect(settings) if is_partial(found.raw) else None
     made = prepare(found.options, found.raw, found.application, settings, cluster)
-    return Manifests(prepared(made.desired), found.warnings)
+    stack = observed(made.desired.options) if made.options.observability.enabled else None
+    objects = () if stack is None else stacks.manifests(stack)
+    return Manifests((*objects, *prepared(made.desired)), found.warnings)
 
 
 def diff(settings: Settings, job: str | None) -> Difference:
     """Return what a job would change on the cluster; nothing is written."""
+    if alone := stacks.stack_job(settings, job):
+        with connect(settings) as cluster:
+            return told(stacks.plan(alone.raw, cluster, adopt=settings.adopt), alone.warnings)
     found = job_of(settings, job)
     with connect(settings) as cluster:
+        if found.options.observability_only:
+            stack = observed(found.raw)
+            return told(stacks.plan(stack, cluster, adopt=settings.adopt), found.warnings)
         made = prepare(found.options, found.raw, found.application, settings, cluster)
         plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
-    return Difference(plan, difference(plan), found.warnings)
+        if made.options.observability.enabled:
+            stack = observed(made.desired.options)
+            first = stacks.plan(stack, cluster, adopt=settings.adopt)
+            plan = attrs.evolve(plan, steps=(*first.steps, *plan.steps))
+    return told(plan, found.warnings)
+
+
+def told(plan: Plan, warnings: tuple[str, ...]) -> Difference:
+    """Return a plan with the same as text."""
+    return Difference(plan, difference(plan), warnings)
+
+
+def observed(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what a job's options say of the observability stack."""
+    said: Mapping[str, Any] = flat(raw).get("observability") or {}
+    return said
 
 
 def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status:

@@ -37,7 +37,7 @@ DEFAULTS = {
     "limits": {"memory": "512Mi"},
 }
 #: Weeks of a Loki that does not answer.
-RETRIES = 100_000
+RETRIES = 1_000_000
 
 
 def alloy(stack: Stack) -> Iterator[Object]:
@@ -118,9 +118,7 @@ def _selectors(stack: Stack) -> list[str]:
 
 
 def _stages() -> Iterator[str]:
-    yield block(
-        "stage.replace", {"expression": lines.GOES_ON, "replace": lines.MARK + "{{ .Value }}"}
-    )
+    yield block("stage.replace", {"expression": lines.GOES_ON, "replace": lines.MARKED})
     yield block(
         "stage.multiline",
         {
@@ -141,7 +139,7 @@ def _endpoint(stack: Stack) -> str:
     loki = stack.other_loki
     values: dict[str, object] = {
         "url": f"{stack.loki_url}/loki/api/v1/push",
-        "max_backoff_period": "30s",
+        "max_backoff_period": "5s",
         "max_backoff_retries": RETRIES,
     }
     inner = []

@@ -13,13 +13,16 @@ __all__ = [
     "LEVEL_TEMPLATE",
     "LONGEST",
     "MARK",
+    "MARKED",
     "TRACEBACK",
     "WAIT",
 ]
 
 #: Put before a line that goes on although it is not indented, and taken away when it is joined: no
 #: expression of Go's can say "any line but these".
-MARK = "\u0001"
+MARK = r"\x01"
+#: The same, put there by a template.
+MARKED = '{{ "\\x01" }}{{ .Value }}'
 #: The end of a Python traceback: an exception's name and what it says; and what stands between two.
 GOES_ON = (
     r"^((?:[A-Za-z_]\w*\.)*[A-Z]\w*(?:Error|Exception|Interrupt|Exit|Iteration|Warning|Timeout)"
@@ -51,7 +54,7 @@ LEVEL_FORMS = (
     # Fast DDS.
     rf"{START}(?:\d{{4}}-\d\d-\d\d [\d:.]+ )?\[\w+ (?P<level>info|warning|error)\]",
     # The stack's own parts.
-    rf"{START}(?:ts|time)=\S+ .*?\blevel=(?P<level>{WORDS})\b",
+    rf"{START}(?:(?:ts|time)=\S+ .*?)?\blevel=(?P<level>{WORDS})\b",
 )
 #: A traceback that nobody logged.
 TRACEBACK = r"^(?P<traceback>Traceback) \(most recent call last\):"

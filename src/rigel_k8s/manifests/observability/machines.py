@@ -88,6 +88,7 @@ def _node_pod(stack: Stack) -> Object:
             f"--path.rootfs={ROOT}",
             f"--path.procfs={ROOT}/proc",
             f"--path.sysfs={ROOT}/sys",
+            f"--path.udev.data={ROOT}/run/udev/data",
             f"--web.listen-address=:{NODE_EXPORTER_PORT}",
             # Of pods there is cAdvisor.
             "--collector.filesystem.mount-points-exclude="

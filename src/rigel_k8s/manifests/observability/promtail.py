@@ -66,7 +66,7 @@ def _client(stack: Stack) -> Object:
     """Return where lines go: as long as it does not answer they wait, and none is dropped."""
     made: Object = {
         "url": f"{stack.loki_url}/loki/api/v1/push",
-        "backoff_config": {"min_period": "500ms", "max_period": "30s", "max_retries": 0},
+        "backoff_config": {"min_period": "500ms", "max_period": "5s", "max_retries": 0},
     }
     loki = stack.other_loki
     if loki and loki.tenant:
@@ -95,7 +95,7 @@ def _scrape(stack: Stack) -> Object:
 
 def _stages() -> Iterator[dict[str, Any]]:
     yield {"cri": {}}
-    yield {"replace": {"expression": lines.GOES_ON, "replace": lines.MARK + "{{ .Value }}"}}
+    yield {"replace": {"expression": lines.GOES_ON, "replace": lines.MARKED}}
     yield {
         "multiline": {
             "firstline": lines.FIRST_LINE,

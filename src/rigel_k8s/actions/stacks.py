@@ -1,0 +1,59 @@
+"""The observability stack as `render` and `diff` show it: what a job would have there of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s import rigelfile as grammar
+from rigel_k8s.actions.rigelfiles import load
+from rigel_k8s.actions.targets import Job
+from rigel_k8s.deploy import release as deploys
+from rigel_k8s.deploy.prepare import prepared
+from rigel_k8s.deploy.types import Manifest, Plan
+from rigel_k8s.errors import UserError
+from rigel_k8s.kube import Cluster
+from rigel_k8s.plugins.observability import ObservabilityJob
+from rigel_k8s.plugins.observability_wanted import rendered, wanted
+from rigel_k8s.sequences import registry
+from rigel_k8s.settings import Settings
+
+__all__ = ["manifests", "plan", "stack_job"]
+
+
+def stack_job(settings: Settings, name: str | None) -> Job | None:
+    """Return the named job where it is one that deploys the stack alone, None where it is none.
+
+    Raises:
+        ProblemsError: its options are wrong, or wait for data of other jobs.
+    """
+    rigelfile = load(settings)
+    spec = rigelfile.jobs.get(name) if name else None
+    if spec is None:
+        return None
+    try:
+        found = registry.job_type(spec.plugin, settings.rigelfile.absolute().parent)
+    except UserError:
+        return None
+    if not isinstance(found, ObservabilityJob):
+        return None
+    made = grammar.realise(rigelfile, spec, None, {}, ObservabilityJob.options)
+    findings = made.placed(found.check(made.options, rigelfile.application))
+    if any(finding.severity == "error" for finding in findings):
+        raise grammar.problems_error(rigelfile.source, findings)
+    told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
+    return Job(spec.name, made.options, made.raw, rigelfile.application, told)
+
+
+def manifests(raw: Mapping[str, Any]) -> tuple[Manifest, ...]:
+    """Return the stack's manifests as one job describes it; no cluster is asked.
+
+    Args:
+        raw: the job's `observability` as plain data.
+    """
+    return prepared(rendered(raw).desired)
+
+
+def plan(raw: Mapping[str, Any], cluster: Cluster, *, adopt: bool) -> Plan:
+    """Return what a job would change of the stack that is there. Raises like a deploy."""
+    return deploys.diff(wanted(raw, cluster).desired, cluster, adopt=adopt)

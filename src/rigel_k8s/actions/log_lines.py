@@ -70,26 +70,46 @@ def joined(stored: Iterable[LogLine], fresh: Iterable[LogLine]) -> Iterator[LogL
 
     A line of a traceback has its own time where it is fresh, and its entry's where it is stored.
     """
-    now: set[tuple[str, str]] = set()
-    parts: Counter[tuple[str, str]] = Counter()
-    latest = -1
+    both = Both()
     sources = (((time_of(line), 0, line) for line in stored),) + (
         ((time_of(line), 1, line) for line in fresh),
     )
-    for time, source, line in heapq.merge(*sources, key=lambda item: item[:2]):
-        key = (line.pod, line.text)
-        if time > latest:
-            now.clear()
-            latest = time
+    for _, source, line in heapq.merge(*sources, key=lambda item: item[:2]):
         if source == 0:
-            now.add(key)
-            parts[key] += line.part > 0
-        elif key in now:
-            continue
-        elif parts[key] > 0:
-            parts[key] -= 1
+            both.store(line)
+        elif both.has(line):
             continue
         yield line
+
+
+class Both:
+    """Knows which lines are in both sources, while they come by time, the stored ones first."""
+
+    def __init__(self) -> None:
+        self._time = -1
+        self._first: dict[tuple[str, str], list[str]] = {}  # of entries of this moment: the rest
+        self._rest: Counter[tuple[str, str]] = Counter()  # of entries that are in both
+
+    def store(self, line: LogLine) -> None:
+        """Take a stored line."""
+        if time_of(line) > self._time:
+            self._time = time_of(line)
+            self._first.clear()
+        if line.part == 0:
+            self._first[line.pod, line.text] = []
+        elif self._first:
+            self._first[next(reversed(self._first))].append(line.text)
+
+    def has(self, line: LogLine) -> bool:
+        """Return whether a fresh line is stored too."""
+        key = (line.pod, line.text)
+        if time_of(line) == self._time and key in self._first:
+            self._rest.update((line.pod, text) for text in self._first.pop(key))
+            return True
+        if self._rest[key] > 0:
+            self._rest[key] -= 1
+            return True
+        return False
 
 
 def time_of(line: LogLine) -> int:

@@ -20,7 +20,13 @@ from ...conftest import run_rigel
 PROGRAM = (Path(__file__).parent / "node.py").read_text()
 #: Seconds: a pod's start, three scrapes, a rule's `for` of two minutes, and a machine that is busy.
 PATIENCE = 600
-METRICS = {"topics": ["/scan", "/diagnostics"], "diagnostics": True, "clock": True, "tf": True}
+METRICS = {
+    "topics": ["/scan", "/diagnostics"],
+    "diagnostics": True,
+    "clock": True,
+    "tf": True,
+    "interval": "5s",
+}
 
 Samples = list[dict[str, Any]]
 
@@ -95,10 +101,16 @@ def watch(stack: str, cluster: Any) -> Watch:
 
 @pytest.fixture(scope="session")
 def deployed(
-    cluster: Any, context: str, base_image: str, tmp_path_factory: pytest.TempPathFactory
+    cluster: Any,
+    context: str,
+    base_image: str,
+    registry: str,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Callable[[str, dict[str, Any]], str]]:
     """Deploy an application with ROS metrics into a namespace of its own, deleted at the end."""
     made: list[str] = []
+    exporter = f"{registry}/ros-exporter:boards"
+    run_rigel("image", "ros-exporter", "--push", exporter)
 
     def deploy(name: str, nodes: dict[str, Any]) -> str:
         namespace = f"t-{name}-{uuid.uuid4().hex[:6]}"
@@ -109,7 +121,11 @@ def deployed(
             "deploy_ros_master": True,
             "ros_master_image": base_image,
             "nodes": {key: {"image": base_image, **value} for key, value in nodes.items()},
-            "observability": {"enabled": True, "ros_metrics": {**METRICS, "interval": "5s"}},
+            "observability": {
+                "enabled": True,
+                "grafana": {"enabled": False},  # no registry here has it
+                "ros_metrics": {"image": exporter, **METRICS},
+            },
         }
         job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
         folder = tmp_path_factory.mktemp(name)

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 
 from rigel_k8s.exporter import dds_messages as messages
 from rigel_k8s.exporter import dds_names as names
-from rigel_k8s.exporter.dds_discovery import ENDPOINTS, Endpoint, Place, Told
+from rigel_k8s.exporter.dds_discovery import ENDPOINTS, SUPER_CLIENT, Endpoint, Place, Told
 from rigel_k8s.exporter.dds_participant import LEASE, NAME, Participant
-from rigel_k8s.exporter.dds_peer import Peer
+from rigel_k8s.exporter.dds_peer import OURS, Peer
 from rigel_k8s.exporter.dds_samples import Hearing
 from rigel_k8s.exporter.dds_ways import Resolver, Sockets, addresses
 from rigel_k8s.exporter.graph import Graph, Node, Topic
@@ -31,6 +31,7 @@ _FIRST = 0.2  # seconds between the first few: packets get lost while a network 
 _FIRSTS = 5
 _TICK = 1.0
 _INTERFACES = 10.0  # seconds between two looks whether the interfaces are still the same
+_SERVER_PORT = 11811
 _PEER_PORTS = 8  # so many participants of a peer's address are looked for
 
 
@@ -50,16 +51,19 @@ class Domain:
 
         Args:
             domain: its number.
-            mode: `peers`, who are asked one by one, `discovery-server`, or by multicast.
+            mode: `peers`, who are asked one by one, `servers`, of discovery, or by multicast.
             interface: the only one that is used; all but the loopback if left out.
             peers: names or addresses.
             servers: HOST:PORT of discovery servers.
         """
         self._domain, self._mode, self._interface = domain, mode, interface
-        self._resolver = Resolver(peers if mode == "peers" else ())
+        self._servers = dict(_place(server) for server in servers) if mode == "servers" else {}
+        self._resolver = Resolver(list(self._servers) if self._servers else peers)
         self._sockets: Sockets | None = None
         self._found: dict[str, str] = {}
         told = Told(os.urandom(12), domain=domain, name=NAME, lease=LEASE, endpoints=ENDPOINTS)
+        if mode == "servers":
+            told = told._replace(vendor=rtps.FAST_DDS, properties=SUPER_CLIENT)
         self._participant = Participant(told, self._send)
         self._lock, self._end = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="dds", daemon=True)
@@ -77,6 +81,10 @@ class Domain:
                 list(participant.readers.values()),
             )
             peers = list(participant.peers.values())
+        ours = {p.told.prefix for p in peers if p.told.name.startswith(OURS)}
+        peers = [peer for peer in peers if peer.told.prefix not in ours]
+        writers = [writer for writer in writers if writer.guid[:12] not in ours]
+        readers = [reader for reader in readers if reader.guid[:12] not in ours]
         return Graph(nodes=_nodes(peers), topics=_topics(writers, readers))
 
     def subscribe(self, topic: str, keep: int = 0) -> Hearing:
@@ -109,6 +117,13 @@ class Domain:
     def _send(self, message: bytes, places: Sequence[Place]) -> None:
         if self._sockets:
             self._sockets.send(message, places)
+
+    def _reach(self) -> None:
+        """Take over where the servers are now."""
+        found = self._resolver.found
+        self._participant.servers = [
+            (found[name], port) for name, port in self._servers.items() if name in found
+        ]
 
     def _run(self) -> None:
         while not self._end.is_set():
@@ -144,6 +159,7 @@ class Domain:
             now = time.monotonic()
             with self._lock:
                 if timers.is_due("announce", now):
+                    self._reach()
                     sockets.send(self._participant.announcement(), self._announced_to())
                 if timers.is_due("tick", now):
                     self._participant.tick(now)
@@ -166,6 +182,8 @@ class Domain:
     def _announced_to(self) -> list[Place]:
         if self._mode == "multicast":
             return [(rtps.GROUP, rtps.announcement_port(self._domain))]
+        if self._mode == "servers":
+            return list(self._participant.servers)
         known = [place for peer in self._participant.peers.values() for place in peer.places]
         ports = [rtps.participant_port(self._domain, i) for i in range(_PEER_PORTS)]
         asked = [(a, port) for a in self._resolver.found.values() for port in ports]
@@ -197,10 +215,18 @@ class _Timers:
         return {"announce": _ANNOUNCE, "tick": _TICK, "interfaces": _INTERFACES}[name]
 
 
+def _place(server: str) -> tuple[str, int]:
+    """Return (name, port) of HOST:PORT."""
+    name, _, port = server.rpartition(":")
+    return (name, int(port)) if name else (server, _SERVER_PORT)
+
+
 def _nodes(peers: Sequence[Peer]) -> list[Node]:
     """Return the nodes of all participants; one that several have is up if any of them is."""
     found: dict[str, Node] = {}
     for peer in peers:
+        if peer.is_server:
+            continue
         address = next(iter(sorted(peer.sources)), "")
         for name in peer.nodes or ([] if peer.is_ros else [peer.name]):
             known = found.get(name)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from struct import pack
 from typing import Protocol
 
 from rigel_k8s.exporter import dds_discovery as discovery
@@ -18,7 +19,7 @@ from rigel_k8s.exporter import dds_messages as messages
 from rigel_k8s.exporter import dds_names as names
 from rigel_k8s.exporter import dds_wire as wire
 from rigel_k8s.exporter.dds_discovery import Endpoint, Place, Told
-from rigel_k8s.exporter.dds_peer import Peer
+from rigel_k8s.exporter.dds_peer import SERVER, Peer
 from rigel_k8s.exporter.dds_reliable import Change, Incoming, Outgoing
 from rigel_k8s.exporter.dds_samples import Hearing, Source
 from rigel_k8s.inpod import rtps
@@ -43,6 +44,7 @@ class Participant:
     Attributes:
         peers: the others, by their prefixes.
         writers, readers: their endpoints by GUID, without the built-in ones.
+        servers: where discovery servers are; set from outside.
     """
 
     def __init__(self, own: Told, send: Send) -> None:
@@ -53,22 +55,30 @@ class Participant:
         self._outgoing = Outgoing(discovery.SUBSCRIPTIONS_WRITER, discovery.SUBSCRIPTIONS_READER)
         self._own_readers: dict[Endpoint, int] = {}
         self._hearings: list[Hearing] = []
+        self.servers: Sequence[Place] = ()
         self._sources: dict[bytes, Source] = {}
-        self._ids = itertools.count(1)
+        self._ids, self._beats = itertools.count(1), 0
 
     # What we say
 
     def announcement(self) -> bytes:
         """Return the message that announces us."""
-        content = wire.data(
-            rtps.SPDP_READER,
-            rtps.SPDP_WRITER,
-            1,
-            b"",
-            discovery.participant_payload(self.own),
-            is_key=False,
-        )
+        inline = self._inline(rtps.SPDP_WRITER, 1) if self._is_client else b""
+        payload = discovery.participant_payload(self.own)
+        ends = rtps.SPDP_READER, rtps.SPDP_WRITER
+        content = wire.data(*ends, 1, inline, payload, is_key=False)
         return wire.message(self.own.prefix, self.own.vendor, b"", [content])
+
+    @property
+    def _is_client(self) -> bool:
+        """Whether we are a discovery server's client: only to Fast DDS' kind it talks."""
+        return self.own.vendor == rtps.FAST_DDS
+
+    def _inline(self, writer: bytes, number: int, *pairs: tuple[int, bytes]) -> bytes:
+        """Return a sample's inline QoS; a server passes on only what tells its own identity."""
+        sample = self.own.prefix + writer + pack("<iI", 0, number)
+        related = [(pid, sample) for pid in (rtps.PID_RELATED, rtps.PID_RELATED_FAST_DDS)]
+        return bytes(rtps.parameters([*pairs, *(related if self._is_client else [])]))
 
     def farewell(self) -> bytes:
         """Return the message that takes us back."""
@@ -80,14 +90,18 @@ class Participant:
             self._forget(peer.told.prefix)
         for peer in self.peers.values():
             if peer.is_to_be_asked(now):
-                self._tell(peer, [self._outgoing.beat()])
-            asked = [
-                incoming.answer(writer, final=False)
-                for writer, incoming in peer.incoming.items()
-                if not incoming.is_known
-            ]
-            if asked:
-                self._tell(peer, asked)
+                self._ask(peer)
+            for writer, incoming in peer.incoming.items():
+                if not incoming.is_known:
+                    self._tell_of(peer, writer, incoming.answer(writer, final=False))
+
+    def _ask(self, peer: Peer) -> None:
+        """Ask a participant for a sign of life."""
+        if peer.is_direct:
+            self._tell(peer, [self._outgoing.beat()])
+            return
+        for writer, incoming in peer.incoming.items():
+            self._tell_of(peer, writer, incoming.again(writer))
 
     def _tell(self, peer: Peer, submessages: Sequence[bytes]) -> None:
         own, to = self.own, peer.told.prefix
@@ -117,31 +131,43 @@ class Participant:
                 known = self._sources.get(prefix + item.writer)
                 if known:
                     known.take(item, wall)
-                elif item.writer == rtps.SPDP_WRITER and isinstance(item, wire.Data):
-                    self._take_announcement(item, source, now)
                 elif peer and item.writer in peer.incoming:
                     changes = peer.incoming[item.writer].take(item)
-                    self._apply(prefix + item.writer, changes)
+                    self._apply(prefix + item.writer, changes, now)
+                elif item.writer == rtps.SPDP_WRITER and isinstance(item, wire.Data):
+                    change = Change(bytes(item.payload), item.status, item.key)
+                    self._take_announcement(prefix, change, source, now)
             elif peer:
-                self._take_protocol(peer, item)
+                self._take_protocol(peer, item, now)
+            elif self._is_client and item.writer == rtps.SPDP_WRITER:
+                self._greet(prefix, now)
 
-    def _take_protocol(self, peer: Peer, item: wire.Heartbeat | wire.Gap | wire.Acknack) -> None:
+    def _take_protocol(
+        self, peer: Peer, item: wire.Heartbeat | wire.Gap | wire.Acknack, now: float
+    ) -> None:
         if isinstance(item, wire.Acknack):
-            if item.writer == self._outgoing.writer:
-                lacking = self._outgoing.answer(item)
-                if lacking:
-                    self._tell(peer, [*lacking, self._outgoing.beat(final=True)])
+            self._take_acknack(peer, item)
             return
         incoming = peer.incoming.get(item.writer)
         if incoming is None:
             return
         guid = peer.told.prefix + item.writer
         if isinstance(item, wire.Gap):
-            self._apply(guid, incoming.gap(item))
+            self._apply(guid, incoming.gap(item), now)
             return
-        self._apply(guid, incoming.heartbeat(item))
+        self._apply(guid, incoming.heartbeat(item), now)
         if incoming.missing() or not item.final:
             self._tell_of(peer, item.writer, incoming.answer(item.writer))
+
+    def _take_acknack(self, peer: Peer, item: wire.Acknack) -> None:
+        if item.writer == self._outgoing.writer:
+            lacking = self._outgoing.answer(item)
+            if lacking:
+                self._tell(peer, [*lacking, self._outgoing.beat(final=True)])
+        elif item.writer == rtps.SPDP_WRITER and self._is_client:
+            self._beats += 1
+            ends = rtps.SPDP_READER, rtps.SPDP_WRITER
+            self._tell(peer, [wire.heartbeat(*ends, 1, 1, self._beats, final=True)])
 
     def _tell_of(self, peer: Peer, writer: bytes, answer: bytes) -> None:
         """Answer a writer where it listens: built-in ones elsewhere than others."""
@@ -150,30 +176,36 @@ class Participant:
         places = peer.places if is_built_in else peer.data_places
         self._send(wire.message(own.prefix, own.vendor, to, [answer]), places)
 
-    def _take_announcement(self, item: wire.Data, source: str, now: float) -> None:
-        if item.status:
-            gone = item.key or discovery.key_of(item.payload)
-            self._forget(gone[:12])
+    def _take_announcement(self, by: bytes, change: Change, source: str, now: float) -> None:
+        """Take in what `by` tells of itself, or a discovery server of others."""
+        if change.status:
+            self._forget(_guid(change)[:12])
             return
-        told = discovery.participant(item.payload)
+        told = discovery.participant(change.payload)
         if told.domain not in (None, self.own.domain) or told.prefix == self.own.prefix:
             return
         peer = self.peers.get(told.prefix)
         if peer is None:
             if len(self.peers) < _MOST_PEERS:
-                self._meet(told, source, now)
+                self._meet(told, source, now, is_direct=by == told.prefix)
             return
-        peer.told = told
-        peer.sources.add(source)
-        peer.hear(now)
+        peer.take(told)
+        peer.sources.update([source] if source else [])
 
-    def _meet(self, told: Told, source: str, now: float) -> None:
+    def _meet(self, told: Told, source: str, now: float, *, is_direct: bool) -> None:
         """Get to know a participant: it is told of us at once, and asked for what it has."""
-        peer = self.peers[told.prefix] = Peer(told, now)
-        peer.sources.add(source)
-        self._send(self.announcement(), peer.places)
-        asked = [i.answer(writer, final=False) for writer, i in peer.incoming.items()]
-        self._tell(peer, [*asked, self._outgoing.beat()])
+        peer = self.peers[told.prefix] = Peer(told, now, is_direct=is_direct)
+        peer.sources.update([source] if source else [])
+        if is_direct:
+            self._send(self.announcement(), peer.places)
+            asked = [i.answer(writer, final=False) for writer, i in peer.incoming.items()]
+            self._tell(peer, [*asked, self._outgoing.beat()])
+
+    def _greet(self, prefix: bytes, now: float) -> None:
+        """Get to know a discovery server that speaks before it has told who it is."""
+        told = Told(prefix, rtps.FAST_DDS, meta=tuple(self.servers), properties=SERVER)
+        if len(self.peers) < _MOST_PEERS:
+            self._meet(told, "", now, is_direct=True)
 
     def _forget(self, prefix: bytes) -> None:
         if self.peers.pop(prefix, None) is None:
@@ -184,17 +216,23 @@ class Participant:
 
     # What becomes of it
 
-    def _apply(self, guid: bytes, changes: Sequence[Change]) -> None:
+    def _apply(self, guid: bytes, changes: Sequence[Change], now: float) -> None:
         """Take in the samples of a reliable writer."""
+        for change in changes:
+            if guid[12:] == rtps.SPDP_WRITER:
+                self._take_announcement(guid[:12], change, "", now)
+            else:
+                self._take_change(guid, change)
+
+    def _take_change(self, guid: bytes, change: Change) -> None:
         what = {
             discovery.PUBLICATIONS_WRITER: self._take_writer,
             discovery.SUBSCRIPTIONS_WRITER: self._take_reader,
         }.get(guid[12:])
-        for change in changes:
-            if what:
-                what(change)
-            elif not change.status:
-                self._take_nodes(guid[:12], change)
+        if what:
+            what(change)
+        elif not change.status:
+            self._take_nodes(guid[:12], change)
 
     def _take_nodes(self, prefix: bytes, change: Change) -> None:
         try:
@@ -274,8 +312,9 @@ class Participant:
 
     def _publish(self, guid: bytes, payload: bytes, *, is_gone: bool = False) -> int:
         """Tell all others of a reader; who loses it gets it after the next heartbeat."""
-        inline = [(rtps.PID_KEY_HASH, guid)] + ([(rtps.PID_STATUS, rtps.GONE)] if is_gone else [])
-        number = self._outgoing.add(bytes(rtps.parameters(inline)), payload, is_key=is_gone)
+        pairs = [(rtps.PID_KEY_HASH, guid)] + ([(rtps.PID_STATUS, rtps.GONE)] if is_gone else [])
+        inline = self._inline(self._outgoing.writer, self._outgoing.last + 1, *pairs)
+        number = self._outgoing.add(inline, payload, is_key=is_gone)
         told = [self._outgoing.sample(number), self._outgoing.beat()]
         for peer in self.peers.values():
             self._tell(peer, told)

@@ -18,7 +18,23 @@ from rigel_k8s.exporter.dds_discovery import Place, Told
 from rigel_k8s.exporter.dds_reliable import Incoming
 from rigel_k8s.inpod import rtps
 
-__all__ = ["PATIENCE", "Peer"]
+__all__ = ["OURS", "SERVER", "Peer"]
+
+OURS = "rigel-k8s "  # what the names of our own participants begin with; in nobody's count
+SERVER = (("PARTICIPANT_TYPE", "SERVER"),)
+_BACKUP = (("PARTICIPANT_TYPE", "BACKUP"),)
+_BUILT_IN = (
+    (
+        discovery.HAS_PUBLICATIONS,
+        discovery.PUBLICATIONS_WRITER,
+        discovery.PUBLICATIONS_READER,
+    ),
+    (
+        discovery.HAS_SUBSCRIPTIONS,
+        discovery.SUBSCRIPTIONS_WRITER,
+        discovery.SUBSCRIPTIONS_READER,
+    ),
+)
 
 PING = 2.0  # seconds of silence after which it is asked
 PATIENCE = 3  # questions without an answer until it counts as not answering
@@ -32,18 +48,33 @@ class Peer:
         sources: where its announcements came from.
         nodes: the ROS nodes that it says it has.
         incoming: its built-in and other reliable writers, by their entity ids.
+        is_direct: it told of itself; else a discovery server did, and only the server may forget
+            it, since clients of servers do not talk of discovery among themselves.
     """
 
-    def __init__(self, told: Told, now: float) -> None:
-        self.told, self.heard = told, now
+    def __init__(self, told: Told, now: float, *, is_direct: bool = True) -> None:
+        self.told, self.heard, self.is_direct = told, now, is_direct
         self.sources: set[str] = set()
         self.nodes: list[str] = []
         self.incoming: dict[bytes, Incoming] = {}
         self._asked, self._unanswered = now, 0
-        if told.endpoints & discovery.HAS_PUBLICATIONS:
-            self.incoming[discovery.PUBLICATIONS_WRITER] = Incoming(discovery.PUBLICATIONS_READER)
-        if told.endpoints & discovery.HAS_SUBSCRIPTIONS:
-            self.incoming[discovery.SUBSCRIPTIONS_WRITER] = Incoming(discovery.SUBSCRIPTIONS_READER)
+        self.take(told)
+
+    def take(self, told: Told) -> None:
+        """Take in what it announces, or announces anew."""
+        self.told = told
+        if not self.is_direct:
+            return
+        if self.is_server:
+            self.incoming.setdefault(rtps.SPDP_WRITER, Incoming(rtps.SPDP_READER))
+        for bit, writer, reader in _BUILT_IN:
+            if told.endpoints & bit:
+                self.incoming.setdefault(writer, Incoming(reader))
+
+    @property
+    def is_server(self) -> bool:
+        """Whether it is a discovery server of Fast DDS."""
+        return any(pair in self.told.properties for pair in (*SERVER, *_BACKUP))
 
     def hear(self, now: float) -> None:
         """Take note that it said something."""
@@ -56,14 +87,15 @@ class Peer:
 
     def is_to_be_asked(self, now: float) -> bool:
         """Whether it was silent for so long that it is asked now, which counts as asked."""
-        if now - max(self.heard, self._asked) < PING:
+        can_answer = self.is_direct or self.incoming
+        if not can_answer or now - max(self.heard, self._asked) < PING:
             return False
         self._asked, self._unanswered = now, self._unanswered + 1
         return True
 
     def is_expired(self, now: float) -> bool:
         """Whether its lease is over."""
-        return now - self.heard > self.told.lease
+        return self.is_direct and now - self.heard > self.told.lease
 
     @property
     def places(self) -> tuple[Place, ...]:

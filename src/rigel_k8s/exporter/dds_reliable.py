@@ -107,6 +107,12 @@ class Incoming:
         base = self.done + 1 if self.is_known else 0
         return wire.acknack(self.reader, writer, base, self.missing(), self._count, final=final)
 
+    def again(self, writer: bytes) -> bytes:
+        """Return an ACKNACK that wants the latest sample once more, as a sign of life."""
+        self._count += 1
+        latest = max(self.last, 1)
+        return wire.acknack(self.reader, writer, latest, [latest], self._count, final=False)
+
     def _keep(self, number: int, change: Change | None) -> None:
         if self.done < number <= self.done + _AHEAD or not self.is_known:
             if len(self._waiting) < _AHEAD:

@@ -26,6 +26,7 @@ from rigel_k8s.manifests.network.wiring import Ros
 from rigel_k8s.manifests.nodechecks import check_node
 from rigel_k8s.manifests.nodes import NODE_CONTAINER
 from rigel_k8s.manifests.observability.checks import check as check_stack
+from rigel_k8s.manifests.observability.exporterchecks import check_exporter
 from rigel_k8s.manifests.options import OrchestrationOptions, Readiness, RollingUpdate
 from rigel_k8s.manifests.pods import MASTER_NAME
 from rigel_k8s.manifests.release import deploys_master
@@ -61,7 +62,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
     yield from check_params(options)
     yield from check_containers(options, ros)
-    yield from check_observability(options)
+    yield from check_observability(options, ros)
     for key, node in options.nodes.items():
         path = ("nodes", str(key))
         problems = [
@@ -238,9 +239,10 @@ def check_fixed(path: Path, tree: object) -> Iterator[Problem]:
             yield Problem((*path, *field), message, "fixed-field", at_key=True)
 
 
-def check_observability(options: OrchestrationOptions) -> Iterator[Problem]:
+def check_observability(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     """Yield what is wrong with the stack that the job asks for."""
     said = options.observability
     if options.observability_only:
         said = attrs.evolve(said, enabled=True)
     yield from (problem.under(("observability",)) for problem in check_stack(said))
+    yield from check_exporter(options, ros)

@@ -9,7 +9,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.deploy.types import RELEASE_LABEL
+from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.manifests.naming import labels, selector
 from rigel_k8s.manifests.observability.options import Part, Persistence
 from rigel_k8s.manifests.resources import Resources
@@ -71,10 +71,24 @@ class Frame:
             metadata["annotations"] = dict(annotations)
         return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": metadata, "data": dict(data)}
 
-    def deployment(self, name: str, pod: Object, configuration: Sequence[Object] = ()) -> Object:
-        """Return a Deployment of one pod, never two at once: both would want the same data."""
+    def deployment(
+        self,
+        name: str,
+        pod: Object,
+        configuration: Sequence[Object] = (),
+        *,
+        optional: bool = False,
+    ) -> Object:
+        """Return a Deployment of one pod, never two at once: both would want the same data.
+
+        Args:
+            optional: the stack is good without it.
+        """
         spec = {"replicas": 1, "strategy": {"type": "Recreate"}}
-        return self._workload("Deployment", name, spec, pod, configuration)
+        made = self._workload("Deployment", name, spec, pod, configuration)
+        if optional:
+            made["metadata"]["annotations"] = {OPTIONAL_ANNOTATION: "true"}
+        return made
 
     def daemon_set(self, name: str, pod: Object, configuration: Sequence[Object] = ()) -> Object:
         """Return a DaemonSet on every Linux machine; one that is away keeps no other waiting."""

@@ -58,7 +58,8 @@ def grafana(stack: Stack) -> Iterator[Object]:
     if stack.keeps(said.persistence, default=False):
         yield frame.claim(GRAFANA, said.persistence, SIZE)
     yield frame.service(GRAFANA, GRAFANA_PORT, said.service_type)
-    yield frame.deployment(GRAFANA, _pod(stack), [config])
+    # Its image is large, and robots do not wait for dashboards.
+    yield frame.deployment(GRAFANA, _pod(stack), [config], optional=True)
 
 
 def _datasources(stack: Stack) -> str:

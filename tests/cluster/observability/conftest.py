@@ -1,0 +1,146 @@
+"""The observability stack of the test cluster, deployed once, and questions to it."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import attrs
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+
+from ..conftest import run_rigel
+
+T = TypeVar("T")
+
+#: What all tests here share: without Grafana, whose image cannot be had everywhere.
+OPTIONS: dict[str, Any] = {"grafana": {"enabled": False}, "node_exporter": True}
+#: Seconds: a pod's start on a busy machine, and a few scrapes.
+PATIENCE = 240.0
+
+
+def until(look: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
+    """Return what a look gives as soon as it is anything."""
+    end = time.monotonic() + patience
+    while not (found := look()):
+        assert time.monotonic() < end, f"{what}: not within {patience:g} s"
+        time.sleep(1)
+    return found
+
+
+@attrs.frozen
+class Stack:
+    """The stack in its namespace, asked through the API server."""
+
+    cluster: Any
+    context: str
+    namespace: str
+    file: Path
+
+    def deploy(self, options: dict[str, Any] | None = None, *words: str) -> str:
+        """Deploy it with options, and return what was told."""
+        job = {"plugin": "rigel_k8s.ObservabilityPlugin", "with": {**OPTIONS, **(options or {})}}
+        jobs = {"application": {"distro": "noetic"}, "jobs": {"stack": job}}
+        self.file.write_text(json.dumps(jobs))
+        command = ("--context", self.context, "-f", str(self.file), "run", "job", "stack", *words)
+        done = run_rigel(*command)
+        return done.stdout + done.stderr
+
+    def ask(self, service: str, port: int, path: str, **query: object) -> Any:
+        """Return what a Service of the stack answers."""
+        ref = ObjectRef("v1", "Service", self.namespace, service)
+        answer = json.loads(self.cluster.proxied(ref, path, port=port, query=query))
+        assert answer["status"] == "success", answer
+        return answer["data"]
+
+    def loki(self, query: str, *, hours: int = 1, limit: int = 5000) -> list[dict[str, Any]]:
+        """Return the streams that a LogQL query finds, lines oldest first."""
+        start = (int(time.time()) - 3600 * hours) * 10**9
+        words = {"query": query, "start": start, "limit": limit, "direction": "forward"}
+        found = self.ask("loki", 3100, "loki/api/v1/query_range", **words)
+        streams: list[dict[str, Any]] = found["result"]
+        return streams
+
+    def lines(self, query: str, **more: Any) -> list[tuple[int, str]]:
+        """Return (time in ns, line) of all streams that a query finds, in order."""
+        streams = self.loki(query, **more)
+        return sorted((int(at), line) for one in streams for at, line in one["values"])
+
+    def metrics(self, query: str) -> list[dict[str, Any]]:
+        """Return the samples that a PromQL query finds now."""
+        found: list[dict[str, Any]] = self.ask("prometheus", 9090, "api/v1/query", query=query)[
+            "result"
+        ]
+        return found
+
+    def pods(self, part: str) -> list[dict[str, Any]]:
+        """Return a part's pods that stay."""
+        labels = {"app.kubernetes.io/name": part}
+        found = self.cluster.list("v1", "Pod", self.namespace, labels=labels)
+        return [pod for pod in found if not pod["metadata"].get("deletionTimestamp")]
+
+    def restart(self, part: str) -> None:
+        """Delete a part's pods, and return when new ones are ready."""
+        old = {pod["metadata"]["uid"] for pod in self.pods(part)}
+        for pod in self.pods(part):
+            name = pod["metadata"]["name"]
+            self.cluster.delete(ObjectRef("v1", "Pod", self.namespace, name))
+        until(lambda: self._anew(part, old), f"{part} is back")
+
+    def _anew(self, part: str, old: set[str]) -> bool:
+        new = [pod for pod in self.pods(part) if pod["metadata"]["uid"] not in old]
+        return len(new) >= len(old) and all(is_ready(pod) for pod in new)
+
+
+def is_ready(pod: dict[str, Any]) -> bool:
+    """Whether a pod is ready."""
+    conditions = pod.get("status", {}).get("conditions", [])
+    return any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
+
+
+@pytest.fixture(scope="session")
+def watching(
+    cluster: Any, context: str, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Stack]:
+    """The cluster's one stack; who finds it there leaves it there."""
+    from rigel_k8s.plugins.observability_found import installed_in
+
+    there = installed_in(cluster)
+    stack = Stack(
+        cluster, context, there or "monitoring", tmp_path_factory.mktemp("stack") / "Rigelfile"
+    )
+    stack.deploy()
+    yield stack
+    if there is None:
+        remove(cluster, stack.namespace)
+
+
+@pytest.fixture(scope="session")
+def stack(watching: Stack) -> str:
+    """The namespace of the cluster's one stack."""
+    return watching.namespace
+
+
+def remove(cluster: Any, namespace: str) -> None:
+    """Take the stack off the cluster, with its data and its namespace."""
+    from rigel_k8s.plugins.observability_removal import remove as remove_stack
+
+    remove_stack(cluster, Quiet(), volumes=True)
+    cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+
+
+class Quiet:
+    """A reporter that says nothing."""
+
+    def line(self, text: str) -> None:
+        """Not shown."""
+
+    def warn(self, text: str) -> None:
+        """Not shown."""
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Not shown."""

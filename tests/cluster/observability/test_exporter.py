@@ -1,0 +1,224 @@
+"""The exporter's image beside a demo on a cluster: every metric, read through the API server."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.cluster.conftest import run_rigel
+
+from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.manifests.observability.names import EXPORTER, EXPORTER_PORT
+
+pytestmark = pytest.mark.cluster
+
+#: A child does the work: the first process of a container cannot be stopped.
+FORKED = "import os\nchild = os.fork()\nif child: raise SystemExit(os.waitpid(child, 0)[1])\n"
+TALKER = (
+    "import rospy, std_msgs.msg as m; rospy.init_node('talker')\n"
+    "ps = [rospy.Publisher(n, m.String, queue_size=1) for n in ('/chatter', '/unnamed')]\n"
+    "r = rospy.Rate(10)\n"
+    "while not rospy.is_shutdown():\n for p in ps: p.publish('hello')\n r.sleep()"
+)
+LISTENER = (
+    "import rospy, std_msgs.msg as m; rospy.init_node('listener');"
+    " rospy.Subscriber('/chatter', m.String, lambda s: None); rospy.spin()"
+)
+SUBSCRIBERS = (
+    "import json, rosgraph; print(json.dumps(dict(rosgraph.Master('/test').getSystemState()[1])))"
+)
+STOP = "kill -{} $(cat /proc/1/task/1/children)"
+
+
+def python(code: str) -> dict[str, Any]:
+    """A node that runs Python code."""
+    return {"args": ["python3", "-c", code]}
+
+
+class Demo:
+    """A talker, a listener and the exporter in a namespace of their own."""
+
+    def __init__(self, cluster: Any, context: str, namespace: str, file: Path) -> None:
+        self.cluster, self.context, self.namespace, self.file = cluster, context, namespace, file
+
+    def deploy(self, image: str, exporter: str, **ros_metrics: Any) -> str:
+        """Deploy and return what was told."""
+        job = {
+            "namespace": self.namespace,
+            "ros_master_image": image,
+            "image": image,
+            "nodes": {"talker": python(FORKED + TALKER), "listener": python(LISTENER)},
+            "observability": {
+                "enabled": True,
+                "ros_metrics": {"image": exporter, "interval": "2s", **ros_metrics},
+            },
+        }
+        jobs = {"deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job}}
+        self.file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
+        words = ("-f", str(self.file), "run", "job", "deploy", "--timeout", "4m")
+        done = run_rigel("--context", self.context, *words)
+        return done.stdout + done.stderr
+
+    def pod(self, name: str) -> str:
+        """The name of a workload's pod that stays."""
+        labels = {"app.kubernetes.io/name": name}
+        found = self.cluster.list("v1", "Pod", self.namespace, labels=labels)
+        return next(
+            str(p["metadata"]["name"]) for p in found if "deletionTimestamp" not in p["metadata"]
+        )
+
+    def run(self, name: str, *command: str) -> str:
+        """What a command prints in a workload's pod."""
+        full = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
+        done = self.cluster.run(self.namespace, self.pod(name), full)
+        assert done.code == 0, done.stderr.decode()
+        return str(done.stdout.decode())
+
+    def scale(self, name: str, replicas: int) -> None:
+        ref = ObjectRef("apps/v1", "Deployment", self.namespace, name)
+        self.cluster.patch(ref, {"spec": {"replicas": replicas}})
+
+    def metrics(self) -> dict[str, float]:
+        """One scrape, as the API server passes it on: name and labels -> value."""
+        ref = ObjectRef("v1", "Pod", self.namespace, f"{self.pod(EXPORTER)}:{EXPORTER_PORT}")
+        text = self.cluster.proxied(ref, "metrics").decode()
+        lines = (line.rpartition(" ") for line in text.splitlines() if not line.startswith("#"))
+        return {name: float(value) for name, _, value in lines}
+
+    def node(self, what: str, name: str, workload: str) -> float | None:
+        labels = f'{{ros_node="/{name}",workload="{workload}"}}'
+        return self.metrics().get(f"ros_node_{what}{labels}")
+
+
+def eventually(what: str, check: Callable[[], Any], seconds: float = 90) -> Any:
+    """Wait for a promise to become true; fail with its words where it does not."""
+    deadline = time.monotonic() + seconds
+    while True:
+        try:
+            if result := check():
+                return result
+        except (RigelK8sError, StopIteration):
+            pass  # its pod is on its way
+        assert time.monotonic() < deadline, f"not so after {seconds:.0f} s: {what}"
+        time.sleep(0.5)
+
+
+@pytest.fixture(scope="module")
+def exporter_image(registry: str) -> str:
+    """The exporter of this checkout in the cluster's registry, under a name that nobody pulled."""
+    name = f"{registry}/test/ros-exporter:{uuid.uuid4().hex[:8]}"
+    run_rigel("image", "ros-exporter", "--push", name)
+    return name
+
+
+@pytest.fixture(scope="module")
+def demo(
+    cluster: Any,
+    context: str,
+    base_image: str,
+    exporter_image: str,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Demo]:
+    """The demo, deployed once for all tests of this module."""
+    name = f"t-exporter-{uuid.uuid4().hex[:6]}"
+    metadata = {"name": name}
+    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": metadata})
+    made = Demo(cluster, context, name, tmp_path_factory.mktemp("demo") / "Rigelfile")
+    made.deploy(base_image, exporter_image, topics=["/chatter"])
+    yield made
+    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+
+
+def test_the_demos_graph_is_told(demo: Demo) -> None:
+    """Nodes with their workloads, topics, the nodes' own counts, and the exporter's own cost."""
+    talker = '{ros_node="/talker",workload="talker"}'
+    sent = '{ros_node="/talker",topic="/chatter",direction="published"}'
+    eventually(
+        "the talker's messages are counted",
+        lambda: demo.metrics().get(f"ros_node_topic_messages_total{sent}", 0) > 0,
+    )
+    now = demo.metrics()
+    assert now["ros_master_up{}"] == 1
+    assert now["ros_master_restarts_total{}"] == 0
+    assert now["ros_master_start_time_seconds{}"] > 1e9
+    assert now[f"ros_node_up{talker}"] == now[f"ros_node_registered{talker}"] == 1
+    assert now[f"ros_node_missing_registrations{talker}"] == 0
+    assert now['ros_node_up{ros_node="/rosout",workload="ros-master"}'] == 1
+    assert now[f"ros_node_topic_bytes_total{sent}"] > 0
+    assert now['ros_topic_publishers{topic="/unnamed",type="std_msgs/String"}'] == 1
+    assert now['ros_exporter_dropped{what="topics"}'] == 0
+    assert now["process_cpu_seconds_total{}"] > 0
+    assert now["process_resident_memory_bytes{}"] < 100e6
+
+
+def test_an_unnamed_topic_has_no_subscriber_and_the_named_ones_rate_is_right(demo: Demo) -> None:
+    """The master itself is asked; 10 messages a second are counted as 10."""
+    name = 'ros_topic_messages_total{topic="/chatter"}'
+    eventually("the named topic is heard", lambda: demo.metrics()[name] > 0)
+    began, first = time.monotonic(), demo.metrics()[name]
+    eventually("50 messages are heard", lambda: demo.metrics()[name] > first + 50)
+    rate = (demo.metrics()[name] - first) / (time.monotonic() - began)
+    assert rate == pytest.approx(10, rel=0.4)
+    subscribers = json.loads(demo.run("talker", "python3", "-c", SUBSCRIBERS))
+    assert "/unnamed" not in subscribers
+    assert sorted(subscribers["/chatter"]) == ["/listener", "/ros_exporter"]
+    own = [topic for topic, names in subscribers.items() if "/ros_exporter" in names]
+    assert own == ["/chatter"]
+    told = demo.metrics()['ros_topic_subscribers{topic="/chatter",type="std_msgs/String"}']
+    assert told == 1
+
+
+def test_a_stopped_node_is_down_while_its_pod_is_there(demo: Demo) -> None:
+    """SIGSTOP: registered and not answering; the others stay up."""
+    demo.run("talker", "sh", "-c", STOP.format("STOP"))
+    eventually("the talker is down", lambda: demo.node("up", "talker", "talker") == 0)
+    assert demo.node("registered", "talker", "talker") == 1
+    assert demo.node("up", "listener", "listener") == 1
+    demo.run("talker", "sh", "-c", STOP.format("CONT"))
+    eventually("the talker is up", lambda: demo.node("up", "talker", "talker") == 1)
+
+
+def test_an_expected_node_that_is_gone_is_told_as_down(demo: Demo) -> None:
+    """Nobody registers it any more; the Rigelfile expects it."""
+    demo.scale("listener", 0)
+    eventually("the listener is down", lambda: demo.node("up", "listener", "listener") == 0)
+    eventually("it left", lambda: demo.node("registered", "listener", "listener") == 0)
+    demo.scale("listener", 1)
+    eventually("the listener is up", lambda: demo.node("up", "listener", "listener") == 1)
+
+
+def test_a_restarted_roscore_counts_and_its_orphans_are_told(demo: Demo) -> None:
+    """The nodes live and are unknown; the exporter subscribes again by itself."""
+    ref = ObjectRef("v1", "Pod", demo.namespace, demo.pod("ros-master"))
+    demo.cluster.delete(ref)
+    eventually("it is counted", lambda: demo.metrics()["ros_master_restarts_total{}"] == 1)
+    eventually(
+        "the talker's topics are missed",
+        lambda: demo.node("missing_registrations", "talker", "talker") == 3,
+    )
+    assert demo.node("up", "talker", "talker") == 0
+    for name in ("talker", "listener"):
+        demo.cluster.delete(ObjectRef("v1", "Pod", demo.namespace, demo.pod(name)))
+    for name in ("talker", "listener"):
+        eventually(f"a new {name} is up", lambda name=name: demo.node("up", name, name) == 1)
+    name = 'ros_topic_messages_total{topic="/chatter"}'
+    first = demo.metrics()[name]
+    eventually("the new talker is heard", lambda: demo.metrics()[name] > first + 10)
+
+
+def test_an_application_runs_without_an_exporter_that_cannot_start(
+    demo: Demo, base_image: str, registry: str
+) -> None:
+    """An image that is nowhere: the deploy says so and is good; status says so, too."""
+    told = demo.deploy(base_image, f"{registry}/test/nowhere:1")
+    assert re.search(r"ros-exporter is not ready: .*runs without it", told), told
+    done = run_rigel("--context", demo.context, "-f", str(demo.file), "status", check=False)
+    assert "ros-exporter" in done.stdout
+    assert demo.cluster.get(ObjectRef("apps/v1", "Deployment", demo.namespace, "talker"))

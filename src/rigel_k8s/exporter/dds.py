@@ -51,18 +51,20 @@ class Domain:
 
         Args:
             domain: its number.
-            mode: `peers`, who are asked one by one, `servers`, of discovery, or by multicast.
+            mode: `peers`, who are asked one by one, `discovery-server`, or by multicast.
             interface: the only one that is used; all but the loopback if left out.
             peers: names or addresses.
             servers: HOST:PORT of discovery servers.
         """
         self._domain, self._mode, self._interface = domain, mode, interface
-        self._servers = dict(_place(server) for server in servers) if mode == "servers" else {}
+        self._servers = (
+            dict(_place(server) for server in servers) if mode == "discovery-server" else {}
+        )
         self._resolver = Resolver(list(self._servers) if self._servers else peers)
         self._sockets: Sockets | None = None
         self._found: dict[str, str] = {}
         told = Told(os.urandom(12), domain=domain, name=NAME, lease=LEASE, endpoints=ENDPOINTS)
-        if mode == "servers":
+        if mode == "discovery-server":
             told = told._replace(vendor=rtps.FAST_DDS, properties=SUPER_CLIENT)
         self._participant = Participant(told, self._send)
         self._lock, self._end = threading.Lock(), threading.Event()
@@ -182,7 +184,7 @@ class Domain:
     def _announced_to(self) -> list[Place]:
         if self._mode == "multicast":
             return [(rtps.GROUP, rtps.announcement_port(self._domain))]
-        if self._mode == "servers":
+        if self._mode == "discovery-server":
             return list(self._participant.servers)
         known = [place for peer in self._participant.peers.values() for place in peer.places]
         ports = [rtps.participant_port(self._domain, i) for i in range(_PEER_PORTS)]

@@ -101,7 +101,7 @@ class Participant:
             self._tell(peer, [self._outgoing.beat()])
             return
         for writer, incoming in peer.incoming.items():
-            self._tell_of(peer, writer, incoming.again(writer))
+            self._tell_of(peer, writer, incoming.answer(writer, final=False))
 
     def _tell(self, peer: Peer, submessages: Sequence[bytes]) -> None:
         own, to = self.own, peer.told.prefix
@@ -293,7 +293,7 @@ class Participant:
         reader = self._announce(writer, is_reliable=True)
         peer = self.peers.get(writer.guid[:12])
         if peer and writer.guid[12:] not in peer.incoming:
-            peer.incoming[writer.guid[12:]] = Incoming(reader)
+            peer.incoming[writer.guid[12:]] = Incoming(reader, holds_back=not peer.is_direct)
 
     def _announce(self, writer: Endpoint, *, is_reliable: bool) -> bytes:
         """Announce a reader that fits a writer, once; return its entity id."""

@@ -8,6 +8,10 @@ whenever nothing was heard of its participant for a while; three in a row withou
 it does not answer. Unanswered questions are counted, not seconds: if the exporter itself gets no
 processor, nobody is blamed.
 
+Clients of a discovery server keep their built-in endpoints for it. Their ros_discovery_info is had
+directly, and its latest sample is never acknowledged: so its writer sends heartbeats, in Fast DDS
+every 3 s, for as long as it lives.
+
 It must not know sockets, nor read any clock.
 """
 

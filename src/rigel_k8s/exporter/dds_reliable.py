@@ -55,8 +55,9 @@ class Assembly:
 class Incoming:
     """A remote writer as a reader of ours sees it: its samples in order, each once."""
 
-    def __init__(self, reader: bytes) -> None:
-        self.reader = reader
+    def __init__(self, reader: bytes, *, holds_back: bool = False) -> None:
+        """`holds_back`: never acknowledge the latest sample, so that its writer goes on asking."""
+        self.reader, self._holds_back = reader, holds_back
         self.done = 0  # all up to this number are handed out, or there is nothing to come
         self.last = 0
         self.is_known = False  # a heartbeat told what the writer has
@@ -104,14 +105,11 @@ class Incoming:
     def answer(self, writer: bytes, *, final: bool = True) -> bytes:
         """Return the ACKNACK of what has come; not final asks the writer for a heartbeat."""
         self._count += 1
+        missing = self.missing()
         base = self.done + 1 if self.is_known else 0
-        return wire.acknack(self.reader, writer, base, self.missing(), self._count, final=final)
-
-    def again(self, writer: bytes) -> bytes:
-        """Return an ACKNACK that wants the latest sample once more, as a sign of life."""
-        self._count += 1
-        latest = max(self.last, 1)
-        return wire.acknack(self.reader, writer, latest, [latest], self._count, final=False)
+        if self._holds_back and not missing:
+            base = self.done
+        return wire.acknack(self.reader, writer, base, missing, self._count, final=final)
 
     def _keep(self, number: int, change: Change | None) -> None:
         if self.done < number <= self.done + _AHEAD or not self.is_known:

@@ -155,9 +155,13 @@ def projects(cluster: Any, context: str, registry: str, directory: Path) -> Iter
         subprocess.run(["cp", "-r", str(EXAMPLES / example), str(copied)], check=True)
         written = yaml.safe_load((copied / "Rigelfile").read_text())
         change(options := written["jobs"]["deploy"]["with"])
-        if options.get("network", {}).get("mode") == "macvlan":
+        network = options.get("network", {})
+        if network.get("mode") == "macvlan":  # other tests share the wire
             ros1 = written["application"]["distro"] == "noetic"
-            options["network"].update(apart(ros1=ros1))  # other tests share the wire
+            others = apart(ros1=ros1)
+            if "gateway" in network:  # which is in its subnet
+                others.pop("subnet")
+            options["network"] = {**network, **others}
         (copied / "Rigelfile").write_text(yaml.safe_dump(written, sort_keys=False))
         cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": space}})
         spaces.append(space)
@@ -204,6 +208,6 @@ def own_cluster(tmp_path_factory: Any) -> Iterator[Make]:
             connect(Settings(context=context)) as cluster,
             projects(cluster, context, registry, directory) as make,
         ):
-            yield lambda example: make(example, f"{registry}/ros:jazzy")
+            yield lambda example, **more: make(example, f"{registry}/ros:jazzy", **more)
     finally:
         rigel("cluster", "down", "--name", name)

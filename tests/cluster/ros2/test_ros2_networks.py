@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
-from collections.abc import Callable
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from rigel_k8s.localcluster.network import link_name
 
 pytestmark = pytest.mark.cluster
 
@@ -92,10 +97,49 @@ def told_hosts(ros1: Any) -> set[str]:
     return set(re.findall(r"http://([\d.]+):", told))
 
 
-def test_a_machine_that_leaves_takes_only_its_own_node_along(own_cluster: Make) -> None:
-    """The other talker is heard on; the machine back, its talker is too, with its old address."""
+@pytest.fixture(scope="module")
+def own_demo(own_cluster: Make) -> Any:
+    """The example as it is, on a cluster that may be broken."""
     demo = own_cluster("ros2-talker-listener")
     demo("run", "sequence", "demo")
+    return demo
+
+
+def test_the_pair_that_multicast_passes_one_way_only_is_named(own_demo: Any) -> None:
+    """Dropped on the wire from one machine to another: exactly that, and the way back is well."""
+    machines = own_demo.machines()
+    one, other = machines["talker-1"], machines["listener"]
+    with dropped("t-ros2", one, other):
+        told = own_demo("status", check=False)
+        found = json.loads(own_demo("status", "-o", "json", check=False).stdout)["graph"]
+    assert found["deaf"] == [{"from": one, "to": other}]
+    assert f"multicast at net1 from {one} does not reach {other};" in " ".join(told.stdout.split())
+    assert told.returncode == 1
+    assert json.loads(own_demo("status", "-o", "json").stdout)["graph"]["deaf"] == []
+
+
+@contextmanager
+def dropped(cluster: str, one: str, other: str) -> Iterator[None]:
+    """Have the wire drop the multicast of discovery from one machine to another."""
+    ports = f"iifname {link_name(cluster, one)} oifname {link_name(cluster, other)}"
+    rules = f"""
+    table bridge t-drop {{
+        chain drops {{
+            type filter hook forward priority 0;
+            {ports} ip daddr 239.255.0.1 drop
+        }}
+    }}
+    """
+    subprocess.run(["nft", "-f", "-"], input=rules, text=True, check=True)
+    try:
+        yield
+    finally:
+        subprocess.run(["nft", "delete", "table", "bridge", "t-drop"], check=True)
+
+
+def test_a_machine_that_leaves_takes_only_its_own_node_along(own_demo: Any) -> None:
+    """The other talker is heard on; the machine back, its talker is too, with its old address."""
+    demo = own_demo
     addresses, machine = demo.net1(), demo.machines()["talker-2"]
     lose("t-ros2", machine)
     demo.until(lambda: demo.talkers() == {"talker_1"}, "end of talker_2 alone")

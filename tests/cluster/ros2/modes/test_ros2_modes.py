@@ -5,7 +5,9 @@ The pod network of the local cluster carries no multicast between pods, as most 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
+from ipaddress import IPv4Address
 from typing import Any
 
 import attrs
@@ -176,11 +178,52 @@ class TestMacvlan:
     def test_whereabouts_gives_addresses_that_dds_is_pinned_to(
         self, deployed: Deploy, multus: None
     ) -> None:
-        """Nobody knows them beforehand: they are found out in the pod."""
+        """Nobody knows them beforehand: they are found out in the pod. Routes and MTU are there."""
         lan = {"mode": "macvlan", "interface": "eth0", "subnet": "192.168.146.0/24"}
-        release = deployed(network={**lan, "ipam": "whereabouts"}, nodes=NODES)
+        way = {"gateway": "192.168.146.254", "routes": ["10.251.0.0/16"], "mtu": 1300}
+        release = deployed(network={**lan, **way, "ipam": "whereabouts"}, nodes=NODES)
         release.until_heard("listener", BOTH)
         assert len(set(release.project.net1().values())) == 3
+        shown = ["cat", "/sys/class/net/net1/mtu", "/proc/net/route"]
+        told = release.project("exec", "listener", "--", *shown).stdout
+        assert told.splitlines()[0] == "1300"
+        assert "net1\t0000FB0A\tFE92A8C0\t" in told  # 10.251.0.0 through 192.168.146.254
+
+    def test_host_local_is_enough_for_one_machine(
+        self, deployed: Deploy, cluster: Any, multus: None
+    ) -> None:
+        """Its pods have addresses of their own and hear each other; the machine counts them."""
+        machine = cluster.list("v1", "Node")[0]["metadata"]["name"]
+        there = {**TALKER, "placement": {"node": machine}}
+        nodes = {"talker_1": there, "listener": {**there, "args": ["listener.py"]}}
+        lan = {"mode": "macvlan", "interface": "eth0", "ipam": "host-local"}
+        release = deployed(network=lan, nodes=nodes)
+        release.until_heard("listener", {"talker_1"})
+        found = release.project.net1()
+        assert len({IPv4Address(one) for one in found.values()} & {*release.project.subnet}) == 2
+
+    def test_an_attachment_that_is_there(
+        self, deployed: Deploy, cluster: Any, namespace: str, multus: None
+    ) -> None:
+        """Of another namespace, with addresses of its own."""
+        config = {
+            "cniVersion": "0.3.1",
+            "type": "macvlan",
+            "master": "eth0",
+            "ipam": {"type": "whereabouts", "range": "10.196.0.0/24"},
+        }
+        there = {
+            "apiVersion": "k8s.cni.cncf.io/v1",
+            "kind": "NetworkAttachmentDefinition",
+            "metadata": {"name": "garage", "namespace": namespace},
+            "spec": {"config": json.dumps(config)},
+        }
+        cluster.create(there)
+        network = {"mode": "attachment", "attachment": f"{namespace}/garage", "domain_id": 19}
+        release = deployed(network=network, nodes=NODES)
+        release.until_heard("listener", BOTH)
+        assert {one.rpartition(".")[0] for one in release.project.net1().values()} == {"10.196.0"}
+        release.project("down")
 
 
 class TestPlainDds:

@@ -17,7 +17,7 @@ from rigel_k8s.actions.log_lines import LogLine
 from rigel_k8s.actions.pods import Pod, chosen_pods, pod_of
 from rigel_k8s.actions.targets import Release, release
 from rigel_k8s.deploy.types import RELEASE_LABEL
-from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
+from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube import Cluster
 from rigel_k8s.settings import Settings
 
@@ -65,7 +65,7 @@ def logs(
 
             yield from history(found, nodes, options)
             return
-        chosen = some(chosen_pods(found, nodes), found)
+        chosen = chosen_pods(found, nodes)
         if options.follow:
 
             def read(pod: Pod, *, old: bool, cancel: threading.Event) -> Iterator[LogLine]:
@@ -82,20 +82,6 @@ def logs(
                 if len(chosen) == 1:
                     raise
                 yield LogLine(pod.workload, pod.name, error.message, note=True)
-
-
-def some(pods: list[Pod], found: Release) -> list[Pod]:
-    """Return the pods.
-
-    Raises:
-        UserError: there is none.
-    """
-    if pods:
-        return pods
-    raise UserError(
-        f"no pod of {found.id.name} is in the namespace {found.id.namespace}",
-        hint="`rigel status` tells what is there; -n names another namespace",
-    )
 
 
 def lines_of(cluster: Cluster, pod: Pod, options: LogOptions, **more: Any) -> Iterator[LogLine]:

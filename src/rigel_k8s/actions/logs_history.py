@@ -19,10 +19,10 @@ import attrs
 
 from rigel_k8s.actions.levels import LevelReader, at_least
 from rigel_k8s.actions.log_lines import LogLine, joined, stamp, stamped, time_of
-from rigel_k8s.actions.logs import Follow, LogOptions, some
+from rigel_k8s.actions.logs import Follow, LogOptions
 from rigel_k8s.actions.logs_stored import Asked, Stored, stored_of
 from rigel_k8s.actions.observe_stack import NoStack, find_stack, why_not
-from rigel_k8s.actions.pods import Pod, matching, pods_of, release_pods
+from rigel_k8s.actions.pods import Pod, matching, no_pod, pods_of, release_pods
 from rigel_k8s.actions.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.manifests.observability.names import LOKI
@@ -191,7 +191,7 @@ def asked_of(
         there = {pod.workload for pod in pods if not pod.helper}
         known = stored.workloads if stored else frozenset[str]()
         if not (there | known):
-            some([], found)
+            raise no_pod(found)
         return Asked(frozenset(there) | known)
     every = [asked_for(found, node, pods, stored) for node in nodes]
     return Asked(

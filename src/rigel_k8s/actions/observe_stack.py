@@ -102,10 +102,8 @@ def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:
 
 def why_not(what: str, error: ClusterError | NoStack) -> str:
     """Return in a few words why a part of the stack is not asked."""
-    if isinstance(error, NoStack):
-        return error.message
     if not isinstance(error, Refusal):
-        return f"{what} does not answer: {error.message}"
+        return error.message
     if error.status == 403:
         return f"you may not ask {what} (the right to get services/proxy)"
     if error.status in (0, 500, 502, 503, 504):

@@ -28,6 +28,7 @@ __all__ = [
     "execute",
     "forward",
     "matching",
+    "no_pod",
     "pod_of",
     "pods_of",
     "release_pods",
@@ -107,10 +108,25 @@ def release_pods(found: Release) -> list[Pod]:
 
 
 def chosen_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
-    """Return the pods of some ROS nodes, or of all; raises as pods_of."""
+    """Return the pods of some ROS nodes, or of all.
+
+    Raises:
+        UserError: there is none.
+    """
     if nodes:
         return [pod for node in nodes for pod in pods_of(found, node)]
-    return [pod for pod in release_pods(found) if not pod.helper]
+    chosen = [pod for pod in release_pods(found) if not pod.helper]
+    if not chosen:
+        raise no_pod(found)
+    return chosen
+
+
+def no_pod(found: Release) -> UserError:
+    """Return the error for a release without pods."""
+    return UserError(
+        f"no pod of {found.id.name} is in the namespace {found.id.namespace}",
+        hint="`rigel status` tells what is there; -n names another namespace",
+    )
 
 
 def pods_of(found: Release, node: str) -> list[Pod]:
@@ -124,10 +140,7 @@ def pods_of(found: Release, node: str) -> list[Pod]:
         return chosen
     names = sorted({pod.workload for pod in everything})
     if not names:
-        raise UserError(
-            f"no pod of {found.id.name} is in the namespace {found.id.namespace}",
-            hint="`rigel status` tells what is there; -n names another namespace",
-        )
+        raise no_pod(found)
     close = nearest(node, names)
     meant = f', did you mean "{close}"?' if close else ""
     raise UserError(f'no pod of a node "{node}"{meant}', hint=f"there are: {', '.join(names)}")

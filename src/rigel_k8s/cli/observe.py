@@ -1,0 +1,137 @@
+"""`rigel observe`: the observability stack's parts here, how it is, and its removal."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import attrs
+import click
+
+from rigel_k8s.cli.words import Timeout, json_option, print_json, reporting, settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.actions.observe import Administrator, Opened
+    from rigel_k8s.actions.observe_status import ObserveStatus
+
+__all__ = ["observe"]
+
+PORT = click.IntRange(0, 65535)
+
+
+@click.group(invoke_without_command=True)
+@click.option("--grafana", type=PORT, metavar="PORT", help="Grafana's local port [3000].")
+@click.option("--prometheus", type=PORT, metavar="PORT", help="Prometheus' local port [9090].")
+@click.option("--loki", type=PORT, metavar="PORT", help="Loki's local port [3100]; 0 is any.")
+@click.option("--no-password", is_flag=True, help="Do not show Grafana's password.")
+@json_option
+@click.pass_context
+def observe(
+    ctx: click.Context,
+    /,
+    grafana: int | None,
+    prometheus: int | None,
+    loki: int | None,
+    no_password: bool,  # noqa: FBT001 - click passes it by name
+    output: str,
+) -> None:
+    """Open Grafana, Prometheus and Loki on this machine until Ctrl-C.
+
+    Prints their addresses, and Grafana's user and password. Where a usual port is taken, any other
+    is used. `observability: {enabled: true}` in a Rigelfile deploys the stack.
+    """
+    if ctx.invoked_subcommand is not None:
+        return
+    from rigel_k8s.actions import observe as actions
+
+    ports = {"grafana": grafana, "prometheus": prometheus, "loki": loki}
+    for told in actions.observe(settings(ctx), ports, password=not no_password):
+        if isinstance(told, str):
+            click.echo(told, err=True)
+        elif output == "json":
+            print_json(attrs.asdict(told))
+        else:
+            show(told)
+        sys.stdout.flush()
+
+
+@observe.command()
+@json_option
+@click.pass_context
+def status(ctx: click.Context, /, output: str) -> int:
+    """Show whether the stack runs, answers and hears, and which alerts fire.
+
+    Exit code 1 where the stack itself is not in order.
+    """
+    from rigel_k8s.actions import observe_status
+    from rigel_k8s.cli.tables import status_json
+
+    found = observe_status.status(settings(ctx))
+    if output == "json":
+        told = [attrs.asdict(one) for one in found.answers]
+        fire = [attrs.asdict(one) for one in found.alerts]
+        print_json({**status_json(found.release), "answers": told, "alerts": fire, "ok": found.ok})
+    else:
+        show_status(found)
+    return 0 if found.ok else 1
+
+
+@observe.command()
+@click.option("--volumes", is_flag=True, help="Delete its data too, and Grafana's password.")
+@click.option("-y", "--yes", is_flag=True, help="Do not ask.")
+@click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
+@click.pass_context
+def remove(
+    ctx: click.Context,
+    /,
+    volumes: bool,  # noqa: FBT001 - click passes them by name
+    yes: bool,  # noqa: FBT001
+    timeout: float | None,
+) -> None:
+    """Take the stack away, for all applications. Its data stay unless --volumes."""
+    from rigel_k8s.actions import observe as actions
+    from rigel_k8s.cli.releases import confirm
+
+    if volumes and not yes:
+        confirm("Delete all logs and metrics of all applications?")
+    with reporting(ctx) as report:
+        gone, count, kept = actions.remove(settings(ctx, timeout=timeout), report, volumes=volumes)
+    left = f", {kept} kept for their data" if kept else ""
+    deleted = f"{count} object{'s' * (count != 1)} deleted"
+    click.echo(f"the observability stack is gone from {gone.namespace}: {deleted}{left}")
+
+
+def show(opened: Opened) -> None:
+    """Print where the parts are."""
+    from rigel_k8s.cli.tables import table
+
+    who = login(opened.administrator)
+    rows = [
+        [name.capitalize(), url, who if name == "grafana" else ""]
+        for name, url in opened.urls.items()
+    ]
+    closed = [[name.capitalize(), "-", reason] for name, reason in opened.closed.items()]
+    click.echo(table([f"in {opened.namespace}", "", ""], [*rows, *closed]))
+    click.echo("Ctrl-C ends it.", err=True)
+
+
+def login(administrator: Administrator | None) -> str:
+    """Return how to log in."""
+    if administrator is None:
+        return ""
+    if administrator.why_not:
+        return administrator.why_not
+    return f"user {administrator.user}, password {administrator.password}"
+
+
+def show_status(found: ObserveStatus) -> None:
+    """Print a status for people."""
+    from rigel_k8s.cli.tables import status_text, table
+
+    click.echo(status_text(found.release))
+    rows = [[one.name, "yes" if one.ok else "NO", one.said] for one in found.answers]
+    click.echo("\n" + table(["PART", "IN ORDER", ""], rows))
+    for alert in found.alerts:
+        about = ", ".join(f"{name} {value}" for name, value in sorted(alert.labels.items()))
+        click.secho(f"\n{alert.name}: {alert.summary or about}", fg="yellow", nl=False)
+        click.echo(f"\n  since {alert.since}; {about}")

@@ -1,0 +1,128 @@
+"""`rigel top`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeVar
+
+import attrs
+import click
+
+from rigel_k8s.cli.words import complete_node, job_option, json_option, print_json, settings
+from rigel_k8s.cli.words import quiet as is_quiet
+
+if TYPE_CHECKING:
+    from rigel_k8s.actions.top import Row, Top, Topic, Topics
+
+__all__ = ["top"]
+
+T = TypeVar("T")
+KIB = 1024.0
+
+
+@click.command()
+@click.argument("nodes", nargs=-1, metavar="[NODE]...", shell_complete=complete_node)
+@click.option("--topics", is_flag=True, help="Show the topics instead: rates, ages, who is there.")
+@json_option
+@job_option
+@click.pass_context
+def top(
+    ctx: click.Context,
+    /,
+    nodes: tuple[str, ...],
+    topics: bool,  # noqa: FBT001 - click passes it by name
+    output: str,
+    job: str | None,
+) -> None:
+    """Show what ROS nodes use and do; all, where none is named.
+
+    CPU and memory come from the observability stack's Prometheus, without one from the
+    metrics-server, without that from the kubelets. What only the ROS exporter can tell (UP, OUT and
+    IN in messages a second) stands where it looks at the application.
+    """
+    from rigel_k8s.actions import top as actions
+
+    if topics:
+        show_topics(actions.topics(settings(ctx), nodes, job), output)
+        return
+    found = actions.top(settings(ctx), nodes, job)
+    if found.reasons and not is_quiet(ctx):
+        click.echo(f"from the {found.source}: {'; '.join(found.reasons)}", err=True)
+    show(found, output)
+
+
+def show(found: Top, output: str) -> None:
+    """Print what nodes use."""
+    from rigel_k8s.cli.tables import table
+
+    if output == "json":
+        nodes = [attrs.asdict(row) for row in found.rows]
+        print_json({**attrs.asdict(found.release), "source": found.source, "nodes": nodes})
+        return
+    heads = ["NODE", "ROS NAME", "UP", "CPU", "MEMORY", "OUT", "IN", "RESTARTS", "POD", "ON"]
+    click.echo(table(heads, [cells(row) for row in found.rows]))
+
+
+def cells(row: Row) -> list[str]:
+    """Return a row's cells."""
+    return [
+        row.workload,
+        row.ros_name or "-",
+        told(row.up, lambda up: "yes" if up else "NO"),
+        told(row.cpu, lambda cores: f"{cores * 1000:.0f}m"),
+        told(row.memory, lambda size: f"{size / KIB / KIB:.0f}Mi"),
+        told(row.published, rate),
+        told(row.received, rate),
+        str(row.restarts),
+        row.pod,
+        row.node or "-",
+    ]
+
+
+def show_topics(found: Topics, output: str) -> None:
+    """Print topics."""
+    from rigel_k8s.cli.tables import table
+
+    if output == "json":
+        rows = [attrs.asdict(row) for row in found.rows]
+        print_json({**attrs.asdict(found.release), "topics": rows})
+        return
+    heads = ["TOPIC", "TYPE", "FROM", "TO", "RATE", "BANDWIDTH", "LAST", "DELAY"]
+    click.echo(table(heads, [topic_cells(row) for row in found.rows]))
+    if not any(row.heard for row in found.rows):
+        click.echo(
+            "LAST and DELAY: of topics that `ros_metrics: {topics: [...]}` names only", err=True
+        )
+
+
+def topic_cells(row: Topic) -> list[str]:
+    """Return a topic's cells."""
+    return [
+        row.name,
+        row.type or "-",
+        str(row.publishers),
+        str(row.subscribers),
+        told(row.rate, lambda value: f"{rate(value)}/s"),
+        told(row.bandwidth, lambda value: f"{size_of(value)}/s"),
+        told(row.age, lambda value: f"{max(0.0, value):.1f}s ago"),
+        told(row.delay, lambda value: f"{value * 1000:.1f}ms"),
+    ]
+
+
+def told(value: T | None, write: Callable[[T], str]) -> str:
+    """Return a cell; - where nobody told."""
+    return "-" if value is None else write(value)
+
+
+def rate(value: float) -> str:
+    """Return a number by the second: 0.25, 9.8, 120."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.1f}" if value >= 1 else f"{value:.2g}"
+
+
+def size_of(value: float) -> str:
+    """Return bytes as people read them."""
+    for unit in ("B", "Ki", "Mi"):
+        if value < KIB:
+            return f"{value:.0f}{unit}" if unit == "B" else f"{value:.1f}{unit}"
+        value /= KIB
+    return f"{value:.1f}Gi"

@@ -52,7 +52,8 @@ def cluster() -> None:
     "extras",
     multiple=True,
     type=click.Choice(["multus", "observability", "prometheus-operator"]),
-    help="What the registry offers besides; may be repeated, also for a running cluster.",
+    help="Images that the registry offers besides, built first; may be repeated, also for a"
+    " running cluster.",
 )
 @click.option(
     "--layout",

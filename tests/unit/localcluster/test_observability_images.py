@@ -8,11 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from rigel_k8s.images import exporter
 from rigel_k8s.localcluster import observability_images as names
 from rigel_k8s.localcluster.components import ON_REQUEST, Components
 from rigel_k8s.localcluster.extras import extra_images, offered
 from rigel_k8s.localcluster.observability import KUBE_STATE_METRICS, OPERATOR, PROMETHEUS, PROMTAIL
 from rigel_k8s.localcluster.oci import Image
+from rigel_k8s.manifests.observability import images as images_of_stack
+from rigel_k8s.manifests.observability.exporter import EXPORTER_IMAGE
 
 EXTRAS = ("observability", "prometheus-operator")
 #: As whom each runs: as upstream's says it, since `runAsNonRoot` refuses a user without a number.
@@ -80,6 +83,18 @@ def test_names_are_upstreams(images: dict[str, Image]) -> None:
     assert [image.name for image in images.values()] == [n.partition("/")[2] for n in images]
     assert "registry.k8s.io/kube-state-metrics/kube-state-metrics:v2.18.0" in images
     assert "quay.io/prometheus/node-exporter:v1.12.1" in images
+
+
+def test_what_rigel_deploys_is_what_is_offered() -> None:
+    """The stack's own defaults are pulled from the registry; Grafana and Alloy are no Go modules."""
+    assert set(offered(["observability"])) == {
+        images_of_stack.LOKI_IMAGE,
+        images_of_stack.PROMTAIL_IMAGE,
+        images_of_stack.PROMETHEUS_IMAGE,
+        images_of_stack.KUBE_STATE_METRICS_IMAGE,
+        images_of_stack.NODE_EXPORTER_IMAGE,
+    }
+    assert EXPORTER_IMAGE == exporter.UPSTREAM
 
 
 @pytest.mark.parametrize("name", USERS)

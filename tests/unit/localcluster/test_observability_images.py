@@ -86,7 +86,7 @@ def test_names_are_upstreams(images: dict[str, Image]) -> None:
 
 
 def test_what_rigel_deploys_is_what_is_offered() -> None:
-    """The stack's own defaults are pulled from the registry; Grafana and Alloy are no Go modules."""
+    """The stack's own defaults are in the registry, but for Grafana and Alloy."""
     assert set(offered(["observability"])) == {
         images_of_stack.LOKI_IMAGE,
         images_of_stack.PROMTAIL_IMAGE,

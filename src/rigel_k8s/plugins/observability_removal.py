@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import threading
+import time
 
 from rigel_k8s.deploy.release import down
-from rigel_k8s.deploy.types import Plan, ReleaseId
+from rigel_k8s.deploy.survey import belongs
+from rigel_k8s.deploy.types import ObjectRef, Plan, ReleaseId
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.manifests.naming import selector
+from rigel_k8s.manifests.observability.alloy import ALLOY
 from rigel_k8s.manifests.observability.names import RELEASE
+from rigel_k8s.manifests.observability.promtail import PROMTAIL
 from rigel_k8s.plugins.observability_found import installed_in
 from rigel_k8s.plugins.observability_password import administrator_ref
 from rigel_k8s.plugins.observability_wanted import NAMESPACE
 from rigel_k8s.report import Reporter
 
 __all__ = ["remove"]
+
+LOOK = 0.5
+#: Seconds for a collector to hand over what it has read.
+HAND_OVER = 30.0
+COLLECTORS = (("DaemonSet", PROMTAIL), ("Deployment", ALLOY))
 
 
 def remove(
@@ -37,6 +47,7 @@ def remove(
         UserError: there is no stack.
     """
     where = namespace or installed_in(cluster) or NAMESPACE
+    _stop_collecting(cluster, where, report, cancel or threading.Event())
     plan = down(
         cluster,
         ReleaseId(where, RELEASE),
@@ -53,3 +64,21 @@ def remove(
             hint="-n NAMESPACE, if its data are elsewhere; --context NAME, if it is",
         )
     return plan
+
+
+def _stop_collecting(
+    cluster: Cluster, namespace: str, report: Reporter, cancel: threading.Event
+) -> None:
+    """End the collector while Loki is still there to take its last lines."""
+    for kind, name in COLLECTORS:
+        ref = ObjectRef("apps/v1", kind, namespace, name)
+        live = cluster.get(ref)
+        if live is None or not belongs(live, ReleaseId(namespace, RELEASE)):
+            continue
+        cluster.delete(ref, uid=live["metadata"]["uid"])
+        report.progress(name, "hands over its last lines")
+        end = time.monotonic() + HAND_OVER
+        while cluster.list("v1", "Pod", namespace, labels=selector(name)):
+            if time.monotonic() > end or cancel.wait(LOOK):
+                break
+        report.progress(name, "is gone", done=True)

@@ -187,6 +187,7 @@ def _pod(stack: Stack) -> Object:
         "serviceAccountName": ALLOY,
         "automountServiceAccountToken": True,
         "securityContext": nobody(USER),
+        "terminationGracePeriodSeconds": 120,
         "containers": [main],
         "volumes": volumes,
     }

@@ -142,6 +142,8 @@ def _pod(stack: Stack) -> Object:
     return {
         "serviceAccountName": PROMTAIL,
         "automountServiceAccountToken": True,
+        # Where Loki is started anew too, it waits for it with the lines that it has read.
+        "terminationGracePeriodSeconds": 120,
         "securityContext": {"runAsUser": 0, "seccompProfile": {"type": "RuntimeDefault"}},
         "containers": [main],
         "volumes": volumes,

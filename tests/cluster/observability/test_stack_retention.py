@@ -1,0 +1,103 @@
+"""Loki deletes what is older than its retention: the lines, and the files that they are in."""
+
+from __future__ import annotations
+
+import json
+import time
+import urllib.request
+import uuid
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import yaml
+
+from rigel_k8s.deploy.release import deploy
+from rigel_k8s.deploy.types import Desired, ObjectRef, ReleaseId
+from rigel_k8s.manifests.observability.frame import digest
+from rigel_k8s.manifests.observability.loki import loki
+from rigel_k8s.manifests.observability.options import Loki, Observability
+from rigel_k8s.manifests.observability.stack import Stack as Parts
+from rigel_k8s.manifests.scalars import Retention
+
+from .conftest import Quiet, Stack, until
+
+pytestmark = pytest.mark.cluster
+
+HOUR = 3600
+#: The compactor looks by the minute otherwise, and deletes two hours after it has found something.
+SOON = {
+    "compaction_interval": "2s",
+    "apply_retention_interval": "2s",
+    "retention_delete_delay": "1s",
+}
+
+
+def hurried(objects: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The same Loki, whose compactor does not let us wait: nothing else is changed."""
+    config = next(one for one in objects if one["kind"] == "ConfigMap")
+    made = yaml.safe_load(config["data"]["loki.yaml"])
+    made["compactor"] |= SOON
+    config["data"]["loki.yaml"] = yaml.safe_dump(made)
+    workload = next(one for one in objects if one["kind"] == "Deployment")
+    workload["spec"]["template"]["metadata"]["annotations"] = {"hurried": digest([config])}
+    return objects
+
+
+@pytest.fixture
+def brief(cluster: Any, context: str, watching: Stack, tmp_path: Any) -> Iterator[Stack]:
+    """A Loki of a day, in a namespace of its own."""
+    namespace = f"t-retention-{uuid.uuid4().hex[:6]}"
+    options = Observability(enabled=True, loki=Loki(retention=Retention("24h")))
+    objects = hurried(list(loki(Parts(options, namespace))))
+    desired = Desired(ReleaseId(namespace, "brief"), tuple(objects), create_namespace=True)
+    deploy(desired, cluster, report=Quiet())
+    yield Stack(cluster, context, namespace, tmp_path / "none")
+    cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+
+
+def post(stack: Stack, path: str, body: Any = None) -> None:
+    """Send something to Loki's pod, as its collector or its administrator does."""
+    (pod,) = stack.pods("loki")
+    with stack.cluster.port_forward(stack.namespace, pod["metadata"]["name"], {3100: 0}) as forward:
+        (port,) = forward.ports.values()
+        request = urllib.request.Request(
+            f"http://127.0.0.1:{port}/{path}",
+            data=json.dumps(body).encode() if body else b"",
+            headers={"Content-Type": "application/json"},
+        )
+        with urllib.request.urlopen(request, timeout=60) as answer:
+            assert answer.status in (200, 204)
+
+
+def told(stack: Stack) -> set[str]:
+    """The lines that are there."""
+    return {line for _, line in stack.lines('{application="demo"}', hours=100)}
+
+
+def test_lines_beyond_the_retention_are_deleted(brief: Stack) -> None:
+    """They are found as long as they are stored; a day later Loki gives their disk back."""
+    now = time.time_ns()
+    ages = {"two days ago": 48 * HOUR, "just now": 0}
+    streams = [
+        {
+            "stream": {"application": "demo", "age": text.replace(" ", "-")},
+            "values": [[str(now - age * 10**9), text]],
+        }
+        for text, age in ages.items()
+    ]
+    post(brief, "loki/api/v1/push", {"streams": streams})
+    until(lambda: told(brief) == set(ages), "both lines are found")
+    # Chunks and their index are written where the compactor looks: a restart ends with that.
+    post(brief, "flush")
+    brief.restart("loki")
+    until(lambda: told(brief) == {"just now"}, "the old line is deleted, and no other")
+    swept = "loki_boltdb_shipper_retention_sweeper_chunk_deleted_duration_seconds_count"
+
+    def deleted() -> bool:
+        ref = ObjectRef("v1", "Service", brief.namespace, "loki")
+        text = brief.cluster.proxied(ref, "metrics", port=3100).decode()
+        counts = [line for line in text.splitlines() if line.startswith(swept)]
+        return any(float(line.split()[-1]) > 0 for line in counts)
+
+    until(deleted, "its chunk is deleted from the disk")

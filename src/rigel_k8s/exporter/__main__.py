@@ -37,10 +37,11 @@ def _serve(half: Half, config: Config, ended: threading.Event) -> int:
         server = Server(config.port, collection.metrics, collection.well)
     except OSError as error:
         return _fail(f"port {config.port}: {error.strerror}", 1)
-    collection.start()
-    threading.Thread(target=server.serve_forever, name="http", daemon=True).start()
-    ended.wait()
-    server.shutdown()
+    with server:
+        collection.start()
+        threading.Thread(target=server.serve_forever, name="http", daemon=True).start()
+        ended.wait()
+        server.shutdown()
     collection.close()
     return 0
 

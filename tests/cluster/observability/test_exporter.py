@@ -57,6 +57,7 @@ class Demo:
             "nodes": {"talker": python(FORKED + TALKER), "listener": python(LISTENER)},
             "observability": {
                 "enabled": True,
+                "grafana": {"enabled": False},
                 "ros_metrics": {"image": exporter, "interval": "2s", **ros_metrics},
             },
         }
@@ -122,6 +123,7 @@ def exporter_image(registry: str) -> str:
 def demo(
     cluster: Any,
     context: str,
+    stack: str,
     base_image: str,
     exporter_image: str,
     tmp_path_factory: pytest.TempPathFactory,

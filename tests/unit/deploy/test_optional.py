@@ -1,0 +1,95 @@
+"""What a release is good without: it has a short while, and is then told and left behind."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, cast
+
+import pytest
+
+from rigel_k8s.deploy import wait
+from rigel_k8s.deploy.patience import Patience
+from rigel_k8s.deploy.readiness import Readiness
+from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, ObjectRef, ReleaseId
+from rigel_k8s.deploy.wait import GRACE, Waiter, is_optional
+
+NEEDED = ObjectRef("apps/v1", "Deployment", "robots", "talker")
+EXTRA = ObjectRef("apps/v1", "Deployment", "robots", "ros-exporter")
+
+
+class Told:
+    """A reporter that remembers."""
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The clock; the test sets it."""
+    clock = [1000.0]
+    monkeypatch.setattr(wait.time, "monotonic", lambda: clock[0])
+    return clock
+
+
+def waiter(told: Told) -> Waiter:
+    made = Waiter(
+        cast(Any, None),
+        ReleaseId("robots", "app"),
+        cast(Any, told),
+        threading.Event(),
+        60.0,
+        Patience(),
+        "",
+        lambda: None,
+    )
+    made.optional = {EXTRA}
+    made.states[EXTRA] = Readiness(False, True, "0 of 1 ready")
+    return made
+
+
+def test_what_is_needed_is_waited_for_whatever_else_there_is(now: list[float]) -> None:
+    told = Told()
+    made = waiter(told)
+    assert not made.enough([NEEDED, EXTRA])
+    now[0] += 10 * GRACE
+    assert not made.enough([NEEDED])
+    assert told.warnings == []
+
+
+def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float]) -> None:
+    told = Told()
+    made = waiter(told)
+    now[0] += 10 * GRACE
+    assert not made.enough([EXTRA])
+    now[0] += GRACE - 1
+    assert not made.enough([EXTRA])
+    now[0] += 2
+    assert made.enough([EXTRA])
+    assert told.warnings == [
+        "ros-exporter is not ready: 0 of 1 ready; app runs without it"
+        " (`rigel status` tells how it goes on)"
+    ]
+
+
+def test_its_while_begins_anew_when_a_needed_one_falls_back(now: list[float]) -> None:
+    made = waiter(Told())
+    assert not made.enough([EXTRA])
+    now[0] += GRACE + 1
+    assert not made.enough([NEEDED, EXTRA])
+    assert not made.enough([EXTRA])
+
+
+def test_nothing_is_told_where_it_is_ready_in_time(now: list[float]) -> None:
+    told = Told()
+    assert waiter(told).enough([])
+    assert told.warnings == []
+
+
+def test_an_annotation_says_what_is_optional() -> None:
+    plain: dict[str, Any] = {"metadata": {"name": "x"}}
+    assert not is_optional(plain)
+    assert is_optional({"metadata": {"annotations": {OPTIONAL_ANNOTATION: "true"}}})

@@ -1,0 +1,176 @@
+"""The exporter in a release: what it is told, and what it leaves alone."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import Desired, ReleaseId
+from rigel_k8s.exporter.config import Config
+from rigel_k8s.manifests.checks import check
+from rigel_k8s.manifests.observability.exporterchecks import check_exporter
+from rigel_k8s.manifests.options import OrchestrationOptions
+from rigel_k8s.manifests.release import desired
+from rigel_k8s.rigelfile import Source, merged, structure
+from rigel_k8s.rigelfile.parse import parse
+from rigel_k8s.settings import Application
+
+ON = "\nobservability: { enabled: true }\n"
+NODES = "image: r:1\nnodes: { talker: { args: [talk.py] }, listener: { args: [hear.py] } }"
+
+
+def options(text: str) -> OrchestrationOptions:
+    node, _ = parse(Source("Rigelfile", text))
+    assert node is not None
+    found = structure(merged(node, None, OrchestrationOptions), OrchestrationOptions)
+    assert not found.problems
+    assert isinstance(found.draft, OrchestrationOptions)
+    return found.draft
+
+
+def release(text: str, distro: str = "noetic", **more: Any) -> Desired:
+    return desired(options(text), ReleaseId("robots", "app"), Application(distro), {}, **more)
+
+
+def deployments(made: Desired) -> dict[str, Any]:
+    return {o["metadata"]["name"]: o for o in made.objects if o["kind"] == "Deployment"}
+
+
+def configuration(made: Desired) -> dict[str, Any]:
+    [found] = [o for o in made.objects if o["metadata"]["name"] == "app-ros-exporter"]
+    told = json.loads(found["data"]["config.json"])
+    assert set(told) <= set(Config._fields)
+    return dict(told)
+
+
+@pytest.mark.parametrize("distro", ["noetic", "jazzy"])
+def test_the_nodes_pods_do_not_change_for_it(distro: str) -> None:
+    """Metrics come and go without a robot's restart, a restarted roscore's hash included."""
+    plain, watched = deployments(release(NODES, distro)), deployments(release(NODES + ON, distro))
+    assert set(watched) - set(plain) == {"ros-exporter"}
+    assert all(watched[name] == item for name, item in plain.items())
+
+
+@pytest.mark.parametrize("how", ["enabled: false", "enabled: true, ros_metrics: false"])
+def test_it_is_there_only_where_it_is_wanted(how: str) -> None:
+    made = release(f"{NODES}\nobservability: {{ {how} }}")
+    assert "ros-exporter" not in deployments(made)
+
+
+def test_an_empty_release_has_none() -> None:
+    assert release("observability: { enabled: true }\ndeploy_ros_master: false").objects == ()
+
+
+def test_another_configuration_is_another_pod_and_another_roscore_is_not() -> None:
+    """It registers by itself with a new roscore, and remembers that there was another."""
+    first = deployments(release(NODES + ON))["ros-exporter"]
+    image = "\nros_master_image: other:2"
+    assert deployments(release(NODES + ON + image))["ros-exporter"] == first
+    topics = "\nobservability: { enabled: true, ros_metrics: { topics: [/a] } }"
+    second = deployments(release(NODES + topics))["ros-exporter"]
+    assert second["spec"]["template"]["metadata"] != first["spec"]["template"]["metadata"]
+
+
+def test_a_master_that_others_share_tells_its_exporters_apart() -> None:
+    """ROS ends the older one of two nodes of a name."""
+    elsewhere = f"{NODES}{ON}ros_master_uri: http://robot:11311"
+    assert configuration(release(elsewhere))["name"] == "/ros_exporter_robots_app"
+    assert configuration(release(elsewhere))["master_uri"] == "http://robot:11311"
+    assert "name" not in configuration(release(NODES + ON))
+
+
+def test_nodes_in_another_domain_are_not_expected() -> None:
+    nodes = "image: r:1\nnetwork: { mode: host, domain_id: 4 }\nnodes:\n"
+    nodes += "  near: { args: [a.py] }\n  far: { args: [b.py], env: { ROS_DOMAIN_ID: 9 } }"
+    told = configuration(release(nodes + ON, "jazzy"))
+    assert (told["domain"], told["expected"]) == (4, {"/near": "near"})
+    only = nodes.replace("  near: { args: [a.py] }\n", "")
+    assert configuration(release(only + ON, "jazzy"))["domain"] == 9
+
+
+@pytest.mark.parametrize(
+    ("network", "told"),
+    [
+        ("macvlan, interface: eth0, subnet: 10.0.0.0/24", {"interface": "net1"}),
+        ("host, interface: wlan0", {"interface": "wlan0"}),
+        ("host", {}),
+        ("peers", {"mode": "peers", "peers": ["talker-peer", "listener-peer"]}),
+        (
+            "discovery-server",
+            {
+                "mode": "discovery-server",
+                "servers": ["rigel-k8s-application-discovery-0:11811"],
+                "middleware": "fastdds",
+            },
+        ),
+    ],
+)
+def test_it_finds_participants_as_nodes_do(network: str, told: dict[str, Any]) -> None:
+    text = f"{NODES}\nnetwork: {{ mode: {network} }}{ON}"
+    chosen = options(text)
+    release_id = ReleaseId("robots", str(chosen.deployment_name))
+    made = desired(chosen, release_id, Application("jazzy"), {})
+    [found] = [
+        o for o in made.objects if o["metadata"]["name"] == "rigel-k8s-application-ros-exporter"
+    ]
+    config = json.loads(found["data"]["config.json"])
+    ways = ("mode", "interface", "peers", "servers", "middleware")
+    assert {k: v for k, v in config.items() if k in ways} == told
+
+
+def test_a_plain_dds_application_has_no_ros_names_to_expect() -> None:
+    made = release(f"{NODES}\nros: none\nnetwork: host{ON}", "jazzy")
+    told = configuration(made)
+    assert told["ros"] == "none"
+    assert "expected" not in told
+
+
+def test_it_runs_where_all_nodes_are_bound_to() -> None:
+    text = "image: r:1\nnodes: { a: { args: [x], placement: { node: robot } } }" + ON
+    spec = deployments(release(text))["ros-exporter"]["spec"]["template"]["spec"]
+    assert spec["nodeSelector"] == {"kubernetes.io/hostname": "robot"}
+    free = text.replace("nodes: {", "nodes: { b: { args: [y] },")
+    assert (
+        "nodeSelector" not in deployments(release(free))["ros-exporter"]["spec"]["template"]["spec"]
+    )
+
+
+ZENOH = f"{NODES}\nnetwork: zenoh\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "distro", "word", "severity"),
+    [
+        (ZENOH + ON, "jazzy", "speaks no zenoh", "warning"),
+        (
+            ZENOH + "observability: { enabled: true, ros_metrics: true }",
+            "jazzy",
+            "speaks no zenoh",
+            "error",
+        ),
+        (f"{NODES}\ndeploy_ros_master: false{ON}", "noetic", "without a ROS master", "warning"),
+        (NODES.replace("talker", "ros_exporter") + ON, "noetic", "choose another", "error"),
+    ],
+)
+def test_what_keeps_it_from_seeing_is_told(
+    text: str, distro: str, word: str, severity: str
+) -> None:
+    chosen = options(text)
+    ros = "2" if distro == "jazzy" else "1"
+    found = [p for p in check_exporter(chosen, ros) if word in p.message]
+    assert [p.severity for p in found] == [severity]
+    assert [p for p in check(chosen, distro) if word in p.message] == found
+
+
+def test_what_cannot_be_seen_has_no_exporter() -> None:
+    assert "ros-exporter" not in deployments(release(ZENOH + ON, "jazzy"))
+
+
+def test_a_static_range_has_an_address_for_it() -> None:
+    """Two nodes, a roscore and the exporter want four; the range has three."""
+    network = "{ mode: macvlan, interface: eth0, subnet: 10.0.0.0/24, ipam: static,"
+    network += " range_start: 10.0.0.1, range_end: 10.0.0.3 }"
+    found = [p.message for p in check(options(f"{NODES}\nnetwork: {network}{ON}"), "noetic")]
+    assert any("4 pods want one" in message for message in found)

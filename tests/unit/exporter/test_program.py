@@ -1,0 +1,98 @@
+"""What the image has is a program: complete, on the standard library, for Python 3.9."""
+
+from __future__ import annotations
+
+import ast
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from rigel_k8s import __version__
+from rigel_k8s.images.exporter import UPSTREAM, entries
+from rigel_k8s.manifests.observability.exporter import DIRECTORY, EXPORTER_IMAGE, FILE
+from rigel_k8s.manifests.observability.names import EXPORTER_PORT
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    """The image's files of the program, and nothing else, in a directory."""
+    for entry in entries():
+        if entry.path.startswith("opt/rigel-k8s/"):
+            path = tmp_path / entry.path
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(entry.content)
+    return tmp_path / "opt" / "rigel-k8s"
+
+
+def run(program: Path, *words: str) -> subprocess.Popen[str]:
+    """The program as the image starts it, but without site-packages."""
+    return subprocess.Popen(
+        [sys.executable, "-S", "-W", "error", "-m", "rigel_k8s.exporter", *words],
+        env={"PYTHONPATH": str(program), "PATH": "/usr/bin:/bin"},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize("ros", ["1", "2"])
+def test_it_serves_until_it_is_told_to_end(program: Path, tmp_path: Path, ros: str) -> None:
+    """Nothing of it is missing; without a master or anybody in the domain it is well."""
+    file, port = tmp_path / "config.json", free_port()
+    told = {"ros": ros, "port": port, "interval": 0.1, "master_uri": "http://127.0.0.1:9"}
+    file.write_text(json.dumps(told | ({"interface": "lo"} if ros == "2" else {})))
+    with run(program, str(file)) as process:
+        text = scrape(port, process)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == 0
+        assert process.stderr is not None
+        assert process.stderr.read() == ""
+    assert f'ros_exporter_info{{version="{__version__}",ros="{ros}",middleware=""}} 1' in text
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return int(taken.getsockname()[1])
+
+
+def scrape(port: int, process: subprocess.Popen[str]) -> str:
+    deadline = time.monotonic() + 30
+    while True:
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5) as answer:
+                text = str(answer.read().decode())
+            if "ros_exporter_collect_seconds" in text:
+                return text
+        except OSError:
+            pass
+        assert process.poll() is None, process.stderr and process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_wrong_configuration_ends_it_with_a_word(program: Path, tmp_path: Path) -> None:
+    with run(program, str(tmp_path / "nothing.json")) as process:
+        assert process.wait(30) == 2
+        assert process.stderr is not None
+        assert "ros-exporter: " in process.stderr.read()
+
+
+def test_every_file_is_one_that_python_3_9_reads(program: Path) -> None:
+    for path in program.rglob("*.py"):
+        ast.parse(path.read_text(), str(path), feature_version=(3, 9))
+
+
+def test_pods_ask_for_the_image_that_is_built() -> None:
+    """The name, the configuration's place and the port are said twice: here and there."""
+    from rigel_k8s.exporter.config import PORT
+    from rigel_k8s.images.exporter.build import CONFIG
+
+    assert EXPORTER_IMAGE == UPSTREAM
+    assert CONFIG["Cmd"] == [f"{DIRECTORY}/{FILE}"]
+    assert PORT == EXPORTER_PORT

@@ -1,0 +1,227 @@
+"""The exporter as Prometheus sees it: text, configuration, and a scrape that never waits."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rigel_k8s.exporter.collection import Collection
+from rigel_k8s.exporter.config import Config, ConfigFailed, read
+from rigel_k8s.exporter.graph import Graph, Node, Samples
+from rigel_k8s.exporter.listening import STALE, STATUSES, Listening
+from rigel_k8s.exporter.metrics import FAMILIES, Sample, text
+from rigel_k8s.exporter.serving import Server
+
+
+class Heard:
+    """A topic that somebody else fills."""
+
+    def __init__(self) -> None:
+        self.now = Samples()
+
+    def samples(self) -> Samples:
+        found, self.now = self.now, self.now._replace(payloads=())
+        return found
+
+    def close(self) -> None:
+        """Nothing to leave."""
+
+
+class Half:
+    """A graph of one node, whose look waits as long as it is told."""
+
+    def __init__(self) -> None:
+        self.heard: dict[str, Heard] = {}
+        self.go = threading.Event()
+        self.fails = False
+
+    def look(self) -> Graph:
+        assert self.go.wait(30)
+        if self.fails:
+            raise RuntimeError("a look that went wrong")
+        return Graph(nodes=[Node("/talker", up=True, registered=True)])
+
+    def subscribe(self, topic: str, keep: int = 0) -> Heard:
+        self.heard[topic] = Heard()
+        return self.heard[topic]
+
+    def diagnostics(self, payload: bytes) -> list[tuple[str, str, int]]:
+        name, level = payload.decode().split("=")
+        return [(name, "hw", int(level))]
+
+    def clock(self, payload: bytes) -> float:
+        return float(payload)
+
+    def transforms(self, payload: bytes) -> list[tuple[str, str, float]]:
+        return [("map", "base", float(payload))]
+
+    def close(self) -> None:
+        """Nothing to leave."""
+
+
+def told(listening: Listening, name: str, now: float) -> dict[tuple[str, ...], float]:
+    found = [s for s in listening.samples(now) if s.name == name]
+    return {tuple(s.labels.values()): s.value for s in found}
+
+
+def test_text_is_prometheus_and_escapes_what_must_be() -> None:
+    made = text([Sample("ros_node_up", 1.0, {"ros_node": 'a"b\\c\nd'}), Sample("ros_master_up", 0)])
+    assert 'ros_node_up{ros_node="a\\"b\\\\c\\nd"} 1\n' in made
+    assert made.index("# TYPE ros_master_up gauge") < made.index("ros_master_up{} 0")
+    assert "# TYPE ros_node_up gauge\nros_node_up{" in made
+    assert "ros_topic" not in made
+
+
+def test_counters_are_named_as_counters() -> None:
+    for name, (kind, meaning) in FAMILIES.items():
+        assert (kind == "counter") == name.endswith("_total"), name
+        assert meaning.endswith(".")
+
+
+def test_only_what_is_named_or_asked_for_is_subscribed() -> None:
+    half = Half()
+    Listening(half, Config(topics=["/a"], clock=True))
+    assert set(half.heard) == {"/a", "/clock"}
+    nothing = Half()
+    Listening(nothing, Config())
+    assert nothing.heard == {}
+
+
+def test_a_named_topic_is_told_from_the_start_and_its_header_by_its_delay() -> None:
+    half = Half()
+    listening = Listening(half, Config(topics=["/a"]))
+    assert told(listening, "ros_topic_messages_total", 0.0) == {("/a",): 0}
+    assert told(listening, "ros_topic_last_message_timestamp_seconds", 0.0) == {}
+    half.heard["/a"].now = Samples(3, 30, last=100.0, stamp=99.5)
+    assert told(listening, "ros_topic_bytes_total", 500.0) == {("/a",): 30}
+    assert told(listening, "ros_topic_header_age_seconds", 500.0) == {("/a",): 0.5}
+
+
+def test_levels_turn_stale_and_are_bounded() -> None:
+    half = Half()
+    listening = Listening(half, Config(diagnostics=True))
+    many = tuple(f"s{i:04}=1".encode() for i in range(STATUSES + 3))
+    half.heard["/diagnostics"].now = Samples(payloads=many)
+    levels = told(listening, "ros_diagnostics_level", 0.0)
+    assert len(levels) == STATUSES
+    assert set(levels.values()) == {1}
+    assert told(listening, "ros_exporter_dropped", 0.0) == {("diagnostics",): 3}
+    half.heard["/diagnostics"].now = Samples(payloads=(b"s0000=2",))
+    listening.refresh(STALE)
+    later = told(listening, "ros_diagnostics_level", STALE + 1)
+    assert later[("s0000", "hw")] == 2
+    assert later[("s0001", "hw")] == 3
+
+
+def test_transforms_are_as_old_as_the_ros_clock_says() -> None:
+    half = Half()
+    listening = Listening(half, Config(tf=True, clock=True))
+    half.heard["/tf"].now = Samples(payloads=(b"40",))
+    assert told(listening, "ros_tf_age_seconds", 1000.0) == {("map", "base"): 960}
+    half.heard["/clock"].now = Samples(last=990.0, payloads=(b"42.5",))
+    assert told(listening, "ros_clock_age_seconds", 1000.0) == {(): 10}
+    assert told(listening, "ros_tf_age_seconds", 1000.0) == {("map", "base"): 2.5}
+
+
+def test_a_message_that_is_none_is_counted_and_harms_nothing() -> None:
+    half = Half()
+    listening = Listening(half, Config(clock=True))
+    half.heard["/clock"].now = Samples(last=1.0, payloads=(b"no number",))
+    listening.refresh(1.0)
+    assert listening.unreadable == 1
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[Half, Collection, str]]:
+    half = Half()
+    collection = Collection(half, Config(interval=0.05))
+    server = Server(0, collection.metrics, collection.well)
+    collection.start()
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield half, collection, f"http://127.0.0.1:{server.server_address[1]}"
+    half.go.set()
+    collection.close()
+    server.shutdown()
+    server.server_close()
+
+
+def get(url: str) -> tuple[int, str]:
+    try:
+        with urllib.request.urlopen(url, timeout=20) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode()
+
+
+def until(check) -> None:  # type: ignore[no-untyped-def]
+    deadline = time.monotonic() + 20
+    while not check():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_scrape_waits_for_no_look(served: tuple[Half, Collection, str]) -> None:
+    """The first look has not ended: metrics are there, and the exporter is not well yet."""
+    half, _, url = served
+    status, body = get(f"{url}/metrics")
+    assert status == 200
+    assert "ros_exporter_info" in body
+    assert "ros_node_up" not in body
+    assert get(f"{url}/healthz")[0] == 503
+    half.go.set()
+    until(lambda: get(f"{url}/healthz") == (200, "ok\n"))
+    assert 'ros_node_up{ros_node="/talker",workload=""} 1' in get(f"{url}/metrics")[1]
+    assert get(f"{url}/")[0] == 404
+
+
+def test_a_look_that_fails_is_counted_and_the_next_one_made(
+    served: tuple[Half, Collection, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    half, _, url = served
+    half.fails = True
+    half.go.set()
+    until(lambda: "ros_exporter_failures_total{} 2" in get(f"{url}/metrics")[1])
+    half.fails = False
+    until(lambda: get(f"{url}/healthz")[0] == 200)
+    assert "a look that went wrong" in capsys.readouterr().err
+
+
+def test_a_configuration_is_read_with_its_defaults(tmp_path: Path) -> None:
+    file = tmp_path / "config.json"
+    file.write_text(json.dumps({"ros": "2", "expected": {"/a": "a"}, "topics": ["/x"], "tf": True}))
+    found = read(file)
+    assert (found.ros, found.expected, found.topics, found.tf) == ("2", {"/a": "a"}, ["/x"], True)
+    assert found.interval == 10.0
+    assert found.port == 9419
+
+
+@pytest.mark.parametrize(
+    ("told", "word"),
+    [
+        ({"ros": "3"}, "ros is one of 1, 2, none"),
+        ({"mode": "radio"}, "mode is one of"),
+        ({"tpoics": []}, "unknown field tpoics"),
+        ({"topics": "/a"}, "topics cannot be"),
+        ({"interval": 0}, "interval cannot be 0"),
+        ({"interval": True}, "interval cannot be true"),
+        ({"tf": 1}, "tf cannot be 1"),
+        ({"expected": {"/a": 1}}, "expected cannot be"),
+        ({"domain": -1}, "domain cannot be -1"),
+        ([], "a JSON object is wanted"),
+    ],
+)
+def test_a_wrong_configuration_is_told_by_its_field(
+    tmp_path: Path, told: object, word: str
+) -> None:
+    file = tmp_path / "config.json"
+    file.write_text(json.dumps(told))
+    with pytest.raises(ConfigFailed, match=word):
+        read(file)

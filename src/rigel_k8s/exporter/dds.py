@@ -30,7 +30,7 @@ _ANNOUNCE = 3.0  # seconds between two announcements
 _FIRST = 0.2  # seconds between the first few: packets get lost while a network comes up
 _FIRSTS = 5
 _TICK = 1.0
-_INTERFACES = 10.0  # seconds between two looks whether the interfaces are still the same
+_ANEW = 10.0  # seconds between two looks for more peers, and for other interfaces
 _SERVER_PORT = 11811
 _PEER_PORTS = 8  # so many participants of a peer's address are looked for
 
@@ -163,6 +163,8 @@ class Domain:
                 if timers.is_due("announce", now):
                     self._reach()
                     sockets.send(self._participant.announcement(), self._announced_to())
+                if timers.is_due("ask", now):
+                    sockets.send(self._participant.announcement(), self._asked())
                 if timers.is_due("tick", now):
                     self._participant.tick(now)
         with self._lock:
@@ -186,18 +188,22 @@ class Domain:
             return [(rtps.GROUP, rtps.announcement_port(self._domain))]
         if self._mode == "discovery-server":
             return list(self._participant.servers)
-        known = [place for peer in self._participant.peers.values() for place in peer.places]
+        return [place for peer in self._participant.peers.values() for place in peer.places]
+
+    def _asked(self) -> list[Place]:
+        """Return where there may be peers."""
+        if self._mode != "peers":
+            return []
         ports = [rtps.participant_port(self._domain, i) for i in range(_PEER_PORTS)]
-        asked = [(a, port) for a in self._resolver.found.values() for port in ports]
-        return list({*known, *asked})
+        return [(address, port) for address in self._resolver.found.values() for port in ports]
 
 
 class _Timers:
     """What is due when; `next` is the earliest, in seconds of the clock that never jumps."""
 
     def __init__(self, now: float) -> None:
-        self._due = {"announce": now, "tick": now + _TICK, "interfaces": now + _INTERFACES}
-        self._firsts = _FIRSTS
+        self._due = {"announce": now, "ask": now, "tick": now + _TICK, "interfaces": now + _ANEW}
+        self._firsts = dict.fromkeys(("announce", "ask"), _FIRSTS)
 
     @property
     def next(self) -> float:
@@ -211,10 +217,10 @@ class _Timers:
         return True
 
     def _period(self, name: str) -> float:
-        if name == "announce" and self._firsts:
-            self._firsts -= 1
+        if self._firsts.get(name):
+            self._firsts[name] -= 1
             return _FIRST
-        return {"announce": _ANNOUNCE, "tick": _TICK, "interfaces": _INTERFACES}[name]
+        return {"announce": _ANNOUNCE, "tick": _TICK, "ask": _ANEW, "interfaces": _ANEW}[name]
 
 
 def _place(server: str) -> tuple[str, int]:

@@ -56,7 +56,7 @@ class Participant:
         self._own_readers: dict[Endpoint, int] = {}
         self._hearings: list[Hearing] = []
         self.servers: Sequence[Place] = ()
-        self._sources: dict[bytes, Source] = {}
+        self._sources: dict[bytes, list[Source]] = {}
         self._ids, self._beats = itertools.count(1), 0
 
     # What we say
@@ -89,7 +89,8 @@ class Participant:
         for peer in [peer for peer in self.peers.values() if peer.is_expired(now)]:
             self._forget(peer.told.prefix)
         for peer in self.peers.values():
-            if peer.is_to_be_asked(now):
+            if peer.is_to_be_asked(now) or peer.is_behind:
+                peer.is_behind = False
                 self._ask(peer)
             for writer, incoming in peer.incoming.items():
                 if not incoming.is_known:
@@ -128,9 +129,10 @@ class Participant:
             if peer:
                 peer.hear(now)
             if isinstance(item, (wire.Data, wire.Fragment)):
-                known = self._sources.get(prefix + item.writer)
-                if known:
-                    known.take(item, wall)
+                sources = self._sources.get(prefix + item.writer)
+                if sources:
+                    for known in sources:
+                        known.take(item, wall)
                 elif peer and item.writer in peer.incoming:
                     changes = peer.incoming[item.writer].take(item)
                     self._apply(prefix + item.writer, changes, now)
@@ -162,6 +164,7 @@ class Participant:
     def _take_acknack(self, peer: Peer, item: wire.Acknack) -> None:
         if item.writer == self._outgoing.writer:
             lacking = self._outgoing.answer(item)
+            peer.is_behind = self._outgoing.is_behind(item) and not lacking
             if lacking:
                 self._tell(peer, [*lacking, self._outgoing.beat(final=True)])
         elif item.writer == rtps.SPDP_WRITER and self._is_client:
@@ -263,16 +266,20 @@ class Participant:
         """Begin to hear a topic by its name in ROS; `leave` ends it."""
         hearing = Hearing(topic, keep, leave)
         self._hearings.append(hearing)
-        for writer in list(self.writers.values()):
-            self._match(writer)
+        for writer in [w for w in self.writers.values() if names.topic_name(w.topic) == topic]:
+            self._connect(writer, hearing)
         return hearing
 
     def leave(self, hearing: Hearing) -> None:
         """Take the readers of a topic back."""
         if hearing in self._hearings:
             self._hearings.remove(hearing)
-        for guid in [guid for guid, found in self._sources.items() if found.hearing is hearing]:
-            del self._sources[guid]
+        for guid, sources in list(self._sources.items()):
+            self._sources[guid] = [source for source in sources if source.hearing is not hearing]
+            if not self._sources[guid]:
+                del self._sources[guid]
+        if any(other.topic == hearing.topic for other in self._hearings):
+            return
         for reader in [r for r in self._own_readers if names.topic_name(r.topic) == hearing.topic]:
             self._outgoing.drop(self._own_readers.pop(reader))
             self._retract(reader)
@@ -282,11 +289,15 @@ class Participant:
         if writer.topic == names.NODES:
             self._listen(writer)
             return
-        topic = names.topic_name(writer.topic)
+        topic, known = names.topic_name(writer.topic), set(self._sources)
         for hearing in self._hearings:
-            if hearing.topic == topic and writer.guid not in self._sources:
-                self._sources[writer.guid] = Source(hearing, names.type_name(writer.type))
-                self._announce(writer, is_reliable=False)
+            if hearing.topic == topic and writer.guid not in known:
+                self._connect(writer, hearing)
+
+    def _connect(self, writer: Endpoint, hearing: Hearing) -> None:
+        source = Source(hearing, names.type_name(writer.type))
+        self._sources.setdefault(writer.guid, []).append(source)
+        self._announce(writer, is_reliable=False)
 
     def _listen(self, writer: Endpoint) -> None:
         """Hear which nodes a participant has."""

@@ -26,6 +26,7 @@ __all__ = ["OURS", "SERVER", "Peer"]
 
 OURS = "rigel-k8s "  # what the names of our own participants begin with; in nobody's count
 SERVER = (("PARTICIPANT_TYPE", "SERVER"),)
+_RELAYED = 6  # leases after which we forget whom the server should have forgotten
 _BACKUP = (("PARTICIPANT_TYPE", "BACKUP"),)
 _BUILT_IN = (
     (
@@ -52,12 +53,14 @@ class Peer:
         sources: where its announcements came from.
         nodes: the ROS nodes that it says it has.
         incoming: its built-in and other reliable writers, by their entity ids.
-        is_direct: it told of itself; else a discovery server did, and only the server may forget
-            it, since clients of servers do not talk of discovery among themselves.
+        is_direct: it told of itself; else a discovery server did, and forgets it, since clients of
+            servers do not talk of discovery among themselves.
+        is_behind: it has not all that we told, as far as it said.
     """
 
     def __init__(self, told: Told, now: float, *, is_direct: bool = True) -> None:
         self.told, self.heard, self.is_direct = told, now, is_direct
+        self.is_behind = False
         self.sources: set[str] = set()
         self.nodes: list[str] = []
         self.incoming: dict[bytes, Incoming] = {}
@@ -99,7 +102,10 @@ class Peer:
 
     def is_expired(self, now: float) -> bool:
         """Whether its lease is over."""
-        return self.is_direct and now - self.heard > self.told.lease
+        silence = now - self.heard
+        if self.is_direct:
+            return silence > self.told.lease
+        return bool(self.incoming) and silence > _RELAYED * self.told.lease
 
     @property
     def places(self) -> tuple[Place, ...]:

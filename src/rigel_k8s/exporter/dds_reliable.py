@@ -61,7 +61,7 @@ class Incoming:
         self.done = 0  # all up to this number are handed out, or there is nothing to come
         self.last = 0
         self.is_known = False  # a heartbeat told what the writer has
-        self._count = 0
+        self._count, self._less = 0, 0
         self._waiting: dict[int, Change | None] = {}
         self._broken: dict[int, Assembly] = {}
 
@@ -79,11 +79,26 @@ class Incoming:
         """Take in what the writer has; what is before it, nobody waits for."""
         if item.first < 1 or item.last < item.first - 1:
             return []
+        if item.last < self.done and not self._begins_anew():
+            return []
         self.is_known = True
         self.done = max(self.done, item.first - 1)
         self.last = max(item.last, self.done)
         self._waiting = {n: change for n, change in self._waiting.items() if n > self.done}
         return self._ready()
+
+    def _begins_anew(self) -> bool:
+        """Whether the writer has started anew, as a discovery server does under its old GUID.
+
+        One heartbeat that has less than there was may have been late; two are none.
+        """
+        self._less += 1
+        if self._less < 2:
+            return False
+        self.done, self.last, self._less = 0, 0, 0
+        self._waiting.clear()
+        self._broken.clear()
+        return True
 
     def gap(self, item: wire.Gap) -> list[Change]:
         """Take in what the writer has nothing for."""
@@ -169,6 +184,10 @@ class Outgoing:
         kept = self._kept.get(number)
         return kept or wire.gap(self.reader, self.writer, number, number + 1)
 
+    def is_behind(self, item: wire.Acknack) -> bool:
+        """Whether a reader has not all there is."""
+        return item.base <= self.last
+
     def answer(self, item: wire.Acknack) -> list[bytes]:
-        """Return what a reader lacks."""
+        """Return what a reader asks for."""
         return [self.sample(n) for n in item.missing if n <= self.last]

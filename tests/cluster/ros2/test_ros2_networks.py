@@ -8,7 +8,7 @@ import re
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -156,10 +156,10 @@ def test_a_machine_that_leaves_takes_only_its_own_node_along(own_demo: Any) -> N
 def lose(cluster: str, machine: str) -> None:
     """End a machine of a local cluster at once, with all that runs on it."""
     script = f"/clusters/{cluster}/{machine}/init.sh"
-    found = [
-        int(entry.name)
-        for entry in Path("/proc").glob("[0-9]*")
-        if script in (entry / "cmdline").read_bytes().decode(errors="replace")
-    ]
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it may have ended meanwhile
+            if script in (entry / "cmdline").read_bytes().decode(errors="replace"):
+                found.append(int(entry.name))
     assert found, f"{machine} does not run"
     os.kill(min(found), signal.SIGKILL)  # `unshare --kill-child` takes the rest along

@@ -1,0 +1,180 @@
+"""A prometheus-operator that is there takes our PodMonitors and rules: no second stack."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from rigel_k8s import boards
+from rigel_k8s.deploy.release import deploy
+from rigel_k8s.deploy.types import Desired, ref_of
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.manifests.observability.images import PROMETHEUS_IMAGE
+from rigel_k8s.manifests.observability.options import (
+    Existing,
+    ExistingPrometheus,
+    Loki,
+    Observability,
+)
+from rigel_k8s.manifests.observability.release import stack_release
+from rigel_k8s.manifests.observability.stack import Boards
+from rigel_k8s.manifests.observability.stack import Stack as Parts
+from rigel_k8s.manifests.scalars import LabelKey, LabelValue
+
+from ..conftest import run_rigel
+from .conftest import Quiet, Stack, until
+
+pytestmark = pytest.mark.cluster
+
+LABELS = {"release": "theirs"}
+ACCOUNT = "theirs"
+
+
+def prometheus(namespace: str) -> list[dict[str, Any]]:
+    """A Prometheus of the operator's, which selects by the label `release`."""
+    chosen = {"matchLabels": LABELS}
+    role = {
+        "apiVersion": "rbac.authorization.k8s.io/v1",
+        "kind": "ClusterRole",
+        "metadata": {"name": namespace},
+        "rules": [{"apiGroups": [""], "resources": ["pods"], "verbs": ["get", "list", "watch"]}],
+    }
+    subject = {"kind": "ServiceAccount", "name": ACCOUNT, "namespace": namespace}
+    reference = {"apiGroup": "rbac.authorization.k8s.io", "kind": "ClusterRole", "name": namespace}
+    return [
+        {
+            "apiVersion": "v1",
+            "kind": "ServiceAccount",
+            "metadata": {"name": ACCOUNT, "namespace": namespace},
+        },
+        role,
+        {
+            **role,
+            "kind": "ClusterRoleBinding",
+            "roleRef": reference,
+            "subjects": [subject],
+        },
+        {
+            "apiVersion": "monitoring.coreos.com/v1",
+            "kind": "Prometheus",
+            "metadata": {"name": "theirs", "namespace": namespace},
+            "spec": {
+                "image": PROMETHEUS_IMAGE,
+                "version": PROMETHEUS_IMAGE.rpartition(":")[2],
+                "serviceAccountName": ACCOUNT,
+                "podMonitorSelector": chosen,
+                "podMonitorNamespaceSelector": {},
+                "ruleSelector": chosen,
+                "scrapeInterval": "5s",
+                "evaluationInterval": "5s",
+            },
+        },
+    ]
+
+
+def robot(namespace: str) -> dict[str, Any]:
+    """A pod of a release that asks to be scraped: any program with metrics will do."""
+    labels = {"rigel-k8s/release": "demo", "app.kubernetes.io/name": "camera"}
+    asked = {"prometheus.io/scrape": "true", "prometheus.io/port": "9090"}
+    return {
+        "apiVersion": "v1",
+        "kind": "Pod",
+        "metadata": {
+            "name": "camera",
+            "namespace": namespace,
+            "labels": labels,
+            "annotations": {**asked, "rigel-k8s/ros-name": "/camera"},
+        },
+        "spec": {"containers": [{"name": "ros-node", "image": PROMETHEUS_IMAGE}]},
+    }
+
+
+def ours(namespace: str) -> Desired:
+    """What we bring to such a cluster, beside a collector."""
+    labels = {LabelKey(key): LabelValue(value) for key, value in LABELS.items()}
+    existing = Existing(prometheus=ExistingPrometheus(labels=labels), grafana=True)
+    options = Observability(enabled=True, existing=existing, loki=Loki(enabled=False))
+    texts = Boards(boards.dashboards(), boards.rules())
+    return stack_release(Parts(options, namespace, texts), {})
+
+
+def test_without_an_operator_the_way_out_is_told(
+    cluster: Any, context: str, tmp_path: Path, watching: Stack
+) -> None:
+    """Instead of Kubernetes' word about a kind that it does not know; nothing is written."""
+    if cluster.serves("monitoring.coreos.com/v1", "PodMonitor"):
+        pytest.skip("an operator is there; tests/unit/plugins/test_observability.py has the same")
+    file = tmp_path / "Rigelfile"
+    text = "{existing: {prometheus: true}, grafana: {enabled: false}}"
+    job = f"{{plugin: observability, with: {text}}}"
+    file.write_text(f"application: {{distro: noetic}}\njobs: {{stack: {job}}}\n")
+    done = run_rigel("--context", context, "-f", str(file), "run", "job", "stack", check=False)
+    assert done.returncode == 2
+    assert "no prometheus-operator is there" in done.stderr
+    assert watching.metrics("up")
+
+
+@pytest.fixture(scope="module")
+def operated(cluster: Any, prometheus_operator: None) -> Iterator[str]:
+    """A namespace with a Prometheus of the operator's, our monitors and a pod to be scraped."""
+    namespace = f"t-existing-{uuid.uuid4().hex[:6]}"
+    space = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace}}
+    theirs = [space, *prometheus(namespace), robot(namespace)]
+    for item in theirs:
+        cluster.apply(item)
+    deploy(ours(namespace), cluster, report=Quiet())
+    yield namespace
+    for item in reversed(theirs):
+        cluster.delete(ref_of(item))
+
+
+def asked(cluster: Any, namespace: str, path: str, **query: object) -> Any:
+    """What their Prometheus answers; nothing where it does not yet."""
+    stack = Stack(cluster, "", namespace, Path())
+    try:
+        return stack.ask("prometheus-operated", 9090, f"api/v1/{path}", **query)
+    except ClusterError:
+        return {}
+
+
+def test_their_prometheus_scrapes_our_pods(cluster: Any, operated: str) -> None:
+    """With the labels of the contract, in the job that our dashboards and rules ask for."""
+    query = f'up{{job="pods", namespace="{operated}", application="demo"}}'
+
+    def up() -> Any:
+        return asked(cluster, operated, "query", query=query).get("result")
+
+    (sample,) = until(up, "the pod is scraped")
+    metric = sample["metric"]
+    assert sample["value"][1] == "1"
+    assert (metric["ros_node"], metric["workload"]) == ("/camera", "camera")
+    assert (metric["pod"], metric["container"]) == ("camera", "ros-node")
+
+
+def test_their_prometheus_has_our_rules(cluster: Any, operated: str) -> None:
+    """All of them, and each can be evaluated."""
+    wanted = {
+        group["name"]
+        for text in boards.rules().values()
+        for group in yaml.safe_load(text)["groups"]
+    }
+
+    def healthy() -> bool:
+        groups = asked(cluster, operated, "rules").get("groups") or []
+        states = {rule["health"] for group in groups for rule in group["rules"]}
+        return wanted <= {group["name"] for group in groups} and states == {"ok"}
+
+    assert wanted
+    until(healthy, "our rules are evaluated")
+
+
+def test_their_grafana_would_find_our_dashboards(cluster: Any, operated: str) -> None:
+    """By the label that its sidecar looks for."""
+    found = cluster.list("v1", "ConfigMap", operated, labels={"grafana_dashboard": "1"})
+    shown = {key for one in found for key in one["data"]}
+    assert shown == set(boards.dashboards())

@@ -13,7 +13,7 @@ from rigel_k8s.deploy.types import RELEASE_LABEL, ReleaseId
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.plugins.graph_findings import Graph, graph
-from rigel_k8s.plugins.graph_looks import look
+from rigel_k8s.plugins.graph_looks import LISTEN, look
 from rigel_k8s.plugins.graph_members import Member, members
 from rigel_k8s.report import Reporter
 
@@ -21,6 +21,9 @@ __all__ = ["GraphError", "check", "survey"]
 
 PATIENCE = 20.0  # seconds that the nodes have to discover each other after a deploy
 AGAIN = 1.0  # seconds between two looks
+LONGER = 6.0  # seconds for a look that decides
+#: What a busy machine shows as well: who is not given the time to answer does not answer.
+DOUBTFUL = frozenset({"deaf", "deaf-pod", "no-server", "silent", "undiscovered"})
 
 
 class GraphError(RigelK8sError):
@@ -30,9 +33,22 @@ class GraphError(RigelK8sError):
 def survey(
     cluster: Cluster, release: ReleaseId, cancel: threading.Event | None = None
 ) -> Graph | None:
-    """Return a release's graph as it is now, None where nothing of it takes part in DDS."""
+    """Return a release's graph as it is now, None where nothing of it takes part in DDS.
+
+    Where something is wrong that a busy machine may explain too, a longer look decides.
+    """
+    found = glance(cluster, release, cancel, LISTEN)
+    if found is not None and any(finding.kind in DOUBTFUL for finding in found.errors):
+        return glance(cluster, release, cancel, LONGER)
+    return found
+
+
+def glance(
+    cluster: Cluster, release: ReleaseId, cancel: threading.Event | None, seconds: float
+) -> Graph | None:
+    """Return what one look of so many seconds shows."""
     found = participants(cluster, release)
-    return graph(found, look(cluster, found, cancel)) if found else None
+    return graph(found, look(cluster, found, cancel, seconds=seconds)) if found else None
 
 
 def participants(cluster: Cluster, release: ReleaseId) -> list[Member]:
@@ -51,13 +67,16 @@ def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: thread
         Interrupted: `cancel` was set.
     """
     until = time.monotonic() + PATIENCE
-    while (found := survey(cluster, release, cancel)) is not None:
-        if not found.errors or time.monotonic() > until:
-            tell(found, release, report)
-            return
+    found = glance(cluster, release, cancel, LISTEN)
+    while found is not None and found.errors and time.monotonic() < until:
         report.progress("graph", found.errors[0].message)
         if cancel.wait(AGAIN):
             raise Interrupted("stopped while looking at the DDS graph; the release stays deployed")
+        found = glance(cluster, release, cancel, LISTEN)
+    if found is not None and found.errors:
+        found = survey(cluster, release, cancel)
+    if found is not None:
+        tell(found, release, report)
 
 
 def tell(found: Graph, release: ReleaseId, report: Reporter) -> None:

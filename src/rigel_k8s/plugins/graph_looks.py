@@ -26,10 +26,10 @@ from rigel_k8s.plugins.graph_members import Member
 __all__ = ["ANNOUNCERS", "LISTEN", "Seen", "commands", "look"]
 
 START = 15.0  # seconds until the last one has to hear: a Python start on a busy machine, and DNS
-LISTEN = 1.5  # seconds for which all hear each other
+LISTEN = 1.5  # seconds for which all hear each other, where nobody says it
 END = 10.0  # seconds until the last one has to have told
 TICK = 0.05  # seconds between two looks at the others
-LONGEST = int(START + LISTEN + END)  # after which a script ends where nobody tells it anything
+LONGEST = 32  # seconds after which a script ends where nobody tells it anything
 ANNOUNCERS = 24  # more stand-ins would make every participant answer more than these show
 ROUTER = 7447  # zenoh's port
 SLOW = "its container did not answer in time; is its machine busy, or away?"
@@ -108,9 +108,16 @@ def command(
 
 
 def look(
-    cluster: Cluster, found: Sequence[Member], cancel: threading.Event | None = None
+    cluster: Cluster,
+    found: Sequence[Member],
+    cancel: threading.Event | None = None,
+    *,
+    seconds: float = LISTEN,
 ) -> dict[str, Seen]:
     """Return pod -> what was seen in it.
+
+    Args:
+        seconds: for how long all hear each other.
 
     Raises:
         Interrupted: `cancel` was set.
@@ -121,7 +128,7 @@ def look(
     wait(runs, lambda run: run.hears, START, cancel)
     for run in runs:
         run.late = not run.hears
-    wait(runs, lambda run: run.ended, LISTEN, cancel)
+    wait(runs, lambda run: run.ended, seconds, cancel)
     for run in runs:
         run.enough()
     wait(runs, lambda run: run.ended, END, cancel)

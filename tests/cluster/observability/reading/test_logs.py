@@ -1,0 +1,205 @@
+"""`rigel logs --since --level` with a real Loki, and without one."""
+
+from __future__ import annotations
+
+import json
+import re
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+
+from .conftest import App, Background, until
+
+pytestmark = pytest.mark.cluster
+
+#: rclpy, with its real logging; it says each level once.
+ROS2 = """
+import rclpy, time
+rclpy.init()
+node = rclpy.create_node("shouter2")
+node.get_logger().set_level(10)
+print("plain", flush=True)
+node.get_logger().debug("this is debug")
+node.get_logger().info("this is info")
+node.get_logger().warn("this is warn")
+node.get_logger().error("this is error")
+node.get_logger().fatal("this is fatal")
+time.sleep(1000)
+"""
+
+
+def numbers(lines: list[dict[str, Any]]) -> dict[str, list[int]]:
+    """Return the talker's numbers, by pod, in the order in which they were told."""
+    found: dict[str, list[int]] = {}
+    for line in lines:
+        if said := re.search(r": said (\d+)$", line["text"]):
+            found.setdefault(line["pod"], []).append(int(said[1]))
+    return found
+
+
+def test_lines_of_a_pod_that_is_gone_are_found(app: App, cluster: Any) -> None:
+    """With their levels and tracebacks; nothing is missing or there twice."""
+    [old] = {line["pod"] for line in app.lines("--since", "1h", "talker")}
+
+    def has_failed() -> bool:
+        return any(line["pod"] == old for line in app.lines("--level", "error", "talker"))
+
+    until(has_failed, "an error of the talker")
+    cluster.delete(ObjectRef("v1", "Pod", app.namespace, old))
+    until(lambda: cluster.get(ObjectRef("v1", "Pod", app.namespace, old)) is None, "the pod's end")
+    until(lambda: len(numbers(app.lines("--since", "1h", "talker"))) > 1, "the next pod's lines")
+
+    errors = [
+        x for x in app.lines("--since", "1h", "--level", "error", "talker") if x["pod"] == old
+    ]
+    assert {line["level"] for line in errors} == {"error"}
+    assert any("failed 20" in line["text"] for line in errors)
+    assert any("IndexError" in line["text"] for line in errors), "its traceback"
+    assert not any("late" in line["text"] for line in errors)
+    assert errors[0]["ros_name"] == "/talker"
+    assert errors[0]["node"]
+    everything = app.lines("--since", "1h", "talker")
+    for said in numbers(everything).values():
+        assert said == list(range(1, len(said) + 1))
+    assert "failed 20" in app("logs", "--level", "error", old).stdout, "by the pod's name too"
+
+
+def test_lines_of_all_nodes_are_in_the_order_of_time(app: App) -> None:
+    """What was heard stands after what was said; the exporter is no ROS node."""
+    lines = app.lines("--since", "10m")
+    assert [line["time"] for line in lines] == sorted(line["time"] for line in lines)
+    assert {line["workload"] for line in lines} == {
+        "talker",
+        "lab-listener",
+        "shouter",
+        "ros-master",
+    }
+
+
+def levels(lines: list[dict[str, Any]]) -> dict[str, str | None]:
+    """Return the level of each line that a shouter has said."""
+    said = ((re.search(r"(this is \w+|plain)$", x["text"]), x["level"]) for x in lines)
+    return {found[1]: level for found, level in said if found}
+
+
+EACH = {
+    "plain": None,
+    "this is debug": "debug",
+    "this is info": "info",
+    "this is warn": "warn",
+    "this is error": "error",
+    "this is fatal": "fatal",
+}
+
+
+def test_levels_of_ros_1(app: App, limited: Callable[..., App]) -> None:
+    """The same from Loki, where the collector has read them, and from the API server."""
+    wanted = {name.replace("is error", "is err"): level for name, level in EACH.items()}
+    until(lambda: len(levels(app.lines("--since", "1h", "shouter"))) == len(EACH), "its lines")
+    assert levels(app.lines("--since", "1h", "shouter")) == wanted
+    assert levels(limited().lines("--since", "1h", "shouter")) == wanted
+    above = levels(app.lines("--level", "warn", "shouter"))
+    assert above == {"this is warn": "warn", "this is err": "error", "this is fatal": "fatal"}
+
+
+@pytest.fixture
+def ros2_app(
+    app: App, cluster: Any, registry: str, rigel: Callable[..., Any], tmp_path: Path
+) -> Iterator[App]:
+    """A node of ROS 2, in a release of its own."""
+    image = f"{registry}/ros:jazzy"
+    rigel("image", "ros2-base", "--push", image, timeout=900)
+    name = f"t-reading-{uuid.uuid4().hex[:6]}"
+    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
+    nodes = {"shouter2": {"image": image, "args": ["python3", "-c", ROS2]}}
+    job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": {"nodes": nodes}}
+    text = {"application": {"distro": "jazzy"}, "jobs": {"deploy": job}}
+    made = App(tmp_path / "Rigelfile", app.context, name)
+    made.file.write_text(json.dumps(text))
+    made("run", "job", "deploy", "--timeout", "4m")
+    yield made
+    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+
+
+def test_levels_of_ros_2(ros2_app: App) -> None:
+    """The same from Loki and from the API server."""
+    now = levels([json.loads(x) for x in ros2_app("logs", "-o", "json").stdout.splitlines()])
+    assert now == EACH
+    until(lambda: len(levels(ros2_app.lines("--since", "1h"))) == len(EACH), "its lines")
+    assert levels(ros2_app.lines("--since", "1h")) == EACH
+    above = {"this is error": "error", "this is fatal": "fatal"}
+    assert levels(ros2_app.lines("--level", "error")) == above
+
+
+def test_without_loki_the_lines_are_the_same(app: App, limited: Callable[..., App]) -> None:
+    """Of containers that are there; one line on standard error says why there are no others."""
+    someone = limited()
+    told = someone("logs", "--since", "1h", "--level", "warn", "talker")
+    [why] = told.stderr.splitlines()
+    assert "you may not ask Loki" in why or "there is no observability stack" in why
+    assert "containers that are there now" in why
+    lines = [json.loads(x) for x in someone("logs", "--level", "warn", "-o", "json", "talker")
+             .stdout.splitlines()]  # fmt: skip
+    assert {line["level"] for line in lines} == {"warn", "error"}
+    pod, last = lines[0]["pod"], lines[-1]["time"]
+    first = lines[0]["time"]
+    stored = [
+        line["text"]
+        for line in app.lines("--level", "warn", "talker")
+        if line["pod"] == pod and first <= line["time"] <= last
+    ]
+    assert Counter(stored) == Counter(line["text"] for line in lines)
+
+
+def test_plain_logs_ask_for_no_stack(app: App, limited: Callable[..., App]) -> None:
+    """Who may read nothing but pods gets the same, without a word."""
+    told = limited()("logs", "--tail", "3", "talker")
+    assert told.stderr == ""
+    assert len(told.stdout.splitlines()) == 3
+    assert re.match(r"20\d\d-\d\d-\d\dT\S+Z ", app("logs", "--timestamps", "talker").stdout)
+
+
+def test_the_last_lines_of_a_level(app: App) -> None:
+    """--tail counts what is left by --level, of each pod."""
+    lines = app(
+        "logs", "--since", "1h", "--level", "warn", "--tail", "2", "--timestamps", "shouter"
+    )
+    texts = lines.stdout.splitlines()
+    assert len(texts) == 2
+    assert all(re.match(r"20\d\d-\d\d-\d\dT\S+Z \[(ERROR|FATAL)\]", text) for text in texts)
+
+
+def test_follow_goes_on_where_the_past_ends(
+    app: App, cluster: Any, start: Callable[..., Background]
+) -> None:
+    """History and what comes are one: nothing is missing or there twice, also in the next pod."""
+    running = start(app.command("logs", "-f", "--since", "1m", "-o", "json", "talker"))
+
+    def lines() -> list[dict[str, Any]]:
+        return [json.loads(line) for line in list(running.lines)]
+
+    until(lambda: running.lines, "the first line")
+    before = len(running.lines)
+    until(lambda: len(running.lines) > before + 20, "lines as they come")
+    pods = cluster.list("v1", "Pod", app.namespace, labels={"app.kubernetes.io/name": "talker"})
+    for pod in pods:
+        cluster.delete(ObjectRef("v1", "Pod", app.namespace, pod["metadata"]["name"]))
+    seen = set(numbers(lines()))
+    until(lambda: set(numbers(lines())) - seen, "lines of the next pod")
+    assert running.interrupt() == 130
+    found = [json.loads(x) for x in running.lines if x.startswith("{")]
+    for said in numbers(found).values():
+        assert said == list(range(said[0], said[0] + len(said)))
+    failed = sum("failed" in line["text"] for line in found)
+    assert sum(line["text"] == "IndexError: list index out of range" for line in found) == failed
+
+
+def test_a_name_that_means_nothing_is_told(app: App) -> None:
+    """With the names that there are, as without Loki."""
+    assert 'did you mean "talker"?' in app("logs", "--since", "1h", "taker", code=2).stderr

@@ -1,4 +1,4 @@
-"""The exporter's image beside a demo on a cluster: every metric, read through the API server."""
+"""The exporter's image beside ROS 1 and ROS 2 on a cluster, read through the API server."""
 
 from __future__ import annotations
 
@@ -34,6 +34,19 @@ LISTENER = (
 SUBSCRIBERS = (
     "import json, rosgraph; print(json.dumps(dict(rosgraph.Master('/test').getSystemState()[1])))"
 )
+TALKER_2 = (
+    "import rclpy; from std_msgs.msg import String; rclpy.init(); n = rclpy.create_node('x')\n"
+    "ps = [n.create_publisher(String, t, 10) for t in ('/chatter', '/unnamed')]\n"
+    "n.create_timer(0.1, lambda: [p.publish(String(data='hello')) for p in ps]); rclpy.spin(n)"
+)
+LISTENER_2 = (
+    "import rclpy; from std_msgs.msg import String; rclpy.init(); n = rclpy.create_node('x')\n"
+    "n.create_subscription(String, '/chatter', lambda m: None, 10); rclpy.spin(n)"
+)
+COUNT_2 = (
+    "import rclpy, time; rclpy.init(); n = rclpy.create_node('_count'); time.sleep(5)\n"
+    "print(n.count_subscribers('/chatter'), n.count_subscribers('/unnamed'))"
+)
 STOP = "kill -{} $(cat /proc/1/task/1/children)"
 
 
@@ -43,26 +56,28 @@ def python(code: str) -> dict[str, Any]:
 
 
 class Demo:
-    """A talker, a listener and the exporter in a namespace of their own."""
+    """An application and its exporter in a namespace of their own."""
 
-    def __init__(self, cluster: Any, context: str, namespace: str, file: Path) -> None:
-        self.cluster, self.context, self.namespace, self.file = cluster, context, namespace, file
+    def __init__(self, cluster: Any, context: str, file: Path, distro: str, **job: Any) -> None:
+        self.cluster, self.context, self.file, self.distro = cluster, context, file, distro
+        self.namespace = f"t-exporter-{uuid.uuid4().hex[:6]}"
+        self.job = {"namespace": self.namespace, **job}
 
-    def deploy(self, image: str, exporter: str, **ros_metrics: Any) -> str:
+    def __enter__(self) -> Demo:
+        metadata = {"name": self.namespace}
+        self.cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": metadata})
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.cluster.delete(ObjectRef("v1", "Namespace", "", self.namespace))
+
+    def deploy(self, exporter: str, **ros_metrics: Any) -> str:
         """Deploy and return what was told."""
-        job = {
-            "namespace": self.namespace,
-            "ros_master_image": image,
-            "image": image,
-            "nodes": {"talker": python(FORKED + TALKER), "listener": python(LISTENER)},
-            "observability": {
-                "enabled": True,
-                "grafana": {"enabled": False},
-                "ros_metrics": {"image": exporter, "interval": "2s", **ros_metrics},
-            },
-        }
+        asked = {"image": exporter, "interval": "2s", **ros_metrics}
+        watched = {"enabled": True, "grafana": {"enabled": False}, "ros_metrics": asked}
+        job = {**self.job, "observability": watched}
         jobs = {"deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job}}
-        self.file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
+        self.file.write_text(json.dumps({"application": {"distro": self.distro}, "jobs": jobs}))
         words = ("-f", str(self.file), "run", "job", "deploy", "--timeout", "4m")
         done = run_rigel("--context", self.context, *words)
         return done.stdout + done.stderr
@@ -129,13 +144,15 @@ def demo(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Demo]:
     """The demo, deployed once for all tests of this module."""
-    name = f"t-exporter-{uuid.uuid4().hex[:6]}"
-    metadata = {"name": name}
-    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": metadata})
-    made = Demo(cluster, context, name, tmp_path_factory.mktemp("demo") / "Rigelfile")
-    made.deploy(base_image, exporter_image, topics=["/chatter"])
-    yield made
-    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+    file = tmp_path_factory.mktemp("demo") / "Rigelfile"
+    job = {
+        "ros_master_image": base_image,
+        "image": base_image,
+        "nodes": {"talker": python(FORKED + TALKER), "listener": python(LISTENER)},
+    }
+    with Demo(cluster, context, file, "noetic", **job) as made:
+        made.deploy(exporter_image, topics=["/chatter"])
+        yield made
 
 
 def test_the_demos_graph_is_told(demo: Demo) -> None:
@@ -216,11 +233,57 @@ def test_a_restarted_roscore_counts_and_its_orphans_are_told(demo: Demo) -> None
 
 
 def test_an_application_runs_without_an_exporter_that_cannot_start(
-    demo: Demo, base_image: str, registry: str
+    demo: Demo, registry: str
 ) -> None:
     """An image that is nowhere: the deploy says so and is good; status says so, too."""
-    told = demo.deploy(base_image, f"{registry}/test/nowhere:1")
+    told = demo.deploy(f"{registry}/test/nowhere:1")
     assert re.search(r"ros-exporter is not ready: .*runs without it", told), told
     done = run_rigel("--context", demo.context, "-f", str(demo.file), "status", check=False)
     assert "ros-exporter" in done.stdout
     assert demo.cluster.get(ObjectRef("apps/v1", "Deployment", demo.namespace, "talker"))
+
+
+#: The pod network of the local cluster carries no multicast between machines.
+NETWORKS = {
+    "peers": {"mode": "peers"},
+    "macvlan": {"mode": "macvlan", "interface": "eth0", "subnet": "10.231.7.0/24"},
+    "discovery-server": {"mode": "discovery-server"},
+}
+
+
+@pytest.fixture(scope="module")
+def ros2_image(registry: str) -> str:
+    """The ROS 2 base image in the cluster's registry."""
+    name = f"{registry}/ros:jazzy"
+    run_rigel("image", "ros2-base", "--push", name, timeout=900)
+    return name
+
+
+@pytest.mark.parametrize("mode", NETWORKS)
+def test_a_ros_2_graph_is_told_on_each_network(
+    cluster: Any,
+    context: str,
+    stack: str,
+    multus: None,
+    ros2_image: str,
+    exporter_image: str,
+    tmp_path: Path,
+    mode: str,
+) -> None:
+    """Nodes, topics and the named topic's messages; ROS 2 itself counts no further subscriber."""
+    nodes = {"talker": python(TALKER_2), "listener": python(LISTENER_2)}
+    job = {"image": ros2_image, "nodes": nodes, "network": NETWORKS[mode]}
+    with Demo(cluster, context, tmp_path / "Rigelfile", "jazzy", **job) as demo:
+        demo.deploy(exporter_image, topics=["/chatter"])
+        for name in nodes:
+            eventually(f"{name} is up", lambda name=name: demo.node("up", name, name) == 1)
+        heard = 'ros_topic_messages_total{topic="/chatter"}'
+        eventually("the named topic is heard", lambda: demo.metrics().get(heard, 0) > 20)
+        now = demo.metrics()
+        assert now['ros_topic_publishers{topic="/chatter",type="std_msgs/msg/String"}'] == 1
+        assert now['ros_topic_subscribers{topic="/chatter",type="std_msgs/msg/String"}'] == 1
+        assert now['ros_topic_subscribers{topic="/unnamed",type="std_msgs/msg/String"}'] == 0
+        assert not any("exporter" in name for name in now if name.startswith("ros_node"))
+        assert demo.run("talker", "python3", "-c", COUNT_2).split()[-2:] == ["2", "0"]
+        demo.scale("listener", 0)
+        eventually("it is gone", lambda: demo.node("up", "listener", "listener") == 0)

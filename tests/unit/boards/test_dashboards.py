@@ -156,7 +156,7 @@ def test_metrics_lead_to_logs_and_logs_to_metrics() -> None:
 
 @each
 def test_every_panel_explains_itself(model: dict[str, Any]) -> None:
-    """A title, a sentence about what is shown, a unit for numbers, and words for an empty answer."""
+    """A title, what it shows, a unit for numbers, and words for an empty answer."""
     for panel in panels(model):
         assert panel["title"]
         assert panel["description"].endswith("."), panel["title"]

@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.kube.failures import Refusal
 
 from ...conftest import run_rigel
 
@@ -65,14 +66,18 @@ class Troubled:
     watch: Watch
 
 
-def until(found: Callable[[], Any], what: str) -> Any:
-    """Return the first true answer; after PATIENCE seconds say what did not come."""
-    deadline = time.monotonic() + PATIENCE
+def until(found: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+    """Return the first true answer; after `patience` seconds say what did not come."""
+    deadline = time.monotonic() + patience
     while time.monotonic() < deadline:
-        if answer := found():
-            return answer
+        try:
+            if answer := found():
+                return answer
+        except Refusal as refused:
+            if refused.status != 503:  # nothing is ready behind the Service for a moment
+                raise
         time.sleep(3)
-    raise AssertionError(f"{what}: not within {PATIENCE} s")
+    raise AssertionError(f"{what}: not within {patience:g} s")
 
 
 def inside(cluster: Any, namespace: str, workload: str, command: str) -> None:

@@ -69,7 +69,7 @@ def test_every_panel_answers(title: str, target: dict[str, Any], troubled: Troub
     if title in EMPTY:
         asked(troubled, target)  # it is answered, with nothing
         return
-    until(lambda: asked(troubled, target), f"an answer to {filled(target['expr'])}")
+    until(lambda: asked(troubled, target), f"an answer to {filled(target['expr'])}", 120)
 
 
 def test_variables_offer_what_is_there(troubled: Troubled) -> None:

@@ -19,6 +19,8 @@ T = TypeVar("T")
 
 #: What all tests here share: without Grafana, whose image cannot be had everywhere.
 OPTIONS: dict[str, Any] = {"grafana": {"enabled": False}, "node_exporter": True}
+#: Lines that Loki gives at once.
+PAGE = 5000
 #: Seconds: a pod's start on a busy machine, and a few scrapes.
 PATIENCE = 240.0
 
@@ -57,17 +59,26 @@ class Stack:
         assert answer["status"] == "success", answer
         return answer["data"]
 
-    def loki(self, query: str, *, hours: int = 1, limit: int = 5000) -> list[dict[str, Any]]:
-        """Return the streams that a LogQL query finds, lines oldest first."""
-        start = (int(time.time()) - 3600 * hours) * 10**9
-        words = {"query": query, "start": start, "limit": limit, "direction": "forward"}
+    def loki(self, query: str) -> list[dict[str, Any]]:
+        """Return the streams of the last hour that a LogQL query finds, lines oldest first."""
+        start = (int(time.time()) - 3600) * 10**9
+        words = {"query": query, "start": start, "limit": PAGE, "direction": "forward"}
         found = self.ask("loki", 3100, "loki/api/v1/query_range", **words)
         streams: list[dict[str, Any]] = found["result"]
         return streams
 
-    def lines(self, query: str, **more: Any) -> list[tuple[int, str]]:
-        """Return (time in ns, line) of all streams that a query finds, in order."""
-        streams = self.loki(query, **more)
+    def lines(self, query: str, *, hours: int = 1) -> list[tuple[int, str]]:
+        """Return (time in ns, line) of all streams that a query finds, in order, however many."""
+        start = (int(time.time()) - 3600 * hours) * 10**9
+        found: list[tuple[int, str]] = []
+        while page := self._page(query, start):
+            found += page
+            start = page[-1][0] + 1
+        return found
+
+    def _page(self, query: str, start: int) -> list[tuple[int, str]]:
+        words = {"query": query, "start": start, "limit": PAGE, "direction": "forward"}
+        streams = self.ask("loki", 3100, "loki/api/v1/query_range", **words)["result"]
         return sorted((int(at), line) for one in streams for at, line in one["values"])
 
     def metrics(self, query: str) -> list[dict[str, Any]]:

@@ -39,7 +39,7 @@ except KeyError: traceback.print_exc()
 print('[INFO] [1700000000.2] [planner]: after it', file=sys.stderr, flush=True)
 for number in itertools.count():
     print('count %d' % number, flush=True)
-    time.sleep(0.02)
+    time.sleep(0.05)
 """
 LABELS = {"application", "workload", "ros_node", "namespace", "pod", "container", "node", "level"}
 
@@ -219,7 +219,7 @@ def test_a_new_collector_leaves_no_gap_and_no_double(talker: Talker) -> None:
     """It goes on where the one before it stopped."""
     last = talker.beyond(50)[-1]
     talker.stack.restart("promtail")
-    numbers = talker.beyond(last + 500)
+    numbers = talker.beyond(last + 100)
     assert numbers == list(range(numbers[-1] + 1))
 
 
@@ -228,7 +228,7 @@ def test_loki_keeps_its_lines_over_a_restart(talker: Talker) -> None:
     last = talker.beyond(50)[-1]
     talker.stack.restart("loki")
     until(lambda: answers(talker), "Loki answers")
-    numbers = talker.beyond(last + 500)
+    numbers = talker.beyond(last + 100)
     assert numbers == list(range(numbers[-1] + 1))
 
 
@@ -265,7 +265,7 @@ def test_data_outlive_the_stack(talker: Talker) -> None:
     assert stack.cluster.list("apps/v1", "Deployment", stack.namespace) == []
     stack.deploy()
     until(lambda: answers(talker), "Loki answers")
-    numbers = talker.beyond(last + 200)
+    numbers = talker.beyond(last + 100)
     assert numbers == list(range(numbers[-1] + 1))
 
 

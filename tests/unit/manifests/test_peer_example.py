@@ -60,8 +60,13 @@ def test_every_key_of_the_peers_is_in_use() -> None:
     assert set(PEER) <= used
 
 
-def test_it_has_no_error_and_three_warnings() -> None:
-    """Surge of a fixed name, and observability twice."""
+def test_it_has_no_error_and_four_warnings() -> None:
+    """Surge of a fixed name, a password in clear text, and Promtail's end in both jobs."""
     result = check_file(EXAMPLE, {}, resolve)
     assert [f.kind for f in result.errors] == []
-    assert [f.kind for f in result.warnings] == ["surge", "not-deployed", "not-deployed"]
+    assert [f.kind for f in result.warnings] == [
+        "surge",
+        "end-of-life",
+        "clear-password",
+        "end-of-life",
+    ]

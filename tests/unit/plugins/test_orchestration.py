@@ -152,7 +152,7 @@ def test_a_part_that_does_not_fit_is_refused(revision: dict[str, Any]) -> None:
 def test_observability_only_prunes_nothing() -> None:
     """It describes no application, and must not end one."""
     raw = {"observability_only": True}
-    with pytest.raises(UserError, match="does not deploy observability"):
+    with pytest.raises(UserError, match="describes no application"):
         prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
 
 

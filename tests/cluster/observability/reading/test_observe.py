@@ -1,0 +1,180 @@
+"""`rigel observe`: the stack at ports of this machine, until Ctrl-C."""
+
+from __future__ import annotations
+
+import base64
+import json
+import socket
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+
+from .conftest import App, Background, until
+
+pytestmark = pytest.mark.cluster
+
+#: What stands in for Grafana, whose image cannot be had everywhere: a page at its port.
+PAGE = "mkdir -p /tmp/w && echo here > /tmp/w/index.html && exec httpd -f -p 3000 -h /tmp/w"
+
+
+def answer(url: str) -> str | None:
+    """Return what an address answers, None where it does not."""
+    try:
+        with urllib.request.urlopen(url, timeout=10) as opened:
+            text: str = opened.read().decode()
+            return text
+    except (OSError, urllib.error.URLError):
+        return None
+
+
+def in_namespace(app: App, namespace: str, *words: str) -> list[str]:
+    """Return the words of a command about the stack of a namespace."""
+    command = app.command(*words)
+    return [namespace if word == app.namespace else word for word in command]
+
+
+def opened(running: Background) -> dict[str, Any]:
+    """Return what `observe -o json` prints first."""
+    until(lambda: "}" in running.lines, "the addresses")
+    text = "\n".join(running.lines)
+    found: dict[str, Any] = json.loads(text[: text.rindex("}") + 1])
+    return found
+
+
+def test_the_addresses_answer_until_ctrl_c(
+    app: App, stack: str, start: Callable[..., Background]
+) -> None:
+    """Prometheus and Loki are there as if they ran here; nothing is left behind."""
+    running = start(in_namespace(app, stack, "observe", "-o", "json", "--loki", "0"))
+    urls = opened(running)["urls"]
+    until(lambda: answer(f"{urls['prometheus']}/-/ready"), "Prometheus")
+    assert json.loads(answer(f"{urls['prometheus']}/api/v1/query?query=up") or "")["data"]["result"]
+    until(lambda: answer(f"{urls['loki']}/ready") == "ready\n", "Loki")
+    assert running.interrupt() == 130
+    for url in urls.values():
+        with (
+            pytest.raises(ConnectionRefusedError),
+            socket.create_connection(("127.0.0.1", port(url)), timeout=5),
+        ):
+            pass
+
+
+def port(url: str) -> int:
+    """Return an address' port."""
+    return int(url.rpartition(":")[2])
+
+
+def test_a_pod_that_is_replaced_is_found_again(
+    app: App, stack: str, watching: Any, start: Callable[..., Background]
+) -> None:
+    """At the same address, and it is told."""
+    running = start(in_namespace(app, stack, "observe", "--prometheus", "0", "--loki", "0"))
+    found = until(lambda: running.found(r"Prometheus +(http://\S+)"), "the address")
+    assert running.found(r"Loki +http://127\.0\.0\.1:\d+")
+    watching.restart("prometheus")
+    until(lambda: answer(f"{found[1]}/-/ready"), "Prometheus at the same address")
+    until(lambda: running.found(r"prometheus is at http://\S+ again, in prometheus-"), "the word")
+
+
+def test_a_port_that_is_asked_for_and_taken_is_an_error(app: App, stack: str) -> None:
+    """A usual one that is taken is not: any other does."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        number = str(taken.getsockname()[1])
+        there = App(app.file, app.context, stack)
+        error = there("observe", "--prometheus", number, code=2).stderr
+    assert f"cannot listen on port {number}" in error
+
+
+def test_status_says_what_it_hears(app: App, stack: str) -> None:
+    """Workloads, whether each part answers, whose lines came lately, and alerts."""
+    there = App(app.file, app.context, stack)
+
+    def hears() -> dict[str, Any] | None:
+        found: dict[str, Any] = json.loads(there("observe", "status", "-o", "json").stdout)
+        said = {one["name"]: one["said"] for one in found["answers"]}
+        return found if "rigel-k8s-application" in said["loki"] else None
+
+    found = until(hears, "lines of an application")
+    assert {one["name"] for one in found["answers"] if one["ok"]} >= {"loki", "prometheus"}
+    assert "targets" in there("observe", "status").stdout
+    assert isinstance(found["alerts"], list)
+
+
+def test_where_there_is_none_the_way_to_one_is_told(app: App) -> None:
+    """For each of the commands; nothing is waited for."""
+    for words in (["observe"], ["observe", "status"], ["observe", "remove"]):
+        there = App(app.file, app.context, "kube-system")
+        error = there(*words, code=2).stderr
+        assert "there is no observability stack in the namespace kube-system" in error
+    assert "observability: {enabled: true}" in there("observe", code=2).stderr
+
+
+@pytest.fixture
+def grafana(cluster: Any, namespace: str, registry: str) -> Iterator[str]:
+    """A namespace with what stands in for Grafana, and its Secret."""
+    labels = {"app.kubernetes.io/name": "grafana", "rigel-k8s/release": "rigel-observability"}
+    meta = {"name": "grafana", "namespace": namespace, "labels": labels}
+    container = {
+        "name": "grafana",
+        "image": f"{registry}/rigel-k8s/busybox:1",
+        "command": ["sh", "-c", PAGE],
+        "ports": [{"name": "http", "containerPort": 3000}],
+        "readinessProbe": {"httpGet": {"path": "/", "port": "http"}, "periodSeconds": 1},
+    }
+    data = {"admin-user": "admin", "admin-password": "s3cret"}
+    ports = [{"name": "http", "port": 3000, "targetPort": "http"}]
+    spec = {"selector": {"app.kubernetes.io/name": "grafana"}, "ports": ports}
+    for manifest in (
+        {
+            "kind": "Secret",
+            "metadata": {"name": "grafana-admin", "namespace": namespace},
+            "data": {k: base64.b64encode(v.encode()).decode() for k, v in data.items()},
+        },
+        {
+            "kind": "Pod",
+            "metadata": meta,
+            "spec": {"containers": [container], "automountServiceAccountToken": False,
+                     "terminationGracePeriodSeconds": 0},
+        },
+        {"kind": "Service", "metadata": meta, "spec": spec},
+    ):  # fmt: skip
+        until(lambda made=manifest: create(cluster, made), "the namespace's account")
+    yield namespace
+    cluster.delete(ObjectRef("v1", "Service", namespace, "grafana"))
+
+
+def create(cluster: Any, manifest: dict[str, Any]) -> Any:
+    """Create an object; None while its namespace has no account yet."""
+    from rigel_k8s.errors import ClusterError
+
+    try:
+        return cluster.create({"apiVersion": "v1", **manifest})
+    except ClusterError as error:
+        if "serviceaccount" not in error.message:
+            raise
+        return None
+
+
+def test_grafanas_password_is_shown_unless_told(
+    app: App, grafana: str, start: Callable[..., Background], cluster: Any
+) -> None:
+    """It is the Secret's; whoever shows the screen to others says --no-password."""
+
+    def ready() -> bool:
+        pod = cluster.get(ObjectRef("v1", "Pod", grafana, "grafana"))
+        conditions = pod["status"].get("conditions") or []
+        return any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
+
+    until(ready, "the pod")
+    running = start(in_namespace(app, grafana, "observe", "--grafana", "0"))
+    pattern = r"Grafana +(http://\S+) +user admin, password s3cret"
+    found = until(lambda: running.found(pattern), "the address")
+    assert until(lambda: answer(found[1]), "the page") == "here\n"
+    hidden = start(in_namespace(app, grafana, "observe", "--grafana", "0", "--no-password"))
+    until(lambda: hidden.found(r"Grafana +http"), "the address")
+    assert not hidden.found("s3cret")

@@ -224,13 +224,15 @@ def test_a_restarted_master_is_counted_and_its_orphans_are_told(pods, eventually
     now = Metrics(seen)
     assert now.node("up", "/talker") == now.node("registered", "/talker") == 0
     old.kill()
-    talker(pods, "another")
+    spoken = talker(pods, "another")
     before = Metrics(seen)("ros_topic_messages_total", topic="/chatter")
     eventually(
         lambda: Metrics(seen)("ros_topic_messages_total", topic="/chatter") > before + 10,
         "the new publisher is heard",
     )
     assert Metrics(seen)("ros_master_restarts_total") == 1
+    state = subscribers_at_master(pods, spoken)
+    assert " * /chatter [std_msgs/String] 1 subscriber" in state, "it is told of new publishers"
 
 
 def test_diagnostics_clock_tf_and_headers_are_read_on_request(pods, eventually):

@@ -47,8 +47,8 @@ class Status:
 
     @property
     def ok(self) -> bool:
-        """Whether everything is ready, and no node is kept from the others."""
-        ready = all(workload.done for workload in self.release.workloads)
+        """Whether all that is needed is ready, and no node is kept from the others."""
+        ready = all(workload.ok for workload in self.release.workloads)
         return ready and not (self.graph and self.graph.errors)
 
 

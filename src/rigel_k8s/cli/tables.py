@@ -121,7 +121,7 @@ def status_json(found: ReleaseStatus, graph: Graph | None = None) -> dict[str, A
         "namespace": found.release.namespace,
         "revision": found.revision,
         "revision_status": found.revision_status,
-        "ready": all(workload.done for workload in found.workloads),
+        "ready": all(workload.ok for workload in found.workloads),
         "workloads": [workload_json(workload) for workload in found.workloads],
         "graph": graph_json(graph),
     }

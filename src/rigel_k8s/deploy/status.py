@@ -13,7 +13,7 @@ from rigel_k8s.deploy.order import WORKLOADS
 from rigel_k8s.deploy.ownership import is_applied
 from rigel_k8s.deploy.readiness import readiness
 from rigel_k8s.deploy.survey import belongs
-from rigel_k8s.deploy.types import RELEASE_LABEL, Manifest, ReleaseId
+from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, RELEASE_LABEL, Manifest, ReleaseId
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
 
@@ -64,6 +64,11 @@ class WorkloadStatus:
     message: str
     pods: tuple[PodStatus, ...]
     annotations: Mapping[str, str] = attrs.field(factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is as it shall be, or the release is good without it."""
+        return self.done or self.annotations.get(OPTIONAL_ANNOTATION) == "true"
 
 
 @attrs.frozen

@@ -5,11 +5,13 @@ from __future__ import annotations
 import threading
 from typing import Any, cast
 
+import attrs
 import pytest
 
 from rigel_k8s.deploy import wait
 from rigel_k8s.deploy.patience import Patience
 from rigel_k8s.deploy.readiness import Readiness
+from rigel_k8s.deploy.status import WorkloadStatus
 from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, ObjectRef, ReleaseId
 from rigel_k8s.deploy.wait import GRACE, Waiter, is_optional
 
@@ -93,3 +95,9 @@ def test_an_annotation_says_what_is_optional() -> None:
     plain: dict[str, Any] = {"metadata": {"name": "x"}}
     assert not is_optional(plain)
     assert is_optional({"metadata": {"annotations": {OPTIONAL_ANNOTATION: "true"}}})
+
+
+def test_status_is_good_without_it() -> None:
+    plain = WorkloadStatus("Deployment", "x", 0, 1, False, "0 of 1 ready", ())
+    assert not plain.ok
+    assert attrs.evolve(plain, annotations={OPTIONAL_ANNOTATION: "true"}).ok

@@ -20,7 +20,7 @@ __all__ = ["Row", "Top", "Topic", "Topics", "top", "topics"]
 
 #: Two scrapes are in it, also where they are a minute apart.
 SPAN = "2m"
-UP = "max by (ros_node) (ros_node_up{{{0}}})"
+UP = "max by (ros_node, workload) (ros_node_up{{{0}}})"
 FLOW = "sum by (ros_node, direction) (rate(ros_node_topic_messages_total{{{0}}}[{1}]))"
 #: By topic; the nodes' own counts stand in for topics that the exporter was not told to hear.
 TOPICS = {
@@ -164,7 +164,7 @@ def own_series(release: ReleaseId) -> str:
 
 @attrs.frozen
 class Ros:
-    """What the exporter tells of nodes, by ROS name."""
+    """What the exporter tells of nodes, by ROS name; of pods of several (a launch) by workload."""
 
     up: dict[str, float] = attrs.field(factory=dict)
     published: dict[str, float] = attrs.field(factory=dict)
@@ -185,7 +185,9 @@ def ros_of(found: Release, prometheus: Prometheus) -> Ros:
             "ros_node", (sample for sample in flow if sample.labels.get("direction") == direction)
         )
 
-    return Ros(by("ros_node", up), flows("published"), flows("received"))
+    # Several nodes of one workload: the one that is not there counts.
+    whole = by("workload", sorted(up, key=lambda sample: -sample.value))
+    return Ros({**whole, **by("ros_node", up)}, flows("published"), flows("received"))
 
 
 def by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
@@ -196,6 +198,7 @@ def by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
 def row_of(pod: Pod, usage: Usage | None, told: Ros) -> Row:
     """Return a pod's row."""
     name = pod.ros_name
+    up = told.up.get(name or pod.workload)
     return Row(
         workload=pod.workload,
         ros_name=name,
@@ -204,7 +207,7 @@ def row_of(pod: Pod, usage: Usage | None, told: Ros) -> Row:
         restarts=pod.restarts,
         cpu=usage.cpu if usage else None,
         memory=usage.memory if usage else None,
-        up=bool(told.up[name]) if name in told.up else None,
+        up=None if up is None else bool(up),
         published=told.published.get(name),
         received=told.received.get(name),
     )

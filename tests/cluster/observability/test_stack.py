@@ -346,3 +346,26 @@ def may(stack: Stack, part: str, verb: str, group: str, resource: str, below: st
         },
     )
     return bool(answer["status"]["allowed"])
+
+
+#: What cannot be run where its images cannot be had.
+UNRUN = {
+    "grafana": {"grafana": {"service_type": "NodePort", "persistence": {"enabled": True}}},
+    "alloy": {"collector": "alloy", "collect": "all"},
+    "their loki": {
+        "collector": "alloy",
+        "existing": {"loki": {"url": "http://loki.logging:3100", "tenant": "a", "secret": "b"}},
+    },
+}
+
+
+@pytest.mark.parametrize("what", UNRUN)
+def test_what_is_not_run_here_is_taken_by_the_api_server(
+    cluster: Any, namespace: str, what: str
+) -> None:
+    """Every field of every object is known, and nothing is refused or dropped in silence."""
+    from rigel_k8s.plugins.observability_wanted import rendered
+
+    for item in rendered(UNRUN[what], namespace).desired.objects:
+        made = cluster.apply(item, dry_run=True, force=True)
+        assert made["metadata"]["name"] == item["metadata"]["name"]

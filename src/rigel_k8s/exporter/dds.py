@@ -131,8 +131,9 @@ class Domain:
         while not self._end.is_set():
             if self._open():
                 self._stay()
-            else:
-                self._end.wait(_TICK)
+            elif not self._end.wait(_TICK):
+                with self._lock:
+                    self._participant.tick(time.monotonic())  # who cannot be heard, goes
 
     def _open(self) -> bool:
         self._found = addresses(self._interface)

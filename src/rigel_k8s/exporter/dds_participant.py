@@ -203,6 +203,8 @@ class Participant:
             self._send(self.announcement(), peer.places)
             asked = [i.answer(writer, final=False) for writer, i in peer.incoming.items()]
             self._tell(peer, [*asked, self._outgoing.beat()])
+        for writer in [w for w in self.writers.values() if w.guid[:12] == told.prefix]:
+            self._match(writer)  # a server may tell of endpoints first
 
     def _greet(self, prefix: bytes, now: float) -> None:
         """Get to know a discovery server that speaks before it has told who it is."""

@@ -61,7 +61,7 @@ class Incoming:
         self.done = 0  # all up to this number are handed out, or there is nothing to come
         self.last = 0
         self.is_known = False  # a heartbeat told what the writer has
-        self._count, self._less = 0, 0
+        self._count = 0
         self._waiting: dict[int, Change | None] = {}
         self._broken: dict[int, Assembly] = {}
 
@@ -79,26 +79,22 @@ class Incoming:
         """Take in what the writer has; what is before it, nobody waits for."""
         if item.first < 1 or item.last < item.first - 1:
             return []
-        if item.last < self.done and not self._begins_anew():
-            return []
+        if item.last < self.done:
+            self._begin_anew()
         self.is_known = True
         self.done = max(self.done, item.first - 1)
         self.last = max(item.last, self.done)
         self._waiting = {n: change for n, change in self._waiting.items() if n > self.done}
         return self._ready()
 
-    def _begins_anew(self) -> bool:
-        """Whether the writer has started anew, as a discovery server does under its old GUID.
+    def _begin_anew(self) -> None:
+        """Follow a writer that has started anew, as a discovery server does under its old GUID.
 
-        One heartbeat that has less than there was may have been late; two are none.
+        If the heartbeat was only late, samples come twice, which does no harm to those we read.
         """
-        self._less += 1
-        if self._less < 2:
-            return False
-        self.done, self.last, self._less = 0, 0, 0
+        self.done, self.last = 0, 0
         self._waiting.clear()
         self._broken.clear()
-        return True
 
     def gap(self, item: wire.Gap) -> list[Change]:
         """Take in what the writer has nothing for."""

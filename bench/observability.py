@@ -1,0 +1,200 @@
+"""What the observability stack costs: idle, with ROS nodes that log, and with many topics.
+
+usage: python -m bench.observability --context rigel-NAME [--image ROS1_IMAGE] [--seconds 120]
+
+The stack must be there (`observability: {enabled: true}`). Its CPU, memory and disk are its own
+Prometheus' word; how soon a line is found, Loki is asked with lines that tell their time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.kube import connect
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.plugins.observability_found import installed_in
+from rigel_k8s.settings import Settings
+
+PARTS = ("loki", "promtail", "prometheus", "kube-state-metrics", "node-exporter", "ros-exporter")
+LOG = """
+import rospy, sys, time
+rospy.init_node("{name}")
+period, due, count = 1.0 / {rate}, time.time(), 0
+while not rospy.is_shutdown():
+    sys.stdout.write("[INFO] [%f]: bench %d a line as long as those that ROS nodes write\\n"
+                     % (time.time(), count))
+    sys.stdout.flush()
+    count, due = count + 1, due + period
+    time.sleep(max(0, due - time.time()))
+"""
+PUBLISH = """
+import rospy, std_msgs.msg as m
+rospy.init_node("{name}")
+ps = [rospy.Publisher("/{name}_%d" % i, m.String, queue_size=1) for i in range({rate})]
+r = rospy.Rate(1)
+while not rospy.is_shutdown():
+    for p in ps: p.publish("x")
+    r.sleep()
+"""
+
+
+@attrs.frozen
+class Bench:
+    """One cluster with its stack."""
+
+    cluster: Cluster
+    context: str
+    namespace: str
+    seconds: int
+
+    def ask(self, service: str, port: int, path: str, **query: object) -> list[Any]:
+        """Return what a Service of the stack answers."""
+        ref = ObjectRef("v1", "Service", self.namespace, service)
+        answer = json.loads(self.cluster.proxied(ref, path, port=port, query=query))
+        found: list[Any] = answer["data"]["result"]
+        return found
+
+    def metric(self, query: str) -> dict[str, float]:
+        """Return a value for each workload, "" where the query gives one for all."""
+        found = self.ask("prometheus", 9090, "api/v1/query", query=query)
+        return {s["metric"].get("workload", ""): float(s["value"][1]) for s in found}
+
+    def costs(self, case: str) -> Iterator[str]:
+        """Yield the rows of a case, measured over its whole time."""
+        time.sleep(self.seconds + 30)  # scrapes come every 15 s
+        joined = "* on (namespace, pod) group_left (workload) pod:rigel_identity:info"
+        containers = 'container!="", container!="POD"'
+        cpu = self.metric(
+            "sum by (workload) (sum by (namespace, pod)"
+            f" (rate(container_cpu_usage_seconds_total{{{containers}}}[{self.seconds}s])) {joined})"
+        )
+        memory = self.metric(
+            "sum by (workload) (sum by (namespace, pod)"
+            f" (container_memory_working_set_bytes{{{containers}}}) {joined})"
+        )
+        for part in PARTS:
+            if part in cpu:
+                yield f"| {case} | {part} | {cpu[part] * 1000:.0f} | {memory[part] / 2**20:.0f} |"
+
+    def facts(self) -> str:
+        """Return series, lines and disk as one line."""
+        one = {name: self.metric(query).get("", 0.0) for name, query in FACTS.items()}
+        return ", ".join(f"{name} {value:.1f}" for name, value in one.items())
+
+    def found_after(self, selector: str, times: int = 20) -> list[float]:
+        """Return seconds from when lines were written until a query found them."""
+        waits = []
+        for _ in range(times):
+            start = time.time()
+            while not (line := self._newest(selector, start)):
+                time.sleep(0.05)
+            waits.append(time.time() - line)
+            time.sleep(1)
+        return waits
+
+    def _newest(self, selector: str, after: float) -> float | None:
+        """Return when the oldest line that was written after a moment says that it was."""
+        words = {"query": selector, "start": int(after * 1e9), "limit": 1, "direction": "forward"}
+        streams = self.ask("loki", 3100, "loki/api/v1/query_range", **words)
+        lines = [line for one in streams for _, line in one["values"]]
+        return min((float(line.split("[")[2].split("]")[0]) for line in lines), default=None)
+
+
+FACTS = {
+    "series": 'sum by () (prometheus_tsdb_head_series{job="prometheus"})',
+    "samples/s": "sum by () (rate(prometheus_tsdb_head_samples_appended_total[2m]))",
+    "Prometheus MiB on disk": "sum by () (prometheus_tsdb_wal_storage_size_bytes"
+    " + prometheus_tsdb_storage_blocks_bytes + prometheus_tsdb_head_chunks_storage_size_bytes)"
+    " / 1048576",
+    "lines/s": "sum by () (rate(loki_distributor_lines_received_total[1m]))",
+    "KiB/s of lines": "sum by () (rate(loki_distributor_bytes_received_total[1m])) / 1024",
+}
+
+
+@contextmanager
+def application(
+    bench: Bench, image: str, program: str, count: int, rate: float, topics: int = 0
+) -> Iterator[str]:
+    """Have ROS nodes there that run a program; yields their namespace."""
+    namespace = f"bench-{uuid.uuid4().hex[:6]}"
+    nodes = {
+        f"node_{i}": {"args": ["python3", "-u", "-c", program.format(name=f"node_{i}", rate=rate)]}
+        for i in range(count)
+    }
+    names = [f"/node_{i % count}_{i // count}" for i in range(topics)]
+    job = {
+        "namespace": namespace,
+        "ros_master_image": image,
+        "image": image,
+        "nodes": nodes,
+        "observability": {"enabled": True, "ros_metrics": {"topics": names}},
+    }
+    with tempfile.TemporaryDirectory() as directory:
+        file = Path(directory) / "Rigelfile"
+        jobs = {"deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job}}
+        file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
+        command = [sys.executable, "-m", "rigel_k8s", "--context", bench.context, "-f", str(file)]
+        subprocess.run([*command, "run", "job", "deploy", "--timeout", "10m"], check=True)
+        try:
+            yield namespace
+        finally:
+            bench.cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+
+
+def main() -> None:
+    """Measure and print."""
+    words = arguments()
+    with connect(Settings(context=words.context)) as cluster:
+        namespace = installed_in(cluster)
+        if namespace is None:
+            raise SystemExit("there is no stack: deploy one with observability: {enabled: true}")
+        bench = Bench(cluster, words.context, namespace, words.seconds)
+        print("| case | part | CPU, thousandths of a core | MiB |\n|---|---|---|---|")
+        show(bench, "idle")
+        with application(bench, words.image, LOG, words.nodes, words.lines) as space:
+            show(bench, f"{words.nodes} nodes, {words.lines} lines/s each")
+            waits = bench.found_after(f'{{namespace="{space}", ros_node="/node_0"}} |= "bench"')
+        print(
+            f"a line is found after {statistics.median(waits):.2f} s (median of {len(waits)},"
+            f" {min(waits):.2f} to {max(waits):.2f})"
+        )
+        each = words.topics // words.nodes
+        with application(bench, words.image, PUBLISH, words.nodes, each, words.topics):
+            show(bench, f"{words.topics} topics at 1 Hz, all named")
+
+
+def show(bench: Bench, case: str) -> None:
+    """Print the rows of a case."""
+    for row in bench.costs(case):
+        print(row, flush=True)
+    print(f"{case}: {bench.facts()}", flush=True)
+
+
+def arguments() -> argparse.Namespace:
+    """Return the command line's words."""
+    parser = argparse.ArgumentParser(prog="python -m bench.observability", description=__doc__)
+    parser.add_argument("--context", required=True)
+    parser.add_argument("--image", required=True, help="a ROS 1 image that the cluster can pull")
+    parser.add_argument("--nodes", type=int, default=20)
+    parser.add_argument("--lines", type=int, default=100, help="lines a second of each node")
+    parser.add_argument("--topics", type=int, default=200)
+    parser.add_argument("--seconds", type=int, default=120, help="for how long to measure")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

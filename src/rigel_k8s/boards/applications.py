@@ -11,6 +11,8 @@ __all__ = ["RUNBOOKS", "board"]
 RUNBOOKS = "https://github.com/rigel-k8s/rigel-k8s/blob/main/docs/runbooks"
 NOTHING = "no pod of a rigel application in this choice"
 LOGS = [logs_link("namespace", "application", "ros_node"), graph_link("namespace", "application")]
+#: For pods without a ROS name.
+OTHER_LOGS = [logs_link("namespace", "application"), graph_link("namespace", "application")]
 READY = 'kube_pod_status_ready{condition="true"}'
 
 
@@ -174,7 +176,7 @@ def ready() -> Panel:
         [Query(shown, "{{workload}}")],
         names={0: ("not ready", "red"), 1: ("ready", "green")},
         empty=NOTHING,
-        links=LOGS,
+        links=OTHER_LOGS,
     )
 
 
@@ -211,6 +213,7 @@ def costs() -> list[Panel]:
             unit="suffix: cores",
             empty=NOTHING,
             links=LOGS,
+            special={"B": OTHER_LOGS},
         ),
         curves(
             "Memory",
@@ -220,6 +223,7 @@ def costs() -> list[Panel]:
             unit="bytes",
             empty=NOTHING,
             links=LOGS,
+            special={"B": OTHER_LOGS},
         ),
         curves(
             "Restarts in 15 minutes",
@@ -228,6 +232,7 @@ def costs() -> list[Panel]:
             unit="none",
             empty=NOTHING,
             links=LOGS,
+            special={"B": OTHER_LOGS},
         ),
         network(),
     ]

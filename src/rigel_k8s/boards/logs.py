@@ -14,6 +14,8 @@ SILENT = "no line in this time and choice"
 STREAM = f'{{{NODE}, level=~"$level"}}'
 SEARCHED = f'{STREAM} |~ "(?i)$search"'
 GRAPH = [graph_link("namespace", "application", "ros_node")]
+#: For pods without a ROS name.
+WHOLE_GRAPH = [graph_link("namespace", "application")]
 
 
 def board() -> Board:
@@ -134,6 +136,7 @@ def metrics() -> list[Panel]:
             unit="suffix: cores",
             empty=empty,
             links=GRAPH,
+            special={"B": WHOLE_GRAPH},
         ),
         curves(
             "Memory",
@@ -142,6 +145,7 @@ def metrics() -> list[Panel]:
             unit="bytes",
             empty=empty,
             links=GRAPH,
+            special={"B": WHOLE_GRAPH},
         ),
         curves(
             "In the ROS graph",

@@ -153,8 +153,14 @@ def curves(
     red: float | None = None,
     stacked: bool = False,
     links: Sequence[Json] = (),
+    special: Mapping[str, Sequence[Json]] | None = None,
 ) -> Panel:
-    """Return values over time, a curve for each series; `red` draws a line at a limit."""
+    """Return values over time, a curve for each series.
+
+    Args:
+        red: a limit, drawn as a line.
+        special: other links for the series of a query, by its refId.
+    """
     custom: Json = {"lineWidth": 1, "fillOpacity": 20 if stacked else 5, "showPoints": "never"}
     custom |= {"stacking": {"mode": "normal" if stacked else "none", "group": "A"}}
     custom |= {"thresholdsStyle": {"mode": "line" if red is not None else "off"}}
@@ -172,7 +178,10 @@ def curves(
         },
         "tooltip": {"mode": "multi", "sort": "desc"},
     }
-    field = {"defaults": defaults, "overrides": []}
+    overrides = [
+        override("byFrameRefID", ref, {"links": list(own)}) for ref, own in (special or {}).items()
+    ]
+    field = {"defaults": defaults, "overrides": overrides}
     return made("timeseries", title, about, queries, fieldConfig=field, options=options)
 
 
@@ -204,10 +213,10 @@ def states(
     return made("state-timeline", title, about, queries, fieldConfig=field, options=options)
 
 
-def override(name: str, properties: Mapping[str, Any]) -> Json:
-    """Return what is special about one column."""
+def override(matcher: str, name: str, properties: Mapping[str, Any]) -> Json:
+    """Return what is special about some fields: a column, the series of a query."""
     return {
-        "matcher": {"id": "byName", "options": name},
+        "matcher": {"id": matcher, "options": name},
         "properties": [{"id": key, "value": value} for key, value in properties.items()],
     }
 
@@ -230,16 +239,13 @@ def table(
         special: properties (unit, mappings, links) by a column's title.
         sort: the title of the column that the rows are sorted by, the greatest first.
     """
-    single = len(queries) == 1
-    order = {("Value" if single and name == "Value #A" else name): t for name, t in columns.items()}
+    order = named(columns, single=len(queries) == 1, source=queries[0].source)
     organize = {
         "includeByName": dict.fromkeys(order, True),
         "indexByName": {name: index for index, name in enumerate(order)},
         "renameByName": order,
     }
-    transformations = [] if single else [{"id": "merge", "options": {}}]
-    transformations.append({"id": "organize", "options": organize})
-    overrides = [override(name, properties) for name, properties in (special or {}).items()]
+    overrides = [override("byName", name, own) for name, own in (special or {}).items()]
     return made(
         "table",
         title,
@@ -250,8 +256,27 @@ def table(
             "showHeader": True,
             "sortBy": [{"displayName": sort, "desc": True}] if sort else [],
         },
-        transformations=transformations,
+        transformations=[*joined(queries), {"id": "organize", "options": organize}],
     )
+
+
+def named(columns: Mapping[str, str], *, single: bool, source: str) -> dict[str, str]:
+    """Return the columns as they come: a single query's value is `Value`, Loki's either."""
+    names = {}
+    for name, title in columns.items():
+        both = [name, "Value"] if source == "logs" and name == "Value #A" else [name]
+        for one in ["Value"] if single and source == "metrics" and name == "Value #A" else both:
+            names[one] = title
+    return names
+
+
+def joined(queries: Sequence[Query]) -> list[Json]:
+    """Return the steps from answers to rows: Loki gives a frame for each series."""
+    labels = {"id": "labelsToFields", "options": {"mode": "columns"}}
+    merge: Json = {"id": "merge", "options": {}}
+    if queries[0].source == "logs":
+        return [labels, merge]
+    return [merge] if len(queries) > 1 else []
 
 
 def lines(title: str, about: str, query: Query) -> Panel:

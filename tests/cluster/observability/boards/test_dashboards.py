@@ -92,7 +92,7 @@ def test_variables_offer_what_is_there(troubled: Troubled) -> None:
 
 
 def test_roll_outs_become_marks(troubled: Troubled, cluster: Any) -> None:
-    """A changed Deployment is an annotation in the curves, by its workload's name."""
+    """A changed Deployment is a mark in the curves, by its workload's name; it calls nobody."""
     model = json.loads(dashboards()["rigel-applications.json"])
     (marks,) = model["annotations"]["list"]
     ref = ObjectRef("apps/v1", "Deployment", troubled.sick, "listener")
@@ -105,3 +105,7 @@ def test_roll_outs_become_marks(troubled: Troubled, cluster: Any) -> None:
         return any(series["metric"]["workload"] == "listener" for series in found)
 
     until(seen, "the mark of listener's roll-out")
+    up = f'ros_node_up{{namespace="{troubled.sick}", ros_node="/listener"}} == 1'
+    until(lambda: troubled.watch.now(up), "/listener is up again")
+    called = f'ALERTS{{alertstate="firing", namespace="{troubled.sick}", workload="listener"}}'
+    assert troubled.watch.now(f"max_over_time({called}[10m])") == []

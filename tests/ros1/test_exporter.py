@@ -208,6 +208,20 @@ def test_a_stopped_node_is_not_up_and_a_vanished_one_neither(pods, eventually):
     eventually(lambda: Metrics(seen).node("up", "/stopped") == 1, "it goes on")
 
 
+def test_a_stopped_master_is_not_up_and_no_other_one_afterwards(pods, eventually):
+    """It hangs for a while; scrapes are answered all the time, and nothing has restarted."""
+    master = pods.master()
+    talker(pods)
+    seen = exporter(pods, eventually)
+    eventually(lambda: Metrics(seen).node("up", "/talker") == 1, "the talker is up")
+    master.signal("rosmaster", signal.SIGSTOP)
+    eventually(lambda: Metrics(seen)("ros_master_up") == 0, "the master does not answer")
+    master.signal("rosmaster", signal.SIGCONT)
+    eventually(lambda: Metrics(seen)("ros_master_up") == 1, "it goes on")
+    assert Metrics(seen)("ros_master_restarts_total") == 0
+    assert Metrics(seen).node("up", "/talker") == 1
+
+
 def test_a_restarted_master_is_counted_and_its_orphans_are_told(pods, eventually):
     """The old nodes are alive and unregistered; the exporter itself registers again."""
     master = pods.master()

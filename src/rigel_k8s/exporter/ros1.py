@@ -7,15 +7,17 @@ counts. It registers with the master for the first named topic, and leaves it at
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import threading
 import time
 from collections.abc import Coroutine, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from rigel_k8s.exporter import ros1_messages
 from rigel_k8s.exporter.graph import Graph, Master, Node, Topic
-from rigel_k8s.exporter.ros1_calls import CallFailed, Conversation
+from rigel_k8s.exporter.ros1_calls import CallFailed, Conversation, Refused
 from rigel_k8s.exporter.ros1_node import Slave
 from rigel_k8s.exporter.ros1_topic import Hearing
 from rigel_k8s.exporter.ros1_traffic import Ledger
@@ -120,7 +122,7 @@ class Ros1:
             if answer.answers and (name in names or not place.pid):
                 place.pid = answer.pid
             elif not answer.answers:
-                place.asked = 0.0  # it may have moved
+                place.asked = -math.inf  # it may have moved
         for name in [n for n in said if n not in names and not self._stays(n, said[n])]:
             del self._places[name]
         return said
@@ -176,19 +178,26 @@ class Ros1:
 
     async def _hear(self, view: View) -> None:
         """Register where the master does not know it (any more); follow the publishers."""
+        unknown = []
         for topic, hearing in list(self._hearings.items()):
-            if self._name not in view.subscribers.get(topic, ()):
-                hearing.publishers(await self._register("registerSubscriber", topic, view))
-                continue
-            names = view.publishers.get(topic, frozenset())
-            hearing.publishers(self._places[n].uri for n in names if n in self._places)
+            if self._name in view.subscribers.get(topic, ()):
+                names = view.publishers.get(topic, frozenset())
+                hearing.publishers(self._places[n].uri for n in names if n in self._places)
+            else:
+                unknown.append(hearing)
+        if unknown:
+            await self._register(unknown, self._api(view.local_address))
 
-    async def _register(self, method: str, topic: str, view: View) -> list[str]:
+    async def _register(self, hearings: Sequence[Hearing], api: str) -> None:
+        """Subscribe to topics; one that cannot be now is tried with the next look."""
         talk = Conversation(self._uri, self._name, MASTER)
         try:
-            return list(await talk.call(method, topic, "*", self._api(view.local_address)))
+            for hearing in hearings:
+                with suppress(Refused):  # one that is no name keeps no other from being heard
+                    found = await talk.call("registerSubscriber", hearing.topic, "*", api)
+                    hearing.publishers(found)
         except CallFailed:
-            return []
+            pass
         finally:
             talk.close()
 
@@ -240,7 +249,11 @@ class Ros1:
         self._loop.call_soon_threadsafe(self._loop.stop)
 
     def _run(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(_LOOK)
+        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        try:
+            return future.result(_LOOK)
+        finally:
+            future.cancel()  # of no effect unless it took too long
 
 
 class _Place:

@@ -49,10 +49,12 @@ rospy.init_node("listener")
 rospy.Subscriber("/chatter", std_msgs.msg.String, lambda s: rospy.loginfo("heard " + s.data))
 rospy.spin()
 """
-#: Each level once, and what has none; then it crashes and is started again, some times.
+#: More lines than Loki gives in one answer, and then each level once, and what has none.
 SHOUTER = """
 import rospy, time
 rospy.init_node("shouter", log_level=rospy.DEBUG)
+for number in range(12000):
+    print("flood", number)
 print("plain", flush=True)
 for say in ("debug", "info", "warn", "err", "fatal"):
     getattr(rospy, "log" + say)("this is " + say)

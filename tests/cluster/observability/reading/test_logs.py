@@ -108,6 +108,19 @@ def test_levels_of_ros_1(app: App, limited: Callable[..., App]) -> None:
     assert above == {"this is warn": "warn", "this is err": "error", "this is fatal": "fatal"}
 
 
+def test_more_lines_than_loki_gives_at_once(app: App) -> None:
+    """All of them, once and in order; and the last ones without reading the others."""
+
+    def flood(*words: str) -> list[int]:
+        texts = [line["text"] for line in app.lines("--since", "1h", *words, "shouter")]
+        return [int(text.split()[1]) for text in texts if text.startswith("flood ")]
+
+    assert flood() == list(range(12000))
+    last = flood("--tail", "50")
+    assert last == list(range(12000 - len(last), 12000))
+    assert 30 < len(last) < 50
+
+
 @pytest.fixture
 def ros2_app(
     app: App, cluster: Any, registry: str, rigel: Callable[..., Any], tmp_path: Path

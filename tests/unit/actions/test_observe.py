@@ -1,0 +1,65 @@
+"""The ports of the stack's Services, why a part is not asked, and what logs ask for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rigel_k8s.actions.logs import LogOptions
+from rigel_k8s.actions.logs_history import Edge
+from rigel_k8s.actions.observe_doors import target_port
+from rigel_k8s.actions.observe_stack import NoStack, Stack, why_not
+from rigel_k8s.kube.failures import refusal
+
+POD = {"spec": {"containers": [{"ports": [{"name": "http", "containerPort": 8080}]}]}}
+
+
+@pytest.mark.parametrize(
+    ("port", "number"),
+    [({"port": 80, "targetPort": "http"}, 8080), ({"port": 80, "targetPort": 81}, 81),
+     ({"port": 82}, 82)],
+)  # fmt: skip
+def test_a_services_port_is_the_pods(port: dict[str, Any], number: int) -> None:
+    """By name, by number, or the same where nothing else is said."""
+    assert target_port({"spec": {"ports": [port]}}, POD) == number
+
+
+def test_a_part_that_was_not_deployed_is_told() -> None:
+    """With the key that would deploy it."""
+    stack = Stack(None, "monitoring", {"loki": {"spec": {"ports": [{"port": 3100}]}}})  # type: ignore[arg-type]
+    assert stack.part("loki").port == 3100
+    with pytest.raises(NoStack, match="in monitoring has no Grafana") as caught:
+        stack.part("grafana")
+    assert "grafana: {enabled: true}" in str(caught.value.hint)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [(403, "you may not ask Loki"), (503, "Loki is not ready"), (400, "Loki refuses: cannot ask")],
+)
+def test_why_a_part_is_not_asked_is_told_in_few_words(status: int, words: str) -> None:
+    """What is refused, what is not ready, and what it says itself."""
+    error = refusal(status, b"parse error", "ask Service m/loki", context="c", server="s")
+    assert why_not("Loki", error).startswith(words)
+
+
+def test_only_what_asks_for_the_past_asks_for_a_stack() -> None:
+    """A plain `rigel logs` stays as quick as it was; the life before is the API server's alone."""
+    assert not LogOptions(follow=True, tail=5, timestamps=True).of_the_past
+    assert not LogOptions(since=60, previous=True).of_the_past
+    assert LogOptions(since=60).of_the_past
+    assert LogOptions(level="warn").of_the_past
+
+
+def test_a_log_is_read_on_from_where_it_was_read() -> None:
+    """Kubernetes goes back to a whole second: what was read of it is left out."""
+    edge = Edge()
+    assert [edge.is_new(time, "a") for time in (1_500_000_000, 2_100_000_000, 2_200_000_000)] == [
+        True,
+        True,
+        True,
+    ]
+    assert edge.since == 2_100_000_000
+    again = [(2_100_000_000, "a"), (2_200_000_000, "a"), (2_200_000_000, "b"), (2_300_000_000, "a")]
+    assert [edge.is_new(*line) for line in again] == [False, False, True, True]

@@ -91,8 +91,10 @@ def main() -> None:
     run("image", "ros1-base", "--push", f"{registry}/ros:noetic")
     exporter = f"{registry}/bench/ros-exporter:{uuid.uuid4().hex[:8]}"
     run("image", "ros-exporter", "--push", exporter)
-    print("| topics | messages/s each | bytes | named | CPU of one core | look ms | MiB |")
-    print("|---|---|---|---|---|---|---|", flush=True)
+    print(
+        "| topics | messages/s each | bytes | named | heard/s | CPU of one core | look ms | MiB |"
+    )
+    print("|---|---|---|---|---|---|---|---|", flush=True)
     with connect(Settings(context=words.context)) as cluster:
         for case in CASES:
             print(measured(cluster, words, registry, exporter, case), flush=True)
@@ -113,12 +115,21 @@ def measured(
     finally:
         cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
     cpu = (last["process_cpu_seconds_total{}"] - first["process_cpu_seconds_total{}"]) / took
-    heard = [value for name, value in last.items() if name.startswith("ros_topic_publishers{")]
-    assert len(heard) >= case.topics, f"{len(heard)} topics are there"
+    heard = (
+        total(last, "ros_topic_messages_total") - total(first, "ros_topic_messages_total")
+    ) / took
+    there = sum(name.startswith("ros_topic_publishers{") for name in last)
+    assert there >= case.topics, f"{there} topics are there"
     look = last["ros_exporter_collect_seconds{}"] * 1000
     memory = last["process_resident_memory_bytes{}"] / 2**20
     told = f"| {case.topics} | {case.rate} | {case.size} | {case.named} "
+    told += f"| {heard:.0f} "
     return told + f"| {cpu * 100:.2f} % | {look:.0f} | {memory:.0f} |"
+
+
+def total(scrape: Mapping[str, float], name: str) -> float:
+    """The sum of a metric's series."""
+    return sum(value for key, value in scrape.items() if key.startswith(f"{name}{{"))
 
 
 def deploy(context: str, namespace: str, registry: str, exporter: str, case: Case) -> None:

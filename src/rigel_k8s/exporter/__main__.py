@@ -12,6 +12,9 @@ from rigel_k8s.exporter.config import Config, ConfigFailed, read
 from rigel_k8s.exporter.graph import Half
 from rigel_k8s.exporter.serving import Server
 
+#: Seconds in which a participant that has just joined hears of the others; before, all seem gone.
+JOINING = 4.0
+
 
 def main(arguments: list[str]) -> int:
     """Serve until SIGTERM or SIGINT; return the exit code, 2 for a wrong configuration."""
@@ -32,7 +35,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _serve(half: Half, config: Config, ended: threading.Event) -> int:
-    collection = Collection(half, config)
+    collection = Collection(half, config, after=JOINING if config.ros != "1" else 0.0)
     try:
         server = Server(config.port, collection.metrics, collection.well)
     except OSError as error:

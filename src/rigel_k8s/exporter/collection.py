@@ -29,9 +29,9 @@ _STARTED = time.time()
 class Collection:
     """The thread that looks, and the latest it saw."""
 
-    def __init__(self, half: Half, config: Config) -> None:
-        """Look at nothing yet."""
-        self._half, self._config = half, config
+    def __init__(self, half: Half, config: Config, *, after: float = 0.0) -> None:
+        """Look at nothing yet; the first look comes so many seconds after the start."""
+        self._half, self._config, self._after = half, config, after
         self._listening = Listening(half, config)
         self._standing = Standing(config.expected, config.known, config.topics)
         self._lock = threading.Lock()
@@ -75,6 +75,7 @@ class Collection:
             yield Sample("ros_exporter_last_collect_timestamp_seconds", self._last)
 
     def _run(self) -> None:
+        self._ended.wait(self._after)
         while not self._ended.is_set():
             began = time.monotonic()
             self._look()

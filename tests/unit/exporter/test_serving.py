@@ -225,3 +225,14 @@ def test_a_wrong_configuration_is_told_by_its_field(
     file.write_text(json.dumps(told))
     with pytest.raises(ConfigFailed, match=word):
         read(file)
+
+
+def test_the_first_look_waits_until_the_others_are_known() -> None:
+    """A participant that has just joined a domain knows nobody, and nobody is gone."""
+    half = Half()
+    half.go.set()
+    collection = Collection(half, Config(expected={"/talker": "t"}), after=3600.0)
+    collection.start()
+    assert not collection.well()
+    assert "ros_node_up" not in collection.metrics()
+    collection.close()

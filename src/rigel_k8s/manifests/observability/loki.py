@@ -114,7 +114,12 @@ def _pod(stack: Stack) -> Object:
         args=[f"-config.file={CONFIG}/loki.yaml"],
         env=[{"name": "GOMEMLIMIT", "valueFrom": {"resourceFieldRef": {"resource": MEMORY}}}],
         ports=[{"name": "http", "containerPort": LOKI_PORT}],
-        volumeMounts=[mount("config", CONFIG, read_only=True), mount("data", DATA)],
+        # The compactor writes down what it will delete in /tmp first.
+        volumeMounts=[
+            mount("config", CONFIG, read_only=True),
+            mount("data", DATA),
+            mount("tmp", "/tmp"),
+        ],
         **http_probes("/ready"),
     )
     return {
@@ -126,6 +131,7 @@ def _pod(stack: Stack) -> Object:
         "volumes": [
             {"name": "config", "configMap": {"name": LOKI}},
             data_volume(LOKI, kept=stack.keeps(said.persistence, default=True)),
+            {"name": "tmp", "emptyDir": {}},
         ],
     }
 

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
 from rigel_k8s.boards import rules
 from rigel_k8s.boards.applications import RUNBOOKS
+from rigel_k8s.cli.main import cli
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]
@@ -88,3 +90,14 @@ def test_no_rule_uses_a_recorded_name_that_is_not_recorded(recorded: set[str]) -
     """`level:metric:operations` in an expression is one of our own."""
     used = set(re.findall(r"\b[a-z_]+:[a-z_]+:[a-z0-9_]+\b", "\n".join(rules().values())))
     assert used == recorded
+
+
+def test_runbooks_say_only_commands_that_there_are() -> None:
+    """Each line with rigel in it is read by the command line: no option that is not there."""
+    pages = "\n".join(page.read_text() for page in PAGES.glob("*.md"))
+    said = re.findall(r"(?m)^rigel ([^#\n]*)", pages) + re.findall(r"`rigel ([^`]*)`", pages)
+    assert len(said) > 15
+    for line in said:
+        words = line.split(" -- ")[0].split()
+        result = CliRunner().invoke(cli, [*words, "--help"])
+        assert result.exit_code == 0, f"rigel {line}: {result.output}"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -286,10 +288,10 @@ def test_server_that_starts_anew(lab, exporter):
     seen.until(lambda told: counts(told) == (0, 1))
     pod.process.kill()
     pod.process.wait()
-    again = lab.discovery_server()
-    again.ip("address", "flush", "dev", "net1")
-    pod.ip("address", "flush", "dev", "net1")
-    again.ip("address", "add", f"{pod.address}/24", "dev", "net1")
+    environment = {**os.environ, "HOSTS": str(lab.hosts)}
+    again = subprocess.Popen(pod.process.args, env=environment, stdout=subprocess.DEVNULL)
+    lab.cleanup.callback(again.wait)
+    lab.cleanup.callback(again.kill)
     talker(lab, ROS_DISCOVERY_SERVER=server)
     everybody = {"/robot/talker": True, "/listener": True}
     seen.until(lambda told: counts(told) == (1, 1) and told["nodes"] == everybody)

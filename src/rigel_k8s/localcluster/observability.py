@@ -31,7 +31,7 @@ LOKI = GoBuild(
     stamps=(f"{LOKI_VERSION}=3.7.8",),
     files={"loki-license": "LICENSE", "loki.yaml": "cmd/loki/loki-docker-config.yaml"},
     module=LOKI_MODULE,
-    minutes=8,
+    minutes=4,
 )
 #: The newest of the last line that has Promtail.
 PROMTAIL = GoBuild(
@@ -58,7 +58,7 @@ PROMETHEUS = GoBuild(
         "prometheus.yml": "documentation/examples/prometheus.yml",
     },
     module_version="0.313.3",
-    minutes=5,
+    minutes=3,
 )
 NODE_EXPORTER = GoBuild(
     "node-exporter",
@@ -73,7 +73,6 @@ KUBE_STATE_METRICS = GoBuild(
     ("k8s.io/kube-state-metrics/v2",),
     stamps=(f"{VERSION}=v2.18.0",),
     files={"kube-state-metrics-license": "LICENSE"},
-    minutes=2,
 )
 OPERATOR_MODULE = "github.com/prometheus-operator/prometheus-operator"
 #: Of many clusters Prometheus is this program's; it is offered for trying that out.
@@ -88,7 +87,6 @@ OPERATOR = GoBuild(
         "prometheus-operator-notice": "NOTICE",
         "prometheus-operator.yaml": "bundle.yaml",
     },
-    minutes=3,
 )
 
 #: The longest first: what it shares with the others is compiled once.

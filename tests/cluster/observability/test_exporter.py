@@ -44,8 +44,9 @@ LISTENER_2 = (
     "n.create_subscription(String, '/chatter', lambda m: None, 10); rclpy.spin(n)"
 )
 COUNT_2 = (
-    "import rclpy, time; rclpy.init(); n = rclpy.create_node('_count'); time.sleep(5)\n"
-    "print(n.count_subscribers('/chatter'), n.count_subscribers('/unnamed'))"
+    "import rclpy, time; rclpy.init(); n = rclpy.create_node('_count'); end = time.time() + 40\n"
+    "while n.count_subscribers('/chatter') < 2 and time.time() < end: time.sleep(0.2)\n"
+    "time.sleep(2); print(n.count_subscribers('/chatter'), n.count_subscribers('/unnamed'))"
 )
 STOP = "kill -{} $(cat /proc/1/task/1/children)"
 
@@ -287,3 +288,24 @@ def test_a_ros_2_graph_is_told_on_each_network(
         assert demo.run("talker", "python3", "-c", COUNT_2).split()[-2:] == ["2", "0"]
         demo.scale("listener", 0)
         eventually("it is gone", lambda: demo.node("up", "listener", "listener") == 0)
+
+
+def test_a_ros_1_graph_is_told_on_a_second_network(
+    cluster: Any,
+    context: str,
+    stack: str,
+    multus: None,
+    base_image: str,
+    exporter_image: str,
+    tmp_path: Path,
+) -> None:
+    """Nodes are known by addresses that only this network leads to; so is the exporter."""
+    network = {"mode": "macvlan", "interface": "eth0", "subnet": "10.231.8.0/24", "ipam": "static"}
+    nodes = {"talker": python(TALKER), "listener": python(LISTENER)}
+    job = {"ros_master_image": base_image, "image": base_image, "nodes": nodes, "network": network}
+    with Demo(cluster, context, tmp_path / "Rigelfile", "noetic", **job) as demo:
+        demo.deploy(exporter_image, topics=["/chatter"])
+        for name in nodes:
+            eventually(f"{name} is up", lambda name=name: demo.node("up", name, name) == 1)
+        heard = 'ros_topic_messages_total{topic="/chatter"}'
+        eventually("the named topic is heard", lambda: demo.metrics().get(heard, 0) > 20)

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from rigel_k8s.boards.board import APPLICATION, NAMESPACE, ROS_NODE, Board, Row
 from rigel_k8s.boards.panels import Panel, Query, curves, number, states, table
-from rigel_k8s.boards.selectors import APP, NODE, OURS, graph_link, logs_link, per_pod, to_logs
+from rigel_k8s.boards.selectors import (
+    APP,
+    HOST_NETWORK,
+    NODE,
+    OURS,
+    graph_link,
+    logs_link,
+    per_pod,
+    to_logs,
+)
 
 __all__ = ["RUNBOOKS", "board"]
 
@@ -242,15 +251,16 @@ def network() -> Panel:
     """Return what pods send and receive."""
 
     def flow(direction: str) -> str:
-        seen = f"sum by (namespace, pod) (rate(container_network_{direction}_bytes_total[2m]))"
+        counted = f"rate(container_network_{direction}_bytes_total[2m])"
+        own = f"({counted} unless on (namespace, pod) {HOST_NETWORK})"
+        seen = f"sum by (namespace, pod) {own}"
         joined = f"{seen} * on (namespace, pod) group_left (application, workload, ros_node) {OURS}"
         return f"sum by (namespace, application, workload) ({joined})"
 
     return curves(
         "Network",
         "What each pod sends (above) and receives (below), all its interfaces together. Pods on "
-        "the "
-        "machine's own network are not told apart and are missing.",
+        "the machine's own network are not told apart from it and are missing.",
         [
             Query(flow("transmit"), "{{workload}} sends"),
             Query(f"-{flow('receive')}", "{{workload}} receives"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from rigel_k8s.boards.board import Board, Row, choice
 from rigel_k8s.boards.panels import Panel, Query, curves, number, table
+from rigel_k8s.boards.selectors import HOST_NETWORK
 
 __all__ = ["board"]
 
@@ -181,8 +182,9 @@ def moved() -> list[Panel]:
         machine = (
             f'node_network_{direction}_bytes_total{{{MACHINE}, device!~"lo|veth.*|cni.*|cali.*"}}'
         )
-        pods = f'container_network_{direction}_bytes_total{{{MACHINE}, pod!=""}}'
-        return f"sum by (node) (rate({machine}[2m])) or on (node) sum by (node) (rate({pods}[2m]))"
+        counted = f'rate(container_network_{direction}_bytes_total{{{MACHINE}, pod!=""}}[2m])'
+        pods = f"{counted} unless on (namespace, pod) {HOST_NETWORK}"
+        return f"sum by (node) (rate({machine}[2m])) or on (node) sum by (node) ({pods})"
 
     return [
         curves(

@@ -167,6 +167,7 @@ def curves(
     defaults: Json = {"unit": unit, "noValue": empty, "custom": custom, "links": list(links)}
     defaults |= {} if least is None else {"min": least}
     defaults |= {} if most is None else {"max": most}
+    defaults |= {"decimals": 0} if unit == "none" else {}  # things are counted
     if red is not None:
         defaults["thresholds"] = thresholds(warn(None, red))
     options = {

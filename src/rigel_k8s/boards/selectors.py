@@ -7,13 +7,26 @@ from __future__ import annotations
 
 from rigel_k8s.boards.panels import Json, link
 
-__all__ = ["APP", "NODE", "OURS", "graph_link", "logs_link", "per_pod", "to_graph", "to_logs"]
+__all__ = [
+    "APP",
+    "HOST_NETWORK",
+    "NODE",
+    "OURS",
+    "graph_link",
+    "logs_link",
+    "per_pod",
+    "to_graph",
+    "to_logs",
+]
 
 #: The chosen applications, and the chosen ROS nodes of them.
 APP = 'namespace=~"$namespace", application=~"$application"'
 NODE = f'{APP}, ros_node=~"$ros_node"'
 #: The chosen pods, each 1.
 OURS = f"pod:rigel_identity:info{{{NODE}}}"
+
+#: Pods on the machine's own network: what is counted of them is the whole machine's traffic.
+HOST_NETWORK = 'kube_pod_info{host_network="true"}'
 
 
 def per_pod(expr: str) -> str:

@@ -214,3 +214,13 @@ def test_prometheus_can_read_every_query(
     file.write_text(json.dumps({"groups": [{"name": "queries", "rules": rules}]}))
     done = subprocess.run([promtool, "check", "rules", str(file)], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_machine_s_traffic_is_nobody_s_pod() -> None:
+    """A pod on the machine's network would be shown with all that the machine sends."""
+    targets = [t for m in BOARDS.values() for panel in panels(m) for t in panel["targets"]]
+    counted = [t["expr"] for t in targets if "container_network_" in t["expr"]]
+    assert len(counted) == 4
+    assert all(
+        'unless on (namespace, pod) kube_pod_info{host_network="true"}' in e for e in counted
+    )

@@ -42,7 +42,8 @@ def join(number, members):
 
 def measure(members):
     """Let newcomers join one after the other, once all members know each other."""
-    join(0, members)
+    while None in join(0, members):
+        time.sleep(1.0)
     joins = []
     for number in range(1, JOINS + 1):
         time.sleep(1.0)

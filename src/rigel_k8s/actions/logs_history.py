@@ -18,7 +18,16 @@ from typing import Any
 import attrs
 
 from rigel_k8s.actions.levels import LevelReader, at_least
-from rigel_k8s.actions.log_lines import LogLine, joined, stamp, stamped, time_of
+from rigel_k8s.actions.log_lines import (
+    DISORDER,
+    SECOND,
+    LogLine,
+    joined,
+    ordered,
+    stamp,
+    stamped,
+    time_of,
+)
 from rigel_k8s.actions.logs import Follow, LogOptions
 from rigel_k8s.actions.logs_stored import Asked, Stored, stored_of
 from rigel_k8s.actions.observe_stack import NoStack, find_stack, why_not
@@ -29,7 +38,6 @@ from rigel_k8s.manifests.observability.names import LOKI
 
 __all__ = ["history"]
 
-SECOND = 1_000_000_000
 HOUR = 3600  # seconds: how far `level` looks back where nothing else is said
 BEHIND = 10 * SECOND  # by how much Loki's last line may be later than one that is still to come
 
@@ -95,7 +103,7 @@ class Past:
     def _read(self, pod: Pod) -> Iterator[LogLine]:
         """Yield a pod's lines, or why there are none."""
         try:
-            yield from self._wanted(pod, follow=False)
+            yield from ordered(self._wanted(pod, follow=False))
         except ClusterError as error:
             if len(self._pods) == 1 and self._stored is None:
                 raise
@@ -144,10 +152,8 @@ class Past:
 
     def _since(self, edge: Edge) -> dict[str, Any]:
         """Return from when on the API server is asked."""
-        if edge.since == 0:
-            return {}
         if edge.since is not None:
-            return {"since_time": f"{stamp(edge.since)[:19]}Z"}
+            return {"since_time": f"{stamp(edge.since)[:19]}Z"} if edge.since else {}
         if self._options.since is None:
             return {}
         passed = (time.time_ns() - self._begun) // SECOND
@@ -160,7 +166,7 @@ class Edge:
 
     Attributes:
         since: the time to read on from, None where nothing is known, 0 from its beginning.
-        known: the lines of the last second that was read.
+        known: the lines that were read from then on.
         reader: knows the level with which the next line may go on.
     """
 
@@ -172,10 +178,11 @@ class Edge:
         """Return whether a line was not read before, and remember it."""
         if (moment, text) in self.known:
             return False
-        if self.since is None or moment // SECOND > self.since // SECOND:
-            self.since = moment
-            self.known.clear()
         self.known.add((moment, text))
+        again = moment // SECOND * SECOND - DISORDER
+        if self.since is None or again > self.since:
+            self.since = again
+            self.known = {line for line in self.known if line[0] >= again}
         return True
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.actions.log_lines import LogLine, joined, stamp, stamped
+from rigel_k8s.actions.log_lines import LogLine, joined, ordered, stamp, stamped
 
 
 @pytest.mark.parametrize(
@@ -57,3 +57,17 @@ def test_a_traceback_that_loki_has_not_got_is_told_though_the_one_before_is_the_
     assert texts(entry(1), fresh) == ["boom", "  at 1", "Error"] * 2
     both = [line(1, "boom"), line(2, "  at 1"), line(3, "Error"), *fresh]
     assert texts(entry(1), both) == ["boom", "  at 1", "Error"] * 2
+
+
+def test_lines_that_were_written_down_late_come_by_time() -> None:
+    """Standard output and error are read by two hands; notes have no time and do not wait."""
+    tenth = 100_000_000
+    lines = [line(40 * tenth, "b"), line(39 * tenth, "a"), LogLine("w", "p", "note", note=True)]
+    lines += [line(70 * tenth, "d"), line(69 * tenth, "c")]
+    assert [one.text for one in ordered(lines)] == ["note", "a", "b", "c", "d"]
+
+
+def test_what_was_written_down_late_is_still_the_same_line() -> None:
+    """Loki tells by time, the API server as it was written down."""
+    stored = [line(1, "a"), line(2, "b"), line(3, "c")]
+    assert texts(stored, list(ordered([line(2, "b"), line(1, "a"), line(3, "c")]))) == [*"abc"]

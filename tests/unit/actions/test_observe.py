@@ -53,13 +53,12 @@ def test_only_what_asks_for_the_past_asks_for_a_stack() -> None:
 
 
 def test_a_log_is_read_on_from_where_it_was_read() -> None:
-    """Kubernetes goes back to a whole second: what was read of it is left out."""
+    """From some seconds before, for a line may be written down late; what was read is left out."""
     edge = Edge()
-    assert [edge.is_new(time, "a") for time in (1_500_000_000, 2_100_000_000, 2_200_000_000)] == [
-        True,
-        True,
-        True,
-    ]
-    assert edge.since == 2_100_000_000
-    again = [(2_100_000_000, "a"), (2_200_000_000, "a"), (2_200_000_000, "b"), (2_300_000_000, "a")]
-    assert [edge.is_new(*line) for line in again] == [False, False, True, True]
+    second = 1_000_000_000
+    read = [(7 * second + 5, "a"), (8 * second + 1, "b"), (8 * second, "c"), (8 * second + 2, "a")]
+    assert all(edge.is_new(*line) for line in read)
+    assert edge.since == 6 * second
+    again = [*read, (8 * second + 2, "b"), (7 * second + 999, "late"), (30 * second, "a")]
+    assert [edge.is_new(*line) for line in again] == [*[False] * 4, True, True, True]
+    assert len(edge.known) == 1, "no more is remembered than may come again"

@@ -11,17 +11,15 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections import Counter
 from collections.abc import Sequence
 
 from rigel_k8s.exporter import dds_messages as messages
-from rigel_k8s.exporter import dds_names as names
-from rigel_k8s.exporter.dds_discovery import ENDPOINTS, SUPER_CLIENT, Endpoint, Place, Told
+from rigel_k8s.exporter.dds_discovery import ENDPOINTS, SUPER_CLIENT, Place, Told
 from rigel_k8s.exporter.dds_participant import LEASE, NAME, Participant
-from rigel_k8s.exporter.dds_peer import OURS, Peer
 from rigel_k8s.exporter.dds_samples import Hearing
+from rigel_k8s.exporter.dds_view import graph
 from rigel_k8s.exporter.dds_ways import Resolver, Sockets, addresses
-from rigel_k8s.exporter.graph import Graph, Node, Topic
+from rigel_k8s.exporter.graph import Graph
 from rigel_k8s.inpod import rtps
 
 __all__ = ["Domain"]
@@ -77,17 +75,8 @@ class Domain:
     def look(self) -> Graph:
         """Return what is known now."""
         with self._lock:
-            participant = self._participant
-            writers, readers = (
-                list(participant.writers.values()),
-                list(participant.readers.values()),
-            )
-            peers = list(participant.peers.values())
-        ours = {p.told.prefix for p in peers if p.told.name.startswith(OURS)}
-        peers = [peer for peer in peers if peer.told.prefix not in ours]
-        writers = [writer for writer in writers if writer.guid[:12] not in ours]
-        readers = [reader for reader in readers if reader.guid[:12] not in ours]
-        return Graph(nodes=_nodes(peers), topics=_topics(writers, readers))
+            known = self._participant
+            return graph(known.peers.values(), known.writers, known.readers)
 
     def subscribe(self, topic: str, keep: int = 0) -> Hearing:
         """Begin to hear a topic, and keep that many of its latest payloads."""
@@ -228,30 +217,3 @@ def _place(server: str) -> tuple[str, int]:
     """Return (name, port) of HOST:PORT."""
     name, _, port = server.rpartition(":")
     return (name, int(port)) if name else (server, _SERVER_PORT)
-
-
-def _nodes(peers: Sequence[Peer]) -> list[Node]:
-    """Return the nodes of all participants; one that several have is up if any of them is."""
-    found: dict[str, Node] = {}
-    for peer in peers:
-        if peer.is_server:
-            continue
-        address = next(iter(sorted(peer.sources)), "")
-        for name in peer.nodes or ([] if peer.is_ros else [peer.name]):
-            known = found.get(name)
-            if known is None or (peer.answers and not known.up):
-                found[name] = Node(name, up=peer.answers, registered=True, address=address)
-    return list(found.values())
-
-
-def _topics(writers: Sequence[Endpoint], readers: Sequence[Endpoint]) -> list[Topic]:
-    """Return the topics; services' requests and replies, and ROS' own, are left out."""
-    published = Counter(key for key in map(_topic, writers) if key)
-    subscribed = Counter(key for key in map(_topic, readers) if key)
-    return [Topic(*key, published[key], subscribed[key]) for key in {**published, **subscribed}]
-
-
-def _topic(endpoint: Endpoint) -> tuple[str, str] | None:
-    if endpoint.topic == names.NODES or names.is_service(endpoint.topic):
-        return None
-    return names.topic_name(endpoint.topic), names.type_name(endpoint.type)

@@ -22,9 +22,8 @@ from rigel_k8s.exporter.dds_discovery import Place, Told
 from rigel_k8s.exporter.dds_reliable import Incoming
 from rigel_k8s.inpod import rtps
 
-__all__ = ["OURS", "SERVER", "Peer"]
+__all__ = ["SERVER", "Peer"]
 
-OURS = "rigel-k8s "  # what the names of our own participants begin with; in nobody's count
 SERVER = (("PARTICIPANT_TYPE", "SERVER"),)
 _RELAYED = 6  # leases after which we forget whom the server should have forgotten
 _BACKUP = (("PARTICIPANT_TYPE", "BACKUP"),)

@@ -1,0 +1,61 @@
+"""What a participant knows, as a graph of ROS nodes and topics.
+
+Why: DDS has participants and endpoints; a ROS node is a name that participants tell, a topic a name
+that endpoints share. It must not know RTPS.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+from rigel_k8s.exporter import dds_names as names
+from rigel_k8s.exporter.dds_discovery import Endpoint
+from rigel_k8s.exporter.dds_peer import Peer
+from rigel_k8s.exporter.graph import Graph, Node, Topic
+
+__all__ = ["OURS", "graph"]
+
+OURS = "rigel-k8s "  # what the names of our own participants begin with; they are in nobody's count
+
+
+def graph(
+    peers: Iterable[Peer], writers: Mapping[bytes, Endpoint], readers: Mapping[bytes, Endpoint]
+) -> Graph:
+    """Return the graph of participants and their endpoints by GUID."""
+    others, ours = [], set()
+    for peer in peers:
+        if peer.told.name.startswith(OURS):
+            ours.add(peer.told.prefix)
+        elif not peer.is_server:
+            others.append(peer)
+    published, subscribed = _counted(writers, ours), _counted(readers, ours)
+    topics = [Topic(*key, published[key], subscribed[key]) for key in {**published, **subscribed}]
+    return Graph(nodes=_nodes(others), topics=topics)
+
+
+def _nodes(peers: Iterable[Peer]) -> list[Node]:
+    """Return the nodes of all participants.
+
+    A ROS name that two have is one node, which one of them may have left behind: it is up if any
+    answers. Programs without ROS names share theirs: it is up if all answer.
+    """
+    found: dict[str, Node] = {}
+    for peer in peers:
+        address = min(peer.sources, default="")
+        for name in peer.nodes or ([] if peer.is_ros else [peer.name]):
+            known = found.get(name)
+            if known is None or (peer.answers if peer.nodes else not peer.answers):
+                found[name] = Node(name, up=peer.answers, registered=True, address=address)
+    return list(found.values())
+
+
+def _counted(endpoints: Mapping[bytes, Endpoint], ours: set[bytes]) -> Counter[tuple[str, str]]:
+    """Return how many endpoints each topic has; services' and ROS' own topics are left out."""
+    return Counter(
+        (names.topic_name(endpoint.topic), names.type_name(endpoint.type))
+        for guid, endpoint in endpoints.items()
+        if guid[:12] not in ours
+        and endpoint.topic != names.NODES
+        and not names.is_service(endpoint.topic)
+    )

@@ -1,8 +1,8 @@
 """What a cluster offers on request: images under their upstream names, for nodes to pull.
 
 Nothing of it is installed here. An image has the programs, paths and start of upstream's image of
-that name, so that upstream's manifests run unchanged; its shell and tools are busybox. The images of
-an observability stack stand in `observability_images`.
+that name, so that upstream's manifests run unchanged; its shell and tools are busybox. The images
+of an observability stack stand in `observability_images`.
 """
 
 from __future__ import annotations

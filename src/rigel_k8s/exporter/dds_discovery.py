@@ -194,6 +194,8 @@ class _Reading:
 
 def _turned(raw: bytes, pid: int) -> bytes:
     """Turn the byte order of an ownership's word, or of a partition's list of texts."""
+    if len(raw) < 4:
+        raise rtps.Malformed("a quality of service without a value")
     value = pack("<I", *unpack_from(">I", raw))
     at = 4
     while pid == PID_PARTITION and at + 4 <= len(raw):

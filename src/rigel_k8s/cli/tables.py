@@ -11,6 +11,7 @@ import click
 
 from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
 from rigel_k8s.deploy.status import PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.deploy.types import REMEDY_ANNOTATION
 from rigel_k8s.manifests.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.plugins.graph_findings import Graph
 
@@ -72,6 +73,8 @@ def reasons_of(found: ReleaseStatus) -> Iterator[str]:
     for workload in found.workloads:
         if not workload.done and workload.message:
             yield f"{workload.name}: {workload.message}"
+        if not workload.done and (remedy := workload.annotations.get(REMEDY_ANNOTATION)):
+            yield f"{workload.name}: {remedy}"
         for pod in unready(workload):
             if pod.message and pod.message not in workload.message:
                 yield f"{pod.name}: {pod.message}"

@@ -15,6 +15,7 @@ __all__ = [
     "FIRST_ANNOTATION",
     "OPTIONAL_ANNOTATION",
     "RELEASE_LABEL",
+    "REMEDY_ANNOTATION",
     "SINGLETON_ANNOTATION",
     "Desired",
     "InventoryItem",
@@ -36,6 +37,8 @@ SINGLETON_ANNOTATION = "rigel-k8s/singleton"
 FIRST_ANNOTATION = "rigel-k8s/first"
 #: On a workload, "true": the release is good without it, and says so.
 OPTIONAL_ANNOTATION = "rigel-k8s/optional"
+#: On such a workload: what to do where it does not become ready, for people.
+REMEDY_ANNOTATION = "rigel-k8s/remedy"
 
 
 @attrs.frozen

@@ -17,6 +17,7 @@ from rigel_k8s.deploy.readiness import UNSEEN, Readiness, readiness
 from rigel_k8s.deploy.types import (
     OPTIONAL_ANNOTATION,
     RELEASE_LABEL,
+    REMEDY_ANNOTATION,
     Manifest,
     ObjectRef,
     ReleaseId,
@@ -67,7 +68,7 @@ class Waiter:
     rolling: set[ObjectRef] = attrs.field(factory=set)
     crashes: dict[ObjectRef, tuple[int, float]] = attrs.field(factory=dict)
     unsteady: set[ObjectRef] = attrs.field(factory=set)
-    optional: set[ObjectRef] = attrs.field(factory=set)
+    optional: dict[ObjectRef, str] = attrs.field(factory=dict)
     enough_since: float | None = None
     explained: float = 0.0
 
@@ -82,7 +83,7 @@ class Waiter:
             Interrupted: `cancel` was set.
         """
         targets = {ref_of(live): live for live in applied if is_waited_for(live)}
-        self.optional = {ref for ref, live in targets.items() if is_optional(live)}
+        self.optional = {ref: remedy(live) for ref, live in targets.items() if is_optional(live)}
         if all(self.settled(ref, live) for ref, live in targets.items()):
             return
         deadline = time.monotonic() + self.timeout
@@ -128,7 +129,7 @@ class Waiter:
 
     def enough(self, waiting: Sequence[ObjectRef]) -> bool:
         """Whether nothing is waited for any more: what is optional only has a short while."""
-        if not self.optional.issuperset(waiting):
+        if not all(ref in self.optional for ref in waiting):
             self.enough_since = None
             return False
         now = time.monotonic()
@@ -136,8 +137,9 @@ class Waiter:
         if waiting and now - self.enough_since < GRACE:
             return False
         for ref in waiting:
-            text = f"{ref.name} is not ready: {self.states[ref].message}; {self.release.name}"
-            self.report.warn(f"{text} runs without it (`rigel status` tells how it goes on)")
+            text = f"{ref.name} is not ready: {self.states[ref].message}; {self.release.name} runs"
+            next_step = self.optional[ref] or "`rigel status` tells how it goes on"
+            self.report.warn(f"{text} without it; {next_step}")
         return True
 
     def look_for_crashes(self, view: View, targets: dict[ObjectRef, Manifest]) -> None:
@@ -292,6 +294,11 @@ class Waiter:
 def is_optional(live: Manifest) -> bool:
     """Whether a release is good without an object."""
     return (live["metadata"].get("annotations") or {}).get(OPTIONAL_ANNOTATION) == "true"
+
+
+def remedy(live: Manifest) -> str:
+    """Return what to do where an optional object does not become ready, "" where nobody says."""
+    return str((live["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))
 
 
 def its_pods(

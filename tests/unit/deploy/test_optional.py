@@ -37,7 +37,7 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return clock
 
 
-def waiter(told: Told) -> Waiter:
+def waiter(told: Told, remedy: str = "") -> Waiter:
     made = Waiter(
         cast(Any, None),
         ReleaseId("robots", "app"),
@@ -48,7 +48,7 @@ def waiter(told: Told) -> Waiter:
         "",
         lambda: None,
     )
-    made.optional = {EXTRA}
+    made.optional = {EXTRA: remedy}
     made.states[EXTRA] = Readiness(False, True, "0 of 1 ready")
     return made
 
@@ -72,9 +72,18 @@ def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float])
     now[0] += 2
     assert made.enough([EXTRA])
     assert told.warnings == [
-        "ros-exporter is not ready: 0 of 1 ready; app runs without it"
-        " (`rigel status` tells how it goes on)"
+        "ros-exporter is not ready: 0 of 1 ready; app runs without it;"
+        " `rigel status` tells how it goes on"
     ]
+
+
+def test_its_remedy_is_told_where_it_has_one(now: list[float]) -> None:
+    told = Told()
+    made = waiter(told, "do that")
+    made.enough([EXTRA])
+    now[0] += GRACE + 1
+    assert made.enough([EXTRA])
+    assert told.warnings[0].endswith("app runs without it; do that")
 
 
 def test_its_while_begins_anew_when_a_needed_one_falls_back(now: list[float]) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import attrs
 import pytest
 
-from rigel_k8s.deploy.types import Desired, ReleaseId
+from rigel_k8s.deploy.status import ReleaseStatus, WorkloadStatus
+from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION, Desired, ReleaseId
 from rigel_k8s.exporter.config import Config
 from rigel_k8s.manifests.checks import check
 from rigel_k8s.manifests.observability.exporterchecks import check_exporter
@@ -174,3 +176,25 @@ def test_a_static_range_has_an_address_for_it() -> None:
     network += " range_start: 10.0.0.1, range_end: 10.0.0.3 }"
     found = [p.message for p in check(options(f"{NODES}\nnetwork: {network}{ON}"), "noetic")]
     assert any("4 pods want one" in message for message in found)
+
+
+def test_an_image_that_nobody_named_comes_with_its_remedy() -> None:
+    """It is in a registry only where somebody put it; a named image is its owner's affair."""
+    own = f"{NODES}\nobservability: {{ enabled: true, ros_metrics: {{ image: mine:1 }} }}"
+    marks = [deployments(release(text))["ros-exporter"] for text in (NODES + ON, own)]
+    told = [item["metadata"]["annotations"].get(REMEDY_ANNOTATION) for item in marks]
+    assert "rigel image ros-exporter --push" in told[0]
+    assert told[1] is None
+
+
+def test_status_tells_the_remedy_of_what_is_not_ready() -> None:
+    from rigel_k8s.cli.tables import reasons_of
+
+    told = {OPTIONAL_ANNOTATION: "true", REMEDY_ANNOTATION: "do that"}
+    bad = WorkloadStatus("Deployment", "ros-exporter", 0, 1, False, "0 of 1 ready", (), told)
+    good = attrs.evolve(bad, done=True)
+    lines = [
+        list(reasons_of(ReleaseStatus(ReleaseId("n", "app"), 1, "good", (one,))))
+        for one in (bad, good)
+    ]
+    assert lines == [["ros-exporter: 0 of 1 ready", "ros-exporter: do that"], []]

@@ -15,7 +15,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s import __version__
-from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION
+from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.manifests.network.modes import wiring
 from rigel_k8s.manifests.network.options import INTERFACE
 from rigel_k8s.manifests.network.peers import peer_name
@@ -37,6 +37,12 @@ __all__ = ["EXPORTER_IMAGE", "Graph", "exporter_identity", "exporter_objects"]
 
 #: What `rigel image ros-exporter` builds.
 EXPORTER_IMAGE = f"ghcr.io/rigel-k8s/ros-exporter:{__version__}"
+
+#: That image is in a registry only where somebody has put it there.
+REMEDY = {
+    REMEDY_ANNOTATION: "`rigel image ros-exporter --push REF` puts its image into a registry of"
+    " yours and `ros_metrics: {image: REF}` names it; `ros_metrics: false` leaves it out"
+}
 
 FILE, DIRECTORY, VOLUME = "config.json", "/etc/ros-exporter", "configuration"
 USER = 65532
@@ -82,7 +88,7 @@ def exporter_objects(
         EXPORTER,
         pod(around, options, graph, wired, name),
         strategy={"type": "Recreate"},
-        annotations={OPTIONAL_ANNOTATION: "true"},
+        annotations={OPTIONAL_ANNOTATION: "true", **({} if options.image else REMEDY)},
         pod_annotations={
             "prometheus.io/scrape": "true",
             "prometheus.io/port": str(EXPORTER_PORT),

@@ -52,7 +52,7 @@ class ObserveStatus:
     @property
     def ok(self) -> bool:
         """Whether all of it runs and answers."""
-        return all(w.done for w in self.release.workloads) and all(a.ok for a in self.answers)
+        return all(w.ok for w in self.release.workloads) and all(a.ok for a in self.answers)
 
 
 def status(settings: Settings) -> ObserveStatus:

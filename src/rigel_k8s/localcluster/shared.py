@@ -22,6 +22,7 @@ __all__ = ["acquire", "exclusive", "release"]
 PROC_SYS = Path("/proc/sys")
 NETNS = Path("/run/netns")
 FORWARDING = "net/ipv4/ip_forward"
+NEIGHBOURS = "net/ipv4/neigh/default"
 
 #: Settings of the whole machine that nodes need at least so high (None: that a kubelet changes).
 #: They are restored in this order: ip_forward changes accept_redirects with it.
@@ -30,6 +31,11 @@ SYSCTLS = {
     "net/ipv4/conf/all/accept_redirects": None,
     "fs/inotify/max_user_instances": "8192",
     "fs/inotify/max_user_watches": "524288",
+    # The kernel has one table for all namespaces. Two clusters with 100 pods fill its usual 1024
+    # entries, and then nobody on this machine reaches anybody new.
+    f"{NEIGHBOURS}/gc_thresh1": "1024",
+    f"{NEIGHBOURS}/gc_thresh2": "8192",
+    f"{NEIGHBOURS}/gc_thresh3": "16384",
     "vm/overcommit_memory": None,
     "vm/panic_on_oom": None,
     "kernel/panic": None,
@@ -99,8 +105,7 @@ def acquire(name: str, mount_points: Iterable[str]) -> None:
         mount_points: paths that its nodes are to have.
     """
     with changing() as record:
-        if not record.clusters:
-            remember(record)
+        remember(record)
         record.directories += make_directories(map(Path, mount_points))
         if name not in record.clusters:
             record.clusters.append(name)
@@ -110,9 +115,12 @@ def acquire(name: str, mount_points: Iterable[str]) -> None:
 
 
 def remember(record: Record) -> None:
-    """Note what the machine is like before the first cluster."""
+    """Note what the machine is like before the first cluster, or what an older rigel left out."""
     values = {key: read_sysctl(key) for key in SYSCTLS}
-    record.sysctls = {key: value for key, value in values.items() if value is not None}
+    present = {key: value for key, value in values.items() if value is not None}
+    record.sysctls = present | record.sysctls
+    if record.clusters:
+        return
     record.bridges = bridges()
     record.netns_mounted = is_mount(NETNS)
 

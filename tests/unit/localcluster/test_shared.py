@@ -10,12 +10,14 @@ from rigel_k8s.localcluster import paths, shared
 
 FORWARD = "net/ipv4/ip_forward"
 WATCHES = "fs/inotify/max_user_watches"
+NEIGHBOURS = "net/ipv4/neigh/default/gc_thresh3"
+SETTINGS = {FORWARD: "0", WATCHES: "900000", NEIGHBOURS: "1024", "kernel/panic": "1"}
 
 
 @pytest.fixture
 def sysctl(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A /proc/sys, a state directory and mount points of the test's own."""
-    for key, value in {FORWARD: "0", WATCHES: "900000", "kernel/panic": "1"}.items():
+    for key, value in SETTINGS.items():
         (tmp_path / "sys" / key).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "sys" / key).write_text(f"{value}\n")
     monkeypatch.setattr(shared, "PROC_SYS", tmp_path / "sys")
@@ -54,6 +56,28 @@ def test_the_last_cluster_restores(sysctl: Path) -> None:
     shared.release("a", silent)
     assert (sysctl / FORWARD).read_text().strip() == "1"
     shared.release("b", silent)
+    assert (sysctl / FORWARD).read_text().strip() == "0"
+
+
+def test_the_neighbours_of_all_nodes_have_room(sysctl: Path) -> None:
+    """The kernel's table of all namespaces is enlarged, and made as small again."""
+    shared.acquire("a", mounts(sysctl))
+    assert (sysctl / NEIGHBOURS).read_text().strip() == "16384"
+    shared.release("a", silent)
+    assert (sysctl / NEIGHBOURS).read_text().strip() == "1024"
+
+
+def test_what_an_older_rigel_did_not_note_is_noted(sysctl: Path) -> None:
+    """A setting that this version raises beside an older one's cluster is put back too."""
+    shared.acquire("a", mounts(sysctl))
+    with shared.changing() as record:
+        del record.sysctls[NEIGHBOURS]
+    (sysctl / NEIGHBOURS).write_text("512")
+    shared.acquire("b", mounts(sysctl))
+    assert (sysctl / NEIGHBOURS).read_text().strip() == "16384"
+    shared.release("a", silent)
+    shared.release("b", silent)
+    assert (sysctl / NEIGHBOURS).read_text().strip() == "512"
     assert (sysctl / FORWARD).read_text().strip() == "0"
 
 

@@ -149,6 +149,30 @@ while True:
     time.sleep(0.1)
 """
 
+#: many.py PARTICIPANTS TOPICS: a writer and a reader of each topic, on participants in turn.
+MANY = """
+import sys, time
+from dataclasses import dataclass
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+@dataclass
+class Text(IdlStruct, typename="std_msgs::msg::dds_::String_"):
+    data: str
+
+participants = [DomainParticipant(0) for _ in range(int(sys.argv[1]))]
+kept = []
+for number in range(int(sys.argv[2])):
+    one, other = (participants[(number + i) % len(participants)] for i in (0, 1))
+    kept.append(DataWriter(one, Topic(one, f"rt/topic_{number}", Text)))
+    kept.append(DataReader(other, Topic(other, f"rt/topic_{number}", Text)))
+print("up", flush=True)
+time.sleep(600)
+"""
+
 
 @attrs.frozen
 class Exporter:
@@ -277,6 +301,18 @@ def test_other_dds(lab, exporter):
     [name] = told["nodes"]
     pod.signal(signal.SIGSTOP)
     seen.until(lambda told: told["nodes"] == {name: False})
+
+
+def test_many(lab, exporter):
+    """50 participants and 200 topics are all found, and cost a fifth of a processor at most."""
+    lab.python("many", "one", "dds", MANY, "50", "200")
+    seen = exporter("/topic_7")
+    told = seen.until(lambda told: len(told["topics"]) == 200)
+    assert all(counts(told, topic) == (1, 1) for topic in told["topics"])
+    begin, cpu = time.monotonic(), told["cpu"]
+    time.sleep(10)
+    told = seen.until(lambda told: told["cpu"] > cpu)
+    assert (told["cpu"] - cpu) / (time.monotonic() - begin) < 0.2, "looks included, five a second"
 
 
 def test_server_that_starts_anew(lab, exporter):

@@ -10,9 +10,10 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.deploy.types import ReleaseId, Revision
-from rigel_k8s.errors import RolloutFailed, UserError
-from rigel_k8s.manifests.observability.options import ObservabilityOptions
+from rigel_k8s.deploy.types import Desired, ReleaseId, Revision
+from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
+from rigel_k8s.manifests.observability.options import Observability, ObservabilityOptions
+from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.plugins import observability_install, observability_wanted, orchestration
 from rigel_k8s.plugins.observability import ObservabilityJob
 from rigel_k8s.plugins.observability_found import api_servers, gives_storage, installed_in
@@ -193,6 +194,37 @@ def test_without_an_operator_the_way_out_is_told(last: dict[str, Any]) -> None:
         install(cluster, raw, job())
     assert "install the operator first" in str(told.value.hint)
     assert cluster.secret is None
+
+
+def test_who_may_only_deploy_applications_does_so(
+    last: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The stack is an administrator's: its job fails without the rights, theirs goes on."""
+    refused = ClusterError("cannot list ClusterRoles: forbidden")
+    refused.status = 403  # type: ignore[attr-defined]
+
+    def look(*_: Any) -> Any:
+        raise refused
+
+    monkeypatch.setattr(observability_install, "wanted", look)
+    context, cluster = job(), Cluster()
+    with pytest.raises(ClusterError) as told:
+        install(cluster, {}, context)  # type: ignore[arg-type]
+    assert "administrator" in str(told.value.hint)
+    prepared = Prepared(Observability(enabled=True))
+    observability_install.ensure(prepared, cluster, context)  # type: ignore[arg-type]
+    assert "left as it is; an administrator" in context.report.warnings[0]  # type: ignore[attr-defined]
+    refused.status = 500  # type: ignore[attr-defined]
+    with pytest.raises(ClusterError):
+        observability_install.ensure(prepared, cluster, context)  # type: ignore[arg-type]
+
+
+class Prepared:
+    """An application's job that asks for the stack."""
+
+    def __init__(self, said: Observability) -> None:
+        self.options = OrchestrationOptions(observability=said)
+        self.desired = Desired(ReleaseId("robots", "demo"), ())
 
 
 def test_a_password_is_random_and_made_once() -> None:

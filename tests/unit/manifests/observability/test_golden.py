@@ -105,3 +105,11 @@ def test_claims_outlive_the_stack() -> None:
 def test_golden_files_have_their_case() -> None:
     """No golden file outlives its case."""
     assert {path.stem for path in GOLDEN.glob("*.yaml")} == set(CASES)
+
+
+def test_each_dashboard_fits_into_a_config_map() -> None:
+    """The API server takes a mebibyte, with all that belongs to the object."""
+    from rigel_k8s import boards
+
+    assert boards.dashboards()
+    assert max(len(text.encode()) for text in boards.dashboards().values()) < 900_000

@@ -9,7 +9,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, RELEASE_LABEL
+from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
 from rigel_k8s.manifests.naming import labels, selector
 from rigel_k8s.manifests.observability.options import Part, Persistence
 from rigel_k8s.manifests.resources import Resources
@@ -77,17 +77,18 @@ class Frame:
         pod: Object,
         configuration: Sequence[Object] = (),
         *,
-        optional: bool = False,
+        remedy: str = "",
     ) -> Object:
         """Return a Deployment of one pod, never two at once: both would want the same data.
 
         Args:
-            optional: the stack is good without it.
+            remedy: the stack is good without it, and this is what to do then.
         """
         spec = {"replicas": 1, "strategy": {"type": "Recreate"}}
         made = self._workload("Deployment", name, spec, pod, configuration)
-        if optional:
-            made["metadata"]["annotations"] = {OPTIONAL_ANNOTATION: "true"}
+        if remedy:
+            notes = {OPTIONAL_ANNOTATION: "true", REMEDY_ANNOTATION: remedy}
+            made["metadata"]["annotations"] = notes
         return made
 
     def daemon_set(self, name: str, pod: Object, configuration: Sequence[Object] = ()) -> Object:

@@ -31,6 +31,10 @@ DEFAULTS = {
     "requests": {"cpu": "50m", "memory": "128Mi"},
     "limits": {"memory": "512Mi"},
 }
+REMEDY = (
+    "its image is large; where the machines cannot pull it, grafana.image names it in a registry of"
+    " your own, and grafana: {enabled: false} does without"
+)
 SETTINGS = {
     "GF_PATHS_PROVISIONING": PROVISIONING,
     "GF_LOG_MODE": "console",
@@ -59,7 +63,7 @@ def grafana(stack: Stack) -> Iterator[Object]:
         yield frame.claim(GRAFANA, said.persistence, SIZE)
     yield frame.service(GRAFANA, GRAFANA_PORT, said.service_type)
     # Its image is large, and robots do not wait for dashboards.
-    yield frame.deployment(GRAFANA, _pod(stack), [config], optional=True)
+    yield frame.deployment(GRAFANA, _pod(stack), [config], remedy=REMEDY)
 
 
 def _datasources(stack: Stack) -> str:

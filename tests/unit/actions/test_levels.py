@@ -73,6 +73,15 @@ plain"""
     assert levels(text) == ["warn", "warn", "warn", ""]
 
 
+def test_an_exception_of_any_name_ends_its_traceback() -> None:
+    """After its head everything belongs to it, up to the first line that is not indented."""
+    text = """[WARN] [1.1]: failed: Traceback (most recent call last):
+  File "a.py", line 1
+lab.Boom: no such arm
+plain"""
+    assert levels(text) == ["warn", "warn", "warn", ""]
+
+
 def test_chained_exceptions_are_one_error() -> None:
     """With the sentence and the blank lines between them."""
     text = """[INFO] [1.0]: begin

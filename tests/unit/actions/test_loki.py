@@ -11,7 +11,7 @@ from rigel_k8s.actions.loki import Loki, selector, windows
 
 OF_ALL = {"application": "app", "container": "ros-node", "namespace": "lab", "node": "node2"}
 TALKER = {**OF_ALL, "pod": "talker-1", "ros_node": "/talker", "workload": "talker"}
-GONE = {**OF_ALL, "pod": "arm-0", "ros_node": "/lab/arm", "workload": "lab-arm"}
+GONE = {**OF_ALL, "pod": "arm-0", "ros_node": "/lab/arm", "workload": "arm-7"}
 EXPORTER = {**OF_ALL, "pod": "ros-exporter-1", "workload": "ros-exporter"}
 TRACEBACK = (
     'Traceback (most recent call last):\n  File "<string>", line 13, in <module>\n'
@@ -102,9 +102,9 @@ def test_nothing_is_asked_about_who_has_said_nothing() -> None:
 def test_nodes_that_are_gone_have_their_names() -> None:
     """ROS name, with or without its slash, Kubernetes name, pod; the exporter is no ROS node."""
     found = stored(Answers())
-    assert found.workloads == {"talker", "lab-arm"}
-    for name in ("lab/arm", "/lab/arm", "lab-arm"):
-        assert found.named(name) == Asked(frozenset({"lab-arm"}))
+    assert found.workloads == {"talker", "arm-7"}
+    for name in ("lab/arm", "/lab/arm", "arm-7", "arm_7"):
+        assert found.named(name) == Asked(frozenset({"arm-7"}))
     assert found.named("arm-0") == Asked(frozenset(), frozenset({"arm-0"}))
     assert found.named("arm") is None
 

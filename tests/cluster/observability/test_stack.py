@@ -295,6 +295,22 @@ def test_applications_share_one_stack(
     assert re.search(r"has an observability stack in the namespace monitoring", done.stderr)
 
 
+def test_a_grafana_that_cannot_be_pulled_keeps_nothing_waiting(watching: Stack) -> None:
+    """The stack is good without it, and says the way out; its password is there, made once."""
+    secret = ObjectRef("v1", "Secret", watching.namespace, "grafana-admin")
+    grafana = {"enabled": True, "image": "127.0.0.1:1/grafana:none"}
+    told = watching.deploy({"grafana": grafana})
+    assert "grafana is not ready" in told
+    assert "grafana.image" in told
+    assert "is at revision" in told
+    made = watching.cluster.get(secret)
+    assert len(made["data"]["admin-password"]) >= 24
+    assert "is unchanged" in watching.deploy({"grafana": grafana})
+    watching.deploy({"grafana": {"enabled": False}})
+    assert watching.pods("grafana") == []
+    assert watching.cluster.get(secret)["data"] == made["data"]
+
+
 #: (account, verb, group, resource, subresource) that a part may do, in all namespaces.
 ALLOWED = [
     ("promtail", "list", "", "pods", ""),

@@ -1,16 +1,16 @@
 """Another participant: what it announced, and whether it answers.
 
 Why: a lease of 20 s and more tells late that a process is stopped, and one that hangs may keep its
-lease. What works with Fast DDS, Cyclone DDS and RustDDS alike is what reliability demands: a reader
-that gets a heartbeat without the final flag acknowledges it (DDSI-RTPS 2.5: 8.4.12.2). So the
-built-in reader for subscriptions, which every participant has that wants to be matched, is sent one
-whenever nothing was heard of its participant for a while; three in a row without a word mean that
-it does not answer. Unanswered questions are counted, not seconds: if the exporter itself gets no
-processor, nobody is blamed.
+lease. What works with Fast DDS and Cyclone DDS alike is what reliability demands: a reader that
+gets a heartbeat without the final flag acknowledges it (DDSI-RTPS 2.5: 8.4.12.2). So the built-in
+reader for subscriptions, which every participant has that wants to be matched, is sent one whenever
+nothing was heard of its participant for 2 s; three in a row without a word mean that it does not
+answer, so that 8 s tell a process that is stopped or killed. Unanswered questions are counted, not
+seconds: if the exporter itself gets no processor, nobody is blamed.
 
 Clients of a discovery server keep their built-in endpoints for it. Their ros_discovery_info is had
 directly, and its latest sample is never acknowledged: so its writer sends heartbeats, in Fast DDS
-every 3 s, for as long as it lives.
+every 3 s, for as long as it lives. (Asking again for an acknowledged sample gets no answer.)
 
 It must not know sockets, nor read any clock.
 """

@@ -73,7 +73,13 @@ class Domain:
         self._thread.start()
 
     def look(self) -> Graph:
-        """Return what is known now."""
+        """Return what is known now.
+
+        Raises:
+            RuntimeError: nobody listens any more, so what is known would be told for ever.
+        """
+        if self._thread.ident and not self._thread.is_alive():
+            raise RuntimeError("the thread that listens to DDS has ended")
         with self._lock:
             known = self._participant
             return graph(known.peers.values(), known.writers, known.readers)
@@ -98,7 +104,8 @@ class Domain:
     def close(self) -> None:
         """Leave the domain, and say so to it."""
         self._end.set()
-        self._thread.join()
+        if self._thread.is_alive():
+            self._thread.join()
         self._resolver.close()
 
     def _leave(self, hearing: Hearing) -> None:

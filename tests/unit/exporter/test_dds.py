@@ -13,6 +13,7 @@ import pytest
 from rigel_k8s.exporter import dds_discovery as discovery
 from rigel_k8s.exporter import dds_messages as messages_of
 from rigel_k8s.exporter import dds_wire as wire
+from rigel_k8s.exporter.dds import Domain
 from rigel_k8s.exporter.dds_discovery import ENDPOINTS, Told
 from rigel_k8s.exporter.dds_participant import NAME, Participant
 from rigel_k8s.exporter.dds_view import graph
@@ -225,6 +226,18 @@ def test_broken_packets_never_end_the_loop():
                 feed(own, spoiled(chance, message))
             own.tick(3.0)
             seen(own)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_ended_thread_is_told(monkeypatch):
+    """What was known is not told for ever: where nobody listens any more, a look fails."""
+    monkeypatch.setattr(Domain, "_open", lambda self: 1 / 0)
+    domain = Domain(interface="lo")
+    assert domain.look() == Graph(nodes=[], topics=[])
+    domain.start()
+    domain._thread.join(30)
+    with pytest.raises(RuntimeError, match="has ended"):
+        domain.look()
 
 
 def spoiled(chance, message):

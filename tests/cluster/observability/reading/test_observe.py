@@ -8,13 +8,14 @@ import socket
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rigel_k8s.deploy.types import ObjectRef
 
-from .conftest import App, Background, until
+from .conftest import LISTENER, App, Background, until
 
 pytestmark = pytest.mark.cluster
 
@@ -178,3 +179,26 @@ def test_grafanas_password_is_shown_unless_told(
     hidden = start(in_namespace(app, grafana, "observe", "--grafana", "0", "--no-password"))
     until(lambda: hidden.found(r"Grafana +http"), "the address")
     assert not hidden.found("s3cret")
+
+
+def test_remove_takes_the_release_away(
+    app: App, cluster: Any, namespace: str, base_image: str, tmp_path: Path
+) -> None:
+    """That of the namespace that is named, all of it, and then there is none.
+
+    What stands in for the stack is an application of the stack's name: the real one is shared.
+    """
+    nodes = {"listener": {"args": ["python3", "-c", LISTENER]}}
+    options = {"image": base_image, "ros_master_image": base_image, "nodes": nodes}
+    options["deployment_name"] = "rigel-observability"
+    job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
+    there = App(tmp_path / "Rigelfile", app.context, namespace)
+    text = {"application": {"distro": "noetic"}, "jobs": {"deploy": job}}
+    there.file.write_text(json.dumps(text))
+    there("run", "job", "deploy", "--timeout", "4m")
+    assert "there is no terminal to ask" in there("observe", "remove", "--volumes", code=2).stderr
+    told = there("observe", "remove", "--volumes", "-y").stdout
+    assert f"the observability stack is gone from {namespace}: " in told
+    assert cluster.list("apps/v1", "Deployment", namespace) == []
+    assert cluster.list("v1", "Service", namespace) == []
+    there("observe", "remove", code=2)

@@ -20,6 +20,7 @@ _TYPES = {
     "sensor_msgs": "BatteryState CameraInfo CompressedImage FluidPressure Illuminance Image Imu"
     " JointState Joy LaserScan MagneticField MultiDOFJointState MultiEchoLaserScan NavSatFix"
     " PointCloud PointCloud2 Range RelativeHumidity Temperature TimeReference",
+    "std_msgs": "Header",
     "stereo_msgs": "DisparityImage",
     "trajectory_msgs": "JointTrajectory MultiDOFJointTrajectory",
     "vision_msgs": "Classification Detection2D Detection2DArray Detection3D Detection3DArray"

@@ -28,7 +28,7 @@ __all__ = ["LEASE", "NAME", "Participant"]
 
 NAME = "rigel-k8s exporter"  # what a tool that lists participants shows
 LEASE = 20  # seconds; others forget us then, even where our farewell is lost
-_MOST_PEERS, _MOST_ENDPOINTS = 2000, 50_000
+_MOST_PEERS, _MOST_ENDPOINTS, _MOST_READERS = 2000, 50_000, 1000
 _NO_KEY, _KEY = b"\x04", b"\x07"  # kinds of readers
 
 
@@ -288,6 +288,8 @@ class Participant:
 
     def _match(self, writer: Endpoint) -> None:
         """Announce a reader for a writer, if somebody wants to hear it."""
+        if len(self._own_readers) >= _MOST_READERS:
+            return
         if writer.topic == names.NODES:
             self._listen(writer)
             return

@@ -30,7 +30,7 @@ from rigel_k8s.actions.log_lines import (
 )
 from rigel_k8s.actions.logs import Follow, LogOptions
 from rigel_k8s.actions.logs_stored import Asked, Stored, stored_of
-from rigel_k8s.actions.observe_stack import NoStack, find_stack, why_not
+from rigel_k8s.actions.observe_stack import NoStack, part_of, why_not
 from rigel_k8s.actions.pods import Pod, matching, no_pod, pods_of, release_pods
 from rigel_k8s.actions.targets import Release
 from rigel_k8s.errors import ClusterError
@@ -52,7 +52,7 @@ def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterat
     stored = None
     if options.of_the_past:
         try:
-            part = find_stack(found.cluster).part(LOKI)
+            part = part_of(found.cluster, LOKI, found.observability)
             stored = stored_of(part, found.id, options.since or HOUR)
         except (NoStack, ClusterError) as error:
             text = f"{why_not('Loki', error)}: these are lines of containers that are there now"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
+from urllib.parse import urlsplit
 
 import attrs
 
@@ -16,7 +17,7 @@ from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.manifests.observability.names import RELEASE
 
-__all__ = ["NoStack", "Part", "Stack", "find_stack", "why_not"]
+__all__ = ["NoStack", "Part", "Stack", "find_stack", "part_of", "why_not"]
 
 #: Where a stack is looked for by somebody who may not list the Services of all namespaces.
 USUAL = "monitoring"
@@ -38,11 +39,12 @@ class Part:
     namespace: str
     name: str
     port: int
+    prefix: str = ""
 
     def ask(self, path: str, query: Mapping[str, object] | None = None) -> bytes:
         """Return what it answers to a GET; raises as Cluster.proxied."""
         ref = ObjectRef("v1", "Service", self.namespace, self.name)
-        return self.cluster.proxied(ref, path, port=self.port, query=query)
+        return self.cluster.proxied(ref, self.prefix + path, port=self.port, query=query)
 
 
 @attrs.frozen
@@ -66,6 +68,41 @@ class Stack:
             )
         port = self.services[name]["spec"]["ports"][0]["port"]
         return Part(self.cluster, self.namespace, name, port)
+
+
+def part_of(cluster: Cluster, name: str, observability: Any) -> Part:
+    """Return a part of the stack, or what the job names as there before (`existing`).
+
+    Raises:
+        NoStack: there is none, or it cannot be asked through the API server.
+        Refusal: nobody may look.
+    """
+    there = getattr(getattr(observability, "existing", None), name, None)
+    url = getattr(there, "url", None)
+    if not url:
+        return find_stack(cluster).part(name)
+    if getattr(there, "tenant", None) or getattr(there, "secret", None):
+        raise NoStack(f"{url} wants a tenant or a password, which the API server does not pass on")
+    return in_cluster(cluster, str(url))
+
+
+def in_cluster(cluster: Cluster, url: str) -> Part:
+    """Return the Service that a URL names as pods do: http://NAME.NAMESPACE:PORT.
+
+    Raises:
+        NoStack: it names none.
+    """
+    said = urlsplit(url)
+    words = (said.hostname or "").split(".")
+    if said.scheme != "http" or len(words) < 2 or words[2:3] not in ([], ["svc"]):
+        raise NoStack(f"{url} is no Service of the cluster")
+    return Part(
+        cluster,
+        words[1],
+        words[0],
+        said.port or 80,
+        said.path.strip("/") + "/" if said.path.strip("/") else "",
+    )
 
 
 def find_stack(cluster: Cluster, namespace: str | None = None) -> Stack:

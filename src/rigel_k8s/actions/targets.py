@@ -42,10 +42,15 @@ class Job:
 
 @attrs.frozen
 class Release:
-    """A release on a cluster, connected."""
+    """A release on a cluster, connected.
+
+    Attributes:
+        observability: the job's options of that name.
+    """
 
     cluster: Cluster
     id: ReleaseId
+    observability: Any = None
 
 
 def job_of(settings: Settings, name: str | None) -> Job:
@@ -73,7 +78,7 @@ def release(settings: Settings, job: str | None = None) -> Release:
     rigelfile = load(settings, patient=True)
     options = names_of(rigelfile, chosen(rigelfile, settings, job))
     cluster = connect(settings)
-    return Release(cluster, release_of(options, settings, cluster))
+    return Release(cluster, release_of(options, settings, cluster), options.observability)
 
 
 def names(settings: Settings) -> list[str]:

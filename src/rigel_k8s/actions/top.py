@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import attrs
 
-from rigel_k8s.actions.observe_stack import NoStack, find_stack
+from rigel_k8s.actions.observe_stack import NoStack, part_of
 from rigel_k8s.actions.pods import Pod, chosen_pods
 from rigel_k8s.actions.prometheus import Prometheus, Sample, matchers
 from rigel_k8s.actions.targets import Release, release
@@ -153,8 +153,8 @@ def running_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
 
 
 def prometheus_of(found: Release) -> Prometheus:
-    """Return the stack's Prometheus; raises as find_stack and Stack.part."""
-    return Prometheus(find_stack(found.cluster).part(PROMETHEUS).ask)
+    """Return the stack's Prometheus; raises as part_of."""
+    return Prometheus(part_of(found.cluster, PROMETHEUS, found.observability).ask)
 
 
 def own_series(release: ReleaseId) -> str:

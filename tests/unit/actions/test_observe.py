@@ -9,8 +9,9 @@ import pytest
 from rigel_k8s.actions.logs import LogOptions
 from rigel_k8s.actions.logs_history import Edge
 from rigel_k8s.actions.observe_doors import target_port
-from rigel_k8s.actions.observe_stack import NoStack, Stack, why_not
+from rigel_k8s.actions.observe_stack import NoStack, Stack, part_of, why_not
 from rigel_k8s.kube.failures import refusal
+from rigel_k8s.manifests.observability.options import Existing, ExistingLoki, Observability
 
 POD = {"spec": {"containers": [{"ports": [{"name": "http", "containerPort": 8080}]}]}}
 
@@ -32,6 +33,38 @@ def test_a_part_that_was_not_deployed_is_told() -> None:
     with pytest.raises(NoStack, match="in monitoring has no Grafana") as caught:
         stack.part("grafana")
     assert "grafana: {enabled: true}" in str(caught.value.hint)
+
+
+@pytest.mark.parametrize(
+    ("url", "namespace", "port", "prefix"),
+    [
+        ("http://loki.logging:3100", "logging", 3100, ""),
+        ("http://loki.logging.svc.cluster.local/", "logging", 80, ""),
+        ("http://loki.logging.svc:3100/logs/", "logging", 3100, "logs/"),
+    ],
+)
+def test_what_was_there_before_is_asked_where_it_is_a_service(
+    url: str, namespace: str, port: int, prefix: str
+) -> None:
+    """As the job's `existing` names it, which pods would resolve the same way."""
+    options = Observability(existing=Existing(loki=ExistingLoki(url=url)))
+    part = part_of(None, "loki", options)  # type: ignore[arg-type]
+    assert (part.name, part.namespace, part.port, part.prefix) == ("loki", namespace, port, prefix)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"url": "https://logs.example.org"}, "no Service"),
+        ({"url": "http://logs.example.org"}, "no Service"),
+        ({"url": "http://loki.logging:3100", "tenant": "lab"}, "wants a tenant"),
+    ],
+)
+def test_what_the_api_server_cannot_pass_on_is_told(more: dict[str, str], words: str) -> None:
+    """It has reasons of its own not to be asked."""
+    options = Observability(existing=Existing(loki=ExistingLoki(**more)))  # type: ignore[arg-type]
+    with pytest.raises(NoStack, match=words):
+        part_of(None, "loki", options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

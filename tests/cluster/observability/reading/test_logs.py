@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import attrs
 import pytest
 
 from rigel_k8s.deploy.types import ObjectRef
@@ -168,6 +169,21 @@ def test_without_loki_the_lines_are_the_same(app: App, limited: Callable[..., Ap
         if line["pod"] == pod and first <= line["time"] <= last
     ]
     assert Counter(stored) == Counter(line["text"] for line in lines)
+
+
+def test_a_loki_that_was_there_before_is_asked(
+    app: App, stack: str, limited: Callable[..., App], tmp_path: Path
+) -> None:
+    """Where the job names it, nothing is looked for; the right to ask it is enough."""
+    right = {"apiGroups": [""], "resources": ["services/proxy"], "verbs": ["get"]}
+    text = json.loads(app.file.read_text())
+    options = text["jobs"]["deploy"]["with"]["observability"]
+    options["existing"] = {"loki": {"url": f"http://loki.{stack}.svc:3100"}}
+    there = attrs.evolve(limited([right]), file=tmp_path / "Rigelfile")
+    there.file.write_text(json.dumps(text))
+    words = ("logs", "--since", "1h", "--level", "error", "talker")
+    until(lambda: "failed 20" in there(*words).stdout, "an error of the talker")
+    assert there(*words).stderr == ""
 
 
 def test_plain_logs_ask_for_no_stack(app: App, limited: Callable[..., App]) -> None:

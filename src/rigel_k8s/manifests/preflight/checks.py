@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from rigel_k8s.manifests.preflight.case import Case
 from rigel_k8s.manifests.preflight.finding import Finding
 from rigel_k8s.manifests.preflight.interfaces import interfaces
-from rigel_k8s.manifests.preflight.limits import buffers, policies
+from rigel_k8s.manifests.preflight.limits import buffers, neighbours, policies
 from rigel_k8s.manifests.preflight.presence import clouds, presence, programs
 from rigel_k8s.manifests.preflight.ranges import ranges, room
 
@@ -20,6 +20,7 @@ CHECKS: Sequence[Callable[[Case], Iterator[Finding]]] = (
     ranges,
     room,
     buffers,
+    neighbours,
     policies,
     clouds,
 )

@@ -8,7 +8,7 @@ from rigel_k8s.manifests.preflight.case import Case
 from rigel_k8s.manifests.preflight.finding import Finding, listed
 from rigel_k8s.manifests.preflight.wanted import selected
 
-__all__ = ["buffers", "policies"]
+__all__ = ["buffers", "neighbours", "policies"]
 
 #: A message of 1 MB that arrives at once in fragments of 64 KB is lost in a buffer of 416 KiB and
 #: fits into one of 1 MiB (docs/preflight.md: how it was measured).
@@ -16,6 +16,9 @@ LEAST = 1024 * 1024
 ADVISED = 8 * 1024 * 1024
 BUFFERS = ("net.core.rmem_max", "net.core.wmem_max")
 FILE = "/etc/sysctl.d/60-ros.conf"
+ROOM = 4  # times what is needed
+#: The kernel's table of neighbours, which all pods of a machine share, has so many entries at most.
+NEIGHBOURS = "net.ipv4.neigh.default.gc_thresh3"
 
 
 def buffers(case: Case) -> Iterator[Finding]:
@@ -67,6 +70,28 @@ def _fragments(case: Case) -> Iterator[Finding]:
             f" machine, and in {FILE}",
             severity="warning",
         )
+
+
+def neighbours(case: Case) -> Iterator[Finding]:
+    """Yield machines whose table of neighbours is small for pods that all talk with each other."""
+    for one in case.attachments:
+        pods, nodes = case.pods(one), case.nodes(case.users(one))
+        needed = -(-pods // max(1, len(nodes))) * (pods - 1)  # spread evenly
+        small = {
+            node: facts.settings[NEIGHBOURS]
+            for node, facts in case.machines(one)
+            if facts.settings.get(NEIGHBOURS, needed) < needed
+        }
+        if small:
+            yield Finding(
+                "neighbours",
+                f"{pods} pods on {len(nodes)} machines that talk with each other need about"
+                f" {needed} neighbours on each, and {listed(small)} can keep {min(small.values())}"
+                f" ({NEIGHBOURS}) for all pods together: what goes to others is dropped without a"
+                " word",
+                f"`sysctl -w {NEIGHBOURS}={ROOM * needed}` on the machine, and in {FILE}",
+                severity="warning",
+            )
 
 
 def policies(case: Case) -> Iterator[Finding]:

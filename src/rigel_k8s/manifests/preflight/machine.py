@@ -42,7 +42,7 @@ echo @addresses; cat /proc/net/fib_trie
 echo @addresses6; if [ -e /proc/net/if_inet6 ]; then cat /proc/net/if_inet6; fi
 echo @settings
 for s in net/core/rmem_max net/core/rmem_default net/core/wmem_max \
-  net/ipv4/ipfrag_time net/ipv4/ipfrag_high_thresh; do
+  net/ipv4/ipfrag_time net/ipv4/ipfrag_high_thresh net/ipv4/neigh/default/gc_thresh3; do
   if [ -r "/proc/sys/$s" ]; then echo "$s $(cat "/proc/sys/$s")"; fi
 done
 there() {

@@ -34,6 +34,21 @@ def test_buffers_that_could_not_be_seen() -> None:
     assert found(seen=seen) == []
 
 
+def test_a_table_of_neighbours_that_many_pods_share() -> None:
+    """Every pod keeps every other one, and all pods of a machine have one table."""
+    name = "net.ipv4.neigh.default.gc_thresh3"
+    small = machine(settings={**machine().settings, name: 1024})
+    seen = view(machines={"node1": small, "node2": machine()})
+    assert texts(found(nad(), workload(replicas=50), seen=seen)) == [
+        "warning cluster neighbours: 50 pods on 2 machines that talk with each other need about"
+        " 1225 neighbours on each, and node1 can keep 1024 (net.ipv4.neigh.default.gc_thresh3) for"
+        " all pods together: what goes to others is dropped without a word => `sysctl -w"
+        " net.ipv4.neigh.default.gc_thresh3=4900` on the machine, and in"
+        " /etc/sysctl.d/60-ros.conf"
+    ]
+    assert found(nad(), workload(replicas=45), seen=seen) == []
+
+
 def test_fragments_by_radio() -> None:
     """On the machine's own network by radio, lost fragments block large messages."""
     radio = with_interface("wlan0", wireless=True)

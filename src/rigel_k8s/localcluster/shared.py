@@ -31,8 +31,8 @@ SYSCTLS = {
     "net/ipv4/conf/all/accept_redirects": None,
     "fs/inotify/max_user_instances": "8192",
     "fs/inotify/max_user_watches": "524288",
-    # The kernel has one table for all namespaces. Two busy clusters overflowed its usual 1024
-    # entries, and then nobody on this machine reached anybody new.
+    # The kernel has one table for all namespaces. 50 pods of a second network who all know each
+    # other overflowed its usual 1024 entries, and nobody on this machine reached anybody new.
     f"{NEIGHBOURS}/gc_thresh1": "1024",
     f"{NEIGHBOURS}/gc_thresh2": "8192",
     f"{NEIGHBOURS}/gc_thresh3": "16384",

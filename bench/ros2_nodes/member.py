@@ -3,7 +3,8 @@
 
 A newcomer is a participant of its own, with a subscription. Data flows to it when that knows the
 publishers of all MEMBERS; it knows the graph when it knows the names of their nodes, which ROS 2
-tells by messages of its own. Printed: one line of JSON, `{"joins": [[seconds, seconds], ...]}`.
+tells by messages of its own. Printed: one line of JSON, `{"joins": [[seconds, seconds], ...]}`,
+null for what took longer than PATIENCE.
 """
 
 import json
@@ -16,7 +17,7 @@ import rclpy
 from rclpy.context import Context
 from std_msgs.msg import Empty
 
-JOINS, PATIENCE = 15, 30.0
+JOINS, PATIENCE = int(os.environ.get("JOINS", "15")), 30.0
 
 
 def join(number, members):

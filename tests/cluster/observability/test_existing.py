@@ -54,8 +54,9 @@ def prometheus(namespace: str) -> list[dict[str, Any]]:
         },
         role,
         {
-            **role,
+            "apiVersion": role["apiVersion"],
             "kind": "ClusterRoleBinding",
+            "metadata": role["metadata"],
             "roleRef": reference,
             "subjects": [subject],
         },

@@ -115,7 +115,7 @@ class Bench:
 
 
 FACTS = {
-    "series": 'sum by () (prometheus_tsdb_head_series{job="prometheus"})',
+    "series": 'sum by () (count({__name__=~".+"}))',
     "samples/s": "sum by () (rate(prometheus_tsdb_head_samples_appended_total[2m]))",
     "Prometheus MiB on disk": "sum by () (prometheus_tsdb_wal_storage_size_bytes"
     " + prometheus_tsdb_storage_blocks_bytes + prometheus_tsdb_head_chunks_storage_size_bytes)"

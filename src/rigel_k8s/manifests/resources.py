@@ -1,6 +1,5 @@
 """What a container asks for and may use at most, as every job type writes it."""
 
-
 from __future__ import annotations
 
 from collections.abc import Mapping

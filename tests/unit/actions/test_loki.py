@@ -1,4 +1,4 @@
-"""What Loki answers as entries and lines; the answers are a real Loki's (3.7)."""
+"""What Loki answers as entries and lines; the answers have the form of Loki 3.7's."""
 
 from __future__ import annotations
 

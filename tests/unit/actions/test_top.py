@@ -1,4 +1,4 @@
-"""What Prometheus and a kubelet answer as rows; the answers are real ones."""
+"""What Prometheus and a kubelet answer as rows; the answers have the form of real ones."""
 
 from __future__ import annotations
 

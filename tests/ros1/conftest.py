@@ -122,6 +122,10 @@ class Pod:
 
     def kill(self) -> None:
         """The container is gone at once, as after a crash of the machine."""
+        # A process that took another user's identity does not die with `unshare`.
+        if self.init and self.alive():
+            with suppress(ProcessLookupError):
+                os.kill(self.init, signal.SIGKILL)
         self.process.kill()
         self.process.wait()
 

@@ -8,7 +8,6 @@ import pty
 import re
 import subprocess
 import sys
-import threading
 import time
 import uuid
 import xmlrpc.client
@@ -20,6 +19,8 @@ import pytest
 import yaml
 
 from rigel_k8s.deploy.types import ObjectRef
+
+from .background import Background
 
 pytestmark = pytest.mark.cluster
 
@@ -108,43 +109,9 @@ def until(found: Callable[[], Any], seconds: float = 60) -> Any:
     return result
 
 
-class Background:
-    """A command that goes on, and its output so far."""
-
-    def __init__(self, command: list[str]) -> None:
-        self._process = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
-        self.lines: list[str] = []
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self.lines.append(line.rstrip("\n"))
-
-    def has(self, pattern: str) -> Callable[[], Any]:
-        """Return a test for a line that matches."""
-        return lambda: next((m for line in self.lines if (m := re.search(pattern, line))), None)
-
-    def interrupt(self) -> int:
-        """Press Ctrl-C and return the exit code."""
-        self._process.send_signal(2)
-        code = self._process.wait(timeout=30)
-        self._reader.join()
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        return code
-
-
 @pytest.fixture
 def start(robot: Robot) -> Iterator[Callable[..., Background]]:
-    """Start commands that go on; those that still run are interrupted in the end."""
+    """Start commands that go on; all are interrupted in the end."""
     started: list[Background] = []
 
     def call(*words: str) -> Background:
@@ -153,8 +120,7 @@ def start(robot: Robot) -> Iterator[Callable[..., Background]]:
 
     yield call
     for one in started:
-        if one._process.poll() is None:
-            one.interrupt()
+        one.interrupt()
 
 
 def test_render_is_what_apply_sends(robot: Robot, cluster: Any) -> None:
@@ -287,7 +253,7 @@ def test_exec_gives_a_terminal(robot: Robot) -> None:
 def test_forward_reaches_a_port_of_a_node(robot: Robot, start: Any) -> None:
     """roscore answers on a local port; Ctrl-C ends it."""
     running = start("forward", "ros-master", ":11311")
-    port = int(until(running.has(r"127\.0\.0\.1:(\d+) -> ros-master-\S+:11311")).group(1))
+    port = int(until(lambda: running.found(r"127\.0\.0\.1:(\d+) -> ros-master-\S+:11311")).group(1))
     with xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}") as master:
         code, _, uri = master.lookupNode("/test", "/talker")  # type: ignore[misc]
     assert code == 1
@@ -300,10 +266,10 @@ def test_logs_follow_through_a_restart_and_a_roll_out(
 ) -> None:
     """A container that starts again, and the pod of the next version, go on in the same output."""
     running = start("logs", "-f", "--tail", "1", "talker")
-    until(running.has("said hello"))
-    assert not running.has("talker begins")(), "--tail left the beginning out"
+    until(lambda: running.found("said hello"))
+    assert not running.found("talker begins"), "--tail left the beginning out"
     robot("exec", "talker", "--", "sh", "-c", "kill -INT 1")
-    until(running.has("talker begins"))
+    until(lambda: running.found("talker begins"))
     before = robot("logs", "--previous", "--tail", "1", "talker").stdout
     assert before in [f"{line}\n" for line in running.lines]
     begun = len([line for line in running.lines if "talker begins" in line])

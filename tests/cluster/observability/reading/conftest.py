@@ -5,10 +5,8 @@ from __future__ import annotations
 import base64
 import json
 import os
-import re
 import subprocess
 import sys
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +17,8 @@ import attrs
 import pytest
 
 from rigel_k8s.deploy.types import ObjectRef
+
+from ...background import Background
 
 T = TypeVar("T")
 Done = subprocess.CompletedProcess[str]
@@ -102,41 +102,6 @@ class App:
         """Return what `logs -o json` prints."""
         done = self("logs", "-o", "json", *words)
         return [json.loads(line) for line in done.stdout.splitlines()]
-
-
-class Background:
-    """A command that goes on, and its output so far."""
-
-    def __init__(self, command: Sequence[str]) -> None:
-        self._process = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        )
-        self.lines: list[str] = []
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self.lines.append(line.rstrip("\n"))
-
-    def found(self, pattern: str) -> re.Match[str] | None:
-        """Return the first line that matches."""
-        return next((m for line in list(self.lines) if (m := re.search(pattern, line))), None)
-
-    def interrupt(self) -> int:
-        """Press Ctrl-C and return the exit code."""
-        if self._process.poll() is None:
-            self._process.send_signal(2)
-        code = self._process.wait(timeout=30)
-        self._reader.join()
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-        return code
 
 
 @pytest.fixture

@@ -15,7 +15,8 @@ import pytest
 
 from rigel_k8s.deploy.types import ObjectRef
 
-from .conftest import App, Background, until
+from ...background import Background
+from .conftest import App, until
 
 pytestmark = pytest.mark.cluster
 

@@ -1,0 +1,44 @@
+"""Commands that go on until Ctrl-C, for tests that read what they say meanwhile."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import threading
+from collections.abc import Sequence
+
+
+class Background:
+    """A command that goes on, and its output so far."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self._process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+        self.lines: list[str] = []
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self.lines.append(line.rstrip("\n"))
+
+    def found(self, pattern: str) -> re.Match[str] | None:
+        """Return the first line that matches."""
+        return next((m for line in list(self.lines) if (m := re.search(pattern, line))), None)
+
+    def interrupt(self) -> int:
+        """Press Ctrl-C and return the exit code."""
+        if self._process.poll() is None:
+            self._process.send_signal(2)
+        code = self._process.wait(timeout=30)
+        self._reader.join()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+        return code

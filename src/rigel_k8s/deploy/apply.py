@@ -17,7 +17,7 @@ from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.report import Reporter
 
-__all__ = ["GONE_TIMEOUT", "Applier"]
+__all__ = ["CLAIMS", "GONE_TIMEOUT", "Applier"]
 
 Live = dict[str, Any]
 GONE_TIMEOUT = 120.0  # seconds that what is being deleted may take

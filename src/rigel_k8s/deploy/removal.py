@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigel_k8s.deploy import revisions
-from rigel_k8s.deploy.apply import GONE_TIMEOUT, Applier
+from rigel_k8s.deploy.apply import CLAIMS, GONE_TIMEOUT, Applier
 from rigel_k8s.deploy.lease import held
 from rigel_k8s.deploy.ownership import is_applied
 from rigel_k8s.deploy.plan import prunes
@@ -74,7 +74,11 @@ def down(
         plan = Plan(release, tuple(prunes(items, live, (), release, volumes=volumes)))
         applier = Applier(cluster, report, cancel, gone_timeout=timeout or GONE_TIMEOUT)
         applier.prune(plan.steps)
-        applier.until_no_pods(step for step in plan.steps if step.action == "prune")
+        pruned = [step for step in plan.steps if step.action == "prune"]
+        applier.until_no_pods(pruned)
+        for step in pruned:
+            if step.ref.kind in CLAIMS:  # who deploys anew at once must not meet the old data
+                applier.until_gone(step.ref)
         revisions.forget(cluster, revisions.records(cluster, release))
     return plan
 

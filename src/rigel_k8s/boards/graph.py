@@ -230,7 +230,7 @@ def counted() -> list[Panel]:
     return [
         curves(
             "Messages published",
-            "Messages a second by node and topic, once for each subscriber.",
+            "Messages a second by node and topic; one to several subscribers counts once.",
             [
                 Query(
                     rate.format(by, "messages", chosen, 'direction="published"'),

@@ -2,8 +2,9 @@
 
 usage: python -m bench.observability --context rigel-NAME [--image ROS1_IMAGE] [--seconds 120]
 
-The stack must be there (`observability: {enabled: true}`). Its CPU, memory and disk are its own
-Prometheus' word; how soon a line is found, Loki is asked with lines that tell their time.
+The stack must be there (`observability: {enabled: true}`). Its CPU and memory are its own
+Prometheus' word, its disk is counted on its claims; how soon a line is found, Loki is asked with
+lines that tell their time.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import attrs
+import yaml
 
 from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.kube import connect
@@ -30,6 +32,7 @@ from rigel_k8s.plugins.observability_found import installed_in
 from rigel_k8s.settings import Settings
 
 PARTS = ("loki", "promtail", "prometheus", "kube-state-metrics", "node-exporter", "ros-exporter")
+CLAIMS = ("loki-data", "prometheus-data")
 LOG = """
 import rospy, sys, time
 rospy.init_node("{name}")
@@ -59,6 +62,7 @@ class Bench:
     cluster: Cluster
     context: str
     namespace: str
+    image: str
     seconds: int
 
     def ask(self, service: str, port: int, path: str, **query: object) -> list[Any]:
@@ -91,9 +95,29 @@ class Bench:
                 yield f"| {case} | {part} | {cpu[part] * 1000:.0f} | {memory[part] / 2**20:.0f} |"
 
     def facts(self) -> str:
-        """Return series, lines and disk as one line."""
+        """Return series, samples and lines as one line."""
         one = {name: self.metric(query).get("", 0.0) for name, query in FACTS.items()}
         return ", ".join(f"{name} {value:.1f}" for name, value in one.items())
+
+    def disk(self, claim: str) -> int:
+        """Return how many KiB of a claim are used, counted by a pod that mounts it."""
+        ref = ObjectRef("v1", "Pod", self.namespace, f"du-{claim}-{uuid.uuid4().hex[:6]}")
+        counter = {
+            "name": "du",
+            "image": self.image,
+            "command": ["du", "-sk", "/data"],
+            "volumeMounts": [{"name": "data", "mountPath": "/data", "readOnly": True}],
+        }
+        volume = {"name": "data", "persistentVolumeClaim": {"claimName": claim}}
+        spec = {"restartPolicy": "Never", "containers": [counter], "volumes": [volume]}
+        meta = {"name": ref.name, "namespace": ref.namespace}
+        self.cluster.create({"apiVersion": "v1", "kind": "Pod", "metadata": meta, "spec": spec})
+        try:
+            while (self.cluster.get(ref) or {})["status"].get("phase") != "Succeeded":
+                time.sleep(0.5)
+            return int(next(iter(self.cluster.logs(ref.namespace, ref.name))).split()[0])
+        finally:
+            self.cluster.delete(ref)
 
     def found_after(self, selector: str, times: int = 20) -> list[float]:
         """Return seconds from when lines were written until a query found them."""
@@ -117,9 +141,6 @@ class Bench:
 FACTS = {
     "series": 'sum by () (count({__name__=~".+"}))',
     "samples/s": "sum by () (rate(prometheus_tsdb_head_samples_appended_total[2m]))",
-    "Prometheus MiB on disk": "sum by () (prometheus_tsdb_wal_storage_size_bytes"
-    " + prometheus_tsdb_storage_blocks_bytes + prometheus_tsdb_head_chunks_storage_size_bytes)"
-    " / 1048576",
     "lines/s": "sum by () (rate(loki_distributor_lines_received_total[1m]))",
     "KiB/s of lines": "sum by () (rate(loki_distributor_bytes_received_total[1m])) / 1024",
 }
@@ -127,7 +148,7 @@ FACTS = {
 
 @contextmanager
 def application(
-    bench: Bench, image: str, program: str, count: int, rate: float, topics: int = 0
+    bench: Bench, program: str, count: int, rate: float, topics: int = 0
 ) -> Iterator[str]:
     """Have ROS nodes there that run a program; yields their namespace."""
     namespace = f"bench-{uuid.uuid4().hex[:6]}"
@@ -138,15 +159,19 @@ def application(
     names = [f"/node_{i % count}_{i // count}" for i in range(topics)]
     job = {
         "namespace": namespace,
-        "ros_master_image": image,
-        "image": image,
+        "ros_master_image": bench.image,
+        "image": bench.image,
         "nodes": nodes,
-        "observability": {"enabled": True, "ros_metrics": {"topics": names}},
+        "observability": {
+            "enabled": True,
+            "collector": "promtail",
+            "ros_metrics": {"topics": names},
+        },
     }
     with tempfile.TemporaryDirectory() as directory:
         file = Path(directory) / "Rigelfile"
         jobs = {"deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job}}
-        file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
+        file.write_text(yaml.safe_dump({"application": {"distro": "noetic"}, "jobs": jobs}))
         command = [sys.executable, "-m", "rigel_k8s", "--context", bench.context, "-f", str(file)]
         subprocess.run([*command, "run", "job", "deploy", "--timeout", "10m"], check=True)
         try:
@@ -162,10 +187,10 @@ def main() -> None:
         namespace = installed_in(cluster)
         if namespace is None:
             raise SystemExit("there is no stack: deploy one with observability: {enabled: true}")
-        bench = Bench(cluster, words.context, namespace, words.seconds)
+        bench = Bench(cluster, words.context, namespace, words.image, words.seconds)
         print("| case | part | CPU, thousandths of a core | MiB |\n|---|---|---|---|")
         show(bench, "idle")
-        with application(bench, words.image, LOG, words.nodes, words.lines) as space:
+        with application(bench, LOG, words.nodes, words.lines) as space:
             show(bench, f"{words.nodes} nodes, {words.lines} lines/s each")
             waits = bench.found_after(f'{{namespace="{space}", ros_node="/node_0"}} |= "bench"')
         print(
@@ -173,14 +198,20 @@ def main() -> None:
             f" {min(waits):.2f} to {max(waits):.2f})"
         )
         each = words.topics // words.nodes
-        with application(bench, words.image, PUBLISH, words.nodes, each, words.topics):
+        with application(bench, PUBLISH, words.nodes, each, words.topics):
             show(bench, f"{words.topics} topics at 1 Hz, all named")
 
 
 def show(bench: Bench, case: str) -> None:
-    """Print the rows of a case."""
+    """Print the rows of a case, and what its disks hold and how fast that grows."""
+    start, before = time.time(), {claim: bench.disk(claim) for claim in CLAIMS}
     for row in bench.costs(case):
         print(row, flush=True)
+    hours = (time.time() - start) / 3600
+    for claim, held in before.items():
+        now = bench.disk(claim)
+        growth = (now - held) / 1024 / hours
+        print(f"{case}: {claim} {now / 1024:.1f} MiB on disk, {growth:+.1f} MiB an hour")
     print(f"{case}: {bench.facts()}", flush=True)
 
 

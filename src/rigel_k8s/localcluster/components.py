@@ -13,11 +13,11 @@ from pathlib import Path
 
 import attrs
 
+from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.errors import CommandFailed, LocalClusterError
 from rigel_k8s.localcluster.commands import Report, run
 from rigel_k8s.localcluster.gobuild import GoBuild
 from rigel_k8s.localcluster.observability import OBSERVABILITY, OPERATOR
-from rigel_k8s.localcluster.paths import cache_dir, locked
 
 __all__ = [
     "KUBERNETES_VERSION",
@@ -200,10 +200,10 @@ def obtain(report: Report, requested: Iterable[str] = ()) -> Components:
     )
     if found.complete and not missing_packages():
         return found
-    with locked(cache_dir() / "cache.lock"):
+    with locked(cache_dir() / "debian.lock"):
         unpack(report)
-        for build in builds:
-            build.build(report)
+    for build in builds:
+        build.build(report)
     return found
 
 

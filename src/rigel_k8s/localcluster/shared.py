@@ -13,9 +13,10 @@ from pathlib import Path
 
 import attrs
 
+from rigel_k8s.cache import locked
 from rigel_k8s.localcluster import paths
 from rigel_k8s.localcluster.commands import Report, run, succeeds
-from rigel_k8s.localcluster.paths import boot_id, locked
+from rigel_k8s.localcluster.paths import boot_id
 
 __all__ = ["acquire", "exclusive", "release"]
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from rigel_k8s.boards import rules
-from rigel_k8s.localcluster.paths import cache_dir
+from rigel_k8s.cache import cache_dir
 
 
 def every_rule() -> list[dict[str, Any]]:

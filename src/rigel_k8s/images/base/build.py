@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import attrs
 
+from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.images.base import archive
 from rigel_k8s.images.base.bootstrap import MINBASE, bootstrap
 from rigel_k8s.report import Reporter
@@ -85,25 +85,18 @@ def build(recipe: Recipe, report: Reporter, *, force: bool = False) -> BaseImage
         RigelK8sError: mmdebstrap is missing and cannot be installed here.
         CommandFailed: mmdebstrap, or a program that fetches, failed.
     """
-    target = _cache_directory() / recipe.family / f"{recipe.name}-{_key(recipe)}.tar"
-    if target.exists() and not force:
-        report.line(f"{recipe.title} {recipe.reference} is up to date ({target})")
-        return BaseImage(recipe.reference, target, built=False)
-    started = time.monotonic()
-    report.line(f"building the {recipe.title} {recipe.reference} (Debian {recipe.suite})")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    _build(recipe, target, report)
-    size = target.stat().st_size / 1e6
-    report.line(f"built {target} ({size:.0f} MB) in {time.monotonic() - started:.0f} s")
-    return BaseImage(recipe.reference, target, built=True)
-
-
-def _cache_directory() -> Path:
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "rigel-k8s"
+    target = cache_dir() / recipe.family / f"{recipe.name}-{_key(recipe)}.tar"
+    with locked(target.with_suffix(".lock")):  # others that want it wait for the one who builds it
+        if built := force or not target.exists():
+            _build(recipe, target, report)
+        else:
+            report.line(f"{recipe.title} {recipe.reference} is up to date ({target})")
+    return BaseImage(recipe.reference, target, built=built)
 
 
 def _build(recipe: Recipe, target: Path, report: Reporter) -> None:
+    started = time.monotonic()
+    report.line(f"building the {recipe.title} {recipe.reference} (Debian {recipe.suite})")
     with tempfile.TemporaryDirectory(prefix="build-", dir=target.parent) as scratch:
         hooks = recipe.prepare(Path(scratch), report)
         debian = Path(scratch) / "debian.tar"
@@ -121,6 +114,8 @@ def _build(recipe: Recipe, target: Path, report: Reporter) -> None:
         report.progress("archive", "writing")
         archive.write(target, [debian, own], recipe.config, recipe.reference, created=EPOCH)
         report.progress("archive", "done", done=True)
+    size = target.stat().st_size / 1e6
+    report.line(f"built {target} ({size:.0f} MB) in {time.monotonic() - started:.0f} s")
 
 
 def _key(recipe: Recipe) -> str:

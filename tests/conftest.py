@@ -6,6 +6,8 @@ import os
 
 import pytest
 
+from .lanes import BUILDS, lane_of
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
@@ -14,6 +16,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=os.environ.get("UPDATE_GOLDEN") == "1",
         help="write golden files anew instead of comparing with them",
     )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    seen = set()
+    for item in items:
+        lane = lane_of(item.path)
+        item.add_marker(pytest.mark.xdist_group(lane))
+        if lane not in seen:
+            item.add_marker(pytest.mark.timeout(BUILDS))
+        seen.add(lane)
 
 
 @pytest.fixture

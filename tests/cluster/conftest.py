@@ -1,4 +1,7 @@
-"""A real cluster for the tests: RIGEL_TEST_CONTEXT, or a local one of our own named `test`."""
+"""A real cluster for the tests: RIGEL_TEST_CONTEXT, or a local one of our own.
+
+It is named `test`, or `test-gw0` and so on where several processes share the work (tests/lanes.py).
+"""
 
 from __future__ import annotations
 
@@ -54,15 +57,14 @@ def context() -> Iterator[str]:
         return
     if os.geteuid() != 0:
         pytest.skip("the local cluster needs root; name a cluster with RIGEL_TEST_CONTEXT instead")
-    extras = ("multus", "observability", "prometheus-operator")
-    words = ["cluster", "up", "--name", "test", "--nodes", "3"]
-    words += [word for extra in extras for word in ("--with", extra)]
+    name = "-".join(filter(None, ("test", os.environ.get("PYTEST_XDIST_WORKER"))))
+    words = ["cluster", "up", "--name", name, "--nodes", "3", "--with", "multus"]
     if run_rigel(*words, check=False, timeout=3600).returncode == 2:  # one of an older checkout
-        run_rigel("cluster", "down", "--name", "test")
+        run_rigel("cluster", "down", "--name", name)
         run_rigel(*words, timeout=3600)
-    yield "rigel-test"
+    yield f"rigel-{name}"
     if os.environ.get("RIGEL_TEST_KEEP") != "1":
-        run_rigel("cluster", "down", "--name", "test")
+        run_rigel("cluster", "down", "--name", name)
 
 
 @pytest.fixture(scope="session")

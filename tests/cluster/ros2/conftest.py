@@ -196,7 +196,8 @@ def own_cluster(tmp_path_factory: Any) -> Iterator[Make]:
 
     if os.geteuid() != 0:
         pytest.skip("the local cluster needs root")
-    name, context = "t-ros2", "rigel-t-ros2"
+    name = f"ros2-{os.getpid()}"
+    context = f"rigel-{name}"
     rigel("cluster", "up", "--name", name, "--nodes", "3", "--with", "multus")
     try:
         told = rigel("cluster", "status", "--name", name, "-o", "json").stdout

@@ -109,7 +109,7 @@ def test_the_pair_that_multicast_passes_one_way_only_is_named(own_demo: Any) -> 
     """Dropped on the wire from one machine to another: exactly that, and the way back is well."""
     machines = own_demo.machines()
     one, other = machines["talker-1"], machines["listener"]
-    with dropped("t-ros2", one, other):
+    with dropped(own_demo.context.removeprefix("rigel-"), one, other):
         told = own_demo("status", check=False)
         found = json.loads(own_demo("status", "-o", "json", check=False).stdout)["graph"]
     assert found["deaf"] == [{"from": one, "to": other}]
@@ -141,14 +141,14 @@ def test_a_machine_that_leaves_takes_only_its_own_node_along(own_demo: Any) -> N
     """The other talker is heard on; the machine back, its talker is too, with its old address."""
     demo = own_demo
     addresses, machine = demo.net1(), demo.machines()["talker-2"]
-    lose("t-ros2", machine)
+    lose(demo.context.removeprefix("rigel-"), machine)
     demo.until(lambda: demo.talkers() == {"talker_1"}, "end of talker_2 alone")
     number = demo.heard(since=2)[-1][1]
     demo.until(lambda: demo.heard(since=2)[-1][1] > number + 20, "further messages of talker_1")
     told = demo("status").stdout
     assert re.search(r"^talker-2-\S+ could not be checked", told, re.MULTILINE)
     assert re.search(r"talker-1 .* 1/1 ", told)  # the two others still know each other
-    demo.rigel("cluster", "up", "--name", "t-ros2")
+    demo.rigel("cluster", "up", "--name", demo.context.removeprefix("rigel-"))
     demo.until(lambda: demo.talkers() == TALKERS, "messages of both", seconds=120)
     assert demo.net1() == addresses
 

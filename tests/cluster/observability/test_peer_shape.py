@@ -1,0 +1,77 @@
+"""The Rigelfile of a user who comes from the peer: with the stack as it was asked for there."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.deploy.types import ObjectRef
+
+from .conftest import Stack, remove
+
+pytestmark = pytest.mark.cluster
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "peer-shape" / "Rigelfile"
+PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
+
+
+@pytest.fixture
+def no_stack(watching: Stack) -> Iterator[None]:
+    """The stack of the other tests is away, with what its claims hold."""
+    if not watching.ours:
+        pytest.skip("the cluster has a stack that is not of these tests")
+    remove(watching.cluster, watching.namespace)
+    yield
+    remove(watching.cluster, watching.namespace)
+    watching.deploy()
+
+
+def test_the_peers_shape_deploys_and_updates(
+    cluster: Any, no_stack: None, namespace: str, rigel: Any, base_image: str, tmp_path: Path
+) -> None:
+    """examples/peer-shape as it is, but for its images and its StorageClass."""
+    (default,) = (
+        item["metadata"]["name"]
+        for item in cluster.list("storage.k8s.io/v1", "StorageClass")
+        if "true" in (item["metadata"].get("annotations") or {}).values()
+    )
+    text = EXAMPLE.read_text("utf-8")
+    for old, new in {
+        '"localhost:5000/peer-shape:1.0.0"': base_image,
+        '"ros:{{ vars.distro }}-ros-core"': base_image,
+        '"peer-shape"': namespace,
+        '"standard"': default,
+        '"maps"': f"maps-{namespace}",
+        '"/usr/local/bin/readiness_probe.sh"': "test -w /persistent/logs-volume",
+        "- containerPort: 8080": f"- containerPort: 8080\n                      args: [{PUB}]",
+    }.items():
+        assert old in text
+        text = text.replace(old, new)
+    text = text.replace(f"args: [{PUB}]", f"args: [{', '.join(map(json.dumps, PUB.split()))}]")
+    (tmp_path / "Rigelfile").write_text(text)
+    volume = ObjectRef("v1", "PersistentVolume", "", f"maps-{namespace}-pv")
+    try:
+        rigel("run", "job", "deploy_k8s", cwd=tmp_path)
+        assert "/rosout" in nodes(cluster, namespace)
+        assert (tmp_path / "results" / "logs-volume").is_dir()
+        rigel("run", "job", "update_k8s", cwd=tmp_path)
+        ref = ObjectRef("apps/v1", "Deployment", namespace, "rigel-k8s-application")
+        assert cluster.get(ref)["spec"]["strategy"] == {"type": "Recreate"}
+        rigel("down", "deploy_k8s", "--volumes", "-y", cwd=tmp_path)
+        assert cluster.get(volume) is None
+    finally:
+        cluster.delete(volume)
+
+
+def nodes(cluster: Any, namespace: str) -> str:
+    """Return what `rosnode list` prints in the application's pod."""
+    labels = {"app.kubernetes.io/name": "rigel-k8s-application"}
+    (pod,) = cluster.list("v1", "Pod", namespace, labels=labels)
+    words = ["/bin/sh", "/rigel-k8s/exec.sh", "rosnode", "list"]
+    done = cluster.run(namespace, pod["metadata"]["name"], words)
+    assert done.code == 0, done
+    return str(done.stdout.decode())

@@ -82,7 +82,8 @@ def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readines
     wanted = int(spec.get("replicas", 1))
     strategy = spec.get("updateStrategy") or {}
     partition = int((strategy.get("rollingUpdate") or {}).get("partition") or 0)
-    updated, ready = int(status.get("updatedReplicas", 0)), int(status.get("readyReplicas", 0))
+    counted = "availableReplicas" if spec.get("minReadySeconds") else "readyReplicas"
+    updated, ready = int(status.get("updatedReplicas", 0)), int(status.get(counted, 0))
     if strategy.get("type") != "OnDelete" and updated < max(wanted - partition, 0):
         return going(f"{updated} of {wanted - partition} pods are new", ready, wanted)
     if ready < wanted:

@@ -23,6 +23,7 @@ from rigel_k8s.deploy.types import (
     ReleaseId,
     ref_of,
 )
+from rigel_k8s.deploy.unprobed import Unprobed, ended, unprobed_in
 from rigel_k8s.deploy.view import EVENT, POD, REPLICA_SET, Kind, View
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
@@ -68,6 +69,7 @@ class Waiter:
     rolling: set[ObjectRef] = attrs.field(factory=set)
     crashes: dict[ObjectRef, tuple[int, float]] = attrs.field(factory=dict)
     unsteady: set[ObjectRef] = attrs.field(factory=set)
+    looked_at: set[str] = attrs.field(factory=set)
     optional: dict[ObjectRef, str] = attrs.field(factory=dict)
     enough_since: float | None = None
     explained: float = 0.0
@@ -92,7 +94,7 @@ class Waiter:
         with View(self.cluster, where, self.timeout + 30) as view:
             self.watch(view, targets.values())
             started = time.monotonic()
-            while not self.all_ready(view, targets):
+            while not (self.all_ready(view, targets) and self.all_run(view, targets)):
                 self.still_ours()
                 now = time.monotonic()
                 if now - started > QUIET:
@@ -155,6 +157,19 @@ class Waiter:
                 self.crashes[ref] = (count, now)
         lately = {ref for ref, (_, since) in self.crashes.items() if now - since < STEADY}
         self.unsteady = lately
+
+    def all_run(self, view: View, targets: dict[ObjectRef, Manifest]) -> bool:
+        """Whether what nobody probes really runs; each new pod is asked once, when all is ready."""
+        pods, sets, fresh = view.owned(POD), view.owned(REPLICA_SET), list[Unprobed]()
+        for ref in targets:
+            live = view.find(ref)
+            if live is not None and ref in self.rolling and self.ready(ref):
+                own = its_pods(live, sets.get(live["metadata"]["uid"], []), pods)
+                fresh += (u for u in unprobed_in(ref, own) if u.uid not in self.looked_at)
+        self.looked_at |= {one.uid for one in fresh}
+        for ref in (over := ended(self.cluster, fresh)):
+            self.crashes[ref] = (self.crashes.get(ref, (0, 0.0))[0], time.monotonic())
+        return not over
 
     def settled(self, ref: ObjectRef, live: Manifest) -> bool:
         """Take in an object's state, show it, and return whether it is ready."""

@@ -235,9 +235,11 @@ class Cluster:
         found = self.list("v1", "Event", meta.get("namespace"), fields=fields)
         return sorted(found, key=event_time)
 
-    def parallel(self, function: Callable[[T], R], items: Iterable[T]) -> Sequence[R]:
+    def parallel(
+        self, function: Callable[[T], R], items: Iterable[T], *, width: int = threads.WIDTH
+    ) -> Sequence[R]:
         """Call a function for all items on a few threads; results in the order of the items."""
-        return threads.parallel(function, items)
+        return threads.parallel(function, items, width=width)
 
     def proxied(
         self,
@@ -304,6 +306,18 @@ class Cluster:
         with threads.aborting(stream, cancel):
             for line in stream.lines():
                 yield line.decode("utf-8", "replace")
+
+    def runs(self, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
+        """Whether a container's log goes on for some seconds; True where nobody can tell.
+
+        A log ends with its container, while the pod's status says for a second and more that it
+        runs: this is what its container runtime says now.
+        """
+        what = f"follow the log of Pod {namespace}/{pod}"
+        query = {"container": container, "follow": "true", "tailLines": "0"}
+        ref = ObjectRef("v1", "Pod", namespace, pod)
+        path_of_log = self.path_of(ref, what, subresource="log", query=query)
+        return self.client.transport.goes_on(path_of_log, seconds)
 
     def run(
         self,

@@ -22,8 +22,8 @@ class Abortable(Protocol):
         """End it."""
 
 
-def parallel(function: Callable[[T], R], items: Iterable[T]) -> Sequence[R]:
-    """Call a function for all items on up to WIDTH threads; results in the order of the items.
+def parallel(function: Callable[[T], R], items: Iterable[T], *, width: int = WIDTH) -> Sequence[R]:
+    """Call a function for all items on up to `width` threads; results in the order of the items.
 
     All items are tried. Then the first error in their order is raised.
     """
@@ -46,7 +46,7 @@ def parallel(function: Callable[[T], R], items: Iterable[T]) -> Sequence[R]:
             except BaseException as error:  # raised below, in the caller's thread
                 errors[number] = error
 
-    helpers = [threading.Thread(target=work) for _ in range(min(WIDTH, len(todo)) - 1)]
+    helpers = [threading.Thread(target=work) for _ in range(min(width, len(todo)) - 1)]
     for helper in helpers:
         helper.start()
     work()

@@ -190,6 +190,24 @@ class Transport:
         sock.settimeout(timeout)
         return Stream(connection, response, sock)
 
+    def goes_on(self, path: str, seconds: float) -> bool:
+        """Whether the answer to a GET has not ended within some seconds; what is none has not."""
+        connection, _ = self.take(new=True)
+        try:
+            self.send(connection, "GET", path, None, {}, fresh=False)
+            deadline, sock = time.monotonic() + seconds, connection.sock
+            sock.settimeout(seconds)
+            response = connection.getresponse()
+            while response.status < 400 and (left := deadline - time.monotonic()) > 0:
+                sock.settimeout(left)
+                if not response.read1():
+                    return False
+        except BROKEN:  # the time is over, or there is no connection
+            return True
+        finally:
+            connection.close()
+        return True
+
     def open_socket(self, what: str) -> socket.socket:
         """Return a connected socket (with TLS) for a protocol of its own."""
         connection, _ = self.take(new=True)

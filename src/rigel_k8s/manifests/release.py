@@ -32,7 +32,7 @@ from rigel_k8s.manifests.observability.exporterchecks import can_be_seen
 from rigel_k8s.manifests.observability.names import EXPORTER
 from rigel_k8s.manifests.observability.options import RosMetrics
 from rigel_k8s.manifests.options import OrchestrationOptions
-from rigel_k8s.manifests.overlay import merge, plain
+from rigel_k8s.manifests.overlay import merge
 from rigel_k8s.manifests.partial import flat
 from rigel_k8s.manifests.placing import node_selector, remote_selector, tolerations
 from rigel_k8s.manifests.pods import (
@@ -43,6 +43,7 @@ from rigel_k8s.manifests.pods import (
     scripts_config,
 )
 from rigel_k8s.manifests.programs import program, takes_ros_arguments
+from rigel_k8s.manifests.steady import steadied
 from rigel_k8s.manifests.storage import storage
 from rigel_k8s.manifests.workloads import Surroundings, config_map
 from rigel_k8s.problems import Path
@@ -117,7 +118,7 @@ def desired(
         pull_secrets=tuple(dict.fromkeys([*map(str, options.image_pull_secrets), *pull_secrets])),
     )
     own = Parts(options, around, files or {})
-    traced = [(path, plain(item)) for path, item in objects(own, own.plan(previous), scripts)]
+    traced = [(path, steadied(item)) for path, item in objects(own, own.plan(previous), scripts)]
     pins = [pinned(item, digests or {}) for _, item in traced]
     return Desired(
         release=release,

@@ -142,7 +142,6 @@ def test_what_looks_ready_between_two_crashes_is_not_ready(
     volume = {"name": "state", "emptyDir": {}}
     mount = {"name": "state", "mountPath": "/state"}
     node = make.deployment(command=dying, pod={"volumes": [volume]}, volumeMounts=[mount])
-    node["spec"]["minReadySeconds"] = 1  # the first life, of some milliseconds, is not to be seen
     assert "exited with code 1, restarted" in failure(cluster, make, report, node)
 
 

@@ -46,6 +46,13 @@ UNBOUND = "pod has unbound immediate PersistentVolumeClaims"
         ("StatefulSet", {**SEEN, "readyReplicas": 2, "updatedReplicas": 1}, {"replicas": 2}, 0, 1),
         ("StatefulSet", {**SEEN, "readyReplicas": 1, "updatedReplicas": 2}, {"replicas": 2}, 0, 1),
         (
+            "StatefulSet",
+            {**SEEN, "readyReplicas": 1, "updatedReplicas": 1, "availableReplicas": 0},
+            {"minReadySeconds": 1},
+            False,
+            True,
+        ),
+        (
             "DaemonSet",
             {
                 **SEEN,

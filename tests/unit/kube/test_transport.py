@@ -234,3 +234,28 @@ def test_a_post_does_not_meet_a_connection_that_was_closed_while_it_waited(serve
             assert time.monotonic() < deadline, "the server closes"
     assert len(own.requests) == 3
     assert len(own.peers) == 3
+
+
+def test_an_answer_that_ends_does_not_go_on(server: Any) -> None:
+    """With lines in it or without one; it is told as soon as it is over."""
+    for body in (b"", b"a line\n"):
+        transport, _ = server(lambda s, body=body: s.say(200, body))
+        assert not transport.goes_on("/log", 60)
+
+
+def test_an_answer_that_stays_open_goes_on(server: Any) -> None:
+    """Whether it is silent, as a quiet node's log, or never stops; a refusal says nothing."""
+    over = threading.Event()
+
+    def talk(s: Server) -> None:
+        s.send_response(200)
+        s.send_header("Content-Length", "100000000")
+        s.end_headers()
+        while not over.wait(0.01):
+            s.wfile.write(b"line\n")
+
+    for answer in (lambda _: over.wait(30), talk, lambda s: s.say(403, b"no")):
+        transport, _ = server(answer)
+        assert transport.goes_on("/log", 0.2)
+    over.set()
+    assert Transport(Target("http://127.0.0.1:1", "test")).goes_on("/log", 1)

@@ -17,6 +17,7 @@ from rigel_k8s.manifests.multus.recognition import Group
 from rigel_k8s.manifests.multus.rights import multus_rights, whereabouts_rights
 from rigel_k8s.manifests.multus.whereabouts import address_keeper, reconciler
 from rigel_k8s.manifests.network.options import Install
+from rigel_k8s.manifests.steady import steadied
 
 __all__ = ["Installation", "network_release"]
 
@@ -69,7 +70,7 @@ def network_release(installation: Installation, script: str) -> Desired:
     objects = [*definitions, *_objects(installation, script)]
     return Desired(
         RELEASE,
-        tuple(objects),
+        tuple(map(steadied, objects)),
         options=attrs.asdict(installation.options, filter=lambda _, value: value is not None),
         # With a definition go all attachments of all applications.
         protected=frozenset(ref_of(definition) for definition in definitions),

@@ -18,21 +18,29 @@ from rigel_k8s.settings import Settings
 
 __all__ = ["Row", "Top", "Topic", "Topics", "top", "topics"]
 
-#: Two scrapes are in it, also where they are a minute apart.
+#: A mean of this time is told, of a series that is as old; two scrapes are in it in any case.
 SPAN = "2m"
+
+
+def a_second(series: str) -> str:
+    """Return a counter's growth a second; of a young one that between its last two scrapes."""
+    return f"(rate({series}[{SPAN}]) and {series} offset {SPAN} or irate({series}[5m]))"
+
+
 UP = "max by (ros_node, workload) (ros_node_up{{{0}}})"
-FLOW = "sum by (ros_node, direction) (rate(ros_node_topic_messages_total{{{0}}}[{1}]))"
+FLOW = f"sum by (ros_node, direction) ({a_second('ros_node_topic_messages_total{{{0}}}')})"
 #: By topic; the nodes' own counts stand in for topics that the exporter was not told to hear.
+SENT = '{{{0},direction="published"}}'
 TOPICS = {
     "publishers": "max by (topic, type) (ros_topic_publishers{{{0}}})",
     "subscribers": "max by (topic, type) (ros_topic_subscribers{{{0}}})",
-    "heard": "sum by (topic) (rate(ros_topic_messages_total{{{0}}}[{1}]))",
-    "heard_bytes": "sum by (topic) (rate(ros_topic_bytes_total{{{0}}}[{1}]))",
-    "counted": "sum by (topic) (rate(ros_node_topic_messages_total"
-    '{{{0},direction="published"}}[{1}]))',
-    "counted_bytes": "sum by (topic) (rate(ros_node_topic_bytes_total"
-    '{{{0},direction="published"}}[{1}]))',
-    "age": "time() - max by (topic) (ros_topic_last_message_timestamp_seconds{{{0}}})",
+    "heard": f"sum by (topic) ({a_second('ros_topic_messages_total{{{0}}}')})",
+    "heard_bytes": f"sum by (topic) ({a_second('ros_topic_bytes_total{{{0}}}')})",
+    "counted": f"sum by (topic) ({a_second('ros_node_topic_messages_total' + SENT)})",
+    "counted_bytes": f"sum by (topic) ({a_second('ros_node_topic_bytes_total' + SENT)})",
+    # When it was scraped: since then it has only become older for us.
+    "age": "min by (topic) (timestamp(ros_topic_last_message_timestamp_seconds{{{0}}})"
+    " - ros_topic_last_message_timestamp_seconds{{{0}}})",
     "delay": "max by (topic) (ros_topic_header_age_seconds{{{0}}})",
 }
 
@@ -77,7 +85,7 @@ class Topic:
     Attributes:
         rate: messages a second.
         bandwidth: bytes a second; of a topic that is not heard what its publishers sent in all.
-        age: seconds since the last message, of a topic that is heard.
+        age: seconds since the last message when it was scraped last, of a topic that is heard.
         delay: seconds from a message's stamp to its being heard.
         heard: whether the exporter subscribes to it.
     """
@@ -134,7 +142,7 @@ def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> 
     with found.cluster as cluster:
         prometheus = prometheus_of(found)
         own = own_series(found.id)
-        queries = [text.format(own, SPAN) for text in TOPICS.values()]
+        queries = [text.format(own) for text in TOPICS.values()]
         answers = dict(zip(TOPICS, cluster.parallel(prometheus.query, queries), strict=True))
     rows = topics_of(answers)
     if not rows:
@@ -174,7 +182,7 @@ class Ros:
 def ros_of(found: Release, prometheus: Prometheus) -> Ros:
     """Return what Prometheus knows of a release's ROS nodes; nothing where it has no exporter."""
     own = own_series(found.id)
-    queries = [UP.format(own), FLOW.format(own, SPAN)]
+    queries = [UP.format(own), FLOW.format(own)]
     try:
         up, flow = found.cluster.parallel(prometheus.query, queries)
     except ClusterError:

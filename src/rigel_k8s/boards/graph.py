@@ -176,6 +176,7 @@ def unpublished() -> Panel:
 def flow() -> list[Panel]:
     """Return rate, bandwidth, age and delay of the topics that the exporter listens to."""
     rate = "sum by ({}) (rate(ros_topic_{}_total{{{}}}[$__rate_interval]))"
+    last = f"ros_topic_last_message_timestamp_seconds{{{TOPIC}}}"
     return [
         curves(
             "Rate",
@@ -195,13 +196,12 @@ def flow() -> list[Panel]:
         ),
         curves(
             "Age of the last message",
-            "Time since a message came. A saw's teeth are as long as the topic's period; above "
+            "Time since a message came, at each scrape. Up to the topic's period it is well; above "
             "the line of "
             "30 s the alert RosTopicSilent looks whether the topic used to flow.",
             [
                 Query(
-                    f"time() - max by ({BY_TOPIC}) "
-                    f"(ros_topic_last_message_timestamp_seconds{{{TOPIC}}})",
+                    f"min by ({BY_TOPIC}) (timestamp({last}) - {last})",
                     "{{topic}}",
                 )
             ],

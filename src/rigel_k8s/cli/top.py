@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 import attrs
@@ -18,6 +18,10 @@ __all__ = ["top"]
 
 T = TypeVar("T")
 KIB = 1024.0
+HEADS = ["NODE", "ROS NAME", "UP", "CPU", "MEMORY", "OUT", "IN", "RESTARTS", "POD", "ON"]
+#: Columns that are left out where nobody tells any of them.
+EXPORTERS = frozenset({"UP", "OUT", "IN"})
+NOT_TOLD = "-"
 
 
 @click.command()
@@ -37,8 +41,8 @@ def top(
     """Show what ROS nodes use and do; all, where none is named.
 
     CPU and memory come from the observability stack's Prometheus, without one from the
-    metrics-server, without that from the kubelets. What only the ROS exporter can tell (UP, OUT and
-    IN in messages a second) stands where it looks at the application.
+    metrics-server, without that from the kubelets. What only the ROS exporter can tell (UP, and of
+    ROS 1 OUT and IN in messages a second) stands where it looks at the application.
     """
     from rigel_k8s.actions import top as actions
 
@@ -59,8 +63,15 @@ def show(found: Top, output: str) -> None:
         nodes = [attrs.asdict(row) for row in found.rows]
         print_json({**attrs.asdict(found.release), "source": found.source, "nodes": nodes})
         return
-    heads = ["NODE", "ROS NAME", "UP", "CPU", "MEMORY", "OUT", "IN", "RESTARTS", "POD", "ON"]
-    click.echo(table(heads, [cells(row) for row in found.rows]))
+    everything = [cells(row) for row in found.rows]
+    shown = [i for i, head in enumerate(HEADS) if column_is_told(head, [c[i] for c in everything])]
+    heads, *rows = ([line[i] for i in shown] for line in (HEADS, *everything))
+    click.echo(table(heads, rows))
+
+
+def column_is_told(head: str, column: Sequence[str]) -> bool:
+    """Return whether a column says anything: some are only known of ROS 1, or by an exporter."""
+    return head not in EXPORTERS or any(cell != NOT_TOLD for cell in column)
 
 
 def cells(row: Row) -> list[str]:
@@ -111,7 +122,7 @@ def topic_cells(row: Topic) -> list[str]:
 
 def told(value: T | None, write: Callable[[T], str]) -> str:
     """Return a cell; - where nobody told."""
-    return "-" if value is None else write(value)
+    return NOT_TOLD if value is None else write(value)
 
 
 def rate(value: float) -> str:

@@ -9,9 +9,10 @@ import pytest
 
 from rigel_k8s.actions.pods import Pod
 from rigel_k8s.actions.prometheus import Prometheus, Sample, matchers
-from rigel_k8s.actions.top import TOPICS, Ros, row_of, topics_of
+from rigel_k8s.actions.top import TOPICS, Ros, Top, row_of, topics_of
 from rigel_k8s.actions.top_usage import Usage, amount, summarised
-from rigel_k8s.cli.top import cells, rate, size_of, topic_cells
+from rigel_k8s.cli.top import cells, rate, show, size_of, topic_cells
+from rigel_k8s.deploy.types import ReleaseId
 
 SUMMARY = {
     "pods": [
@@ -85,6 +86,24 @@ def test_a_row_says_nothing_that_nobody_told() -> None:
     ]
     assert cells(row_of(pod("launch", ""), None, told))[1:8] == ["-", "NO", *"----", "3"]
     assert row_of(pod("other", "/other"), None, Ros()).up is None
+
+
+@pytest.mark.parametrize(
+    ("told", "heads"),
+    [
+        (Ros({"/talker": 1.0}, {"/talker": 10.0}, {"/talker": 0.0}), "UP CPU MEMORY OUT IN"),
+        (Ros({"/talker": 1.0}), "UP CPU MEMORY"),
+        (Ros(), "CPU MEMORY"),
+    ],
+)
+def test_columns_that_nobody_tells_are_left_out(
+    told: Ros, heads: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """ROS 2's nodes count no messages, and without an exporter nobody knows who is up."""
+    row = row_of(pod("talker", "/talker"), None, told)
+    show(Top(ReleaseId("lab", "demo"), (row,), "prometheus", ()), "table")
+    shown = capsys.readouterr().out.splitlines()[0].split()
+    assert shown == ["NODE", "ROS", "NAME", *heads.split(), "RESTARTS", "POD", "ON"]
 
 
 def topic(name: str, value: float, **more: str) -> Sample:

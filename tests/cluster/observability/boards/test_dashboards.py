@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
-from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pytest
@@ -13,23 +11,13 @@ import pytest
 from rigel_k8s.boards import dashboards
 from rigel_k8s.deploy.types import ObjectRef
 
+from . import asking
 from .conftest import Troubled, until
 
 pytestmark = pytest.mark.cluster
 
-#: As Grafana fills them in: all values chosen, by `allValue` or one after the other.
-VALUES = {
-    "namespace": ".+",
-    "application": "(sick|forgetful)",
-    "ros_node": ".*",
-    "topic": ".*",
-    "node": ".+",
-    "level": ".*",
-    "search": "",
-    "__rate_interval": "1m",
-    "__auto": "1m",
-    "__range": "15m",
-}
+#: The applications of these tests, chosen.
+VALUES = {**asking.VALUES, "application": "(sick|forgetful)"}
 
 #: Panels without data here, and why. What is not named must answer.
 EMPTY = {
@@ -37,39 +25,16 @@ EMPTY = {
 }
 
 
-def questions() -> Iterator[Any]:
-    """Yield (dashboard, panel, target) with a name for each."""
-    for name, text in dashboards().items():
-        for panel in json.loads(text)["panels"]:
-            for target in panel.get("targets", []):
-                title = f"{name.removesuffix('.json')}: {panel['title']} {target['refId']}"
-                yield pytest.param(panel["title"], target, id=title)
-
-
-def filled(expr: str) -> str:
-    """Return a query with the variables filled in; a variable without a value is an error."""
-    return re.sub(r"\$\{?(\w+)\}?", lambda found: VALUES[found[1]], expr)
-
-
-def asked(troubled: Troubled, target: dict[str, Any]) -> Sequence[Any]:
-    """Return what a panel's datasource answers, as Grafana asks it."""
-    watch, expr = troubled.watch, filled(target["expr"])
-    ask = watch.loki if target["datasource"]["type"] == "loki" else watch.prometheus
-    now = time.time()
-    if target.get("instant") or target.get("queryType") == "instant":
-        answer = ask("query", query=expr, time=now)
-    else:
-        answer = ask("query_range", query=expr, start=now - 900, end=now, step=15)
-    return list(answer["result"])
-
-
-@pytest.mark.parametrize(("title", "target"), list(questions()))
-def test_every_panel_answers(title: str, target: dict[str, Any], troubled: Troubled) -> None:
+@pytest.mark.parametrize(("panel", "target"), list(asking.questions()))
+def test_every_panel_answers(
+    panel: dict[str, Any], target: dict[str, Any], troubled: Troubled
+) -> None:
     """A roboticist who opens a dashboard of a running application sees no empty panel."""
-    if title in EMPTY:
-        asked(troubled, target)  # it is answered, with nothing
+    if panel["title"] in EMPTY:
+        asking.asked(troubled.watch, target, VALUES)  # it is answered, with nothing
         return
-    until(lambda: asked(troubled, target), f"an answer to {filled(target['expr'])}", 120)
+    what = f"an answer to {asking.filled(target['expr'], VALUES)}"
+    until(lambda: asking.asked(troubled.watch, target, VALUES), what, 120)
 
 
 def test_variables_offer_what_is_there(troubled: Troubled) -> None:
@@ -78,7 +43,7 @@ def test_variables_offer_what_is_there(troubled: Troubled) -> None:
     for text in dashboards().values():
         for variable in json.loads(text)["templating"]["list"]:
             if variable["type"] == "query":
-                query = filled(variable["query"]["query"])
+                query = asking.filled(variable["query"]["query"], VALUES)
                 match, label = re.fullmatch(r"label_values\((.+), (\w+)\)", query).groups()
                 path = f"label/{label}/values"
                 values = troubled.watch.prometheus(path, **{"match[]": match})
@@ -101,7 +66,7 @@ def test_roll_outs_become_marks(troubled: Troubled, cluster: Any) -> None:
     target = {"expr": marks["expr"], "datasource": {"type": "prometheus"}}
 
     def seen() -> bool:
-        found = asked(troubled, target)
+        found = asking.asked(troubled.watch, target, VALUES)
         return any(series["metric"]["workload"] == "listener" for series in found)
 
     until(seen, "the mark of listener's roll-out")

@@ -1,0 +1,99 @@
+"""The wheel: every file of the package is in it, and it works where there is no checkout."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+from hatchling.builders.wheel import WheelBuilder
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "src" / "rigel_k8s"
+#: One of each kind of data that something reads at run time.
+DATA = (
+    "boards/files/rigel-logs.json",
+    "boards/files/rigel-platform.yaml",
+    "exporter/__main__.py",
+    "images/base/files/ros_entrypoint.sh",
+    "images/ros1base/files/setup.zsh",
+    "images/ros2base/files/jazzy.in",
+    "images/ros2base/files/jazzy.txt",
+    "images/ros2base/files/ros2/__main__.py",
+    "inpod/ready.sh",
+    "localcluster/install-cnis.sh",
+    "localcluster/lock/multus/go.mod",
+    "localcluster/lock/multus/go.sum",
+    "manifests/multus/machine.sh",
+    "manifests/network/interface.sh",
+    "py.typed",
+)
+READS = """
+from rigel_k8s import boards, inpod
+from rigel_k8s.images.exporter.program import entries as exporter
+from rigel_k8s.images.ros1base.overlay import entries as ros1
+from rigel_k8s.images.ros2base.overlay import entries as ros2
+from rigel_k8s.images.ros2base.packages import lock
+from rigel_k8s.manifests.network.files import interface_script
+from rigel_k8s.plugins.network_rollout import machine_script
+assert all(inpod.scripts().values()) and boards.dashboards() and boards.rules()
+assert exporter() and ros1("core") and ros2("jazzy") and lock("jazzy") and lock("kilted")
+assert interface_script() and machine_script()
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel as the build backend makes it from this checkout."""
+    directory = tmp_path_factory.mktemp("wheel")
+    [made] = WheelBuilder(str(ROOT)).build(directory=str(directory), versions=["standard"])
+    return Path(made)
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path) -> Path:
+    """A directory that the wheel was unpacked into, as an installation does."""
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(wheel.parent / "installed")
+    return wheel.parent / "installed"
+
+
+def python(installed: Path, where: Path, code: str, *words: str) -> str:
+    """Return what a Python prints that has the package from the wheel alone."""
+    own = "import rigel_k8s, sys; assert rigel_k8s.__file__.startswith(sys.argv.pop(1))"
+    command = [sys.executable, "-c", f"{own}\n{code}", str(installed), *words]
+    variables = {**os.environ, "PYTHONPATH": str(installed)}
+    done = subprocess.run(
+        command, check=False, cwd=where, env=variables, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_file_of_the_package_is_in_the_wheel(wheel: Path) -> None:
+    """A file that a pattern of .gitignore or of the build leaves out is missed on a user's machine."""
+    ours = {
+        path.relative_to(PACKAGE.parent).as_posix()
+        for path in PACKAGE.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if not name.split("/")[0].endswith("-info")}
+    assert packed == ours
+    assert {f"rigel_k8s/{name}" for name in DATA} <= packed
+
+
+def test_the_wheel_works_without_the_checkout(installed: Path, tmp_path: Path) -> None:
+    """A Rigelfile is begun and checked, and the schema printed."""
+    main = "import runpy; runpy.run_module('rigel_k8s', run_name='__main__')"
+    python(installed, tmp_path, main, "init")
+    assert "no problems" in python(installed, tmp_path, main, "check")
+    assert '"$schema"' in python(installed, tmp_path, main, "schema")
+
+
+def test_what_is_read_at_run_time_is_in_the_wheel(installed: Path, tmp_path: Path) -> None:
+    """Scripts, boards, and what images are made of."""
+    python(installed, tmp_path, READS)

@@ -74,7 +74,7 @@ def python(installed: Path, where: Path, code: str, *words: str) -> str:
 
 
 def test_every_file_of_the_package_is_in_the_wheel(wheel: Path) -> None:
-    """A file that a pattern of .gitignore or of the build leaves out is missed on a user's machine."""
+    """What a pattern of .gitignore or of the build leaves out is missed on a user's machine."""
     ours = {
         path.relative_to(PACKAGE.parent).as_posix()
         for path in PACKAGE.rglob("*")

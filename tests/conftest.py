@@ -18,15 +18,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
-@pytest.hookimpl(tryfirst=True)  # xdist reads the lanes in its own
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Put each test into its lane, before xdist looks for them."""
+    item.add_marker(pytest.mark.xdist_group(lane_of(item.path)))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    seen = set()
-    for item in items:
-        lane = lane_of(item.path)
-        item.add_marker(pytest.mark.xdist_group(lane))
-        if lane not in seen:
-            item.add_marker(pytest.mark.timeout(BUILDS))
-        seen.add(lane)
+    """Let the first test of each lane wait for builds."""
+    for first in {lane_of(item.path): item for item in reversed(items)}.values():
+        first.add_marker(pytest.mark.timeout(BUILDS))
 
 
 @pytest.fixture

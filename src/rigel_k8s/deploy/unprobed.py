@@ -8,12 +8,14 @@ does not wait for that: the container runtime ends it with the container.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import attrs
 
 from rigel_k8s.deploy.types import Manifest, ObjectRef
-from rigel_k8s.kube.cluster import Cluster
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
 
 __all__ = ["KINDS", "Unprobed", "ended", "unprobed", "unprobed_in"]
 

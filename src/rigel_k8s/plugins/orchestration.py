@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
-from rigel_k8s.manifests.checks import check
+from rigel_k8s.manifests.checks import check as check_options
 from rigel_k8s.manifests.distros import ros_of
 from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.manifests.partial import flat, is_partial
@@ -40,7 +40,7 @@ class OrchestrationJob:
 
     def check(self, options: OrchestrationOptions, application: Application) -> Sequence[Problem]:
         """Return what Kubernetes or ROS would refuse, or do otherwise than it looks."""
-        return tuple(check(options, application.distro))
+        return tuple(check_options(options, application.distro))
 
     def exclusive(
         self, options: OrchestrationOptions, application: Application, settings: Settings
@@ -74,10 +74,12 @@ class OrchestrationJob:
                 cluster,
                 data=job.data,
                 providers=job.providers,
+                preflight=True,
             )
             check_places(prepared.desired.objects, cluster)
             _ready_the_network(prepared, cluster, job)
-            late = _observe(prepared, cluster, job)
+            asked = prepared.options.observability.enabled
+            late = _observe(prepared, cluster, job) if asked else None
             write_pull_secret(prepared.desired, prepared.credentials, cluster)
             _deploy(prepared, cluster, job)
             _check_graph(prepared, cluster, job)
@@ -123,11 +125,15 @@ def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext)
     network = prepared.options.network
     if network is None:
         return
+    from rigel_k8s.plugins.preflight import check, tell
+
+    if prepared.findings is not None:
+        tell(prepared.findings, job.report)
+        return
     from rigel_k8s.plugins.network_install import ensure
-    from rigel_k8s.plugins.preflight import check as preflight
 
     ensure(prepared, cluster, job)
-    preflight(prepared.desired.objects, network, cluster, job.report)
+    check(prepared.desired.objects, network, cluster, job.report)
 
 
 def _check_graph(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:

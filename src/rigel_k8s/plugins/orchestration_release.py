@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import attrs
 import yaml
 
-from rigel_k8s.deploy.types import Desired, ReleaseId, Revision
+from rigel_k8s.deploy.types import Desired, Manifest, ReleaseId, Revision
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.inpod import scripts
@@ -33,6 +34,7 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.manifests.preflight.finding import Finding
 
 __all__ = ["Preparation", "prepare", "release_of", "timeout_of"]
 
@@ -44,11 +46,13 @@ class Preparation:
     Attributes:
         options: the job's, laid over those of the last revision where it is a partial one.
         credentials: users of the registries that its images come from.
+        findings: what the preflight found meanwhile; None: nobody has looked yet.
     """
 
     desired: Desired
     options: OrchestrationOptions
     credentials: tuple[Credentials, ...] = ()
+    findings: Sequence[Finding] | None = None
 
 
 def prepare(
@@ -60,6 +64,7 @@ def prepare(
     *,
     data: Mapping[str, Any] | None = None,
     providers: Mapping[str, Any] | None = None,
+    preflight: bool = False,
 ) -> Preparation:
     """Return what the release shall be, images pinned by digest where one is known.
 
@@ -69,6 +74,7 @@ def prepare(
         data: the sequence's shared data, with the digests of images that it pushed.
         providers: the connected providers; those of registries give credentials. None: nobody
             has connected them (`diff`), so a pull secret that the cluster has is believed.
+        preflight: look at the network too, while the registries are asked.
 
     Raises:
         UserError: options that contradict the last revision's, or a parameter file that is missing.
@@ -90,9 +96,16 @@ def prepare(
         )
     known = [one for one in (providers or {}).values() if isinstance(one, Credentials)]
     believed = providers is None and cluster is not None and has_pull_secret(release, cluster)
+    eyes = cluster if preflight and is_settled(options) else None
     return _prepared(
-        options, raw, application, release, last, data or {}, known, secret_is_there=believed
+        options, raw, application, release, last, data or {}, known, eyes, secret_is_there=believed
     )
+
+
+def is_settled(options: OrchestrationOptions) -> bool:
+    """Whether the cluster's network is as it will be: this job installs nothing of it before."""
+    network = options.network
+    return network is not None and not getattr(network, "install", None)
 
 
 def _prepared(
@@ -103,6 +116,7 @@ def _prepared(
     last: _LastRevision,
     data: Mapping[str, Any],
     known: Sequence[Credentials],
+    eyes: Cluster | None,
     *,
     secret_is_there: bool,
 ) -> Preparation:
@@ -112,19 +126,33 @@ def _prepared(
     plain = desired(options, release, application, texts, files=files, previous=previous)
     images = images_of(plain.objects)
     credentials = needed_credentials(images, known)
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        looked = beside.submit(_examined, plain.objects, options, eyes)
+        digests = pins(images, data, known, last.objects)
     made = desired(
         options,
         release,
         application,
         texts,
         raw=raw,
-        digests=pins(images, data, known, last.objects),
+        digests=digests,
         files=files,
         pull_secrets=[secret_name(release.name)] if credentials or secret_is_there else [],
         create_namespace=options.namespace == release.namespace,
         previous=previous,
     )
-    return Preparation(made, options, credentials)
+    return Preparation(made, options, credentials, looked.result())
+
+
+def _examined(
+    objects: Sequence[Manifest], options: OrchestrationOptions, cluster: Cluster | None
+) -> Sequence[Finding] | None:
+    """Return what the preflight finds; None where nobody shall look."""
+    if cluster is None:
+        return None
+    from rigel_k8s.plugins.preflight import examine
+
+    return examine(objects, options.network, cluster)
 
 
 class _LastRevision:

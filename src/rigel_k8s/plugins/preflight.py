@@ -22,7 +22,7 @@ from rigel_k8s.report import Reporter
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["check", "examine", "failure"]
+__all__ = ["check", "examine", "failure", "tell"]
 
 #: Modes with which a pod leaves the pod network; the others have nothing that a machine may lack.
 LOOKED_AT = ("macvlan", "ipvlan", "attachment", "host")
@@ -44,7 +44,11 @@ def check(
         UserError: at least one finding is for the Rigelfile to change; all of them are in it.
         ClusterError: the cluster lacks something.
     """
-    found = examine(objects, network, cluster)
+    tell(examine(objects, network, cluster), report)
+
+
+def tell(found: Sequence[Finding], report: Reporter) -> None:
+    """Tell what was found, and raise as `check` does."""
     for one in found:
         if one.severity == "warning":
             report.warn(f"{one.message}: {one.remedy}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from xml.sax.saxutils import escape
+from html import escape
 
 __all__ = ["document", "element", "leaf"]
 
@@ -12,7 +12,7 @@ Lines = Sequence[str]
 
 def leaf(name: str, text: str) -> list[str]:
     """Return an element with a text."""
-    return [f"<{name}>{escape(text)}</{name}>"]
+    return [f"<{name}>{escape(text, quote=False)}</{name}>"]
 
 
 def element(name: str, *children: Lines, attributes: str = "") -> list[str]:

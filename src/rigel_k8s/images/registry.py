@@ -143,17 +143,24 @@ class _Registry:
         return f"sha256:{hashlib.sha256(answer.data).hexdigest()}"
 
     def _first(self, path: str) -> tuple[str, urllib3.BaseHTTPResponse]:
-        """Ask over HTTPS, then where allowed over HTTP; also returns the base that answered."""
-        host = _HUB_HOST if self.name == DOCKER_HUB else self.name
-        plain = self._plain or is_loopback(self.name) or is_private(self.name)
-        bases = [f"https://{host}", *([f"http://{host}"] if plain else [])]
-        method = "GET" if path == "/v2/" else "HEAD"
+        """Ask over HTTPS, where allowed over HTTP; also returns the base that answered."""
+        bases, method = self._bases(), "GET" if path == "/v2/" else "HEAD"
         for base in bases[:-1]:
             try:
                 return base, self._ask(method, base + path)
             except _Unclear:
                 continue
         return bases[-1], self._ask(method, bases[-1] + path)
+
+    def _bases(self) -> list[str]:
+        """Return the URLs to try; behind a proxy only a request tells which one it is."""
+        host = _HUB_HOST if self.name == DOCKER_HUB else self.name
+        both = [f"https://{host}", f"http://{host}"]
+        if not (self._plain or is_loopback(self.name) or is_private(self.name)):
+            return both[:1]
+        if any(map(_proxy_of, both)):
+            return both
+        return both[:1] if _encrypts(host, self.timeout) else both[1:]
 
     def _authorize(self, base: str, header: str, *, scope: str | None) -> None:
         if base.startswith("http://") and not (self._plain or is_loopback(self.name)):
@@ -213,10 +220,46 @@ class _Registry:
         return self.insecure or self.credentials.insecure
 
 
-def _pool(url: str, timeout: float, *, verify: bool) -> urllib3.PoolManager:
-    """Return connections that go through the environment's proxy, if it has one for the URL."""
+def _encrypts(host: str, timeout: float) -> bool:
+    """Return whether a registry speaks TLS; with whom it does is not asked here.
+
+    That costs a thousandth of a second, and a request that is bound to fail twenty: it would read
+    all certificates of the machine before.
+
+    Raises:
+        _Unclear: nobody listens there, whatever is spoken.
+    """
+    import socket
+    import ssl
+
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    url = urlsplit(f"https://{host}")
+    try:
+        with socket.create_connection((url.hostname, url.port or 443), timeout) as plain:
+            try:
+                context.wrap_socket(plain, server_hostname=url.hostname).close()
+            except OSError:
+                return False
+            return True
+    except OSError as error:
+        if url.port is None:
+            return False  # HTTP has another port
+        raise _Unclear(error.strerror or str(error)) from error
+
+
+def _proxy_of(url: str) -> str | None:
+    """Return the environment's proxy for a URL, None for none."""
     from urllib.request import getproxies, proxy_bypass
 
+    parts = urlsplit(url)
+    if is_loopback(parts.netloc) or proxy_bypass(parts.hostname or ""):
+        return None
+    return getproxies().get(parts.scheme)
+
+
+def _pool(url: str, timeout: float, *, verify: bool) -> urllib3.PoolManager:
+    """Return connections that go through the environment's proxy, if it has one for the URL."""
     import urllib3
 
     options: dict[str, Any] = {
@@ -224,11 +267,8 @@ def _pool(url: str, timeout: float, *, verify: bool) -> urllib3.PoolManager:
         "retries": urllib3.Retry(connect=0, read=0, other=0, redirect=3),
         "cert_reqs": "CERT_REQUIRED" if verify else "CERT_NONE",
     }
-    parts = urlsplit(url)
-    proxy = getproxies().get(parts.scheme)
-    if proxy and not is_loopback(parts.netloc) and not proxy_bypass(parts.hostname or ""):
-        return urllib3.ProxyManager(proxy, **options)
-    return urllib3.PoolManager(**options)
+    proxy = _proxy_of(url)
+    return urllib3.ProxyManager(proxy, **options) if proxy else urllib3.PoolManager(**options)
 
 
 def _token_of(answer: urllib3.BaseHTTPResponse) -> str:

@@ -8,15 +8,18 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import ssl
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import pytest
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.images.credentials import Credentials
-from rigel_k8s.images.registry import challenge, log_in, resolve_digest
+from rigel_k8s.images.registry import _Registry, _Unclear, challenge, log_in, resolve_digest
 
 MANIFEST = b'{"schemaVersion": 2}'
 DIGEST = f"sha256:{hashlib.sha256(MANIFEST).hexdigest()}"
@@ -144,6 +147,44 @@ def test_none_where_it_cannot_tell(
     assert ask(registry) is None
 
 
+def test_nobody_is_asked_twice_where_nobody_listens(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A private registry that is away costs one wait for a connection, not two."""
+    monkeypatch.setattr(_Registry, "_send", lambda *_: pytest.fail("it was asked"))
+    assert resolve_digest("127.0.0.1:1/team/app:1") is None
+
+
+def test_without_a_port_plain_http_has_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody on 443 says nothing about 80."""
+    asked: list[str] = []
+
+    def send(_: _Registry, method: str, url: str, headers: object) -> None:
+        asked.append(f"{method} {url}")
+        raise _Unclear("no")
+
+    monkeypatch.setattr(_Registry, "_send", send)
+    assert resolve_digest("127.83.21.7/team/app:1") is None
+    assert asked == ["HEAD http://127.83.21.7/v2/team/app/manifests/1"]
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+def test_a_private_registry_with_tls_is_asked_with_tls(
+    registry: Registry,
+    tmp_path: Path,
+    trusted: bool,  # noqa: FBT001 - a case's value
+) -> None:
+    """Its certificate counts as ever; without it nothing is asked in the clear instead."""
+    names = "-subj /CN=127.0.0.1 -addext subjectAltName=IP:127.0.0.1"
+    made = f"req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout {tmp_path}/key -out {tmp_path}/pem {names}"
+    subprocess.run(["openssl", *made.split()], check=True, capture_output=True)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(tmp_path / "pem", tmp_path / "key")
+    registry.realm = None
+    registry.socket = context.wrap_socket(registry.socket, server_side=True)
+    found = resolve_digest(f"{registry.name}/team/app:1", insecure=trusted)
+    assert found == (DIGEST if trusted else None)
+    assert len(registry.seen) == int(trusted)
+
+
 def test_good_credentials_log_in(registry: Registry) -> None:
     """log_in is true where the registry wanted credentials and took these."""
     assert log_in(Credentials(registry.name, "me", "secret"))
@@ -171,8 +212,6 @@ def test_a_registry_that_is_not_there_is_told() -> None:
 
 def test_no_password_goes_to_an_unencrypted_address_of_a_network() -> None:
     """A private address is asked over plain HTTP; a password takes `insecure` as well."""
-    from rigel_k8s.images.registry import _Registry, _Unclear
-
     me = Credentials("10.0.0.1:5000", "me", "secret")
     with pytest.raises(_Unclear, match="insecure: true"):
         _Registry("10.0.0.1:5000", me, 1)._authorize("http://10.0.0.1:5000", "Basic", scope=None)
@@ -180,8 +219,6 @@ def test_no_password_goes_to_an_unencrypted_address_of_a_network() -> None:
 
 def test_no_password_goes_to_an_unencrypted_token_server() -> None:
     """A registry with TLS cannot make us send the password over plain HTTP."""
-    from rigel_k8s.images.registry import _Registry, _Unclear
-
     me = Credentials("host", "me", "secret")
     header = 'Bearer realm="http://elsewhere/token"'
     with pytest.raises(_Unclear, match="not encrypted"):

@@ -174,8 +174,9 @@ def test_a_private_registry_with_tls_is_asked_with_tls(
 ) -> None:
     """Its certificate counts as ever; without it nothing is asked in the clear instead."""
     names = "-subj /CN=127.0.0.1 -addext subjectAltName=IP:127.0.0.1"
-    made = f"req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout {tmp_path}/key -out {tmp_path}/pem {names}"
-    subprocess.run(["openssl", *made.split()], check=True, capture_output=True)
+    key = f"-newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout {tmp_path}/key"
+    made = f"openssl req -x509 {key} -out {tmp_path}/pem {names}"
+    subprocess.run(made.split(), check=True, capture_output=True)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(tmp_path / "pem", tmp_path / "key")
     registry.realm = None

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+from typing import Any
 
 import pytest
 
-from .lanes import BUILDS, lane_of
+from .lanes import BUILDS, Lanes, lane_of
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -18,14 +19,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
-def pytest_itemcollected(item: pytest.Item) -> None:
-    """Put each test into its lane, before xdist looks for them."""
-    item.add_marker(pytest.mark.xdist_group(lane_of(item.path)))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Lanes:
+    return Lanes(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let the first test of each lane wait for builds."""
-    for first in {lane_of(item.path): item for item in reversed(items)}.values():
+    for first in {lane_of(item.nodeid): item for item in reversed(items)}.values():
         first.add_marker(pytest.mark.timeout(BUILDS))
 
 

@@ -7,26 +7,32 @@ and stay in one process, in their usual order; any other file is a lane of its o
 
 from __future__ import annotations
 
-from pathlib import Path
+from xdist.scheduler import LoadScopeScheduling
 
-ROOT = Path(__file__).parent
 #: The beginning of a path -> its lane; the first that fits counts.
 LANES = {
-    "cluster/observability/": "observability",
-    "cluster/ros2/": "ros2",
-    "cluster/localcluster/": "machines",
-    "cluster/network/test_k3s_guide.py": "machines",
-    "cluster/network/test_own_cluster.py": "machines",
-    "cluster/network/test_preflight_own.py": "machines",
-    "cluster/": "applications",
-    "ros1/": "ros1",
-    "ros2/": "ros2-in-namespaces",
+    "tests/cluster/observability/": "observability",
+    "tests/cluster/ros2/": "ros2",
+    "tests/cluster/localcluster/": "machines",
+    "tests/cluster/network/test_k3s_guide.py": "machines",
+    "tests/cluster/network/test_own_cluster.py": "machines",
+    "tests/cluster/network/test_preflight_own.py": "machines",
+    "tests/cluster/": "applications",
+    "tests/ros1/": "ros1",
+    "tests/ros2/": "ros2-in-namespaces",
 }
 #: Seconds: the first test of a lane may wait for builds.
 BUILDS = 3600
 
 
-def lane_of(path: Path) -> str:
-    """Return the lane of a test file."""
-    name = path.relative_to(ROOT).as_posix()
-    return next((lane for start, lane in LANES.items() if name.startswith(start)), name)
+class Lanes(LoadScopeScheduling):
+    """Gives each process a lane, and another when it is through with it."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return lane_of(nodeid)
+
+
+def lane_of(nodeid: str) -> str:
+    """Return the lane of a test."""
+    file = nodeid.split("::")[0]
+    return next((lane for start, lane in LANES.items() if file.startswith(start)), file)

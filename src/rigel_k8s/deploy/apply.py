@@ -12,7 +12,7 @@ import attrs
 from rigel_k8s.deploy.order import WORKLOADS, rank, wave
 from rigel_k8s.deploy.ownership import managers, taken_over
 from rigel_k8s.deploy.plan import predecessors
-from rigel_k8s.deploy.types import FIRST_ANNOTATION, Manifest, ObjectRef, Plan, Step
+from rigel_k8s.deploy.types import FIRST_ANNOTATION, Manifest, ObjectRef, Plan, Step, ref_of
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.report import Reporter
@@ -67,7 +67,7 @@ class Applier:
             raise AssertionError("only steps with a manifest write")
         live = step.live
         if live is not None and live["metadata"].get("deletionTimestamp"):
-            self.until_gone(step.ref)
+            self.until_gone([step.ref])
             live = None
         if live is not None and keeps_rolling(step.manifest, live):
             live = self.end_rolling(step.ref)
@@ -142,10 +142,10 @@ class Applier:
 
     def until_no_pods(self, steps: Iterable[Step]) -> None:
         """Wait until no pod of some workloads is left."""
-        for step in steps:
-            if step.ref.kind == "Pod":
-                self.until_gone(step.ref)
-            elif labels := selector(step.live):
+        ended = list(steps)
+        self.until_gone([step.ref for step in ended if step.ref.kind == "Pod"])
+        for step in ended:
+            if labels := selector(step.live):
                 self.until_no_pods_of(step.ref, labels)
 
     def until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
@@ -176,20 +176,25 @@ class Applier:
             else:
                 left.add(name)
 
-    def until_gone(self, ref: ObjectRef) -> None:
-        """Wait until an object that is being deleted is gone."""
-        end = time.monotonic() + self.gone_timeout
-        while (live := self.cluster.get(ref)) is not None:
-            if not live["metadata"].get("deletionTimestamp"):
-                return
+    def until_gone(self, refs: Sequence[ObjectRef]) -> None:
+        """Wait until objects that are being deleted are gone, for all of them at once."""
+        end, left = time.monotonic() + self.gone_timeout, self.ending(refs)
+        while left:
             if time.monotonic() > end:
-                held = ", ".join(live["metadata"].get("finalizers") or []) or "nothing known"
+                held = [f"{ref_of(live)}: {holders(live)} holds it" for live in left]
                 raise ClusterError(
-                    f"{ref} is not gone after {self.gone_timeout:g} s: {held} holds it",
-                    hint="something still uses it; see kubectl describe",
+                    f"{len(left)} object(s) not gone after {self.gone_timeout:g} s",
+                    hint="something still uses them; see kubectl describe",
+                    details=held,
                 )
             self.go_on()
             self.cancel.wait(LOOK)
+            left = self.ending([ref_of(live) for live in left])
+
+    def ending(self, refs: Sequence[ObjectRef]) -> list[Live]:
+        """Return those objects that are there and being deleted."""
+        found = filter(None, self.cluster.parallel(self.cluster.get, refs))
+        return [live for live in found if live["metadata"].get("deletionTimestamp")]
 
     def until_defined(self, steps: Iterable[Step]) -> None:
         """Wait until the kinds that were just defined are served."""
@@ -209,6 +214,11 @@ class Applier:
                 "interrupted while objects were being applied: some are new, some old",
                 hint="run it again to see it through, or `rigel rollback`",
             )
+
+
+def holders(live: Manifest) -> str:
+    """Return what keeps an object that is being deleted."""
+    return ", ".join(live["metadata"].get("finalizers") or []) or "nothing known"
 
 
 def selector(live: Manifest | None) -> Mapping[str, str]:

@@ -76,9 +76,8 @@ def down(
         applier.prune(plan.steps)
         pruned = [step for step in plan.steps if step.action == "prune"]
         applier.until_no_pods(pruned)
-        for step in pruned:
-            if step.ref.kind in CLAIMS:  # who deploys anew at once must not meet the old data
-                applier.until_gone(step.ref)
+        # Who deploys anew at once must not meet the old data.
+        applier.until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
         revisions.forget(cluster, revisions.records(cluster, release))
     return plan
 

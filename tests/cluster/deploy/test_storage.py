@@ -9,6 +9,7 @@ import pytest
 from rigel_k8s.deploy.refusals import Refused
 from rigel_k8s.deploy.release import deploy, down
 from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.errors import ClusterError
 
 pytestmark = pytest.mark.cluster
 
@@ -49,6 +50,23 @@ def test_data_outlives_down_unless_volumes_are_asked_for(
     down(cluster, make.release, volumes=False, report=report)
     down(cluster, make.release, volumes=True, report=report)
     assert cluster.get(ref) is None
+
+
+def test_all_claims_are_waited_for_at_once(cluster: Any, make: Any, report: Any) -> None:
+    """Those that something holds are told together, each with what holds it."""
+    names = ("maps", "bags")
+    deploy(make.desired(*map(make.claim, names)), cluster, report=report)
+    refs = [ObjectRef("v1", "PersistentVolumeClaim", make.namespace, name) for name in names]
+    for ref in refs:
+        cluster.patch(ref, {"metadata": {"finalizers": [f"test.example/{ref.name}"]}})
+    with pytest.raises(ClusterError, match=r"2 object\(s\) not gone after 1 s") as caught:
+        down(cluster, make.release, volumes=True, report=report, timeout=1)
+    told = "\n".join(caught.value.details)
+    assert all(f"{name}: test.example/{name}" in told for name in names)
+    for ref in refs:
+        cluster.patch(ref, {"metadata": {"finalizers": None}})
+    down(cluster, make.release, volumes=True, report=report)
+    assert not any(map(cluster.get, refs))
 
 
 def test_a_claim_that_left_the_rigelfile_is_kept_and_told(

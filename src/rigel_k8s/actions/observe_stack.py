@@ -6,16 +6,19 @@ So that the user's own kubeconfig is all that is needed: no port is open to anyb
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 from urllib.parse import urlsplit
 
 import attrs
 
-from rigel_k8s.deploy.types import RELEASE_LABEL
+from rigel_k8s.deploy.release import last_good
+from rigel_k8s.deploy.types import RELEASE_LABEL, ReleaseId
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.manifests.observability.names import RELEASE
+from rigel_k8s.plugins.observability_found import installed_in
 
 __all__ = ["NoStack", "Part", "Stack", "find_stack", "part_of", "why_not"]
 
@@ -56,18 +59,34 @@ class Stack:
     services: Mapping[str, Mapping[str, Any]]
 
     def part(self, name: str) -> Part:
-        """Return one of its Services.
+        """Return one of its Services, or what it uses in its stead.
 
         Raises:
-            NoStack: it was deployed without.
+            NoStack: it was deployed without, or it cannot be asked through the API server.
         """
-        if name not in self.services:
-            raise NoStack(
-                f"the observability stack in {self.namespace} has no {name.capitalize()}",
-                hint=f"`observability: {{{name}: {{enabled: true}}}}` deploys it",
-            )
-        port = self.services[name]["spec"]["ports"][0]["port"]
-        return Part(self.cluster, self.namespace, name, port)
+        if name in self.services:
+            port = self.services[name]["spec"]["ports"][0]["port"]
+            return Part(self.cluster, self.namespace, name, port)
+        if there := self.existing.get(name):
+            return there_before(self.cluster, there)
+        raise NoStack(
+            f"the observability stack in {self.namespace} has no {name.capitalize()}",
+            hint=f"`observability: {{{name}: {{enabled: true}}}}` deploys it",
+        )
+
+    @cached_property
+    def existing(self) -> Mapping[str, Mapping[str, Any]]:
+        """What it uses that was there before and that has an address; none where we may not look.
+
+        Whichever application has said so: all share one stack.
+        """
+        try:
+            last = last_good(self.cluster, ReleaseId(self.namespace, RELEASE))
+        except Refusal:
+            return {}
+        said = last.options.get("existing") if last else None
+        named = said.items() if isinstance(said, Mapping) else ()
+        return {name: one for name, one in named if isinstance(one, Mapping) and one.get("url")}
 
 
 def part_of(cluster: Cluster, name: str, observability: Any) -> Part:
@@ -77,13 +96,22 @@ def part_of(cluster: Cluster, name: str, observability: Any) -> Part:
         NoStack: there is none, or it cannot be asked through the API server.
         Refusal: nobody may look.
     """
-    there = getattr(getattr(observability, "existing", None), name, None)
-    url = getattr(there, "url", None)
-    if not url:
-        return find_stack(cluster).part(name)
-    if getattr(there, "tenant", None) or getattr(there, "secret", None):
+    there: Any = getattr(getattr(observability, "existing", None), name, None)
+    if getattr(there, "url", None):
+        return there_before(cluster, attrs.asdict(there))
+    return find_stack(cluster).part(name)
+
+
+def there_before(cluster: Cluster, said: Mapping[str, Any]) -> Part:
+    """Return what a job names as there before.
+
+    Raises:
+        NoStack: it cannot be asked through the API server.
+    """
+    url = str(said["url"])
+    if said.get("tenant") or said.get("secret"):
         raise NoStack(f"{url} wants a tenant or a password, which the API server does not pass on")
-    return in_cluster(cluster, str(url))
+    return in_cluster(cluster, url)
 
 
 def in_cluster(cluster: Cluster, url: str) -> Part:
@@ -118,12 +146,22 @@ def find_stack(cluster: Cluster, namespace: str | None = None) -> Stack:
         by_namespace.setdefault(meta["namespace"], {})[meta["name"]] = service
     if not by_namespace:
         where = f" in the namespace {namespace}" if namespace else " on this cluster"
+        if (bare := without_services(cluster)) and namespace in (None, bare):
+            return Stack(cluster, bare, {})
         raise NoStack(f"there is no observability stack{where}", hint=HINT)
     if len(by_namespace) > 1:
         listed = ", ".join(sorted(by_namespace))
         raise NoStack(f"there are several observability stacks: {listed}", hint="name one with -n")
     ((found, named),) = by_namespace.items()
     return Stack(cluster, found, named)
+
+
+def without_services(cluster: Cluster) -> str | None:
+    """Return the namespace of a stack whose servers were all there before, None for none."""
+    try:
+        return installed_in(cluster)
+    except Refusal:
+        return None
 
 
 def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:

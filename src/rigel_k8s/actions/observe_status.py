@@ -8,7 +8,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.actions.observe_stack import Part, Stack, find_stack, why_not
+from rigel_k8s.actions.observe_stack import NoStack, Part, Stack, find_stack, why_not
 from rigel_k8s.deploy import status as states
 from rigel_k8s.deploy.types import ReleaseId
 from rigel_k8s.errors import ClusterError
@@ -24,10 +24,14 @@ HEARD = 'sum by (application) (count_over_time({application=~".+"}[5m]))'
 
 @attrs.frozen
 class Answer:
-    """Whether a part answers, and what it says of itself: what it hears, or why it does not."""
+    """Whether a part answers, and what it says of itself: what it hears, or why it does not.
+
+    Attributes:
+        ok: None where it cannot be asked, being somebody else's.
+    """
 
     name: str
-    ok: bool
+    ok: bool | None
     said: str
 
 
@@ -54,7 +58,9 @@ class ObserveStatus:
         """Whether all of it runs and answers, but for what the stack is good without."""
         workloads = self.release.workloads
         spared = {workload.name for workload in workloads if workload.ok and not workload.done}
-        return all(w.ok for w in workloads) and all(a.ok or a.name in spared for a in self.answers)
+        return all(w.ok for w in workloads) and all(
+            a.ok is not False or a.name in spared for a in self.answers
+        )
 
 
 def status(settings: Settings) -> ObserveStatus:
@@ -62,17 +68,22 @@ def status(settings: Settings) -> ObserveStatus:
     with connect(settings) as cluster:
         stack = find_stack(cluster, settings.namespace)
         release = states.status(cluster, ReleaseId(stack.namespace, RELEASE))
-        names = [name for name in LOOKS if name in stack.services]
+        names = [name for name in LOOKS if name in {*stack.services, *stack.existing}]
         answers = cluster.parallel(lambda name: answer(stack, name), names)
         return ObserveStatus(release, tuple(answers), alerts(stack))
 
 
 def answer(stack: Stack, name: str) -> Answer:
     """Return whether a part answers, and what it hears."""
+    there = stack.existing.get(name, {}) if name not in stack.services else {}
+    of = f" ({there['url']})" if there else ""
     try:
-        return LOOKS[name](stack.part(name))
+        found = LOOKS[name](stack.part(name))
+    except NoStack as error:
+        return Answer(name, ok=None, said=error.message)
     except ClusterError as error:
-        return Answer(name, ok=False, said=why_not(name.capitalize(), error))
+        return Answer(name, ok=False, said=why_not(name.capitalize(), error) + of)
+    return Answer(name, found.ok, found.said + of)
 
 
 def grafana(part: Part) -> Answer:
@@ -115,11 +126,9 @@ LOOKS: Mapping[str, Callable[[Part], Answer]] = {
 
 def alerts(stack: Stack) -> tuple[Alert, ...]:
     """Return the alerts that fire; none where Prometheus cannot be asked, which is told anyway."""
-    if PROMETHEUS not in stack.services:
-        return ()
     try:
         found = data(stack.part(PROMETHEUS), "api/v1/alerts")["alerts"]
-    except ClusterError:
+    except (ClusterError, NoStack):
         return ()
     return tuple(alert_of(one) for one in found if one["state"] == "firing")
 

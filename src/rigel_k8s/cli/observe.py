@@ -129,7 +129,8 @@ def show_status(found: ObserveStatus) -> None:
     from rigel_k8s.cli.tables import status_text, table
 
     click.echo(status_text(found.release))
-    rows = [[one.name, "yes" if one.ok else "NO", one.said] for one in found.answers]
+    order = {True: "yes", False: "NO", None: "-"}
+    rows = [[one.name, order[one.ok], one.said] for one in found.answers]
     click.echo("\n" + table(["PART", "IN ORDER", ""], rows))
     for alert in found.alerts:
         about = ", ".join(f"{name} {value}" for name, value in sorted(alert.labels.items()))

@@ -26,9 +26,18 @@ def test_a_services_port_is_the_pods(port: dict[str, Any], number: int) -> None:
     assert target_port({"spec": {"ports": [port]}}, POD) == number
 
 
+class Empty:
+    """A cluster that has nothing, not even revisions of a stack."""
+
+    def list(self, *words: object, **chosen: object) -> list[object]:
+        del words, chosen
+        return []
+
+
 def test_a_part_that_was_not_deployed_is_told() -> None:
     """With the key that would deploy it."""
-    stack = Stack(None, "monitoring", {"loki": {"spec": {"ports": [{"port": 3100}]}}})  # type: ignore[arg-type]
+    ports = {"loki": {"spec": {"ports": [{"port": 3100}]}}}
+    stack = Stack(Empty(), "monitoring", ports)  # type: ignore[arg-type]
     assert stack.part("loki").port == 3100
     with pytest.raises(NoStack, match="in monitoring has no Grafana") as caught:
         stack.part("grafana")

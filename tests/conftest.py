@@ -25,7 +25,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Lanes:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let the first test of each lane wait for builds."""
+    """Let the first test of each lane wait for builds, and those compare machines that can wait.
+
+    What a machine is like must not change because clusters beside it start.
+    """
+    items.sort(key=lambda item: item.nodeid.startswith("tests/cluster/localcluster/"))
     for first in {lane_of(item.nodeid): item for item in reversed(items)}.values():
         first.add_marker(pytest.mark.timeout(BUILDS))
 

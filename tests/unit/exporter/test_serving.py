@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import socket
+import struct
 import threading
 import time
 import urllib.error
@@ -166,6 +168,29 @@ def until(check) -> None:  # type: ignore[no-untyped-def]
     while not check():
         assert time.monotonic() < deadline
         time.sleep(0.02)
+
+
+def test_who_waits_no_longer_leaves_no_traceback(capfd: pytest.CaptureFixture[str]) -> None:
+    """A kubelet's probe on a busy machine ends its connection while it is answered."""
+    asked, gone = threading.Event(), threading.Event()
+
+    def metrics() -> str:
+        asked.set()
+        assert gone.wait(20)
+        return "x" * 10_000_000
+
+    server = Server(0, metrics, lambda: True)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    before = threading.active_count()
+    with socket.create_connection(("127.0.0.1", server.server_address[1])) as client:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        client.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
+        assert asked.wait(20)
+    gone.set()
+    until(lambda: threading.active_count() <= before)
+    server.shutdown()
+    server.server_close()
+    assert capfd.readouterr().err == ""
 
 
 def test_a_scrape_waits_for_no_look(served: tuple[Half, Collection, str]) -> None:

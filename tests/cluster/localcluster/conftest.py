@@ -27,6 +27,8 @@ import yaml
 from rigel_k8s.localcluster import addons, components, oci, shared
 
 OUTSIDE = "10.64.3.1"
+#: Ends a program when the tests end, however they do.
+WITH_US = ("setpriv", "--pdeathsig", "KILL")
 KUBECONFIG = """# the user's own
 apiVersion: v1
 kind: Config
@@ -87,7 +89,7 @@ class Host:
         )
         namespaces = ["--net", "--mount", "--pid", "--fork", "--kill-child", "--mount-proc"]
         process = subprocess.Popen(
-            ["unshare", *namespaces, "--propagation", "private", "/bin/sh", "-x", str(script)]
+            [*WITH_US, "unshare", *namespaces, "--propagation", "private", "sh", "-x", str(script)]
         )
         until((self.directory / "made").exists, "machine", process.kill)
         return process
@@ -105,7 +107,9 @@ class Host:
         (served / "hello").write_text("hello from outside\n")
         server = [sys.executable, "-m", "http.server", "8000", "--directory", str(served)]
         process = subprocess.Popen(
-            ["unshare", "--net", *server], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            [*WITH_US, "unshare", "--net", *server],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )
         ours = Path("/proc/self/ns/net").stat().st_ino
         there = Path(f"/proc/{process.pid}/ns/net")

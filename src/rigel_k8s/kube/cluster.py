@@ -312,12 +312,13 @@ class Cluster:
 
         A log ends with its container, while the pod's status says for a second and more that it
         runs: this is what its container runtime says now.
+
+        Args:
+            seconds: at least; where an answer takes long, four times as long as one.
         """
-        what = f"follow the log of Pod {namespace}/{pod}"
-        query = {"container": container, "follow": "true", "tailLines": "0"}
-        ref = ObjectRef("v1", "Pod", namespace, pod)
-        path_of_log = self.path_of(ref, what, subresource="log", query=query)
-        return self.client.transport.goes_on(path_of_log, seconds)
+        from rigel_k8s.kube.following import goes_on
+
+        return goes_on(self.client, namespace, pod, container, seconds=seconds)
 
     def run(
         self,

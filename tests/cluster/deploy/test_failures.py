@@ -9,6 +9,7 @@ import pytest
 from rigel_k8s.deploy.patience import Patience
 from rigel_k8s.deploy.release import deploy, history
 from rigel_k8s.errors import RolloutFailed
+from rigel_k8s.manifests.steady import SECONDS
 
 pytestmark = pytest.mark.cluster
 
@@ -142,6 +143,7 @@ def test_what_looks_ready_between_two_crashes_is_not_ready(
     volume = {"name": "state", "emptyDir": {}}
     mount = {"name": "state", "mountPath": "/state"}
     node = make.deployment(command=dying, pod={"volumes": [volume]}, volumeMounts=[mount])
+    node["spec"]["minReadySeconds"] = SECONDS
     assert "exited with code 1, restarted" in failure(cluster, make, report, node)
 
 
@@ -154,6 +156,7 @@ def test_a_crash_that_heals_is_no_failure(cluster: Any, make: Any, report: Any) 
     volume = {"name": "state", "emptyDir": {}}
     mount = {"name": "state", "mountPath": "/state"}
     node = make.deployment(command=once, pod={"volumes": [volume]}, volumeMounts=[mount])
+    node["spec"]["minReadySeconds"] = SECONDS
     revision = deploy(make.desired(node), cluster, report=report)
     assert revision.status == "good"
     assert any("exited with code 1" in text for text in report.warnings)

@@ -10,7 +10,7 @@
 #
 # PART is multus or whereabouts. With RETIRED=1 it takes away what it had put there: configuration
 # at once, programs when it ends.
-# Needs sh, cat, chmod, cmp, cp, mkdir, mv, rm, rmdir, sleep.
+# Needs sh, chmod, cmp, cp, mkdir, mv, rm, rmdir, sleep.
 set -u
 umask 077
 
@@ -58,11 +58,28 @@ programs() {
     done
 }
 
-# text FILE: have standard input as FILE, written anew only where it differs.
+# What is looked at every two seconds is looked at without another process: robots have other work.
+
+# content FILE: have in $content what FILE holds; fails where it is not there.
+content() {
+    [ -r "$1" ] || return 1
+    content='' line=''
+    while IFS= read -r line; do
+        content="$content$line
+"
+    done <"$1"
+    content="$content$line"
+}
+
+# text FILE TEXT: have TEXT as FILE, written anew only where it differs.
 text() {
-    new=$(cat && echo .)
-    [ -f "$1" ] && [ "$new" = "$(cat "$1" && echo .)" ] && return 0
-    printf '%s' "${new%.}" >"$1.new" && mv -f "$1.new" "$1"
+    [ -f "$1" ] && content "$1" && [ "$content" = "$2" ] && return 0
+    printf '%s' "$2" >"$1.new" && mv -f "$1.new" "$1"
+}
+
+# same_text FILE AS: have as FILE what AS holds.
+same_text() {
+    content "$2" && text "$1" "$content"
 }
 
 # The daemon's configuration, once it has written the whole of it. It names the file of the primary
@@ -70,8 +87,9 @@ text() {
 # pod off the network again (multus#1449), and no address comes back. What stands in the
 # configuration itself is kept: so the file's content goes there.
 configuration() {
-    [ -f "$GENERATED/00-multus.conf" ] || return 0
-    told=$(cat "$GENERATED/00-multus.conf")
+    content "$GENERATED/00-multus.conf" || return 0
+    told=${content%"
+"}
     case "$told" in
         *'"clusterNetwork":"'*\}) ;;
         *) return 0 ;;
@@ -79,41 +97,41 @@ configuration() {
     rest=${told#*'"clusterNetwork":"'}
     file=${rest%%'"'*}
     [ -s "$file" ] || return 0
-    printf '%s"delegates":[%s]%s' "${told%%'"clusterNetwork":"'*}" "$(cat "$file")" "${rest#*'"'}" |
-        text "$CONF"
+    content "$file" || return 0
+    primary=${content%"
+"}
+    text "$CONF" "${told%%'"clusterNetwork":"'*}\"delegates\":[$primary]${rest#*'"'}"
 }
 
 # What the program whereabouts reads on the machine; kubelet renews the token, we bring it there.
 account() {
-    mkdir -p "$IPAM_DIR"
-    text "$IPAM_DIR/ca.crt" <"$ACCOUNT/ca.crt"
-    text "$IPAM_DIR/token" <"$ACCOUNT/token"
-    printf '%s' "$NODE" | text "$IPAM_DIR/nodename"
+    [ -d "$IPAM_DIR" ] || mkdir -p "$IPAM_DIR"
+    same_text "$IPAM_DIR/ca.crt" "$ACCOUNT/ca.crt"
+    same_text "$IPAM_DIR/token" "$ACCOUNT/token"
+    text "$IPAM_DIR/nodename" "$NODE"
     case "$KUBERNETES_SERVICE_HOST" in
         *:*) host="[$KUBERNETES_SERVICE_HOST]" ;;
         *) host=$KUBERNETES_SERVICE_HOST ;;
     esac
-    text "$IPAM_DIR/whereabouts.kubeconfig" <<END
-apiVersion: v1
+    text "$IPAM_DIR/whereabouts.kubeconfig" "apiVersion: v1
 kind: Config
 current-context: whereabouts
 clusters:
 - name: cluster
-  cluster: {server: "https://$host:$KUBERNETES_SERVICE_PORT", certificate-authority: ca.crt}
+  cluster: {server: \"https://$host:$KUBERNETES_SERVICE_PORT\", certificate-authority: ca.crt}
 users:
 - name: whereabouts
   user: {tokenFile: token}
 contexts:
 - name: whereabouts
   context: {cluster: cluster, user: whereabouts, namespace: $NAMESPACE}
-END
-    text "$IPAM_DIR/whereabouts.conf" <<END
-{
-  "datastore": "kubernetes",
-  "configuration_path": "$IPAM_PATH",
-  "kubernetes": {"kubeconfig": "$IPAM_PATH/whereabouts.kubeconfig"}
+"
+    text "$IPAM_DIR/whereabouts.conf" "{
+  \"datastore\": \"kubernetes\",
+  \"configuration_path\": \"$IPAM_PATH\",
+  \"kubernetes\": {\"kubeconfig\": \"$IPAM_PATH/whereabouts.kubeconfig\"}
 }
-END
+"
 }
 
 keep() {

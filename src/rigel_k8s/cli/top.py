@@ -19,8 +19,8 @@ __all__ = ["top"]
 T = TypeVar("T")
 KIB = 1024.0
 HEADS = ["NODE", "ROS NAME", "UP", "CPU", "MEMORY", "OUT", "IN", "RESTARTS", "POD", "ON"]
-#: Columns that are left out where nobody tells any of them.
-EXPORTERS = frozenset({"UP", "OUT", "IN"})
+#: Columns that only a ROS exporter fills, some of ROS 1 alone: left out together where none does.
+EXPORTERS = (("UP",), ("OUT", "IN"))
 NOT_TOLD = "-"
 
 
@@ -64,14 +64,15 @@ def show(found: Top, output: str) -> None:
         print_json({**attrs.asdict(found.release), "source": found.source, "nodes": nodes})
         return
     everything = [cells(row) for row in found.rows]
-    shown = [i for i, head in enumerate(HEADS) if column_is_told(head, [c[i] for c in everything])]
+    left_out = {head for heads in EXPORTERS if not any_told(heads, everything) for head in heads}
+    shown = [i for i, head in enumerate(HEADS) if head not in left_out]
     heads, *rows = ([line[i] for i in shown] for line in (HEADS, *everything))
     click.echo(table(heads, rows))
 
 
-def column_is_told(head: str, column: Sequence[str]) -> bool:
-    """Return whether a column says anything: some are only known of ROS 1, or by an exporter."""
-    return head not in EXPORTERS or any(cell != NOT_TOLD for cell in column)
+def any_told(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
+    """Return whether any of these columns says anything."""
+    return any(row[HEADS.index(head)] != NOT_TOLD for row in rows for head in heads)
 
 
 def cells(row: Row) -> list[str]:

@@ -92,6 +92,7 @@ def test_a_row_says_nothing_that_nobody_told() -> None:
     ("told", "heads"),
     [
         (Ros({"/talker": 1.0}, {"/talker": 10.0}, {"/talker": 0.0}), "UP CPU MEMORY OUT IN"),
+        (Ros({"/talker": 1.0}, {"/talker": 10.0}), "UP CPU MEMORY OUT IN"),
         (Ros({"/talker": 1.0}), "UP CPU MEMORY"),
         (Ros(), "CPU MEMORY"),
     ],

@@ -1,20 +1,27 @@
-"""`rigel top` from Prometheus, from the kubelets, and for somebody who may ask nobody."""
+"""`rigel top` from Prometheus, metrics.k8s.io, the kubelets; and who may ask none of them."""
 
 from __future__ import annotations
 
+import base64
 import json
 import re
-from collections.abc import Callable
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.deploy.types import ObjectRef, ref_of
+from rigel_k8s.localcluster.certificates import Authority
 
 from .conftest import App, until
 
 pytestmark = pytest.mark.cluster
 
+POD_METRICS = {"apiGroups": ["metrics.k8s.io"], "resources": ["pods"], "verbs": ["get", "list"]}
+#: As a metrics-server 0.9.0 wrote it.
+USAGE = {"cpu": "14357308n", "memory": "33468Ki"}
 NODES_PROXY = {"apiGroups": [""], "resources": ["nodes/proxy"], "verbs": ["get"]}
 
 
@@ -41,7 +48,7 @@ def test_top_tells_what_prometheus_knows(app: App, cluster: Any) -> None:
 
     def known() -> dict[str, dict[str, Any]] | None:
         found = rows(app)
-        full = all(found[name]["cpu"] for name in ("talker", "lab-listener", "ros-master"))
+        full = all(row["cpu"] and row["memory"] for row in found.values())
         return found if full and found["lab-listener"]["received"] else None
 
     found = until(known, "all figures")
@@ -100,6 +107,72 @@ def test_without_prometheus_the_kubelets_tell(
         assert abs(row["memory"] - size) < 0.5 * size
         assert abs(row["cpu"] - cores) < 0.05 + cores
         assert row["up"] is None
+
+
+@pytest.fixture
+def metrics_api(
+    app: App, cluster: Any, base_image: str, tmp_path: Path
+) -> Iterator[tuple[str, ObjectRef]]:
+    """metrics.k8s.io, aggregated by the API server: the talker's pod, and the server's."""
+    [talker] = [row["pod"] for row in rows(app, "talker").values()]
+    name, space = f"metrics-{uuid.uuid4().hex[:6]}", app.namespace
+    authority = Authority(tmp_path / "authority")
+    host = f"DNS:{name}.{space}.svc"
+    files = authority.issue(name, name, alternatives=[host])
+    texts = [file.read_text() for file in files]
+    program = (Path(__file__).parent / "metrics_api.py").read_text()
+    command = ["python3", "-c", program, *texts, json.dumps({talker: USAGE})]
+    meta = {"name": name, "namespace": space, "labels": {"app": name}}
+    container = {"name": "api", "image": base_image, "command": command}
+    service = {"selector": {"app": name}, "ports": [{"port": 443, "targetPort": 8443}]}
+    authorities = base64.b64encode(authority.certificate.read_bytes()).decode()
+    registered = {
+        "apiVersion": "apiregistration.k8s.io/v1",
+        "kind": "APIService",
+        "metadata": {"name": "v1beta1.metrics.k8s.io"},
+        "spec": {
+            **{"group": "metrics.k8s.io", "version": "v1beta1", "caBundle": authorities},
+            **{"groupPriorityMinimum": 100, "versionPriority": 100},
+            "service": {"name": name, "namespace": space},
+        },
+    }
+    pod = {"apiVersion": "v1", "kind": "Pod", "metadata": meta}
+    items = [
+        {**pod, "spec": {"containers": [container]}},
+        {"apiVersion": "v1", "kind": "Service", "metadata": meta, "spec": service},
+        registered,
+    ]
+    for item in items:
+        cluster.create(item)
+    until(lambda: is_available(cluster.get(ref_of(registered))), "metrics.k8s.io is available")
+    yield talker, ref_of(items[0])
+    for item in reversed(items):  # unavailable APIs keep namespaces from ending
+        cluster.delete(ref_of(item))
+
+
+def is_available(service: dict[str, Any]) -> bool:
+    """Return whether an aggregated API answers."""
+    conditions = service.get("status", {}).get("conditions", [])
+    return any(c["type"] == "Available" and c["status"] == "True" for c in conditions)
+
+
+def test_a_metrics_server_is_asked_before_the_kubelets(
+    app: App, limited: Callable[..., App], cluster: Any, metrics_api: tuple[str, ObjectRef]
+) -> None:
+    """With few rights, which each user of `kubectl top` has; one that is gone is told of."""
+    talker, server = metrics_api
+    someone = limited([POD_METRICS, NODES_PROXY])
+    done = someone("top", "-o", "json", "talker")
+    told = json.loads(done.stdout)
+    assert told["source"] == "metrics-server"
+    [row] = told["nodes"]
+    assert (row["pod"], row["memory"]) == (talker, 33468 * 1024)
+    assert row["cpu"] == pytest.approx(0.014357308)
+    [why] = done.stderr.splitlines()
+    assert why.startswith("from the metrics-server: you may not ask Prometheus")
+    cluster.delete(server)
+    until(lambda: "metrics.k8s.io is not ready" in someone("top", "talker").stderr, "its end")
+    assert json.loads(someone("top", "-o", "json", "talker").stdout)["source"] == "kubelet"
 
 
 def test_who_may_ask_nobody_is_told_so(app: App, limited: Callable[..., App]) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import sys
@@ -237,18 +238,21 @@ def first(bench: Bench, rounds: int) -> Iterator[str]:
     listener = {"args": ["listener.py"], "placement": {"apart_from": ["talker_1", "talker_2"]}}
     nodes = {"talker_1": talker, "talker_2": talker, "listener": listener}
     found: dict[str, list[tuple[float, float]]] = {"rigel": [], "kubectl": []}
+    loads = []
     ways = {"rigel": by_rigel, "kubectl": by_kubectl}
     for _ in range(rounds):
         for name, way in ways.items():
             bench.fresh()
             bench.write(MODES["macvlan"], nodes, image)
             found[name].append(heard(bench, way(bench)))
+            loads.append(os.getloadavg()[0])
     yield "| deployed by | first message, s | the command ends, s | first / kubectl |"
     yield "|---|---|---|---|"
     own = median([one for one, _ in found["kubectl"]])
     for name, runs in found.items():
         message, end = (median([run[i] for run in runs]) for i in (0, 1))
         yield f"| {name} | {message:.2f} | {end:.2f} | {message / own:.2f} |"
+    yield f"load of {os.cpu_count()} cores: {min(loads):.0f} to {max(loads):.0f}"
 
 
 def heard(bench: Bench, deploy: Callable[[], object]) -> tuple[float, float]:

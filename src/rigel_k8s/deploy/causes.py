@@ -24,7 +24,6 @@ EVENTS = {
     "FailedCreatePodSandBox": "sandbox",
     "NetworkNotReady": "sandbox",
 }
-LATE = frozenset({"mount", "sandbox"})  # what is over when a container has started
 
 
 @attrs.frozen
@@ -203,11 +202,18 @@ def exit_words(ended: Mapping[str, Any]) -> str:
 def of_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
     """Yield what the events say about a pod whose containers have not started."""
     name, status = pod["metadata"]["name"], pod.get("status") or {}
-    started = any(c.get("started") or c.get("lastState") for c in containers(status))
+    started = any(map(is_past_mounts, containers(status)))
     for event in about(pod, events):
         kind = EVENTS.get(event["reason"], "")
         if kind and not started:
             yield Cause(kind, f"{event['reason']}: {event.get('message', '')}", name)
+
+
+def is_past_mounts(container: Mapping[str, Any]) -> bool:
+    """Whether a pod is there, with its volumes: a container has run, or waits for its image."""
+    waiting = (container.get("state") or {}).get("waiting") or {}
+    pulls = waiting.get("reason") in IMAGE
+    return bool(container.get("started") or container.get("lastState") or pulls)
 
 
 def probe_failure(pod: Manifest, events: Iterable[Manifest]) -> str:

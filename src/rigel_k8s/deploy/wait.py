@@ -205,7 +205,7 @@ class Waiter:
         for seen in self.ledger.note(now, found, others_coming=coming, unsteady=self.unsteady):
             if seen.cause.kind != "restarted":
                 self.tell(seen)
-        for ref, cause in found:
+        for ref, cause in dict(reversed(found)).items():  # the first of each: two would take turns
             if ref.kind in WORKLOADS:
                 self.show(ref, cause.message, done=False)
         if hopeless := [s for s in self.ledger.hopeless(now) if s.ref not in self.optional]:

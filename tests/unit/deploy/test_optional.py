@@ -9,6 +9,7 @@ import attrs
 import pytest
 
 from rigel_k8s.deploy import wait
+from rigel_k8s.deploy.causes import Cause
 from rigel_k8s.deploy.patience import Patience
 from rigel_k8s.deploy.readiness import Readiness
 from rigel_k8s.deploy.status import WorkloadStatus
@@ -110,3 +111,15 @@ def test_status_is_good_without_it() -> None:
     plain = WorkloadStatus("Deployment", "x", 0, 1, False, "0 of 1 ready", ())
     assert not plain.ok
     assert attrs.evolve(plain, annotations={OPTIONAL_ANNOTATION: "true"}).ok
+
+
+def test_of_two_causes_one_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two that hold at a time would take turns as the present state, a line each half second."""
+    shown: list[str] = []
+    made = waiter(Told())
+    causes = [(NEEDED, Cause("image", "cannot be pulled")), (NEEDED, Cause("mount", "no file"))]
+    monkeypatch.setattr(Waiter, "current", lambda *_: iter(causes))
+    monkeypatch.setattr(Waiter, "show", lambda _, ref, text, **__: shown.append(text))
+    made.look_for_causes(cast(Any, None), {}, 1000.0)
+    made.look_for_causes(cast(Any, None), {}, 1001.0)
+    assert set(shown) == {"cannot be pulled"}

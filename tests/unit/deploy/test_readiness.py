@@ -184,6 +184,8 @@ def test_events_tell_mounts_only_until_a_container_has_started() -> None:
     assert (found.kind, found.message) == ("mount", "FailedMount: no such file")
     running = pod(**container({"running": {}}, started=True))
     assert causes(live("Deployment", {}), [running], events) == []
+    pulls = pod(**container(waiting("ErrImagePull", "no such image")))
+    assert [one.kind for one in causes(live("Deployment", {}), [pulls], events)] == ["image"]
 
 
 def test_the_last_probe_failure_is_the_reason() -> None:

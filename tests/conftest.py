@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from typing import Any
 
 import pytest
@@ -17,6 +18,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=os.environ.get("UPDATE_GOLDEN") == "1",
         help="write golden files anew instead of comparing with them",
     )
+
+
+def pytest_configure() -> None:
+    """Let Ctrl-C be heard: what shells start in the background ignores it, with its children."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(optionalhook=True)

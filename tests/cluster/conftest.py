@@ -147,3 +147,11 @@ def base_image(registry: str) -> str:
     name = f"{registry}/ros:noetic"
     run_rigel("image", "ros1-base", "--push", name, timeout=900)
     return name
+
+
+@pytest.fixture(scope="session")
+def ros2_image(registry: str) -> str:
+    """The ROS 2 base image in the cluster's registry."""
+    name = f"{registry}/ros:jazzy"
+    run_rigel("image", "ros2-base", "--push", name, timeout=900)
+    return name

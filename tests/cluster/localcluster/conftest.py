@@ -29,6 +29,7 @@ from rigel_k8s.localcluster import addons, components, oci, shared
 OUTSIDE = "10.64.3.1"
 #: Ends a program when the tests end, however they do.
 WITH_US = ("setpriv", "--pdeathsig", "KILL")
+PATIENCE = 240  # seconds: other clusters start beside
 KUBECONFIG = """# the user's own
 apiVersion: v1
 kind: Config
@@ -185,7 +186,11 @@ class Host:
 
     def finished(self, cluster: str, name: str) -> str:
         """Wait for a pod's success and return what it printed."""
-        words = [f"pod/{name}", "--for=jsonpath={.status.phase}=Succeeded", "--timeout=60s"]
+        words = [
+            f"pod/{name}",
+            "--for=jsonpath={.status.phase}=Succeeded",
+            f"--timeout={PATIENCE}s",
+        ]
         waited = self.kubectl(cluster, "wait", *words, check=False)
         assert "condition met" in waited, self.kubectl(cluster, "describe", "pod", name)
         return self.kubectl(cluster, "logs", name)
@@ -268,11 +273,11 @@ def until(
     true: Callable[[], object], what: str, otherwise: Callable[[], object] = lambda: None
 ) -> None:
     """Wait until something is true, or say what did not come."""
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + PATIENCE
     while not true():
         if time.monotonic() > deadline:
             otherwise()
-            raise AssertionError(f"no {what} within a minute")
+            raise AssertionError(f"no {what} within {PATIENCE} s")
         time.sleep(0.1)
 
 

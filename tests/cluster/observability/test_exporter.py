@@ -252,14 +252,6 @@ NETWORKS = {
 }
 
 
-@pytest.fixture(scope="module")
-def ros2_image(registry: str) -> str:
-    """The ROS 2 base image in the cluster's registry."""
-    name = f"{registry}/ros:jazzy"
-    run_rigel("image", "ros2-base", "--push", name, timeout=900)
-    return name
-
-
 @pytest.mark.parametrize("mode", NETWORKS)
 def test_a_ros_2_graph_is_told_on_each_network(
     cluster: Any,

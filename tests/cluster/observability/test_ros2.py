@@ -94,13 +94,12 @@ def example(options: dict[str, Any]) -> None:
 
 @pytest.fixture(scope="module")
 def watched(
-    cluster: Any, context: str, registry: str, stack: str, tmp_path_factory: Any
+    cluster: Any, context: str, registry: str, ros2_image: str, stack: str, tmp_path_factory: Any
 ) -> Iterator[Watched]:
     """The application, all of its nodes seen."""
-    run_rigel("image", "ros2-base", "--push", f"{registry}/ros:jazzy", timeout=900)
     run_rigel("image", "ros-exporter", "--push", f"{registry}/ros-exporter:ros2")
     with projects(cluster, context, registry, tmp_path_factory.mktemp("ros2")) as make:
-        made = make("ros2-talker-listener", f"{registry}/ros:jazzy", example)
+        made = make("ros2-talker-listener", ros2_image, example)
         made("run", "job", "deploy")
         found = Watched(made, Watch(cluster, stack))
         until(lambda: found.values("ros_node_up", "ros_node").keys() >= NODES, "the nodes")

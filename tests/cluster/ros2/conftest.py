@@ -180,14 +180,6 @@ def project(cluster: Any, context: str, registry: str, tmp_path_factory: Any) ->
         yield make
 
 
-@pytest.fixture(scope="session")
-def ros2_image(registry: str) -> str:
-    """The ROS 2 base image in the cluster's registry."""
-    name = f"{registry}/ros:jazzy"
-    rigel("image", "ros2-base", "--push", name)
-    return name
-
-
 @pytest.fixture(scope="module")
 def own_cluster(tmp_path_factory: Any) -> Iterator[Make]:
     """Projects on a cluster of our own, whose machines may be lost."""

@@ -124,15 +124,11 @@ def test_more_lines_than_loki_gives_at_once(app: App) -> None:
 
 
 @pytest.fixture
-def ros2_app(
-    app: App, cluster: Any, registry: str, rigel: Callable[..., Any], tmp_path: Path
-) -> Iterator[App]:
+def ros2_app(app: App, cluster: Any, ros2_image: str, tmp_path: Path) -> Iterator[App]:
     """A node of ROS 2, in a release of its own."""
-    image = f"{registry}/ros:jazzy"
-    rigel("image", "ros2-base", "--push", image, timeout=900)
     name = f"t-reading-{uuid.uuid4().hex[:6]}"
     cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
-    nodes = {"shouter2": {"image": image, "args": ["python3", "-c", ROS2]}}
+    nodes = {"shouter2": {"image": ros2_image, "args": ["python3", "-c", ROS2]}}
     job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": {"nodes": nodes}}
     text = {"application": {"distro": "jazzy"}, "jobs": {"deploy": job}}
     made = App(tmp_path / "Rigelfile", app.context, name)

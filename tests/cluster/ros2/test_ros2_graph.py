@@ -139,11 +139,11 @@ def machines(cluster: Any) -> list[str]:
 
 
 @pytest.fixture
-def release(cluster: Any, namespace: str, registry: str) -> Callable[[str], Release]:
-    """Make a release in a mode; skipped where the cluster has no Multus."""
-    if not cluster.serves(ATTACHMENTS, "NetworkAttachmentDefinition"):
-        pytest.skip("this cluster has no Multus")
-    return lambda mode: Release(cluster, namespace, f"{registry}/ros:jazzy", mode)
+def release(
+    cluster: Any, namespace: str, ros2_image: str, multus: None
+) -> Callable[[str], Release]:
+    """Make a release in a mode."""
+    return lambda mode: Release(cluster, namespace, ros2_image, mode)
 
 
 def test_macvlan(release: Callable[[str], Release], machines: list[str]):

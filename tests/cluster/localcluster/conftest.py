@@ -24,7 +24,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.localcluster import addons, components, oci, shared
+from rigel_k8s.localcluster import addons, components, oci
 
 OUTSIDE = "10.64.3.1"
 #: Ends a program when the tests end, however they do.
@@ -287,16 +287,12 @@ def host() -> Iterator[Host]:
     # Not below /tmp, which may be a file system that cannot hold images.
     directory = Path("/var/lib/rigel-k8s-test", str(os.getpid()))
     directory.mkdir(parents=True)
-    shared.acquire(
-        directory.name, ()
-    )  # or the end of a cluster beside it would change the kernel's
     machine = Host(directory)
     outside = machine.connect()
     yield machine
     machine.end()
     outside.kill()
     outside.wait()
-    shared.release(directory.name, print)
     remove_cgroups()
     shutil.rmtree(directory)
     with suppress(OSError):

@@ -158,7 +158,7 @@ class Host:
 
     def processes(self) -> dict[str, str]:
         """Return every process inside but the first and the asking ones: id -> command line."""
-        lines = self.run("ps", "-e", "-o", "pid=,args=").splitlines()
+        lines = self.run("ps", "-e", "-ww", "-o", "pid=,args=").splitlines()
         found = dict(line.strip().split(maxsplit=1) for line in lines)
         return {pid: text for pid, text in found.items() if pid != "1" and "ps -e" not in text}
 

@@ -1,13 +1,18 @@
 """Which tests run one after the other where several processes share the work.
 
-Tests of a cluster mostly wait, so several processes run them side by side, each with a cluster of
-its own. Tests that need the same costly things (a stack, images, a machine to compare) are one lane
-and stay in one process, in their usual order; any other file is a lane of its own.
+Each process has a cluster of its own. Tests that need the same costly things (a stack, images, a
+machine to compare) are one lane and stay in one process, in their usual order; any other file is a
+lane of its own. On two cores that saves little, unless something is still to be built: then the
+others go on meanwhile.
+
+usage: python -m tests.lanes    prints how many processes to take
 """
 
 from __future__ import annotations
 
 from xdist.scheduler import LoadScopeScheduling
+
+from rigel_k8s.localcluster.components import ON_REQUEST
 
 #: The beginning of a path -> its lane; the first that fits counts.
 LANES = {
@@ -36,3 +41,13 @@ def lane_of(nodeid: str) -> str:
     """Return the lane of a test."""
     file = nodeid.split("::")[0]
     return next((lane for start, lane in LANES.items() if file.startswith(start)), file)
+
+
+def processes() -> int:
+    """Return how many processes to take: none besides the first where all programs are built."""
+    builds = [build for some in ON_REQUEST.values() for build in some]
+    return 0 if all(build.directory.exists() for build in builds) else 3
+
+
+if __name__ == "__main__":
+    print(processes())  # noqa: T201

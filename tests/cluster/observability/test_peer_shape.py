@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.plugins.observability_found import installed_in
+from rigel_k8s.plugins.observability_removal import remove as remove_stack
 
-from .conftest import Stack, remove
+from .conftest import Quiet, Stack
 
 pytestmark = pytest.mark.cluster
 
@@ -24,10 +26,16 @@ def no_stack(watching: Stack) -> Iterator[None]:
     """The stack of the other tests is away, with what its claims hold."""
     if not watching.ours:
         pytest.skip("the cluster has a stack that is not of these tests")
-    remove(watching.cluster, watching.namespace)
+    take_away(watching)
     yield
-    remove(watching.cluster, watching.namespace)
+    take_away(watching)
     watching.deploy()
+
+
+def take_away(stack: Stack) -> None:
+    """Remove whatever stack is there; the namespace stays, as its end takes a while."""
+    if installed_in(stack.cluster):
+        remove_stack(stack.cluster, Quiet(), volumes=True)
 
 
 def test_the_peers_shape_deploys_and_updates(

@@ -2,8 +2,7 @@
 
 Each process has a cluster of its own. Tests that need the same costly things (a stack, images, a
 machine to compare) are one lane and stay in one process, in their usual order; any other file is a
-lane of its own. On two cores that saves little, unless something is still to be built: then the
-others go on meanwhile.
+lane of its own. While one builds, the others go on.
 
 usage: python -m tests.lanes    prints how many processes to take
 """

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from .lanes import BUILDS, Lanes, lane_of
+from .lanes import BUILDS, LANES, Lanes, lane_of
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -28,17 +28,19 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Lanes:
+    config.option.loadscopereorder = False  # the lanes of clusters, which take longest, come first
     return Lanes(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let the first test of each lane wait for builds, and those compare machines that can wait.
+    """Let the first test of each named lane wait for builds, and compare machines last.
 
     What a machine is like must not change because clusters beside it start.
     """
     items.sort(key=lambda item: item.nodeid.startswith("tests/cluster/localcluster/"))
-    for first in {lane_of(item.nodeid): item for item in reversed(items)}.values():
-        first.add_marker(pytest.mark.timeout(BUILDS))
+    firsts = {lane_of(item.nodeid): item for item in reversed(items)}
+    for lane in firsts.keys() & set(LANES.values()):
+        firsts[lane].add_marker(pytest.mark.timeout(BUILDS))
 
 
 @pytest.fixture

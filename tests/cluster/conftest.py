@@ -48,6 +48,16 @@ def run_rigel(
     return done
 
 
+def inside(cluster: Any, namespace: str, workload: str, *command: str) -> str:
+    """Return what a command prints in a workload's pod, with ROS set up."""
+    own = {"app.kubernetes.io/name": workload}
+    (pod,) = cluster.list("v1", "Pod", namespace, labels=own)
+    words = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
+    done = cluster.run(namespace, pod["metadata"]["name"], words)
+    assert done.code == 0, done
+    return str(done.stdout.decode())
+
+
 @pytest.fixture(scope="session")
 def context() -> Iterator[str]:
     """The name of a context that leads to a real cluster of at least three nodes."""

@@ -22,6 +22,8 @@ from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.sequences.job import JobContext, Reporter
 from rigel_k8s.settings import Application, Settings
 
+from .conftest import inside
+
 pytestmark = pytest.mark.cluster
 
 GOLDEN = Path(__file__).parents[1] / "unit" / "manifests" / "golden"
@@ -68,16 +70,6 @@ def run(context: str, namespace: str, base_image: str, tmp_path: Path) -> Run:
         return told
 
     return call
-
-
-def inside(cluster: Any, namespace: str, workload: str, *command: str) -> str:
-    """Return what a command prints in a workload's pod, with ROS set up."""
-    own = {"app.kubernetes.io/name": workload}
-    (pod,) = cluster.list("v1", "Pod", namespace, labels=own)
-    words = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
-    done = cluster.run(namespace, pod["metadata"]["name"], words)
-    assert done.code == 0, done
-    return str(done.stdout.decode())
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda path: path.stem)

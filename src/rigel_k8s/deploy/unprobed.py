@@ -17,7 +17,7 @@ from rigel_k8s.deploy.types import Manifest, ObjectRef
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["KINDS", "Unprobed", "ended", "unprobed", "unprobed_in"]
+__all__ = ["Unprobed", "ended", "unprobed", "unprobed_in"]
 
 KINDS = ("Deployment", "DaemonSet", "StatefulSet")
 LOOK = 0.5  # seconds that a stream has to end: it took 0.03 s on a machine that was overloaded

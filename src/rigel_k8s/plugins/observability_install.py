@@ -47,17 +47,14 @@ class Installed:
 
 
 def ensure(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
-    """Have the stack there that an application's job asks for; nothing where it asks for none.
+    """Have the stack there that an application's job asks for.
 
     Who may only deploy applications does so: the stack is left to those who may look at it.
 
     Raises: as install.
     """
-    said = prepared.options.observability
-    if not said.enabled:
-        return
     raw = prepared.desired.options.get("observability") or {}
-    password = said.grafana.admin_password
+    password = prepared.options.observability.grafana.admin_password
     try:
         done = install(cluster, raw, job, password=str(password) if password else None)
     except ClusterError as error:

@@ -78,8 +78,7 @@ class OrchestrationJob:
             )
             check_places(prepared.desired.objects, cluster)
             _ready_the_network(prepared, cluster, job)
-            asked = prepared.options.observability.enabled
-            late = _observe(prepared, cluster, job) if asked else None
+            late = _observe(prepared, cluster, job)
             write_pull_secret(prepared.desired, prepared.credentials, cluster)
             _deploy(prepared, cluster, job)
             _check_graph(prepared, cluster, job)
@@ -105,11 +104,13 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
 
 
 def _observe(prepared: Preparation, cluster: Cluster, job: JobContext) -> RolloutFailed | None:
-    """Have the observability stack there that the job asks for.
+    """Have the observability stack there that the job asks for; nothing where it asks for none.
 
     Returns:
         Why it does not become ready: robots do not wait for dashboards, so it is told at the end.
     """
+    if not prepared.options.observability.enabled:
+        return None
     from rigel_k8s.plugins.observability_install import ensure
 
     try:

@@ -30,6 +30,7 @@ OUTSIDE = "10.64.3.1"
 #: Ends a program when the tests end, however they do.
 WITH_US = ("setpriv", "--pdeathsig", "KILL")
 PATIENCE = 240  # seconds: other clusters start beside
+WITHIN = f"--timeout={PATIENCE}s"
 KUBECONFIG = """# the user's own
 apiVersion: v1
 kind: Config
@@ -186,11 +187,7 @@ class Host:
 
     def finished(self, cluster: str, name: str) -> str:
         """Wait for a pod's success and return what it printed."""
-        words = [
-            f"pod/{name}",
-            "--for=jsonpath={.status.phase}=Succeeded",
-            f"--timeout={PATIENCE}s",
-        ]
+        words = [f"pod/{name}", "--for=jsonpath={.status.phase}=Succeeded", WITHIN]
         waited = self.kubectl(cluster, "wait", *words, check=False)
         assert "condition met" in waited, self.kubectl(cluster, "describe", "pod", name)
         return self.kubectl(cluster, "logs", name)

@@ -19,6 +19,8 @@ import yaml
 
 from rigel_k8s.localcluster import paths
 
+from .conftest import WITHIN
+
 pytestmark = [
     pytest.mark.cluster,
     pytest.mark.skipif(os.geteuid() != 0, reason="the local cluster needs root"),
@@ -98,7 +100,7 @@ def test_pods_on_two_nodes_reach_each_other(host: Any, one: str, registry: str) 
     serve = "echo served >/tmp/index.html; exec busybox httpd -f -p 80 -h /tmp"
     host.kubectl(one, "apply", "-f", "-", text=host.pod("web", image, serve, nodeName="node1"))
     host.kubectl(one, "expose", "pod", "web", "--port=80")
-    host.kubectl(one, "wait", "pod/web", "--for=condition=Ready", "--timeout=240s")
+    host.kubectl(one, "wait", "pod/web", "--for=condition=Ready", WITHIN)
     address = host.kubectl(one, "get", "pod/web", "-o", "jsonpath={.status.podIP}")
     service = host.kubectl(one, "get", "service/web", "-o", "jsonpath={.spec.clusterIP}")
     # The image's static busybox can only ask DNS itself: its C library loads no resolver.
@@ -221,7 +223,7 @@ def test_what_ends_is_started_again(host: Any, one: str) -> None:
     """Each component that is killed comes back by itself; one log has both lives."""
     kill(host, [f"/{program} " for program in PROGRAMS])
     host.until(lambda: host.status(one)["running"], "API server")
-    ready = ["wait", "node", "--all", "--for=condition=Ready", "--timeout=240s"]
+    ready = ["wait", "node", "--all", "--for=condition=Ready", WITHIN]
     host.until(lambda: "condition met" in host.kubectl(one, *ready, check=False), "nodes")
     log = host.directory / "state/clusters/t-one/node1/logs/kubelet.log"
     assert "starting again" in log.read_text()
@@ -232,7 +234,7 @@ def test_a_lost_node_is_started_again(host: Any, one: str, registry: str) -> Non
     image = f"{registry}/rigel-k8s/busybox:1"
     text = host.pod("stays", image, "exec busybox sleep 1000", nodeName="node2")
     host.kubectl(one, "apply", "-f", "-", text=text)
-    host.kubectl(one, "wait", "pod/stays", "--for=condition=Ready", "--timeout=240s")
+    host.kubectl(one, "wait", "pod/stays", "--for=condition=Ready", WITHIN)
     kill(host, ["node2/init.sh"])
     host.until(lambda: not host.status(one)["running"], "end of node2")
     assert host.status(one)["problems"] == ["node2 has ended"]
@@ -285,7 +287,7 @@ def live(host: Any) -> None:
     host.kubectl(
         "t-gone", "run", "p", f"--image={host.status('t-gone')['registry']}/rigel-k8s/pause:1"
     )
-    host.kubectl("t-gone", "wait", "pod/p", "--for=condition=Ready", "--timeout=240s")
+    host.kubectl("t-gone", "wait", "pod/p", "--for=condition=Ready", WITHIN)
 
 
 def be_killed(host: Any) -> None:
@@ -294,7 +296,7 @@ def be_killed(host: Any) -> None:
     kill_all(host)
     told = host.rigel("up", "--name", "t-gone")
     assert all(f"Starting {name} again" in told for name in ("control-plane", "node1"))
-    ready = ["wait", "pod/p", "--for=condition=Ready", "--timeout=240s"]
+    ready = ["wait", "pod/p", "--for=condition=Ready", WITHIN]
     assert "condition met" in host.kubectl("t-gone", *ready)
     kill_all(host)
 

@@ -13,6 +13,7 @@ from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.plugins.observability_found import installed_in
 from rigel_k8s.plugins.observability_removal import remove as remove_stack
 
+from ..conftest import inside
 from .conftest import Quiet, Stack
 
 pytestmark = pytest.mark.cluster
@@ -64,7 +65,8 @@ def test_the_peers_shape_deploys_and_updates(
     volume = ObjectRef("v1", "PersistentVolume", "", f"maps-{namespace}-pv")
     try:
         rigel("run", "job", "deploy_k8s", cwd=tmp_path)
-        assert "/rosout" in nodes(cluster, namespace)
+        nodes = inside(cluster, namespace, "rigel-k8s-application", "rosnode", "list")
+        assert "/rosout" in nodes
         assert (tmp_path / "results" / "logs-volume").is_dir()
         rigel("run", "job", "update_k8s", cwd=tmp_path)
         ref = ObjectRef("apps/v1", "Deployment", namespace, "rigel-k8s-application")
@@ -73,13 +75,3 @@ def test_the_peers_shape_deploys_and_updates(
         assert cluster.get(volume) is None
     finally:
         cluster.delete(volume)
-
-
-def nodes(cluster: Any, namespace: str) -> str:
-    """Return what `rosnode list` prints in the application's pod."""
-    labels = {"app.kubernetes.io/name": "rigel-k8s-application"}
-    (pod,) = cluster.list("v1", "Pod", namespace, labels=labels)
-    words = ["/bin/sh", "/rigel-k8s/exec.sh", "rosnode", "list"]
-    done = cluster.run(namespace, pod["metadata"]["name"], words)
-    assert done.code == 0, done
-    return str(done.stdout.decode())

@@ -119,6 +119,13 @@ class Release:
                 assert time.monotonic() < until, f"{name} is not ready"
                 time.sleep(0.2)
 
+    def unready(self, name: str, seconds: float = 30) -> None:
+        """Wait until a pod is ready no more."""
+        until = time.monotonic() + seconds
+        while self.is_ready(name):
+            assert time.monotonic() < until, f"{name} is still ready"
+            time.sleep(0.2)
+
     def is_ready(self, name: str) -> bool:
         pod = self.cluster.get(ObjectRef("v1", "Pod", self.namespace, name))
         conditions = (pod or {}).get("status", {}).get("conditions", [])
@@ -201,10 +208,7 @@ def test_stopped(release: Callable[[str], Release], machines: list[str]):
     made.node("two", machines[1])
     made.ready("one", "two")
     made.cluster.run(made.namespace, "two", ["python3", "-c", STOP])
-    until = time.monotonic() + 30
-    while made.is_ready("two"):
-        assert time.monotonic() < until, "still ready"
-        time.sleep(0.2)
+    made.unready("two")
     assert [f.kind for f in made.look().findings] == ["stopped"]
 
 
@@ -238,10 +242,7 @@ def test_no_second_network(release: Callable[[str], Release], machines: list[str
     made.ready("one", "two")
     inside = entering(made.cluster, namespace, "two")
     subprocess.run([*inside, "ip", "link", "delete", "net1"], check=True)
-    until = time.monotonic() + 30
-    while made.is_ready("two"):
-        assert time.monotonic() < until, "still ready"
-        time.sleep(0.2)
+    made.unready("two")
     (finding,) = made.look().findings
     assert finding.message.startswith("two has no net1: Multus did not attach the second network")
     assert "delete the pod" in finding.remedy

@@ -267,6 +267,9 @@ def test_data_that_nobody_keeps_are_told_of(
     assert [warning.split()[0] for warning in report.warnings] == ["loki"]
 
 
+ASKED = Prepared(Observability(enabled=True))
+
+
 def test_robots_do_not_wait_for_dashboards(monkeypatch: pytest.MonkeyPatch) -> None:
     """A stack that does not become ready is told, and told again at the end."""
     failed = RolloutFailed("loki is not ready")
@@ -276,7 +279,7 @@ def test_robots_do_not_wait_for_dashboards(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(observability_install, "ensure", ensure)
     context = job()
-    assert orchestration._observe(None, None, context) is failed  # type: ignore[arg-type]
+    assert orchestration._observe(ASKED, None, context) is failed  # type: ignore[arg-type]
     assert "the application is deployed all the same" in context.report.warnings[0]  # type: ignore[attr-defined]
 
 
@@ -288,7 +291,7 @@ def test_an_interruption_is_none_of_the_stacks_failures(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(observability_install, "ensure", ensure)
     with pytest.raises(UserError):
-        orchestration._observe(None, None, job())  # type: ignore[arg-type]
+        orchestration._observe(ASKED, None, job())  # type: ignore[arg-type]
 
 
 def test_the_job_that_is_switched_off_does_nothing() -> None:

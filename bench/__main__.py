@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bench.measure import Figure, run
 from bench.tools import Helm, Kubectl, Rigel, Tool, helm_program
-from rigel_k8s import localcluster
+from rigel_lab import cluster as localcluster
 
 SCENARIOS = ("first deploy", "unchanged", "one image")
 RIGELFILE = """\
@@ -71,7 +71,7 @@ def arguments() -> argparse.Namespace:
 
 def tag_again(registry: str) -> None:
     """Give the pause image a second tag with other content, for the one-image update."""
-    from rigel_k8s.localcluster import components, oci
+    from rigel_lab.cluster import components, oci
 
     parts = components.obtain(print)
     files = {"catatonit": Path(parts.program("catatonit")), "second": "second\n"}

@@ -21,11 +21,11 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s import localcluster
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
+from rigel_lab import cluster as localcluster
 
 NODES = 5
 PUBLISH = """

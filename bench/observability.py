@@ -25,10 +25,10 @@ from typing import Any
 import attrs
 import yaml
 
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.plugins.observability_found import installed_in
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.installation import installed_in
 from rigel_k8s.settings import Settings
 
 PARTS = ("loki", "promtail", "prometheus", "kube-state-metrics", "node-exporter", "ros-exporter")

@@ -25,7 +25,7 @@ from typing import Any
 import attrs
 import yaml
 
-from rigel_k8s import localcluster
+from rigel_lab import cluster as localcluster
 
 NODES = Path(__file__).parent / "ros2_nodes"
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ros2-talker-listener"

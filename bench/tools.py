@@ -10,7 +10,7 @@ from typing import Protocol
 
 import attrs
 
-from rigel_k8s.localcluster import gobuild
+from rigel_lab.cluster import gobuild
 
 __all__ = ["Helm", "Kubectl", "Rigel", "Tool", "helm_program"]
 

@@ -37,7 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     What a machine is like must not change because clusters beside it start.
     """
-    items.sort(key=lambda item: item.nodeid.startswith("tests/cluster/localcluster/"))
+    items.sort(key=lambda item: item.nodeid.startswith("tests/cluster/lab/"))
     firsts = {lane_of(item.nodeid): item for item in reversed(items)}
     for lane in firsts.keys() & set(LANES.values()):
         firsts[lane].add_marker(pytest.mark.timeout(BUILDS))

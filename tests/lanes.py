@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from xdist.scheduler import LoadScopeScheduling
 
-from rigel_k8s.localcluster.components import ON_REQUEST
+from rigel_lab.cluster.components import ON_REQUEST
 
 #: The beginning of a path -> its lane; the first that fits counts.
 LANES = {
     "tests/cluster/observability/": "observability",
     "tests/cluster/ros2/": "ros2",
-    "tests/cluster/localcluster/": "machines",
+    "tests/cluster/lab/": "machines",
     "tests/cluster/network/test_k3s_guide.py": "machines",
     "tests/cluster/network/test_own_cluster.py": "machines",
     "tests/cluster/network/test_preflight_own.py": "machines",

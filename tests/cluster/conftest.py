@@ -89,7 +89,7 @@ def cluster(context: str) -> Iterator[Any]:
 @pytest.fixture
 def namespace(cluster: Any, request: pytest.FixtureRequest) -> Iterator[str]:
     """A namespace for one test, deleted after it."""
-    from rigel_k8s.deploy.types import ObjectRef
+    from rigel_k8s.objects.refs import ObjectRef
 
     name = f"t-{uuid.uuid4().hex[:8]}"
     cluster.create(
@@ -116,7 +116,7 @@ def rigel(context: str) -> Rigel:
 @pytest.fixture(scope="session")
 def registry(cluster: Any) -> str:
     """HOST:PORT of a registry that we can push to and the nodes pull from."""
-    from rigel_k8s.deploy.types import ObjectRef
+    from rigel_k8s.objects.refs import ObjectRef
 
     if given := os.environ.get("RIGEL_TEST_REGISTRY"):
         return given
@@ -135,8 +135,8 @@ def multus(context: str) -> None:
 @pytest.fixture(scope="session")
 def prometheus_operator(cluster: Any) -> None:
     """The Prometheus operator by upstream's own manifests, unchanged; it stays on the cluster."""
-    from rigel_k8s.deploy.types import ObjectRef
-    from rigel_k8s.localcluster.observability import OPERATOR
+    from rigel_k8s.objects.refs import ObjectRef
+    from rigel_lab.cluster.observability import OPERATOR
 
     OPERATOR.build(print)
     manifests = (OPERATOR.directory / "prometheus-operator.yaml").read_text()

@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef
 
 from .background import Background
 

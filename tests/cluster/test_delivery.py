@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef
 
 pytestmark = pytest.mark.cluster
 

@@ -24,16 +24,16 @@ from typing import Any, Literal
 import attrs
 import pytest
 
-from rigel_k8s import localcluster
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.images.registry import resolve_digest
-from rigel_k8s.plugins.buildx import DIGESTS, BuildXJob, BuildXOptions
-from rigel_k8s.plugins.dockerfile import Compiler, DockerfileJob, DockerfileOptions, EnvVar
-from rigel_k8s.plugins.registry import ContainerRegistry, ContainerRegistryOptions
-from rigel_k8s.sequences.job import JobContext
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.types.buildx import DIGESTS, BuildXJob, BuildXOptions
+from rigel_k8s.jobs.types.container_registry import ContainerRegistry, ContainerRegistryOptions
+from rigel_k8s.jobs.types.dockerfile import Compiler, DockerfileJob, DockerfileOptions, EnvVar
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Application, Settings
+from rigel_lab import cluster as localcluster
 
 USER, PASSWORD = "robot", "se:cret"
 #: As `htpasswd -nbB robot se:cret` writes it.

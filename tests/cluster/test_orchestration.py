@@ -11,15 +11,16 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.deploy.release import down, history
-from rigel_k8s.deploy.types import ObjectRef, ReleaseId
+from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
-from rigel_k8s.manifests.options import OrchestrationOptions
-from rigel_k8s.plugins.orchestration import OrchestrationJob
+from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.deploy import down, history
+from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.source import Node, Span, made
 from rigel_k8s.rigelfile.structure import structure
-from rigel_k8s.sequences.job import JobContext, Reporter
 from rigel_k8s.settings import Application, Settings
 
 from .conftest import inside

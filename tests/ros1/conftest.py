@@ -25,8 +25,8 @@ import attrs
 import pytest
 
 import rigel_k8s.inpod
-from rigel_k8s.images.ros1base import BaseImage, build
-from rigel_k8s.manifests.master import ROSCORE
+from rigel_k8s.app.master import ROSCORE
+from rigel_lab.images.ros1base import BaseImage, build
 
 SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
 NODE = ("/bin/sh", "/rigel-k8s/ready.sh", "node")

@@ -8,7 +8,7 @@ import signal
 
 import pytest
 
-from rigel_k8s.images.exporter import entries
+from rigel_lab.images.exporter import entries
 
 pytestmark = pytest.mark.cluster
 

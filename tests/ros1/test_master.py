@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from rigel_k8s.manifests.master import ROSCORE
+from rigel_k8s.app.master import ROSCORE
 
 pytestmark = pytest.mark.cluster
 

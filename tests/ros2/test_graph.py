@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import rigel_k8s.inpod
-from rigel_k8s.plugins.graph import PATIENCE
-from rigel_k8s.plugins.graph_findings import Graph
+from rigel_k8s.graph.check import PATIENCE
+from rigel_k8s.graph.findings import Graph
 
 pytestmark = pytest.mark.cluster
 

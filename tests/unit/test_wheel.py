@@ -12,33 +12,34 @@ import pytest
 from hatchling.builders.wheel import WheelBuilder
 
 ROOT = Path(__file__).parents[2]
-PACKAGE = ROOT / "src" / "rigel_k8s"
+SOURCES = ROOT / "src"
 #: One of each kind of data that something reads at run time.
 DATA = (
-    "boards/files/rigel-logs.json",
-    "boards/files/rigel-platform.yaml",
-    "exporter/__main__.py",
-    "images/base/files/ros_entrypoint.sh",
-    "images/ros1base/files/setup.zsh",
-    "images/ros2base/files/jazzy.in",
-    "images/ros2base/files/jazzy.txt",
-    "images/ros2base/files/ros2/__main__.py",
-    "inpod/ready.sh",
-    "localcluster/install-cnis.sh",
-    "localcluster/lock/multus/go.mod",
-    "localcluster/lock/multus/go.sum",
-    "manifests/multus/machine.sh",
-    "manifests/network/interface.sh",
-    "py.typed",
+    "rigel_k8s/observability/boards/files/rigel-logs.json",
+    "rigel_k8s/observability/boards/files/rigel-platform.yaml",
+    "rigel_k8s/exporter/__main__.py",
+    "rigel_lab/images/base/files/ros_entrypoint.sh",
+    "rigel_lab/images/ros1base/files/setup.zsh",
+    "rigel_lab/images/ros2base/files/jazzy.in",
+    "rigel_lab/images/ros2base/files/jazzy.txt",
+    "rigel_lab/images/ros2base/files/ros2/__main__.py",
+    "rigel_k8s/inpod/ready.sh",
+    "rigel_lab/cluster/install-cnis.sh",
+    "rigel_lab/cluster/lock/multus/go.mod",
+    "rigel_lab/cluster/lock/multus/go.sum",
+    "rigel_k8s/network/multus/machine.sh",
+    "rigel_k8s/network/interface.sh",
+    "rigel_k8s/py.typed",
 )
 READS = """
-from rigel_k8s import boards, inpod
-from rigel_k8s.images.exporter.program import entries as exporter
-from rigel_k8s.images.ros1base.overlay import entries as ros1
-from rigel_k8s.images.ros2base.overlay import entries as ros2
-from rigel_k8s.images.ros2base.packages import lock
-from rigel_k8s.manifests.network.files import interface_script
-from rigel_k8s.plugins.network_rollout import machine_script
+from rigel_k8s import inpod
+from rigel_k8s.observability import boards
+from rigel_lab.images.exporter.program import entries as exporter
+from rigel_lab.images.ros1base.overlay import entries as ros1
+from rigel_lab.images.ros2base.overlay import entries as ros2
+from rigel_lab.images.ros2base.packages import lock
+from rigel_k8s.network.files import interface_script
+from rigel_k8s.network.multus.rollout import machine_script
 assert all(inpod.scripts().values()) and boards.dashboards() and boards.rules()
 assert exporter() and ros1("core") and ros2("jazzy") and lock("jazzy") and lock("kilted")
 assert interface_script() and machine_script()
@@ -76,14 +77,14 @@ def python(installed: Path, where: Path, code: str, *words: str) -> str:
 def test_every_file_of_the_package_is_in_the_wheel(wheel: Path) -> None:
     """What a pattern of .gitignore or of the build leaves out is missed on a user's machine."""
     ours = {
-        path.relative_to(PACKAGE.parent).as_posix()
-        for path in PACKAGE.rglob("*")
+        path.relative_to(SOURCES).as_posix()
+        for path in SOURCES.rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if not name.split("/")[0].endswith("-info")}
     assert packed == ours
-    assert {f"rigel_k8s/{name}" for name in DATA} <= packed
+    assert set(DATA) <= packed
 
 
 def test_the_wheel_works_without_the_checkout(installed: Path, tmp_path: Path) -> None:

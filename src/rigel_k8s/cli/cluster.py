@@ -12,7 +12,7 @@ import click
 from rigel_k8s.cli.words import json_option, print_json, quiet
 
 if TYPE_CHECKING:
-    from rigel_k8s.localcluster import ClusterStatus
+    from rigel_lab.cluster import ClusterStatus
 
 __all__ = ["cluster"]
 
@@ -21,7 +21,7 @@ def complete_name(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[str]:  # pragma: no cover - called by the shell
     """Return the clusters that there are."""
-    from rigel_k8s import localcluster
+    from rigel_lab import cluster as localcluster
 
     return [name for name in localcluster.names() if name.startswith(incomplete)]
 
@@ -78,7 +78,7 @@ def up(
     The first time its programs are built (about 15 minutes on two cores) and kept in a cache. The
     context rigel-NAME is put into your kubeconfig and becomes the current one.
     """
-    from rigel_k8s.actions import clusters
+    from rigel_k8s.commands import cluster as clusters
 
     status = clusters.up(
         name, nodes, extras=extras, layout=layout, data_dir=data_dir, report=steps(ctx)
@@ -106,7 +106,7 @@ def tell_offers(status: ClusterStatus) -> None:
 @click.pass_context
 def down(ctx: click.Context, /, name: str) -> None:
     """End a cluster and remove everything of it, its volumes and images too."""
-    from rigel_k8s import localcluster
+    from rigel_lab import cluster as localcluster
 
     there_was = localcluster.down(name, report=steps(ctx))
     click.echo(f"Cluster {name} is gone" if there_was else f"There is no cluster {name}")
@@ -117,7 +117,7 @@ def down(ctx: click.Context, /, name: str) -> None:
 @json_option
 def status(name: str, output: str) -> int:
     """Show a cluster: nodes, context, registry. Exit code 1 where it does not run."""
-    from rigel_k8s import localcluster
+    from rigel_lab import cluster as localcluster
 
     found = localcluster.status(name)
     if output == "json":
@@ -144,7 +144,7 @@ def status(name: str, output: str) -> int:
 @click.pass_context
 def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
     """Put images of podman or docker, or of tar files, onto every node."""
-    from rigel_k8s import localcluster
+    from rigel_lab import cluster as localcluster
 
     localcluster.load(images, name, report=steps(ctx))
 
@@ -153,7 +153,7 @@ def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
 @name_option
 def kubeconfig(name: str) -> None:
     """Print a kubeconfig of the cluster alone."""
-    from rigel_k8s import localcluster
+    from rigel_lab import cluster as localcluster
 
     click.echo(localcluster.kubeconfig_text(name), nl=False)
 

@@ -15,7 +15,7 @@ __all__ = ["doctor"]
 @click.pass_context
 def doctor(ctx: click.Context, /, output: str) -> int:
     """Check what a deploy needs: a cluster, rights, nodes, storage. Exit code 1 where one lacks."""
-    from rigel_k8s.actions import doctors
+    from rigel_k8s.commands import doctor as doctors
 
     findings = doctors.examine(settings(ctx))
     if output == "json":

@@ -8,7 +8,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.plugins.graph_findings import Graph, PodGraph
+from rigel_k8s.graph.findings import Graph, PodGraph
 
 __all__ = ["HEADS", "cells", "graph_json", "graph_lines"]
 

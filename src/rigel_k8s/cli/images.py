@@ -26,7 +26,7 @@ def image() -> None:
 @click.pass_context
 def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: bool) -> None:  # noqa: FBT001
     """A ROS 1 base image from Debian's packages, used just as ros:noetic is."""
-    from rigel_k8s.actions import images
+    from rigel_k8s.commands import images
 
     with reporting(ctx) as report:
         name = images.ros1_base(report, variant=variant, push=push, force=force)
@@ -42,7 +42,7 @@ def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: 
 @click.pass_context
 def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bool) -> None:  # noqa: FBT001
     """A ROS 2 base image from Debian and PyPI's wheels, used just as ros:jazzy is."""
-    from rigel_k8s.actions import images
+    from rigel_k8s.commands import images
 
     with reporting(ctx) as report:
         name = images.ros2_base(report, distro=distro, push=push, force=force)
@@ -57,7 +57,7 @@ def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bo
 @click.pass_context
 def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None:  # noqa: FBT001
     """The image of the exporter that gives an application's ros_metrics."""
-    from rigel_k8s.actions import images
+    from rigel_k8s.commands import images
 
     with reporting(ctx) as report:
         name = images.ros_exporter(report, push=push, force=force)

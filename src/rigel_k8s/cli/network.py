@@ -12,10 +12,10 @@ from rigel_k8s.cli.words import Timeout, json_option, print_json, reporting, set
 from rigel_k8s.errors import UserError
 
 if TYPE_CHECKING:
-    from rigel_k8s.manifests.multus.interfaces import Missing
-    from rigel_k8s.manifests.multus.leases import Unkept
-    from rigel_k8s.manifests.network.options import Install
-    from rigel_k8s.plugins.network_status import NetworkStatus, PartStatus
+    from rigel_k8s.network.multus.interfaces import Missing
+    from rigel_k8s.network.multus.leases import Unkept
+    from rigel_k8s.network.multus.status import NetworkStatus, PartStatus
+    from rigel_k8s.network.options import Install
 
 __all__ = ["network"]
 
@@ -75,8 +75,8 @@ def install(
     **words: str | bool | None,
 ) -> None:
     """Install or update both, and let each node attach a pod. What others installed is used."""
-    from rigel_k8s.actions import networks
-    from rigel_k8s.plugins.network_install import told
+    from rigel_k8s.commands import network as networks
+    from rigel_k8s.network.multus.install import told
 
     with reporting(ctx) as report:
         done = networks.install(
@@ -91,7 +91,7 @@ def install(
 @click.pass_context
 def status(ctx: click.Context, /, output: str, **words: str | None) -> int:
     """Show both on each node, and pods that lack a network. Exit code 1 where something does."""
-    from rigel_k8s.actions import networks
+    from rigel_k8s.commands import network as networks
 
     found = networks.status(settings(ctx), options_of(words))
     if output == "json":
@@ -120,7 +120,7 @@ def remove(
     **words: str | None,
 ) -> None:
     """Take both away, so that every node goes on starting pods."""
-    from rigel_k8s.actions import networks
+    from rigel_k8s.commands import network as networks
 
     with reporting(ctx) as report:
         done = networks.remove(
@@ -140,8 +140,8 @@ def options_of(words: Mapping[str, str | bool | None]) -> Install:
     Raises:
         UserError: they are no such options.
     """
-    from rigel_k8s.manifests.network.checks import check_install
-    from rigel_k8s.manifests.network.options import Install
+    from rigel_k8s.app.networkchecks import check_install
+    from rigel_k8s.network.options import Install
     from rigel_k8s.rigelfile.source import Node, Span, made
     from rigel_k8s.rigelfile.structure import structure
 

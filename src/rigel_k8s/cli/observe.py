@@ -11,8 +11,8 @@ import click
 from rigel_k8s.cli.words import Timeout, json_option, print_json, reporting, settings
 
 if TYPE_CHECKING:
-    from rigel_k8s.actions.observe import Administrator, Opened
-    from rigel_k8s.actions.observe_status import ObserveStatus
+    from rigel_k8s.commands.observe import Administrator, Opened
+    from rigel_k8s.observability.reading.status import ObserveStatus
 
 __all__ = ["observe"]
 
@@ -42,7 +42,7 @@ def observe(
     """
     if ctx.invoked_subcommand is not None:
         return
-    from rigel_k8s.actions import observe as actions
+    from rigel_k8s.commands import observe as actions
 
     ports = {"grafana": grafana, "prometheus": prometheus, "loki": loki}
     for told in actions.observe(settings(ctx), ports, password=not no_password):
@@ -63,8 +63,8 @@ def status(ctx: click.Context, /, output: str) -> int:
 
     Exit code 1 where the stack itself is not in order.
     """
-    from rigel_k8s.actions import observe_status
     from rigel_k8s.cli.tables import status_json
+    from rigel_k8s.observability.reading import status as observe_status
 
     found = observe_status.status(settings(ctx))
     if output == "json":
@@ -89,8 +89,8 @@ def remove(
     timeout: float | None,
 ) -> None:
     """Take the stack away, for all applications. Its data stay unless --volumes."""
-    from rigel_k8s.actions import observe as actions
     from rigel_k8s.cli.releases import confirm
+    from rigel_k8s.commands import observe as actions
 
     if volumes and not yes:
         confirm("Delete all logs and metrics of all applications?")

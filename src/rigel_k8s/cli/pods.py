@@ -11,7 +11,7 @@ import click
 from rigel_k8s.cli.words import Timeout, complete_node, job_option, settings
 
 if TYPE_CHECKING:
-    from rigel_k8s.actions.log_lines import LogLine
+    from rigel_k8s.commands.logs.lines import LogLine
 
 __all__ = ["exec_", "forward", "logs"]
 
@@ -57,8 +57,8 @@ def logs(
     With --since or --level they come by time, also those of pods that are gone, from the
     observability stack's Loki; without one, from the API server.
     """
-    from rigel_k8s.actions.logs import LogOptions
-    from rigel_k8s.actions.logs import logs as lines_of
+    from rigel_k8s.commands.logs.lines import LogOptions
+    from rigel_k8s.commands.logs.read import logs as lines_of
 
     options = LogOptions(
         follow=follow,
@@ -82,14 +82,14 @@ def logs(
 
 def text_of(line: LogLine, *, timestamps: bool) -> str:
     """Return a line as people read it."""
-    from rigel_k8s.actions.log_lines import stamp
+    from rigel_k8s.commands.logs.lines import stamp
 
     return f"{stamp(line.time)} {line.text}" if timestamps and line.time else line.text
 
 
 def line_json(line: LogLine) -> dict[str, str | None]:
     """Return a line as scripts get it (docs/cli.md)."""
-    from rigel_k8s.actions.log_lines import stamp
+    from rigel_k8s.commands.logs.lines import stamp
 
     return {
         "time": stamp(line.time) if line.time else None,
@@ -123,7 +123,7 @@ def exec_(
     rigel exec talker -- rostopic list; without a command, a shell (-it). The command's exit code
     becomes rigel's.
     """
-    from rigel_k8s.actions import pods
+    from rigel_k8s.commands import pods
 
     terminal = sys.stdin.isatty()
     if not command and not (stdin or tty):
@@ -164,7 +164,7 @@ def port_pair(text: str) -> tuple[int, int]:
 @click.pass_context
 def forward(ctx: click.Context, /, node: str, ports: tuple[str, ...], job: str | None) -> None:
     """Forward local ports to a ROS node's pod until Ctrl-C."""
-    from rigel_k8s.actions import pods
+    from rigel_k8s.commands import pods
 
     wanted = dict(port_pair(text) for text in ports)
     for text in pods.forward(settings(ctx), node, wanted, job):

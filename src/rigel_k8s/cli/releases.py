@@ -28,8 +28,8 @@ __all__ = ["diff", "down", "history", "render", "rollback", "status"]
 @click.pass_context
 def render(ctx: click.Context, /, job: str | None) -> None:
     """Print the manifests that a job would apply, as YAML."""
-    from rigel_k8s.actions import releases
-    from rigel_k8s.actions.yaml_text import documents
+    from rigel_k8s.commands import releases
+    from rigel_k8s.commands.yaml_text import documents
 
     found = releases.render(settings(ctx), job)
     warn(found.warnings)
@@ -43,7 +43,7 @@ def render(ctx: click.Context, /, job: str | None) -> None:
 @click.pass_context
 def diff(ctx: click.Context, /, job: str | None, exit_code: bool, adopt: bool) -> int:  # noqa: FBT001
     """Show what a job would change on the cluster; nothing is written."""
-    from rigel_k8s.actions import releases
+    from rigel_k8s.commands import releases
 
     try:
         found = releases.diff(settings(ctx, adopt=adopt), job)
@@ -89,8 +89,8 @@ def summary(plan: Any) -> str:
 @click.pass_context
 def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) -> int:  # noqa: FBT001
     """Show what runs where, and what is wrong. Exit code 1 where something is."""
-    from rigel_k8s.actions import releases
     from rigel_k8s.cli.tables import status_json, status_text
+    from rigel_k8s.commands import releases
 
     found = releases.status(settings(ctx), job, graph=not no_graph)
     if output == "json":
@@ -106,8 +106,8 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 @click.pass_context
 def history(ctx: click.Context, /, job: str | None, output: str) -> None:
     """List the revisions of a release, the newest last."""
-    from rigel_k8s.actions import releases
     from rigel_k8s.cli.tables import table
+    from rigel_k8s.commands import releases
 
     found = releases.history(settings(ctx), job)
     columns = ("number", "status", "created", "description")
@@ -136,7 +136,7 @@ def rollback(
     adopt: bool,  # noqa: FBT001 - click passes it by name
 ) -> None:
     """Deploy an earlier revision again; without a number, the good one before the present."""
-    from rigel_k8s.actions import releases
+    from rigel_k8s.commands import releases
 
     words = settings(ctx, timeout=timeout, adopt=adopt)
     with reporting(ctx) as report:
@@ -159,7 +159,7 @@ def down(
     timeout: float | None,
 ) -> None:
     """Take a release away. Claims and volumes stay unless --volumes."""
-    from rigel_k8s.actions import releases
+    from rigel_k8s.commands import releases
 
     if volumes and not yes:
         confirm("Delete claims and volumes with all their data?")

@@ -1,6 +1,6 @@
 """How a running command tells how it goes: lines, or live rows in a terminal.
 
-Both are the Reporter of sequences/job.py; jobs call them from several threads.
+Both are the Reporter of jobs/job.py; jobs call them from several threads.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ __all__ = ["check", "init", "schema"]
 @click.pass_context
 def init(ctx: click.Context, /, ros: str, force: bool) -> None:  # noqa: FBT001 - click passes it by name
     """Write a commented Rigelfile that passes `rigel check`."""
-    from rigel_k8s.actions import rigelfiles as actions
+    from rigel_k8s.commands import rigelfiles as actions
 
     path = settings(ctx).rigelfile
     actions.init(path, ros=ros, force=force)
@@ -30,7 +30,7 @@ def init(ctx: click.Context, /, ros: str, force: bool) -> None:  # noqa: FBT001 
 @click.pass_context
 def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FBT001 - see init
     """Tell every problem of the Rigelfile, with its place. Exit code 2 where there is one."""
-    from rigel_k8s.actions import rigelfiles as actions
+    from rigel_k8s.commands import rigelfiles as actions
 
     results = [actions.check(settings(ctx))]
     if rigel03:
@@ -68,6 +68,6 @@ def schema() -> None:
     For VS Code's YAML extension: rigel schema > rigelfile.schema.json, and name it in
     "yaml.schemas".
     """
-    from rigel_k8s.actions import rigelfiles as actions
+    from rigel_k8s.commands import rigelfiles as actions
 
     print_json(actions.schema())

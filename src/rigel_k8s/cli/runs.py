@@ -28,7 +28,7 @@ def run(
     adopt: bool,  # noqa: FBT001 - click passes it by name
 ) -> None:
     """Run a job or a sequence of the Rigelfile."""
-    from rigel_k8s.actions import runs
+    from rigel_k8s.commands import run as runs
 
     with reporting(ctx) as report:
         runs.run(kind, name, settings(ctx, timeout=timeout, adopt=adopt), report)

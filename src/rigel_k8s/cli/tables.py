@@ -10,10 +10,10 @@ import attrs
 import click
 
 from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
-from rigel_k8s.deploy.status import PodStatus, ReleaseStatus, WorkloadStatus
-from rigel_k8s.deploy.types import REMEDY_ANNOTATION
-from rigel_k8s.manifests.naming import ROS_NAME_ANNOTATION
-from rigel_k8s.plugins.graph_findings import Graph
+from rigel_k8s.graph.findings import Graph
+from rigel_k8s.objects.marks import REMEDY_ANNOTATION
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
 
 __all__ = ["age", "status_json", "status_text", "table"]
 

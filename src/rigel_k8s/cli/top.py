@@ -12,7 +12,7 @@ from rigel_k8s.cli.words import complete_node, job_option, json_option, print_js
 from rigel_k8s.cli.words import quiet as is_quiet
 
 if TYPE_CHECKING:
-    from rigel_k8s.actions.top import Row, Top, Topic, Topics
+    from rigel_k8s.commands.top import Row, Top, Topic, Topics
 
 __all__ = ["top"]
 
@@ -44,7 +44,7 @@ def top(
     metrics-server, without that from the kubelets. What only the ROS exporter can tell (UP, and of
     ROS 1 OUT and IN in messages a second) stands where it looks at the application.
     """
-    from rigel_k8s.actions import top as actions
+    from rigel_k8s.commands import top as actions
 
     if topics:
         show_topics(actions.topics(settings(ctx), nodes, job), output)

@@ -13,7 +13,7 @@ import click
 from rigel_k8s.settings import Settings
 
 if TYPE_CHECKING:
-    from rigel_k8s.sequences.job import Reporter
+    from rigel_k8s.jobs.job import Reporter
 
 __all__ = [
     "Timeout",
@@ -110,21 +110,21 @@ def offered(
 
 def complete_job(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Return the Rigelfile's orchestration jobs."""
-    from rigel_k8s.actions import targets
+    from rigel_k8s.commands import targets
 
     return offered(ctx, incomplete, targets.names)
 
 
 def complete_node(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Return the nodes of the release."""
-    from rigel_k8s.actions import targets
+    from rigel_k8s.commands import targets
 
     return offered(ctx, incomplete, lambda s: targets.node_names(s, ctx.params.get("job")))
 
 
 def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Return the Rigelfile's jobs or sequences, whichever was said before."""
-    from rigel_k8s.actions import rigelfiles
+    from rigel_k8s.commands import rigelfiles
 
     kind: Any = ctx.params.get("kind") or "job"
     return offered(ctx, incomplete, lambda s: rigelfiles.runnable(s, kind))

@@ -14,9 +14,9 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.rigelfile import Node, Rigelfile, preview
 from rigel_k8s.rigelfile.model import ComponentSpec, Concurrent, JobUse, Parallel, SequenceSpec
-from rigel_k8s.sequences.names import Builtin
 
 __all__ = ["CommandLine", "Use", "command_line", "find_use"]
 

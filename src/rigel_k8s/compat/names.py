@@ -9,7 +9,7 @@ from typing import Any
 
 from rigel_k8s.compat.plugin import JobPlugin
 from rigel_k8s.compat.provider import ConnectionProvider
-from rigel_k8s.sequences.names import Builtin, Kind, by_name
+from rigel_k8s.jobs.names import Builtin, Kind, by_name
 
 __all__ = ["public"]
 

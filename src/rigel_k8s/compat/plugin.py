@@ -12,11 +12,11 @@ from typing import Any, ClassVar
 from rigel_k8s.compat.found import command_line, find_use
 from rigel_k8s.compat.words import LogReport, rigel_error
 from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.jobs.names import Builtin
+from rigel_k8s.jobs.registry import job_type
+from rigel_k8s.jobs.runner import GRACE, Prepared, prepare_use, run
+from rigel_k8s.jobs.scope import Scope
 from rigel_k8s.rigelfile import load
-from rigel_k8s.sequences.names import Builtin
-from rigel_k8s.sequences.registry import job_type
-from rigel_k8s.sequences.runner import GRACE, Prepared, prepare_use, run
-from rigel_k8s.sequences.scope import Scope
 from rigel_k8s.settings import Settings
 
 __all__ = ["JobPlugin"]

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 from rigel_k8s.compat.found import command_line
 from rigel_k8s.compat.words import LogReport, rigel_error
 from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.jobs.names import Builtin
+from rigel_k8s.jobs.registry import provider_type
 from rigel_k8s.rigelfile import load, realise
-from rigel_k8s.sequences.names import Builtin
-from rigel_k8s.sequences.registry import provider_type
 
 __all__ = ["ConnectionProvider"]
 

@@ -6,7 +6,7 @@ import logging
 import sys
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.sequences.job import Reporter
+from rigel_k8s.jobs.job import Reporter
 
 __all__ = ["LogReport", "rigel_error"]
 

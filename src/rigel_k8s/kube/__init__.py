@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rigel_k8s.kube.objects import Manifest, ObjectRef, ref_of
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster

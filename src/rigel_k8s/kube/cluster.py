@@ -13,10 +13,10 @@ import attrs
 from rigel_k8s.kube import threads
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.failures import Missing
-from rigel_k8s.kube.objects import Manifest, ObjectRef, ref_of
 from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.execution import ExecResult

@@ -14,11 +14,11 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.kube import connect
-from rigel_k8s.localcluster import components
-from rigel_k8s.localcluster.network import bridge_name
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
+from rigel_lab.cluster import components
+from rigel_lab.cluster.network import bridge_name
 
 #: Always there once Multus is: any image with a shell would do.
 IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
@@ -172,7 +172,7 @@ class Own:
 
     def start(self, node: str) -> None:
         """Switch a node on again."""
-        from rigel_k8s import localcluster
+        from rigel_lab import cluster as localcluster
 
         localcluster.up(self.name, report=print)
         until(lambda: self.is_up(node), f"return of {node}")
@@ -193,7 +193,7 @@ def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     """A cluster of two nodes that may be broken; ended with the module."""
     if os.geteuid() != 0:
         pytest.skip("a cluster of one's own needs root")
-    from rigel_k8s import localcluster
+    from rigel_lab import cluster as localcluster
 
     name, data_dir = f"network-{os.getpid()}", request.param
     kubeconfig = tmp_path_factory.mktemp("kube") / "config"

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s import localcluster
+from rigel_lab import cluster as localcluster
 
 pytestmark = pytest.mark.cluster
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
-from rigel_k8s.manifests.multus import RELEASE
-from rigel_k8s.manifests.multus.interfaces import without_interface
-from rigel_k8s.manifests.network.options import Install
-from rigel_k8s.plugins.network_install import install
+from rigel_k8s.network.multus import RELEASE
+from rigel_k8s.network.multus.install import install
+from rigel_k8s.network.multus.interfaces import without_interface
+from rigel_k8s.network.options import Install
+from rigel_k8s.objects.refs import ObjectRef
 
 pytestmark = pytest.mark.cluster
 

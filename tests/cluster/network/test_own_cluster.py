@@ -21,15 +21,15 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.errors import UserError
-from rigel_k8s.localcluster import components, k3s
-from rigel_k8s.manifests.multus import RELEASE, WHEREABOUTS_IMAGE
-from rigel_k8s.manifests.multus.interfaces import without_interface
-from rigel_k8s.manifests.network.options import Install
-from rigel_k8s.plugins.network_install import install
-from rigel_k8s.plugins.network_removal import remove, users
-from rigel_k8s.plugins.network_status import network_status
+from rigel_k8s.network.multus import RELEASE, WHEREABOUTS_IMAGE
+from rigel_k8s.network.multus.install import install
+from rigel_k8s.network.multus.interfaces import without_interface
+from rigel_k8s.network.multus.removal import remove, users
+from rigel_k8s.network.multus.status import network_status
+from rigel_k8s.network.options import Install
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_lab.cluster import components, k3s
 
 pytestmark = pytest.mark.cluster
 

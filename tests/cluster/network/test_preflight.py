@@ -13,16 +13,16 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.kubeconfig import load
-from rigel_k8s.manifests.network.modes import network_objects, wiring
-from rigel_k8s.manifests.network.options import Network
-from rigel_k8s.manifests.network.plan import network_plan
-from rigel_k8s.manifests.network.wiring import PodIdentity
-from rigel_k8s.plugins.preflight import check, examine
-from rigel_k8s.plugins.preflight_services import NOBODYS, service_ranges
+from rigel_k8s.network.modes import network_objects, wiring
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.plan import network_plan
+from rigel_k8s.network.preflight.examine import check, examine
+from rigel_k8s.network.preflight.services import NOBODYS, service_ranges
+from rigel_k8s.network.wiring import PodIdentity
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
 
 pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("multus")]

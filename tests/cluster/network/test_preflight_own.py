@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.manifests.network.options import Install, Network
-from rigel_k8s.plugins.network_install import install
-from rigel_k8s.plugins.preflight import check, examine
+from rigel_k8s.network.multus.install import install
+from rigel_k8s.network.options import Install, Network
+from rigel_k8s.network.preflight.examine import check, examine
 
 pytestmark = pytest.mark.cluster
 

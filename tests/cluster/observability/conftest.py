@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import attrs
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef
 
 from ..conftest import run_rigel
 
@@ -120,12 +120,12 @@ def is_ready(pod: dict[str, Any]) -> bool:
 @pytest.fixture(scope="session", autouse=True)
 def _images(context: str) -> None:
     """The stack's images in the local cluster's registry, built politely beside other tests."""
-    from rigel_k8s.localcluster.extras import EXTRAS
+    from rigel_lab.cluster.extras import EXTRAS
 
     if os.environ.get("RIGEL_TEST_CONTEXT"):
         return
     extras = [name for name in EXTRAS if name != "multus"]
-    build = f"from rigel_k8s.localcluster import components; components.obtain(print, {extras})"
+    build = f"from rigel_lab.cluster import components; components.obtain(print, {extras})"
     subprocess.run(["nice", "-n", "19", sys.executable, "-c", build], check=True)
     words = ["cluster", "up", "--name", context.removeprefix("rigel-")]
     run_rigel(*words, *(word for extra in extras for word in ("--with", extra)))
@@ -136,7 +136,7 @@ def watching(
     cluster: Any, context: str, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Stack]:
     """The cluster's one stack; who finds it there leaves it there."""
-    from rigel_k8s.plugins.observability_found import installed_in
+    from rigel_k8s.observability.installation import installed_in
 
     there = installed_in(cluster)
     file = tmp_path_factory.mktemp("stack") / "Rigelfile"
@@ -155,7 +155,7 @@ def stack(watching: Stack) -> str:
 
 def remove(cluster: Any, namespace: str) -> None:
     """Take the stack off the cluster, with its data and its namespace."""
-    from rigel_k8s.plugins.observability_removal import remove as remove_stack
+    from rigel_k8s.observability.removal import remove as remove_stack
 
     remove_stack(cluster, Quiet(), volumes=True)
     cluster.delete(ObjectRef("v1", "Namespace", "", namespace))

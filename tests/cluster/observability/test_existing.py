@@ -10,21 +10,17 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s import boards
-from rigel_k8s.deploy.release import deploy
-from rigel_k8s.deploy.types import Desired, ref_of
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.manifests.observability.images import PROMETHEUS_IMAGE
-from rigel_k8s.manifests.observability.options import (
-    Existing,
-    ExistingPrometheus,
-    Loki,
-    Observability,
-)
-from rigel_k8s.manifests.observability.release import stack_release
-from rigel_k8s.manifests.observability.stack import Boards
-from rigel_k8s.manifests.observability.stack import Stack as Parts
-from rigel_k8s.manifests.scalars import LabelKey, LabelValue
+from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.objects.scalars import LabelKey, LabelValue
+from rigel_k8s.observability import boards
+from rigel_k8s.observability.manifests.desired import stack_release
+from rigel_k8s.observability.manifests.images import PROMETHEUS_IMAGE
+from rigel_k8s.observability.manifests.stack import Boards
+from rigel_k8s.observability.manifests.stack import Stack as Parts
+from rigel_k8s.observability.options import Existing, ExistingPrometheus, Loki, Observability
+from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.types import Desired
 
 from ..conftest import run_rigel
 from .conftest import Quiet, Stack, until
@@ -109,7 +105,7 @@ def test_without_an_operator_the_way_out_is_told(
 ) -> None:
     """Instead of Kubernetes' word about a kind that it does not know; nothing is written."""
     if cluster.serves("monitoring.coreos.com/v1", "PodMonitor"):
-        pytest.skip("an operator is there; tests/unit/plugins/test_observability.py has the same")
+        pytest.skip("an operator is there; tests/unit/observability/test_install.py has the same")
     file = tmp_path / "Rigelfile"
     text = "{existing: {prometheus: true}, grafana: {enabled: false}}"
     job = f"{{plugin: observability, with: {text}}}"

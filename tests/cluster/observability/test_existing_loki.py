@@ -15,9 +15,9 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.manifests.observability.images import LOKI_IMAGE
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.manifests.images import LOKI_IMAGE
 
 from ..conftest import run_rigel
 from .conftest import Stack, is_ready, until

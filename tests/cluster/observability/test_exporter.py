@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from tests.cluster.conftest import run_rigel
 
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.manifests.observability.names import EXPORTER, EXPORTER_PORT
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
 
 pytestmark = pytest.mark.cluster
 

@@ -14,10 +14,10 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.images import exporter
 from rigel_k8s.kube import ObjectRef
-from rigel_k8s.localcluster import archives, observability_images
-from rigel_k8s.localcluster.upstream import short
+from rigel_lab.cluster import archives, observability_images
+from rigel_lab.cluster.upstream import short
+from rigel_lab.images import exporter
 
 pytestmark = pytest.mark.cluster
 
@@ -157,7 +157,7 @@ def test_an_archive_is_pushed_where_it_is_not_there(registry: str, tmp_path: Pat
 
 def archive(path: Path, content: bytes) -> Path:
     """Write an image of one file, as `rigel image` does."""
-    from rigel_k8s.images.base import archive as writer
+    from rigel_lab.images.base import archive as writer
 
     layer, file = path.with_suffix(".layer"), path.with_suffix(".file")
     file.write_bytes(content)

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
-from rigel_k8s.plugins.observability_found import installed_in
-from rigel_k8s.plugins.observability_removal import remove as remove_stack
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.installation import installed_in
+from rigel_k8s.observability.removal import remove as remove_stack
 
 from ..conftest import inside
 from .conftest import Quiet, Stack

@@ -13,7 +13,7 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef
 
 from ..conftest import run_rigel
 from .conftest import Quiet, Stack, until
@@ -255,7 +255,7 @@ def test_prometheus_keeps_its_samples_over_a_restart(watching: Stack) -> None:
 
 def test_data_outlive_the_stack(talker: Talker) -> None:
     """`down` leaves the claims, and the stack that comes next has all that was stored."""
-    from rigel_k8s.plugins.observability_removal import remove
+    from rigel_k8s.observability.removal import remove
 
     stack = talker.stack
     last = talker.beyond(50)[-1]
@@ -380,7 +380,7 @@ def test_what_is_not_run_here_is_taken_by_the_api_server(
     cluster: Any, namespace: str, what: str
 ) -> None:
     """Every field of every object is known, and nothing is refused or dropped in silence."""
-    from rigel_k8s.plugins.observability_wanted import rendered
+    from rigel_k8s.observability.desired import rendered
 
     for item in rendered(UNRUN[what], namespace).desired.objects:
         made = cluster.apply(item, dry_run=True, force=True)

@@ -12,13 +12,14 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.deploy.release import deploy
-from rigel_k8s.deploy.types import Desired, ObjectRef, ReleaseId
-from rigel_k8s.manifests.observability.frame import digest
-from rigel_k8s.manifests.observability.loki import loki
-from rigel_k8s.manifests.observability.options import Loki, Observability
-from rigel_k8s.manifests.observability.stack import Stack as Parts
-from rigel_k8s.manifests.scalars import Retention
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.objects.scalars import Retention
+from rigel_k8s.observability.manifests.frame import digest
+from rigel_k8s.observability.manifests.loki import loki
+from rigel_k8s.observability.manifests.stack import Stack as Parts
+from rigel_k8s.observability.options import Loki, Observability
+from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.types import Desired, ReleaseId
 
 from .conftest import Quiet, Stack, until
 

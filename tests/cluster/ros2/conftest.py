@@ -20,7 +20,7 @@ import attrs
 import pytest
 import yaml
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 HEARD = re.compile(r"I heard hello world from (\w+): \S+ (\d+)")

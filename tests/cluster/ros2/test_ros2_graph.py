@@ -12,12 +12,14 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.deploy.types import RELEASE_LABEL, ObjectRef, ReleaseId
+from rigel_k8s.graph import check as graph
+from rigel_k8s.graph.findings import Graph
 from rigel_k8s.inpod import scripts
-from rigel_k8s.manifests.naming import NAME_LABEL
-from rigel_k8s.manifests.network.wiring import NETWORK_ANNOTATION
-from rigel_k8s.plugins import graph
-from rigel_k8s.plugins.graph_findings import Graph
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.types import ReleaseId
 
 pytestmark = pytest.mark.cluster
 

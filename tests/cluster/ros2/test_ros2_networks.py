@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.localcluster.network import link_name
+from rigel_lab.cluster.network import link_name
 
 pytestmark = pytest.mark.cluster
 

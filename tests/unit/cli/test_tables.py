@@ -11,10 +11,10 @@ import pytest
 
 import rigel_k8s.inpod
 from rigel_k8s.cli.tables import ORPHAN, age, status_json, status_text
-from rigel_k8s.deploy.status import PodStatus, ReleaseStatus, WorkloadStatus
-from rigel_k8s.deploy.types import ReleaseId
-from rigel_k8s.plugins.graph_findings import Graph, PodGraph
-from rigel_k8s.plugins.graph_words import Finding
+from rigel_k8s.graph.findings import Graph, PodGraph
+from rigel_k8s.graph.words import Finding
+from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.release.types import ReleaseId
 
 NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
 DIGEST = "sha256:" + "ab" * 32

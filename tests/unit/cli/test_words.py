@@ -11,11 +11,16 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from rigel_k8s.actions import doctors, images, logs, pods, releases, runs
 from rigel_k8s.cli.main import cli
 from rigel_k8s.cli.pods import port_pair
 from rigel_k8s.cli.words import Timeout
-from rigel_k8s.deploy.types import ObjectRef, Plan, ReleaseId, Step
+from rigel_k8s.commands import doctor as doctors
+from rigel_k8s.commands import images, pods, releases
+from rigel_k8s.commands import run as runs
+from rigel_k8s.commands.logs import lines as log_lines
+from rigel_k8s.commands.logs import read as logs
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.settings import Settings
 
 GLOBAL = ["-f", "robots/Rigelfile", "--context", "lab", "--kubeconfig", "kc", "-n", "test"]
@@ -102,14 +107,14 @@ def test_diff(record: Any, *, changes: bool, code: int) -> None:
 def test_logs(record: Any) -> None:
     """Options of kubectl's meaning; our own notes are no output of a node's."""
     lines = [
-        logs.LogLine("talker", "talker-1", "hello"),
-        logs.LogLine("listener", "listener-1", "no log yet", note=True),
+        log_lines.LogLine("talker", "talker-1", "hello"),
+        log_lines.LogLine("listener", "listener-1", "no log yet", note=True),
     ]
     action = record(logs, "logs", lines)
     done = call(
         "logs", "-f", "-p", "--since", "5m", "--tail", "3", "--timestamps", "talker", "listener"
     )
-    options = logs.LogOptions(follow=True, since=300, tail=3, previous=True, timestamps=True)
+    options = log_lines.LogOptions(follow=True, since=300, tail=3, previous=True, timestamps=True)
     assert action.args == (SETTINGS, ("talker", "listener"), options, None)
     assert done.stdout == "[talker] hello\n"
     assert done.stderr == "[listener] no log yet\n"

@@ -9,8 +9,8 @@ import pytest
 
 from rigel_k8s.compat.found import CommandLine, command_line, find_use
 from rigel_k8s.errors import UserError
+from rigel_k8s.jobs.names import by_name
 from rigel_k8s.rigelfile import Rigelfile, load, plain
-from rigel_k8s.sequences.names import by_name
 
 BUILTIN = by_name("job")["dockerfile"]
 

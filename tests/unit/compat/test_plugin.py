@@ -15,8 +15,8 @@ import pytest
 import rigel_k8s
 from rigel_k8s.compat.words import LogReport
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.plugins.dockerfile import DockerfileJob
-from rigel_k8s.plugins.registry import ContainerRegistry
+from rigel_k8s.jobs.types.container_registry import ContainerRegistry
+from rigel_k8s.jobs.types.dockerfile import DockerfileJob
 from rigel_k8s.problems import Problem
 
 from .rigelfiles import DOCKERFILE

@@ -8,13 +8,14 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.deploy.status import ReleaseStatus, WorkloadStatus
-from rigel_k8s.deploy.types import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION, Desired, ReleaseId
+from rigel_k8s.app.checks import check
+from rigel_k8s.app.desired import desired
+from rigel_k8s.app.exporterchecks import check_exporter
+from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.exporter.config import Config
-from rigel_k8s.manifests.checks import check
-from rigel_k8s.manifests.observability.exporterchecks import check_exporter
-from rigel_k8s.manifests.options import OrchestrationOptions
-from rigel_k8s.manifests.release import desired
+from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
+from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus
+from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile import Source, merged, structure
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Application

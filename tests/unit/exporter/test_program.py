@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s import __version__
-from rigel_k8s.images.exporter import UPSTREAM, entries
-from rigel_k8s.manifests.observability.exporter import DIRECTORY, EXPORTER_IMAGE, FILE
-from rigel_k8s.manifests.observability.names import EXPORTER_PORT
+from rigel_k8s.observability.exporter import DIRECTORY, EXPORTER_IMAGE, FILE
+from rigel_k8s.observability.names import EXPORTER_PORT
+from rigel_lab.images.exporter import UPSTREAM, entries
 
 
 @pytest.fixture
@@ -91,7 +91,7 @@ def test_every_file_is_one_that_python_3_9_reads(program: Path) -> None:
 def test_pods_ask_for_the_image_that_is_built() -> None:
     """The name, the configuration's place and the port are said twice: here and there."""
     from rigel_k8s.exporter.config import PORT
-    from rigel_k8s.images.exporter.build import CONFIG
+    from rigel_lab.images.exporter.build import CONFIG
 
     assert EXPORTER_IMAGE == UPSTREAM
     assert CONFIG["Cmd"] == [f"{DIRECTORY}/{FILE}"]

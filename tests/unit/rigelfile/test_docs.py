@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.jobs import registry
 from rigel_k8s.rigelfile import check_file
-from rigel_k8s.sequences import registry
 
 ROOT = Path(__file__).parents[3]
 PAGES = [ROOT / "docs" / "rigelfile.md", ROOT / "README.md"]

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.jobs import registry
 from rigel_k8s.rigelfile import CheckResult, check_file, rigel03
-from rigel_k8s.sequences import registry
 
 HERE = Path(__file__).parent
 ENVIRON = {"REGISTRY": "localhost:5000", "WORD": "ten", "BASE_IMAGE": "ros:noetic"}

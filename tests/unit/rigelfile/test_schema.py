@@ -10,8 +10,8 @@ import pytest
 import yaml
 from jsonschema import Draft202012Validator
 
+from rigel_k8s.jobs import registry
 from rigel_k8s.rigelfile import STARTERS, check_file, reference, rigel03, schema
-from rigel_k8s.sequences import registry
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[2]

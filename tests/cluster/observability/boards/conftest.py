@@ -13,8 +13,8 @@ import attrs
 import pytest
 import yaml
 
-from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.objects.refs import ObjectRef
 
 from ...conftest import run_rigel
 

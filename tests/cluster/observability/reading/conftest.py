@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import attrs
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef
 
 from ...background import Background
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef
 
 from ...background import Background
 from .conftest import LISTENER, App, until

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.deploy.types import ObjectRef, ref_of
-from rigel_k8s.localcluster.certificates import Authority
+from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_lab.cluster.certificates import Authority
 
 from .conftest import App, until
 

@@ -17,7 +17,7 @@ import attrs
 import pytest
 import yaml
 
-from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef
 
 IMAGES = Path(__file__).parents[3] / "images"
 SCRIPTS = Path(__file__).parents[4] / "examples/ros2-talker-listener/talker_listener/scripts"

@@ -1,0 +1,1 @@
+"""One ROS application: options, checks, the objects they become (pure), and deploying it."""

@@ -1,0 +1,125 @@
+"""The one application of the peer's keys: a Deployment of the release's name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rigel_k8s.app.environment import environment, ros_variables
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.placing import remote_selector, tolerations
+from rigel_k8s.app.storage import mount_path, volume_source
+from rigel_k8s.app.updating import strategy
+from rigel_k8s.network.wiring import PodIdentity, Wiring
+from rigel_k8s.objects.overlay import merge
+from rigel_k8s.objects.pods import Object, compact, probes, stop_hook
+from rigel_k8s.objects.workloads import (
+    Surroundings,
+    deployment,
+    pull_policy,
+    readiness_of,
+    ros_volumes,
+)
+
+__all__ = [
+    "APP_CONTAINER",
+    "application_deployment",
+    "application_identity",
+    "containers_of",
+    "has_application",
+    "replaces_container",
+]
+
+APP_CONTAINER = "ros-app"
+
+
+def has_application(options: OrchestrationOptions) -> bool:
+    """Return whether there is an application besides `nodes`."""
+    return bool(options.application_image or options.additional_k8s_params.application)
+
+
+def application_identity(around: Surroundings, options: OrchestrationOptions) -> PodIdentity:
+    """Return what the network knows the application by."""
+    image = str(options.application_image or around.default_image)
+    policy = pull_policy(None, pinned=bool(remote_selector(options.distributed)))
+    return PodIdentity(
+        str(options.deployment_name), image, like=compact({"imagePullPolicy": policy})
+    )
+
+
+def application_deployment(
+    around: Surroundings, options: OrchestrationOptions, wired: Wiring, asked: Sequence[str]
+) -> Object:
+    """Return the application's Deployment with the user's own parts laid over it.
+
+    Args:
+        wired: what the network adds.
+        asked: what the readiness probe asks where the user says nothing.
+    """
+    selector = remote_selector(options.distributed)
+    volumes = options.persistent_storage.volumes
+    params = options.additional_k8s_params.application
+    seen = [mount for _, mount in ros_volumes(around)]
+    own = [] if replaces_container(options) else [container(around, options, wired, asked, seen)]
+    pod = {
+        "initContainers": list(wired.init_containers) if own else [],
+        "containers": own,
+        "volumes": [
+            *(volume for volume, _ in ros_volumes(around)),
+            *(volume_source(volume) for volume in volumes),
+            *wired.volumes,
+        ],
+        "nodeSelector": selector,
+        "tolerations": tolerations([], pinned=bool(selector)),
+        **wired.pod,
+    }
+    default = {"kubectl.kubernetes.io/default-container": APP_CONTAINER} if own else {}
+    made = deployment(
+        around,
+        str(options.deployment_name),
+        pod,
+        strategy=strategy(options.rolling_update, anonymous=False),
+        pod_annotations={**default, **wired.annotations},
+    )
+    merged: Object = merge(made, params)
+    return merged
+
+
+def container(
+    around: Surroundings,
+    options: OrchestrationOptions,
+    wired: Wiring,
+    asked: Sequence[str],
+    ros_mounts: Sequence[Object],
+) -> Object:
+    """Return the application's container."""
+    identity = application_identity(around, options)
+    mounts = [
+        {"name": str(volume.name), "mountPath": mount_path(volume)}
+        for volume in options.persistent_storage.volumes
+    ]
+    return compact(
+        {
+            "name": APP_CONTAINER,
+            "image": identity.image,
+            **identity.like,
+            "env": environment(ros_variables(around), wired.env),
+            **probes(readiness_of(around, options.readiness), asked),
+            "lifecycle": stop_hook(),
+            "volumeMounts": [*ros_mounts, *mounts, *wired.mounts],
+        }
+    )
+
+
+def replaces_container(options: OrchestrationOptions) -> bool:
+    """Return whether the user's containers are all there is: no image, and none called ros-app."""
+    names = [c.get("name") for c in containers_of(options.additional_k8s_params.application)]
+    return bool(names) and APP_CONTAINER not in names and options.application_image is None
+
+
+def containers_of(params: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the containers that the user wrote over a Deployment."""
+    place: Any = params
+    for key in ("spec", "template", "spec", "containers"):
+        place = place.get(key) if isinstance(place, Mapping) else None
+    return [c for c in place if isinstance(c, Mapping)] if isinstance(place, list) else []

@@ -1,0 +1,249 @@
+"""What is wrong with a job's options beyond the form of single values; pure.
+
+Each check yields Problems with paths into the options. A job may describe only a part of a release:
+nothing is asked for that its last revision may have.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.app.application import (
+    APP_CONTAINER,
+    containers_of,
+    has_application,
+    replaces_container,
+)
+from rigel_k8s.app.commands import full_name
+from rigel_k8s.app.desired import deploys_master
+from rigel_k8s.app.distros import meant, ros_of
+from rigel_k8s.app.exporterchecks import check_exporter
+from rigel_k8s.app.networkchecks import check_network
+from rigel_k8s.app.nodechecks import check_node
+from rigel_k8s.app.nodes import NODE_CONTAINER
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.updating import is_rolling, share
+from rigel_k8s.objects.naming import Ros, object_name
+from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
+from rigel_k8s.objects.pods import MASTER_NAME
+from rigel_k8s.objects.text import words
+from rigel_k8s.observability.checks import check as check_stack
+from rigel_k8s.problems import Path, Problem
+
+__all__ = ["check"]
+
+SURGE: Mapping[str, str] = {
+    "1": "during an update two pods of one ROS name run at once, and the ROS master shuts one of"
+    " them down; Recreate, the default, leaves a gap instead, and only anonymous nodes need"
+    " neither",
+    "2": "during an update two nodes of one name run at once: each message of theirs comes twice,"
+    " and services and actions answer from either; Recreate, the default, leaves a gap instead",
+}
+SIDECARS = (
+    "a pod of ROS 2 or DDS has one container: the network's interface, domain and peers are set for"
+    " that one, and it alone is probed, counted in the graph and stopped by itself; make the other"
+    " one of `nodes`, or say allow_sidecars: true where it has nothing to do with DDS"
+)
+
+
+def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
+    """Yield what is wrong, and what works otherwise than it looks."""
+    ros = ros_of(distro, options.ros)
+    if options.ros is None:
+        yield from check_distro(distro)
+    yield from check_master(options, ros)
+    yield from check_network(options, ros, distro)
+    yield from check_names(options, ros)
+    yield from check_volumes(options)
+    yield from check_readiness(("readiness",), options.readiness)
+    yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
+    yield from check_params(options)
+    yield from check_containers(options, ros)
+    yield from check_observability(options, ros)
+    for key, node in options.nodes.items():
+        path = ("nodes", str(key))
+        problems = [
+            *check_node(str(key), options, ros),
+            *check_update(("update",), node.update, ros, anonymous=node.anonymous),
+            *check_readiness(("readiness",), node.readiness),
+            *check_fixed(("patch",), node.patch),
+        ]
+        yield from (problem.under(path) for problem in problems)
+
+
+def check_distro(distro: str) -> Iterator[Problem]:
+    """Yield a distribution that is probably misspelt; one of a user's own is no mistake."""
+    if name := meant(distro):
+        message = (
+            f'application.distro: "{distro}" is taken for a ROS 1 of your own, or is it "{name}"?'
+        )
+        yield Problem((), message, "unknown-distro", severity="warning")
+
+
+def check_master(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield what is wrong with the master: two of them, none, or one of ROS 2."""
+    if ros != "1":
+        yield from check_masterless(options, ros)
+        return
+    if options.deploy_ros_master and options.ros_master_uri:
+        message = "a master that is there already and one of our own: leave one of the two out"
+        yield Problem(("ros_master_uri",), message, "two-masters", at_key=True)
+    nowhere = options.deploy_ros_master is False and options.ros_master_uri is None
+    if nowhere and options.nodes:
+        message = (
+            "no ROS master: each node looks for one in its own container;"
+            " give ros_master_uri where there is one"
+        )
+        yield Problem(("deploy_ros_master",), message, "no-master", severity="warning")
+
+
+def check_masterless(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield what asks for a master where there is none."""
+    what = "ROS 2" if ros == "2" else "a plain DDS application"
+    asked = {
+        "deploy_ros_master": options.deploy_ros_master,
+        "ros_master_uri": options.ros_master_uri,
+        "ros_master_image": options.ros_master_image,
+        "additional_k8s_params": options.additional_k8s_params.ros_master,
+    }
+    for key, value in asked.items():
+        if value:
+            path = (key, "ros_master") if key == "additional_k8s_params" else (key,)
+            message = f"{what} has no master: leave it out; nodes find each other by `network`"
+            yield Problem(path, message, "no-master-in-ros2", at_key=True)
+
+
+def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield names that two things would have: Kubernetes names, and ROS names."""
+    if options.deployment_name == MASTER_NAME and ros == "1":
+        yield Problem(("deployment_name",), f'"{MASTER_NAME}" is roscore\'s name', "name-taken")
+    taken = {MASTER_NAME: "roscore"} if deploys_master(options, ros) else {}
+    if has_application(options):
+        taken[str(options.deployment_name)] = "the application"
+    ros_names: dict[str, list[str]] = defaultdict(list)
+    for key, node in options.nodes.items():
+        name, path = object_name(key), ("nodes", str(key))
+        if name in taken:
+            message = f'"{key}" becomes "{name}" on Kubernetes, which is the name of {taken[name]};'
+            yield Problem(path, f"{message} choose another key", "name-taken", at_key=True)
+        taken.setdefault(name, f'"{key}"')
+        if ros != "none" and not node.anonymous and not node.launch:
+            ros_names[full_name(key, node)].append(str(key))
+    for name, keys in ros_names.items():
+        for key in keys[1:]:
+            message = (
+                f'the ROS name {name} is that of "{keys[0]}" already; ROS allows one node of it'
+            )
+            yield Problem(("nodes", key), message, "name-taken", at_key=True)
+
+
+def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield volumes of one name, and mounts on one path."""
+    names: set[str] = set()
+    for index, volume in enumerate(options.persistent_storage.volumes):
+        path = ("persistent_storage", "volumes", index, "name")
+        if volume.name in names:
+            yield Problem(path, f'there is a volume "{volume.name}" already', "name-taken")
+        names.add(volume.name)
+
+
+def check_update(
+    path: Path, update: RollingUpdate | None, ros: Ros, *, anonymous: bool
+) -> Iterator[Problem]:
+    """Yield numbers that Kubernetes refuses, and what surge does to nodes of one name."""
+    if update is None:
+        return
+    numbers = {"max_surge": update.max_surge, "max_unavailable": update.max_unavailable}
+    if not is_rolling(update) and any(value is not None for value in numbers.values()):
+        given = next(key for key, value in numbers.items() if value is not None)
+        message = f"Recreate has no {given}: leave it out, or say strategy: Rolling"
+        yield Problem((*path, given), message, "bad-update", at_key=True)
+    elif is_rolling(update):
+        surge, missing = share(update.max_surge, 1), share(update.max_unavailable, 0)
+        if {surge, missing} <= {0, "0%"}:
+            message = "with max_surge and max_unavailable both 0 no pod could ever be replaced"
+            yield Problem(path, message, "bad-update")
+        elif not anonymous and ros in SURGE:
+            yield Problem(path, SURGE[ros], "surge", severity="warning", at_key=True)
+
+
+def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[Problem]:
+    """Yield checks that contradict each other or cannot be read."""
+    if not isinstance(readiness, Readiness):
+        return
+    if readiness.command is not None and readiness.file is not None:
+        yield Problem(
+            (*path, "file"), "a command and a file: leave one out", "conflict", at_key=True
+        )
+    if readiness.command is not None:
+        yield from check_words((*path, "command"), readiness.command)
+
+
+def check_words(path: Path, command: str | list[str]) -> Iterator[Problem]:
+    """Yield why a command line is none."""
+    try:
+        line = words(command)
+    except ValueError as error:
+        yield Problem(path, f"it cannot be split into words: {str(error).lower()}", "bad-command")
+        return
+    if not line:
+        yield Problem(path, "an empty command, leave it out instead", "bad-command")
+
+
+def check_params(options: OrchestrationOptions) -> Iterator[Problem]:
+    """Yield raw parts that would break what holds a Deployment and its pods together."""
+    params = options.additional_k8s_params
+    for key, tree in (("ros_master", params.ros_master), ("application", params.application)):
+        yield from check_fixed(("additional_k8s_params", key), tree)
+    if options.results and options.nodes and not has_application(options):
+        message = "results are copied out of the application, and this job has only `nodes`"
+        yield Problem(("results",), message, "no-application", at_key=True)
+
+
+def check_containers(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield pods with more than one container, which DDS does not survive."""
+    if ros == "1" or options.allow_sidecars:
+        return
+    params = options.additional_k8s_params.application
+    own = [] if replaces_container(options) else [APP_CONTAINER]
+    written: list[tuple[Path, Mapping[str, Any], list[str]]] = [
+        (("additional_k8s_params", "application"), params, own),
+        *(
+            (("nodes", str(k), "patch"), n.patch, [NODE_CONTAINER])
+            for k, n in options.nodes.items()
+        ),
+    ]
+    for path, patch, first in written:
+        if extra := beside(containers_of(patch), first):
+            place = (*path, "spec", "template", "spec", "containers")
+            yield Problem(place, f"{extra}: {SIDECARS}", "sidecar", at_key=True)
+
+
+def beside(written: Sequence[Mapping[str, Any]], own: Sequence[str]) -> str:
+    """Return the names of the containers that come to a pod's first one, "" for none."""
+    names = [*own, *(str(c.get("name")) for c in written if c.get("name") not in own)]
+    return ", ".join(names[1:])
+
+
+def check_fixed(path: Path, tree: object) -> Iterator[Problem]:
+    """Yield the fields that no patch may change."""
+    for field in (("metadata", "name"), ("metadata", "namespace"), ("spec", "selector")):
+        place = tree
+        for key in field:
+            place = place.get(key) if isinstance(place, dict) else None
+        if place is not None:
+            message = f"{'.'.join(field)} is what a release is recognised by and cannot change"
+            yield Problem((*path, *field), message, "fixed-field", at_key=True)
+
+
+def check_observability(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield what is wrong with the stack that the job asks for."""
+    said = options.observability
+    if options.observability_only:
+        said = attrs.evolve(said, enabled=True)
+    yield from (problem.under(("observability",)) for problem in check_stack(said))
+    yield from check_exporter(options, ros)

@@ -1,0 +1,206 @@
+"""What a ROS 1 container runs: a program with ROS' own arguments, rosrun, roslaunch; parameters.
+
+An image's ENTRYPOINT sets up ROS, so what runs stands in `args` unless the user wrote `command`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePosixPath
+from typing import Any
+
+import attrs
+import yaml
+
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.objects.naming import ros_name
+from rigel_k8s.objects.overlay import plain
+from rigel_k8s.objects.text import text_of, words
+
+__all__ = [
+    "NO_ROS_ARGUMENTS",
+    "PARAMETERS_PATH",
+    "Command",
+    "assignments",
+    "command_of",
+    "full_name",
+    "safe",
+    "takes_ros_arguments",
+    "wants_file",
+]
+
+#: Where a node's parameter files are mounted.
+PARAMETERS_PATH = "/rigel-k8s-parameters"
+
+#: Programs that would take `__name:=x` for something else, or do not pass it on.
+NO_ROS_ARGUMENTS = frozenset(
+    ("sh", "bash", "dash", "ash", "zsh", "busybox", "env")
+    + ("roslaunch", "roscore", "rosmaster", "sleep", "tail", "true", "cat")
+)
+
+#: Loads the parameter files into $0, then becomes the program. A master may not be there yet.
+LOADER = f"""\
+command -v rosparam >/dev/null || {{
+  echo "no rosparam in PATH, so parameters cannot be loaded; is ROS set up?" >&2; exit 127; }}
+for file in {PARAMETERS_PATH}/*.yaml; do
+  until rosparam load "$file" "$0"; do sleep 1; done
+done
+exec "$@"
+"""
+
+
+@attrs.frozen
+class Command:
+    """A container's command and args (None: the image's own), and its parameter files.
+
+    Attributes:
+        files: name to text, to be mounted at PARAMETERS_PATH.
+    """
+
+    command: Sequence[str] | None = None
+    args: Sequence[str] | None = None
+    files: Mapping[str, str] = attrs.field(factory=dict)
+
+
+def full_name(key: str, node: NodeOptions) -> str:
+    """Return the full ROS name of a node."""
+    return ros_name(node.name or key, node.namespace)
+
+
+def takes_ros_arguments(line: Sequence[str]) -> bool:
+    """Return whether `name:=value` can be appended to a command line."""
+    return bool(line) and PurePosixPath(line[0]).name not in NO_ROS_ARGUMENTS
+
+
+def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
+    """Return what a node's container runs.
+
+    Args:
+        key: the node's key in `nodes`.
+        files: the texts of its parameter files, by the names in `parameter_files`.
+    """
+    line = [*program(node), *ros_arguments(key, node)]
+    if not line:
+        return Command()
+    mounted = parameter_files(node, files)
+    if mounted:
+        line = ["/bin/sh", "-c", LOADER, parameter_namespace(key, node), *line]
+    if node.command is not None:
+        return Command(command=line, files=mounted)
+    return Command(args=line, files=mounted)
+
+
+def program(node: NodeOptions) -> list[str]:
+    """Return the program and its own arguments; empty for the image's CMD."""
+    own = words(node.args or [])
+    if node.launch:
+        # Without --wait it ends at once where there is no master yet.
+        package = [node.launch.package] if node.launch.package else []
+        return ["roslaunch", "--wait", *package, node.launch.file, *assignments(node.launch.args)]
+    if node.package:
+        return ["rosrun", node.package, node.executable or "", *own]
+    return words(node.command) if node.command is not None else own
+
+
+def ros_arguments(key: str, node: NodeOptions) -> Iterator[str]:
+    """Yield what ROS reads of a command line: the name, remappings, private parameters."""
+    if node.launch or not takes_ros_arguments(program(node)):
+        return
+    if not node.anonymous:
+        yield f"__name:={full_name(key, node).rpartition('/')[2]}"
+    yield from assignments(node.remappings)
+    if not wants_file(node):
+        for name, value in flat(node.parameters):
+            yield f"_{name}:={scalar(value)}"
+
+
+def assignments(pairs: Mapping[Any, Any]) -> Iterator[str]:
+    """Yield `name:=value` for each pair."""
+    return (f"{name}:={text_of(value)}" for name, value in pairs.items())
+
+
+def flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the parameters of nested mappings, names joined by /."""
+    for name, value in parameters.items():
+        full = f"{prefix}{str(name).lstrip('~')}"
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{full}/")
+        else:
+            yield full, value
+
+
+def scalar(value: Any) -> str:
+    """Return a parameter's text; rospy reads it as YAML."""
+    if isinstance(value, str | int | float) and not reads_otherwise(value):
+        return text_of(value)
+    dumped: str = yaml.safe_dump(plain(value), default_flow_style=True, width=2**20)
+    return dumped.removesuffix("\n...\n").strip()
+
+
+def reads_otherwise(value: Any) -> bool:
+    """Return whether rospy or roscpp would read a parameter's text as something else."""
+    if isinstance(value, bool | int | float):
+        return False
+    if not isinstance(value, str):
+        return True
+    try:
+        float(value)
+    except ValueError:
+        pass
+    else:
+        return True
+    try:
+        return bool(yaml.safe_load(value) != value)
+    except yaml.YAMLError:
+        return True
+
+
+def wants_file(node: NodeOptions) -> bool:
+    """Return whether a node's parameters are loaded from files before it starts.
+
+    So are those that a command line cannot carry: roscpp reads no list from it, and text that looks
+    like a number as a number. Nothing can be loaded for a name that is made at start.
+    """
+    if node.anonymous or node.launch:
+        return bool(node.parameter_files) and not node.anonymous
+    return bool(node.parameter_files) or any(
+        reads_otherwise(value) for _, value in flat(node.parameters)
+    )
+
+
+def parameter_namespace(key: str, node: NodeOptions) -> str:
+    """Return where parameter files are loaded: the node's own name; a launch file's namespace."""
+    if node.launch:
+        return ros_name((node.namespace or "/").strip("/") or "/")
+    return full_name(key, node)
+
+
+def parameter_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
+    """Return the files to mount, in the order of loading; `parameters` win over files."""
+    if not wants_file(node):
+        return {}
+    found = {
+        f"{number:02}-{safe(name)}.yaml": files[name]
+        for number, name in enumerate(node.parameter_files)
+    }
+    if node.parameters:
+        found["99-parameters.yaml"] = yaml.safe_dump(tree(node.parameters), sort_keys=True)
+    return found
+
+
+def tree(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters as a tree of plain data: `a/b` as b in a."""
+    result: dict[str, Any] = {}
+    for name, value in flat(parameters):
+        *parents, last = name.split("/")
+        place = result
+        for parent in parents:
+            place = place.setdefault(parent, {})
+        place[last] = plain(value)
+    return result
+
+
+def safe(name: str) -> str:
+    """Return a file's name as a key of a ConfigMap may be."""
+    stem = PurePosixPath(name).stem
+    return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in stem)[:200]

@@ -1,0 +1,78 @@
+"""Images by digest, so that the same tag built again is rolled out, and is the same everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from rigel_k8s.images.credentials import Credentials, credentials_for
+from rigel_k8s.images.reference import parse_reference
+from rigel_k8s.images.registry import resolve_digest
+from rigel_k8s.objects.images import images_of
+
+__all__ = ["pins"]
+
+#: Where jobs that push leave {image reference: digest} in the shared data.
+DIGESTS = "image_digests"
+
+Manifests = Iterable[Mapping[str, Any]]
+
+
+def pins(
+    images: Sequence[str],
+    data: Mapping[str, Any],
+    credentials: Sequence[Credentials],
+    last_objects: Callable[[], Manifests],
+) -> dict[str, str]:
+    """Return {image: image@digest} for the images whose digest somebody knows.
+
+    Asked in this order: a push of this run, the image's registry, the release's last revision. An
+    image of the nodes' own (loaded, never pushed) has none and stays as it is.
+    """
+    digests = dict(_pushed(images, data))
+    rest = [image for image in images if image not in digests and "@" not in image]
+    digests |= _asked(rest, credentials)
+    found = {image: f"{image}@{digest}" for image, digest in digests.items()}
+    rest = [image for image in rest if image not in found]
+    if rest:
+        last = dict(_of_revision(last_objects()))
+        found |= {image: last[image] for image in rest if image in last}
+    return found
+
+
+def _pushed(images: Sequence[str], data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    known = data.get(DIGESTS)
+    if not isinstance(known, Mapping):
+        return
+    by_name = {_canonical(image): str(digest) for image, digest in known.items()}
+    for image in images:
+        if "@" not in image and _canonical(image) in by_name:
+            yield image, by_name[_canonical(image)]
+
+
+def _canonical(image: str) -> str:
+    """Return an image's full name: `app` is docker.io/library/app:latest."""
+    reference = parse_reference(image)
+    return f"{reference.name}:{reference.tag or 'latest'}"
+
+
+def _asked(images: Sequence[str], credentials: Sequence[Credentials]) -> dict[str, str]:
+    if not images:
+        return {}
+
+    def ask(image: str) -> str | None:
+        user = credentials_for(parse_reference(image).registry, credentials)
+        return resolve_digest(image, user)
+
+    with ThreadPoolExecutor(max_workers=min(8, len(images))) as pool:
+        answers = zip(images, pool.map(ask, images), strict=True)
+        return {image: digest for image, digest in answers if digest}
+
+
+def _of_revision(objects: Manifests) -> Iterator[tuple[str, str]]:
+    """Yield (image without its digest, the same with it) of a revision's workloads."""
+    for image in images_of(objects):
+        name, at, _ = image.partition("@")
+        if at:
+            yield name, image

@@ -1,0 +1,275 @@
+"""From an orchestration job's options to what its release shall be: all that comes before writing.
+
+`run`, `render` and `diff` go this way together; only reading happens here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import attrs
+import yaml
+
+from rigel_k8s.app.checks import check
+from rigel_k8s.app.deploying.digests import pins
+from rigel_k8s.app.deploying.secrets import has_pull_secret, needed_credentials, secret_name
+from rigel_k8s.app.desired import desired, has_workloads
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.partial import is_partial, overlay
+from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.inpod import scripts
+from rigel_k8s.network.plan import network_of
+from rigel_k8s.objects.images import images_of
+from rigel_k8s.objects.podoptions import Readiness
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.problems import Problem
+from rigel_k8s.release.types import Desired, ReleaseId, Revision
+from rigel_k8s.settings import Application, Settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.network.preflight.finding import Finding
+
+__all__ = ["Preparation", "prepare", "release_of", "timeout_of"]
+
+
+@attrs.frozen
+class Preparation:
+    """A release that is ready to be deployed.
+
+    Attributes:
+        options: the job's, laid over those of the last revision where it is a partial one.
+        credentials: users of the registries that its images come from.
+        findings: what the preflight found meanwhile; None: nobody has looked yet.
+    """
+
+    desired: Desired
+    options: OrchestrationOptions
+    credentials: tuple[Credentials, ...] = ()
+    findings: Sequence[Finding] | None = None
+
+
+def prepare(
+    options: OrchestrationOptions,
+    raw: Mapping[str, Any],
+    application: Application,
+    settings: Settings,
+    cluster: Cluster | None = None,
+    *,
+    data: Mapping[str, Any] | None = None,
+    providers: Mapping[str, Any] | None = None,
+    preflight: bool = False,
+) -> Preparation:
+    """Return what the release shall be, images pinned by digest where one is known.
+
+    Args:
+        raw: the job's `with` as plain data.
+        cluster: asked for the last revision; None: the Rigelfile and the registries say it all.
+        data: the sequence's shared data, with the digests of images that it pushed.
+        providers: the connected providers; those of registries give credentials. None: nobody
+            has connected them (`diff`), so a pull secret that the cluster has is believed.
+        preflight: look at the network too, while the registries are asked.
+
+    Raises:
+        UserError: options that contradict the last revision's, or a parameter file that is missing.
+    """
+    if options.observability_only:
+        raise UserError(
+            "observability_only: this job describes no application",
+            hint="a job without observability_only deploys one",
+        )
+    release = release_of(options, settings, cluster)
+    last = _LastRevision(cluster, release)
+    if is_partial(raw):
+        options, raw = _laid_over(options, raw, last, application)
+    if not has_workloads(options):
+        raise UserError(
+            f"nothing to deploy as {release.name} in {release.namespace}: this job describes a part"
+            " of a release, and there is no such release yet",
+            hint="run the job that describes all of it first: application_image, or nodes",
+        )
+    known = [one for one in (providers or {}).values() if isinstance(one, Credentials)]
+    believed = providers is None and cluster is not None and has_pull_secret(release, cluster)
+    eyes = cluster if preflight and is_settled(options) else None
+    return _prepared(
+        options, raw, application, release, last, data or {}, known, eyes, secret_is_there=believed
+    )
+
+
+def is_settled(options: OrchestrationOptions) -> bool:
+    """Whether the cluster's network is as it will be: this job installs nothing of it before."""
+    network = options.network
+    return network is not None and not getattr(network, "install", None)
+
+
+def _prepared(
+    options: OrchestrationOptions,
+    raw: Mapping[str, Any],
+    application: Application,
+    release: ReleaseId,
+    last: _LastRevision,
+    data: Mapping[str, Any],
+    known: Sequence[Credentials],
+    eyes: Cluster | None,
+    *,
+    secret_is_there: bool,
+) -> Preparation:
+    texts, files = scripts(), _parameter_files(options, application.dir)
+    network = network_of(options.network)
+    previous = last.objects() if network and network.ipam == "static" else ()
+    plain = desired(options, release, application, texts, files=files, previous=previous)
+    images = images_of(plain.objects)
+    credentials = needed_credentials(images, known)
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        looked = beside.submit(_examined, plain.objects, options, eyes)
+        digests = pins(images, data, known, last.objects)
+    made = desired(
+        options,
+        release,
+        application,
+        texts,
+        raw=raw,
+        digests=digests,
+        files=files,
+        pull_secrets=[secret_name(release.name)] if credentials or secret_is_there else [],
+        create_namespace=options.namespace == release.namespace,
+        previous=previous,
+    )
+    return Preparation(made, options, credentials, looked.result())
+
+
+def _examined(
+    objects: Sequence[Manifest], options: OrchestrationOptions, cluster: Cluster | None
+) -> Sequence[Finding] | None:
+    """Return what the preflight finds; None where nobody shall look."""
+    if cluster is None:
+        return None
+    from rigel_k8s.network.preflight.examine import examine
+
+    return examine(objects, options.network, cluster)
+
+
+class _LastRevision:
+    """The release's last good revision, looked for once and only if somebody asks."""
+
+    def __init__(self, cluster: Cluster | None, release: ReleaseId) -> None:
+        self._cluster, self._release = cluster, release
+        self._found: Revision | None = None
+        self._asked = cluster is None
+
+    @property
+    def revision(self) -> Revision | None:
+        if not self._asked and self._cluster is not None:
+            from rigel_k8s.release.deploy import last_good
+
+            self._found = last_good(self._cluster, self._release)
+            self._asked = True
+        return self._found
+
+    def objects(self) -> tuple[Mapping[str, Any], ...]:
+        return self.revision.objects if self.revision else ()
+
+
+def release_of(
+    options: OrchestrationOptions, settings: Settings, cluster: Cluster | None = None
+) -> ReleaseId:
+    """Return the release: -n, else the Rigelfile's namespace, else the context's, else default."""
+    namespace = settings.namespace or options.namespace
+    if not namespace:
+        namespace = cluster.namespace if cluster else _context_namespace(settings)
+    return ReleaseId(str(namespace), str(options.deployment_name))
+
+
+def _context_namespace(settings: Settings) -> str:
+    """Return the context's namespace; nobody is asked, and no context is no reason to fail."""
+    from rigel_k8s.kube import connect
+
+    try:
+        with connect(settings) as cluster:
+            return cluster.namespace
+    except RigelK8sError:
+        return "default"
+
+
+def timeout_of(options: OrchestrationOptions, settings: Settings) -> float | None:
+    """Return how long the roll-out may take, in seconds; None: deploy's own default.
+
+    The peer's readiness.timeout_seconds bounds its wait for the application, so it does here; that
+    of one node among others only gives more time than the default.
+    """
+    if settings.timeout is not None:
+        return settings.timeout
+    if options.timeout is not None:
+        return options.timeout.seconds
+    if isinstance(options.readiness, Readiness) and options.readiness.timeout_seconds:
+        return float(options.readiness.timeout_seconds)
+    return _longest_of_nodes(options)
+
+
+def _longest_of_nodes(options: OrchestrationOptions) -> float | None:
+    from rigel_k8s.release.deploy import DEFAULT_TIMEOUT
+
+    checks = [n.readiness for n in options.nodes.values() if isinstance(n.readiness, Readiness)]
+    longest = max((float(c.timeout_seconds or 0) for c in checks), default=0.0)
+    return longest if longest > DEFAULT_TIMEOUT else None
+
+
+def _laid_over(
+    options: OrchestrationOptions,
+    raw: Mapping[str, Any],
+    last: _LastRevision,
+    application: Application,
+) -> tuple[OrchestrationOptions, Mapping[str, Any]]:
+    """Return a partial job's options with those of the last revision below them."""
+    if last.revision is None or not last.revision.options:
+        return options, raw
+    merged = overlay(last.revision.options, raw)
+    made, problems = _structured(merged)
+    if made is not None and not problems:
+        problems = [p for p in check(made, application.distro) if p.severity == "error"]
+    if made is None or problems:
+        raise UserError(
+            f"this job does not fit revision {last.revision.number}, which it describes a part of",
+            hint="run the job that describes all of the release",
+            details=[f"{'.'.join(map(str, p.path))}: {p.message} [{p.kind}]" for p in problems],
+        )
+    return made, merged
+
+
+def _structured(raw: Mapping[str, Any]) -> tuple[OrchestrationOptions | None, list[Problem]]:
+    """Return plain data as options."""
+    from rigel_k8s.rigelfile.source import Node, Span, made
+    from rigel_k8s.rigelfile.structure import structure
+
+    node = made(dict(raw), Node({}, Span(1, 1, 1, 1)))
+    found = structure(node, OrchestrationOptions)
+    return found.draft, list(found.problems)
+
+
+def _parameter_files(options: OrchestrationOptions, directory: Path) -> dict[str, str]:
+    """Return the texts of all parameter files, by the names in the Rigelfile."""
+    names = {name: key for key, node in options.nodes.items() for name in node.parameter_files}
+    return {name: _parameter_file(directory / name, key) for name, key in names.items()}
+
+
+def _parameter_file(path: Path, key: str) -> str:
+    """Return a parameter file's text, once it is known to hold parameters."""
+    where = f"nodes.{key}.parameter_files"
+    try:
+        text = path.read_text("utf-8")
+        content = yaml.safe_load(text)
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise UserError(
+            f"{where}: {path} cannot be read: {reason}",
+            hint="its path is relative to the application's directory",
+        ) from error
+    except yaml.YAMLError as error:
+        raise UserError(f"{where}: {path} is no YAML", details=str(error).splitlines()) from error
+    if not isinstance(content, dict):
+        raise UserError(f"{where}: {path} is no mapping of parameter names to values")
+    return text

@@ -1,0 +1,121 @@
+"""Results out of the application's pod, by tar through exec, as kubectl cp does it."""
+
+from __future__ import annotations
+
+import io
+import tarfile
+import tempfile
+import threading
+import time
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from rigel_k8s.app.options import Results
+from rigel_k8s.errors import Interrupted, RigelK8sError
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.release.types import ReleaseId
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
+__all__ = ["copy_results", "extract"]
+
+#: Seconds between two looks for results that are waited for.
+LOOK = 1.0
+
+
+def copy_results(
+    results: Results,
+    release: ReleaseId,
+    cluster: Cluster,
+    target: Path,
+    cancel: threading.Event,
+) -> Path:
+    """Copy source_path out of the newest ready pod into a directory; return what was written.
+
+    Raises:
+        RigelK8sError: there is no ready pod, no such path, or no tar in the image.
+        Interrupted: the job was told to stop while it waited for the path.
+    """
+    pod = newest_pod(release, cluster)
+    source = PurePosixPath(results.source_path)
+    wait_for(source, results, release, pod, cluster, cancel)
+    command = ["tar", "cf", "-", "-C", str(source.parent), source.name or "."]
+    with tempfile.TemporaryFile() as archive:
+        errors = io.BytesIO()
+        code = cluster.exec(
+            release.namespace,
+            pod,
+            command,
+            container=str(results.container),
+            stdin=None,
+            stdout=archive,
+            stderr=errors,
+        )
+        if code != 0:
+            raise RigelK8sError(
+                f"results: tar of {source} in pod {pod} ended with exit code {code}",
+                hint="the image needs tar",
+                details=errors.getvalue().decode("utf-8", "replace").splitlines(),
+            )
+        archive.seek(0)
+        extract(archive, target)
+    return target / source.name
+
+
+def newest_pod(release: ReleaseId, cluster: Cluster) -> str:
+    """Return the name of the application's newest ready pod."""
+    own = {NAME_LABEL: release.name, RELEASE_LABEL: release.name}
+    pods = [p for p in cluster.list("v1", "Pod", release.namespace, labels=own) if is_ready(p)]
+    if not pods:
+        raise RigelK8sError(
+            f"results: no pod of {release.name} in {release.namespace} is ready",
+            hint="`rigel status` says why",
+        )
+    return str(max(pods, key=lambda p: p["metadata"]["creationTimestamp"])["metadata"]["name"])
+
+
+def is_ready(pod: dict[str, Any]) -> bool:
+    """Return whether a pod is ready and stays."""
+    conditions = {c["type"]: c["status"] for c in pod.get("status", {}).get("conditions", [])}
+    return conditions.get("Ready") == "True" and not pod["metadata"].get("deletionTimestamp")
+
+
+def wait_for(
+    source: PurePosixPath,
+    results: Results,
+    release: ReleaseId,
+    pod: str,
+    cluster: Cluster,
+    cancel: threading.Event,
+) -> None:
+    """Return when the path is there; look once where no wait was asked for."""
+    bound = results.wait.seconds if results.wait else 0.0
+    deadline = time.monotonic() + bound
+    test = ["test", "-e", str(source)]
+    while cluster.run(release.namespace, pod, test, container=str(results.container)).code != 0:
+        if time.monotonic() >= deadline:
+            waited = f" after {bound:g} s" if bound else ""
+            raise RigelK8sError(f"results: {source} is not there in pod {pod}{waited}")
+        if cancel.wait(LOOK):
+            raise Interrupted(f"stopped while waiting for {source} in pod {pod}")
+
+
+def extract(archive: BinaryIO, target: Path) -> None:
+    """Unpack an archive from a pod; what would leave the directory is refused.
+
+    Raises:
+        RigelK8sError: a member points out of the directory, or the archive is cut off.
+    """
+    if not hasattr(tarfile, "data_filter"):  # 3.10 before 3.10.12, 3.11 before 3.11.4
+        raise RigelK8sError(
+            "results: this Python cannot unpack an archive safely",
+            hint="use a newer release of the same Python, 3.10.12 or 3.11.4 and later",
+        )
+    target.mkdir(parents=True, exist_ok=True)
+    try:
+        with tarfile.open(fileobj=archive) as opened:
+            opened.extractall(target, filter="data")
+    except tarfile.TarError as error:
+        raise RigelK8sError(f"results: the pod's archive cannot be unpacked: {error}") from error

@@ -1,0 +1,77 @@
+"""The pods' pull secret, from the credentials of registry providers.
+
+It stands in no revision and no render: it is written beside the release, and carries the release's
+label, by which `down` finds it.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from rigel_k8s.images.credentials import Credentials, docker_config
+from rigel_k8s.images.reference import parse_reference
+from rigel_k8s.objects.naming import labels
+from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.release.types import Desired, ReleaseId
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
+__all__ = ["has_pull_secret", "needed_credentials", "secret_name", "secret_of", "write_pull_secret"]
+
+KEY = ".dockerconfigjson"
+
+
+def secret_name(release: str) -> str:
+    """Return the name of a release's pull secret."""
+    return f"{release}-registry"
+
+
+def has_pull_secret(release: ReleaseId, cluster: Cluster) -> bool:
+    """Return whether an earlier run has left a pull secret."""
+    ref = ObjectRef("v1", "Secret", release.namespace, secret_name(release.name))
+    return cluster.get(ref) is not None
+
+
+def needed_credentials(
+    images: Sequence[str], known: Sequence[Credentials]
+) -> tuple[Credentials, ...]:
+    """Return the credentials of the registries that the images come from."""
+    registries = {parse_reference(image).registry for image in images}
+    return tuple(one for one in known if one.username and one.registry in registries)
+
+
+def secret_of(release: ReleaseId, credentials: Sequence[Credentials]) -> dict[str, Any]:
+    """Return the Secret that the kubelet reads."""
+    config = json.dumps(docker_config(credentials), sort_keys=True)
+    return {
+        "apiVersion": "v1",
+        "kind": "Secret",
+        "type": "kubernetes.io/dockerconfigjson",
+        "metadata": {
+            "name": secret_name(release.name),
+            "namespace": release.namespace,
+            "labels": labels(release.name, release.name),
+        },
+        "data": {KEY: base64.b64encode(config.encode()).decode()},
+    }
+
+
+def write_pull_secret(
+    desired: Desired, credentials: Sequence[Credentials], cluster: Cluster
+) -> None:
+    """Have the pull secret on the cluster before the first pod wants it; unchanged: no write."""
+    if not credentials:
+        return
+    namespace = ObjectRef("v1", "Namespace", "", desired.release.namespace)
+    if desired.create_namespace and cluster.get(namespace) is None:
+        cluster.apply(
+            {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace.name}}
+        )
+    wanted = secret_of(desired.release, credentials)
+    live = cluster.get(ref_of(wanted))
+    if live is None or live.get("data") != wanted["data"]:
+        cluster.apply(wanted)

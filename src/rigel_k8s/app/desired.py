@@ -1,0 +1,274 @@
+"""Everything that a job wants on the cluster: options in, Desired out; pure."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.app.application import application_deployment, application_identity, has_application
+from rigel_k8s.app.distros import ros_of
+from rigel_k8s.app.exporterchecks import can_be_seen
+from rigel_k8s.app.master import master_deployment, master_service
+from rigel_k8s.app.nodes import Node, node_objects, plan_of
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.partial import flat
+from rigel_k8s.app.placing import node_selector, remote_selector, tolerations
+from rigel_k8s.app.programs import program, takes_ros_arguments
+from rigel_k8s.app.storage import storage
+from rigel_k8s.network.modes import network_objects, wiring
+from rigel_k8s.network.plan import network_of, network_plan
+from rigel_k8s.network.readiness import ready_words
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
+from rigel_k8s.objects.images import pinned
+from rigel_k8s.objects.naming import Ros
+from rigel_k8s.objects.overlay import merge
+from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, MASTER_URI, Object, scripts_config
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.objects.steady import steadied
+from rigel_k8s.objects.workloads import Surroundings, config_map
+from rigel_k8s.observability.exporter import Graph, exporter_identity, exporter_objects
+from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.observability.options import RosMetrics
+from rigel_k8s.problems import Path
+from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_k8s.settings import Application
+
+__all__ = ["Files", "deploys_master", "desired", "has_workloads", "master_uri"]
+
+#: On the pods of ROS nodes: which roscore they register with.
+MASTER_ANNOTATION = "rigel-k8s/master"
+
+#: The node that each roscore has.
+ROSOUT = "/rosout"
+
+#: The texts of parameter files, by the names that the Rigelfile gives them.
+Files = Mapping[str, str]
+Traced = Iterator[tuple[Path, Object]]
+
+
+def has_workloads(options: OrchestrationOptions) -> bool:
+    """Return whether anything would run."""
+    return bool(options.nodes or has_application(options) or options.deploy_ros_master)
+
+
+def deploys_master(options: OrchestrationOptions, ros: Ros) -> bool:
+    """Return whether the release has a roscore of its own; only ROS 1 has a master."""
+    if ros != "1":
+        return False
+    if options.deploy_ros_master is None:
+        return options.ros_master_uri is None and has_workloads(options)
+    return options.deploy_ros_master
+
+
+def master_uri(options: OrchestrationOptions, ros: Ros) -> str | None:
+    """Return the ROS_MASTER_URI of all nodes; an image may start roscore itself."""
+    if ros != "1":
+        return None
+    if options.ros_master_uri:
+        return str(options.ros_master_uri)
+    return MASTER_URI if deploys_master(options, ros) else f"http://localhost:{MASTER_PORT}"
+
+
+def desired(
+    options: OrchestrationOptions,
+    release: ReleaseId,
+    application: Application,
+    scripts: Mapping[str, str],
+    *,
+    raw: Mapping[str, Any] | None = None,
+    digests: Mapping[str, str] | None = None,
+    files: Files | None = None,
+    pull_secrets: Sequence[str] = (),
+    create_namespace: bool = False,
+    previous: Sequence[Manifest] = (),
+) -> Desired:
+    """Return what the release shall be.
+
+    Args:
+        scripts: the in-pod scripts, name to text.
+        raw: the options as plain data, kept in the revision.
+        digests: image reference to the same with its digest, for those that are known.
+        files: the texts of the nodes' parameter files.
+        pull_secrets: Secrets with registry credentials besides those of the options.
+        previous: the objects of the last revision, which tell who has which address.
+    """
+    ros = ros_of(application.distro, options.ros)
+    around = Surroundings(
+        namespace=release.namespace,
+        release=release.name,
+        master_uri=master_uri(options, ros),
+        distro=application.distro,
+        ros=ros,
+        pull_secrets=tuple(dict.fromkeys([*map(str, options.image_pull_secrets), *pull_secrets])),
+    )
+    own = Parts(options, around, files or {})
+    traced = [(path, steadied(item)) for path, item in objects(own, own.plan(previous), scripts)]
+    pins = [pinned(item, digests or {}) for _, item in traced]
+    return Desired(
+        release=release,
+        objects=tuple(bound_to_master(pins)),
+        origins={ref_of(item): path for path, item in traced},
+        options=kept(raw or {}),
+        create_namespace=create_namespace,
+        protected=frozenset(protected(item for _, item in traced)),
+    )
+
+
+def bound_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
+    """Yield the objects, the pods of all nodes bound to the very roscore that they register with.
+
+    The exporter registers anew by itself, and would forget that there was another roscore.
+    A roscore that is changed is started anew and knows nobody; nobody registers again. So its nodes
+    must start anew too, after it: a hash of its pod template stands in theirs.
+    """
+    masters = [item for item in made if is_master(item)]
+    text = json.dumps([item["spec"]["template"] for item in masters], sort_keys=True)
+    mark = {MASTER_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:12]}
+    over = {"spec": {"template": {"metadata": {"annotations": mark}}}}
+    for item in made:
+        stays = is_master(item) or item["metadata"]["name"] == EXPORTER
+        follows = masters and item["kind"] == "Deployment" and not stays
+        yield merge(item, over) if follows else item
+
+
+def is_master(item: Manifest) -> bool:
+    """Return whether an object is our roscore."""
+    return bool(item["kind"] == "Deployment" and item["metadata"]["name"] == MASTER_NAME)
+
+
+@attrs.frozen
+class Parts:
+    """The workloads of a release before they are manifests."""
+
+    options: OrchestrationOptions
+    around: Surroundings
+    files: Files
+
+    @property
+    def has_master(self) -> bool:
+        """Whether there is a roscore."""
+        return deploys_master(self.options, self.around.ros)
+
+    @property
+    def master(self) -> PodIdentity:
+        """What the network knows roscore by."""
+        image = self.options.ros_master_image or self.around.default_image
+        return PodIdentity(MASTER_NAME, str(image), ROSOUT)
+
+    def nodes(self) -> Iterator[Node]:
+        """Yield the nodes."""
+        volumes = {str(v.name): v for v in self.options.persistent_storage.volumes}
+        for key, node in self.options.nodes.items():
+            image = str(node.image or self.options.image)
+            yield Node(str(key), node, image, self.files, volumes)
+
+    @property
+    def exporter(self) -> RosMetrics | None:
+        """What the exporter shall do; None where there is none, or it could see nothing."""
+        found = self.options.observability.exporter
+        seen = has_workloads(self.options) and can_be_seen(self.options, self.around.ros)
+        return found if seen else None
+
+    def identities(self) -> Iterator[PodIdentity]:
+        """Yield all workloads as the network knows them."""
+        if self.has_master:
+            yield self.master
+        if has_application(self.options):
+            yield application_identity(self.around, self.options)
+        yield from (node.identity for node in self.nodes())
+
+    def plan(self, previous: Sequence[Manifest]) -> NetworkPlan:
+        """Return the network of all of them.
+
+        Nobody needs to know the exporter, which knows the others; but it has an address of its own.
+        """
+        network = network_of(self.options.network)
+        static = network is not None and network.ipam == "static"
+        watching = [exporter_identity(self.exporter)] if static and self.exporter else []
+        return network_plan(
+            self.options.network,
+            namespace=self.around.namespace,
+            release=self.around.release,
+            ros=self.around.ros,
+            distro=self.around.distro,
+            middleware=self.options.middleware,
+            pods=(*self.identities(), *watching),
+            previous=previous,
+            pull_secrets=self.around.pull_secrets,
+        )
+
+
+def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced:
+    """Yield every object with the path of the options that it comes from."""
+    options, around = own.options, own.around
+    if has_workloads(options):
+        name = scripts_config(around.release)
+        yield (), config_map(around, name, scripts, part_of=around.release)
+        yield from network_objects(plan)
+    volumes = options.persistent_storage.volumes
+    for index, item in storage(volumes, around.namespace, around.release):
+        yield ("persistent_storage", "volumes", index), item
+    if own.has_master:
+        params = options.additional_k8s_params.ros_master
+        wired = wiring(plan, own.master)
+        yield ("deploy_ros_master",), master_service(around)
+        yield ("deploy_ros_master",), master_deployment(around, own.master.image, params, wired)
+    if has_application(options):
+        path = "application_image" if options.application_image else "additional_k8s_params"
+        wired = wiring(plan, application_identity(around, options))
+        yield (path,), application_deployment(around, options, wired, ready_words(plan))
+    for node in own.nodes():
+        for item in node_objects(around, node, plan):
+            yield ("nodes", node.key), item
+    if own.exporter:
+        for item in exporter_objects(around, own.exporter, graph_of(own, plan), plan):
+            yield ("observability",), item
+
+
+def graph_of(own: Parts, plan: NetworkPlan) -> Graph:
+    """Return what the exporter shall see: the nodes of one domain, and where all of them are."""
+    nodes = list(own.nodes())
+    domains = {node.key: plan_of(node, plan).domain_id for node in nodes}
+    domain = next(iter(domains.values())) if len(set(domains.values())) == 1 else plan.domain_id
+    near = [node for node in nodes if domains[node.key] == domain]
+    named = {node.ros_name: node for node in near if node.ros_name and own.around.ros != "none"}
+    told = {name: node.name for name, node in named.items() if is_told(own.around.ros, node)}
+    rest = {name: node.name for name, node in named.items() if name not in told}
+    if own.has_master:
+        told[ROSOUT] = MASTER_NAME
+    return Graph(told, rest, domain or 0, placement(own.options))
+
+
+def is_told(ros: Ros, node: Node) -> bool:
+    """Return whether a program gets its ROS name from here; another may have one of its own."""
+    line = program(ros, node.options)
+    return not node.options.launch and takes_ros_arguments(ros, line)
+
+
+def placement(options: OrchestrationOptions) -> Mapping[str, Any]:
+    """Return where the exporter runs: with the nodes, where all are bound to the same machines."""
+    chosen = [node_selector(node.placement) for node in options.nodes.values()]
+    if has_application(options):
+        chosen.append(remote_selector(options.distributed))
+    if not chosen or not chosen[0] or any(one != chosen[0] for one in chosen):
+        return {}
+    asked = next(iter(options.nodes.values())).tolerations if options.nodes else []
+    return {"nodeSelector": chosen[0], "tolerations": tolerations(asked, pinned=True)}
+
+
+def protected(items: Iterator[Object]) -> Iterator[ObjectRef]:
+    """Yield what outlives `down`: claims and volumes."""
+    kinds = ("PersistentVolumeClaim", "PersistentVolume")
+    return (ref_of(item) for item in items if item["kind"] in kinds)
+
+
+def kept(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that a revision keeps: all but a password."""
+    result = flat(raw)
+    grafana = (result.get("observability") or {}).get("grafana") or {}
+    grafana.pop("admin_password", None)
+    return result

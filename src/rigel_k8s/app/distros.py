@@ -1,0 +1,34 @@
+"""Which ROS a distribution is; no image and no cluster is asked."""
+
+from __future__ import annotations
+
+import difflib
+
+from rigel_k8s.objects.naming import Ros
+
+__all__ = ["is_ros1", "meant", "ros_of"]
+
+ROS1 = frozenset(("hydro", "indigo", "jade", "kinetic", "lunar", "melodic", "noetic"))
+
+ROS2 = frozenset(
+    ("ardent", "bouncy", "crystal", "dashing", "eloquent", "foxy", "galactic")
+    + ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
+)
+
+
+def is_ros1(distro: str) -> bool:
+    """Return whether a distribution is of ROS 1; one of a user's own is taken for that."""
+    return distro.lower() not in ROS2
+
+
+def ros_of(distro: str, told: Ros | None = None) -> Ros:
+    """Return which ROS an application is of: what the Rigelfile says, else that of its distro."""
+    return told or ("1" if is_ros1(distro) else "2")
+
+
+def meant(distro: str) -> str | None:
+    """Return the distribution that an unknown name was probably meant to be."""
+    known = sorted(ROS1 | ROS2)
+    if distro.lower() in known:
+        return None
+    return next(iter(difflib.get_close_matches(distro.lower(), known, n=1, cutoff=0.7)), None)

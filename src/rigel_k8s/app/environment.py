@@ -1,0 +1,97 @@
+"""The environment of a container: what ROS needs, what the network adds, what the user says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from rigel_k8s.objects.overlay import plain
+from rigel_k8s.objects.podoptions import EnvVar
+from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH, Object
+from rigel_k8s.objects.text import text_of
+from rigel_k8s.objects.workloads import Surroundings
+
+__all__ = ["environment", "literal", "ros_variables"]
+
+Extra = Mapping[Any, Any] | Sequence[EnvVar]
+
+
+def environment(
+    defaults: Mapping[str, Object], wired: Mapping[str, Object], extra: Extra = ()
+) -> list[Object]:
+    """Return a container's variables; the network wins over the defaults, the user over both."""
+    own = dict(entries(extra))
+    env = {**defaults, **wired}
+    if "ROS_HOSTNAME" in own:
+        env.pop("ROS_IP", None)  # ROS_HOSTNAME wins in ROS; two would mislead the reader
+    env |= own
+    return [{"name": name, **source} for name, source in env.items() if said(source)]
+
+
+def ros_variables(
+    around: Surroundings, *, namespace: str | None = None, host_network: bool = False
+) -> dict[str, Object]:
+    """Return ROS' own variables; a plain DDS application has none."""
+    if around.ros == "none":
+        return {}
+    own = ros2_variables()
+    if around.ros == "1":
+        own = ros1_variables(around.master_uri, namespace=namespace, host_network=host_network)
+    return own | {"PROMPT_COMMAND": {"value": f". {SCRIPTS_PATH}/rc.sh"}}
+
+
+def ros1_variables(
+    master_uri: str | None, *, namespace: str | None, host_network: bool
+) -> dict[str, Object]:
+    """Return the variables of a ROS 1 container.
+
+    ROS_IP makes a node advertise an address that other pods reach: a pod's name resolves nowhere.
+    The rest makes rospy and roscpp log at once.
+    """
+    address = "status.hostIP" if host_network else "status.podIP"
+    return {
+        "ROS_MASTER_URI": {"value": master_uri},
+        "ROS_IP": {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": address}}},
+        "ROS_NAMESPACE": {"value": namespace},
+        "PYTHONUNBUFFERED": {"value": "1"},
+        "ROSCONSOLE_STDOUT_LINE_BUFFERED": {"value": "1"},
+    }
+
+
+def ros2_variables() -> dict[str, Object]:
+    """Return the variables of a ROS 2 container.
+
+    They make rclpy and rclcpp log at once, plainly and to one stream; rcl does not start where it
+    can write no log directory, as with a user of its own or a read-only root.
+    """
+    return {
+        "PYTHONUNBUFFERED": {"value": "1"},
+        "RCUTILS_COLORIZED_OUTPUT": {"value": "0"},
+        "RCUTILS_LOGGING_USE_STDOUT": {"value": "1"},
+        "RCUTILS_LOGGING_BUFFERED_STREAM": {"value": "1"},
+        "ROS_LOG_DIR": {"value": LOG_PATH},
+    }
+
+
+def said(source: Mapping[str, Any]) -> bool:
+    """Return whether a variable has a value at all (the empty text is one)."""
+    return any(value is not None for value in source.values())
+
+
+def literal(extra: Extra, name: str) -> str | None:
+    """Return the text that the user gives a variable, None where it is not known here."""
+    found = dict(entries(extra)).get(name, {}).get("value")
+    return None if found is None else str(found)
+
+
+def entries(extra: Extra) -> Iterator[tuple[str, Object]]:
+    """Yield the user's variables, written as a mapping or as Kubernetes writes them."""
+    if isinstance(extra, Mapping):
+        for name, value in extra.items():
+            yield str(name), {"value": text_of(value)}
+        return
+    for item in extra:
+        if item.value_from is not None:
+            yield str(item.name), {"valueFrom": plain(item.value_from)}
+        else:
+            yield str(item.name), {"value": "" if item.value is None else text_of(item.value)}

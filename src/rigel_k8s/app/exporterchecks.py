@@ -1,0 +1,56 @@
+"""What keeps an application from having the ROS exporter that is asked for; pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.network.plan import middleware_word, network_of
+from rigel_k8s.objects.naming import Ros, object_name
+from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.problems import Problem
+
+__all__ = ["can_be_seen", "check_exporter"]
+
+ZENOH = (
+    "ros_metrics: the exporter joins DDS and speaks no zenoh, so this application has no metrics of"
+    " its ROS graph; say `ros_metrics: false` to be told no more"
+)
+NO_MASTER = (
+    "ros_metrics: without a ROS master that others reach there is no graph to be seen: give"
+    " ros_master_uri or leave deploy_ros_master out, or say `ros_metrics: false`"
+)
+
+
+def can_be_seen(options: OrchestrationOptions, ros: Ros) -> bool:
+    """Return whether an exporter could see the application's graph."""
+    return reason(options, ros) is None
+
+
+def reason(options: OrchestrationOptions, ros: Ros) -> str | None:
+    """Return why an exporter would see nothing, None where it would."""
+    if ros == "1":
+        alone = options.deploy_ros_master is False and options.ros_master_uri is None
+        return NO_MASTER if alone else None
+    network = network_of(options.network)
+    by_zenoh = middleware_word(options.middleware) == "zenoh" or (
+        network is not None and network.mode == "zenoh"
+    )
+    return ZENOH if by_zenoh else None
+
+
+def check_exporter(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield what keeps the exporter from seeing the graph, and who has its name."""
+    told = options.observability
+    if told.exporter is None:
+        return
+    if why := reason(options, ros):
+        if told.ros_metrics:
+            yield Problem(("observability", "ros_metrics"), why, "no-ros-metrics", at_key=True)
+        else:
+            path = ("observability",)
+            yield Problem(path, why, "no-ros-metrics", severity="warning", at_key=True)
+    for key in options.nodes:
+        if object_name(str(key)) == EXPORTER:
+            message = f'"{EXPORTER}" is the name of the exporter of ros_metrics: choose another'
+            yield Problem(("nodes", str(key)), message, "name-taken", at_key=True)

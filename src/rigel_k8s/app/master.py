@@ -1,0 +1,77 @@
+"""roscore: the Deployment and Service `ros-master`.
+
+Two roscores behind one Service are worse than none, so the old one is gone before the new starts.
+There is no liveness probe: one that restarts a busy roscore destroys the whole graph.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.app.environment import environment, ros_variables
+from rigel_k8s.network.wiring import Wiring
+from rigel_k8s.objects.marks import FIRST_ANNOTATION, SINGLETON_ANNOTATION
+from rigel_k8s.objects.overlay import merge
+from rigel_k8s.objects.pods import (
+    MASTER_NAME,
+    MASTER_PORT,
+    Object,
+    compact,
+    inpod_volume,
+    probes,
+    stop_hook,
+)
+from rigel_k8s.objects.workloads import Surroundings, deployment, service
+
+__all__ = ["MASTER_CONTAINER", "master_deployment", "master_service"]
+
+MASTER_CONTAINER = "ros-master-container"
+
+#: A replaced pod's address swallows what is sent to it. roscore tells the old node to end (and its
+#: cached parameters to change) all the same, each time in one of 3 threads, for two minutes: three
+#: such pods and no node hears of a new publisher. So 10 threads, and 3 s for a connection.
+ROSCORE = ["roscore", "-w", "10", "-t", "3"]
+
+
+def master_deployment(
+    around: Surroundings, image: str, params: Mapping[str, Any], wired: Wiring
+) -> Object:
+    """Return roscore's Deployment with the user's own parts laid over it."""
+    volume, mount = inpod_volume(around.release)
+    own = attrs.evolve(around, master_uri=f"http://localhost:{MASTER_PORT}")
+    container = {
+        "name": MASTER_CONTAINER,
+        "image": image,
+        "args": list(ROSCORE),
+        "env": environment(ros_variables(own), wired.env),
+        "ports": [{"name": "ros", "containerPort": MASTER_PORT}],
+        **probes("ros", ("master",)),
+        "lifecycle": stop_hook(),
+        "volumeMounts": [mount, *wired.mounts],
+    }
+    made = deployment(
+        around,
+        MASTER_NAME,
+        compact(
+            {
+                "initContainers": list(wired.init_containers),
+                "containers": [container],
+                "volumes": [volume, *wired.volumes],
+                **wired.pod,
+            }
+        ),
+        strategy={"type": "Recreate"},
+        annotations={SINGLETON_ANNOTATION: "/rosout", FIRST_ANNOTATION: "true"},
+        pod_annotations=wired.annotations,
+    )
+    merged: Object = merge(made, params)
+    return merged
+
+
+def master_service(around: Surroundings) -> Object:
+    """Return the Service by which all pods find roscore."""
+    port = {"name": "ros", "port": MASTER_PORT, "targetPort": MASTER_PORT, "protocol": "TCP"}
+    return service(around, MASTER_NAME, [port])

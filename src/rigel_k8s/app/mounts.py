@@ -1,0 +1,79 @@
+"""What a node sees of volumes and devices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.storage import mount_path, volume_source
+from rigel_k8s.objects.podoptions import Device, Volume, VolumeMount
+from rigel_k8s.objects.pods import Object, compact
+from rigel_k8s.objects.scalars import MountPath, ObjectName
+
+__all__ = ["device_of", "device_resources", "mount_of", "mounts", "source_count"]
+
+
+def mount_of(item: ObjectName | VolumeMount) -> VolumeMount:
+    """Return a mount, written as a volume's name or in full."""
+    return item if isinstance(item, VolumeMount) else VolumeMount(name=item)
+
+
+def device_of(item: MountPath | Device) -> Device:
+    """Return a device, written as a path or in full."""
+    return item if isinstance(item, Device) else Device(path=item)
+
+
+def source_count(mount: VolumeMount) -> int:
+    """Return how many sources a mount names; it should be one."""
+    sources = (mount.name, mount.host_path, mount.config_map, mount.secret, mount.memory)
+    return sum(source is not None for source in sources)
+
+
+def mounts(options: NodeOptions, known: Mapping[str, Volume]) -> tuple[list[Object], list[Object]]:
+    """Return (the pod's volumes, the container's mounts); a claim that is mounted twice is one."""
+    volumes: dict[str, Object] = {}
+    seen = []
+    for index, item in enumerate(options.volumes):
+        mount = mount_of(item)
+        source = volume_of(mount, index, known)
+        volumes[source["name"]] = source
+        seen.append(mount_entry(mount, source["name"], known))
+    for index, device in enumerate(map(device_of, options.devices)):
+        if device.path:
+            name = f"device-{index}"
+            volumes[name] = {"name": name, "hostPath": {"path": str(device.path)}}
+            seen.append({"name": name, "mountPath": str(device.mount_path or device.path)})
+    return list(volumes.values()), seen
+
+
+def volume_of(mount: VolumeMount, index: int, known: Mapping[str, Volume]) -> Object:
+    """Return the pod's volume of a mount."""
+    if mount.name:
+        return volume_source(known[mount.name])
+    source: dict[str, Any] = {
+        "hostPath": {"path": str(mount.host_path)} if mount.host_path else None,
+        "configMap": {"name": str(mount.config_map)} if mount.config_map else None,
+        "secret": {"secretName": str(mount.secret)} if mount.secret else None,
+        "emptyDir": {"medium": "Memory", "sizeLimit": str(mount.memory)} if mount.memory else None,
+    }
+    return {"name": f"volume-{index}", **compact(source)}
+
+
+def mount_entry(mount: VolumeMount, name: str, known: Mapping[str, Volume]) -> Object:
+    """Return the container's mount."""
+    default = mount_path(known[mount.name]) if mount.name else None
+    return compact(
+        {
+            "name": name,
+            "mountPath": str(mount.mount_path or default),
+            "subPath": mount.sub_path,
+            "readOnly": mount.read_only or None,
+        }
+    )
+
+
+def device_resources(devices: Sequence[MountPath | Device]) -> dict[str, str]:
+    """Return the limits that device plugins are asked by."""
+    asked = map(device_of, devices)
+    return {str(d.resource): str(int(d.count)) for d in asked if d.resource}

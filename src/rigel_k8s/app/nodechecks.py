@@ -1,0 +1,249 @@
+"""What is wrong with one of `nodes`; paths are the node's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rigel_k8s.app.commands import PARAMETERS_PATH, flat, safe
+from rigel_k8s.app.mounts import device_of, mount_of, source_count
+from rigel_k8s.app.nodes import port_of
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.programs import program, takes_ros_arguments
+from rigel_k8s.objects.naming import Ros
+from rigel_k8s.objects.podoptions import EnvVar
+from rigel_k8s.objects.scalars import RosName
+from rigel_k8s.objects.text import words
+from rigel_k8s.problems import Problem
+
+__all__ = ["check_node"]
+
+#: What two nodes of one name do to each other.
+CLASH: Mapping[str, str] = {
+    "1": "throw each other out",
+    "2": "answer each other's services and parameters",
+}
+#: Labels by which objects are found again.
+RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
+#: What only ROS can read.
+ROS_ONLY = ("name", "namespace", "package", "launch", "parameters", "parameter_files", "remappings")
+
+
+def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield what is wrong with the node of a key."""
+    node = options.nodes[key]
+    if node.image is None and options.image is None:
+        message = f'"{key}" has no image: give it one here, or one for all nodes as `image`'
+        yield Problem((), message, "missing-image", at_key=True)
+    yield from check_name(key, node, ros)
+    problems = list(check_command(node)) if ros != "none" else list(check_plain(node))
+    yield from problems or check_appended(node, ros)
+    yield from check_labels(node)
+    yield from check_env(node)
+    yield from check_volumes(node, {str(v.name) for v in options.persistent_storage.volumes})
+    yield from check_devices(node)
+    yield from check_ports(node)
+    yield from check_placement(key, node, options.nodes)
+
+
+def check_name(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield why a node cannot be called so, or not be there twice."""
+    if ros == "none":
+        return
+    if node.name is None and not node.anonymous and not node.launch:
+        try:
+            RosName.parse(key)
+        except ValueError as error:
+            yield Problem((), f"{error}, or give it a `name`", RosName.kind, at_key=True)
+    if node.name is not None and node.anonymous:
+        message = "the name of an anonymous node is made at start: leave one of the two out"
+        yield Problem(("name",), message, "conflict", at_key=True)
+    if node.replicas is not None and node.replicas > 1 and not node.anonymous:
+        message = (
+            f"ROS allows one node of a name, and {node.replicas} pods would {CLASH[ros]};"
+            " say anonymous: true where its name is made at start"
+        )
+        yield Problem(("replicas",), message, "duplicate-node")
+
+
+def check_plain(node: NodeOptions) -> Iterator[Problem]:
+    """Yield what a plain DDS program would not understand."""
+    for key in ROS_ONLY:
+        if getattr(node, key):
+            message = f"a plain DDS application (ros: none) has no {key}: use args and env"
+            yield Problem((key,), message, "not-ros", at_key=True)
+    for name in ("command", "args"):
+        yield from check_line(name, getattr(node, name))
+
+
+def check_labels(node: NodeOptions) -> Iterator[Problem]:
+    """Yield labels that are not the user's to give."""
+    for key in node.labels:
+        if str(key).startswith(RESERVED):
+            message = f'"{key}" is one of those that objects are found by; choose another name'
+            yield Problem(("labels", str(key)), message, "reserved-label", at_key=True)
+
+
+def check_command(node: NodeOptions) -> Iterator[Problem]:
+    """Yield contradictions in what the container runs."""
+    given = [name for name in ("command", "args", "launch") if getattr(node, name) is not None]
+    pair = node.package is not None, node.executable is not None
+    if any(pair) and not all(pair):
+        there, missing = ("package", "executable") if pair[0] else ("executable", "package")
+        yield Problem((there,), f"`{there}` without `{missing}`", "incomplete", at_key=True)
+    if all(pair):
+        given = [name for name in given if name != "args"] + ["package"]
+    if len(given) > 1:
+        listed = " and ".join(f"`{name}`" for name in given)
+        message = f"{listed} each say what to run: leave one"
+        if {"command", "args"} == set(given):
+            message += " (args keeps the image's ENTRYPOINT, which sets up ROS)"
+        yield Problem((given[1],), message, "conflict", at_key=True)
+    for name in ("command", "args"):
+        yield from check_line(name, getattr(node, name))
+
+
+def check_line(name: str, line: Any) -> Iterator[Problem]:
+    """Yield why a command line is none."""
+    if line is None:
+        return
+    try:
+        empty = not words(line)
+    except ValueError as error:
+        message = f"it cannot be split into words: {str(error).lower()}"
+        yield Problem((name,), message, "bad-command")
+    else:
+        if empty:
+            yield Problem((name,), "an empty command line, leave it out instead", "bad-command")
+
+
+def check_appended(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield parameters and remappings that nobody would read."""
+    for key, name in flat_keys(node.parameters) if ros == "1" else ():
+        try:
+            RosName.parse(name)
+        except ValueError as error:
+            yield Problem(("parameters", key), str(error), RosName.kind, at_key=True)
+    wanted = [k for k in ("parameters", "remappings", "parameter_files") if getattr(node, k)]
+    for key in wanted:
+        if reason := unreadable(node, key, ros):
+            yield Problem((key,), reason, "not-appendable", at_key=True)
+
+
+def flat_keys(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield each parameter's first key and full name."""
+    for key, value in parameters.items():
+        for name, _ in flat({key: value}):
+            yield str(key), name
+
+
+def unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
+    """Return why a node could not read what the key says, None where it can."""
+    line = program(ros, node)
+    if not line:
+        return (
+            f"{key} cannot be appended to the image's CMD:"
+            " say what runs with args, package and executable, or launch"
+        )
+    if node.launch:
+        return unreadable_to_launch(node, key, ros)
+    if ros == "1" and key == "parameter_files":
+        unknown = "the name of an anonymous node is unknown before it starts: use parameters"
+        return unknown if node.anonymous else None
+    if not takes_ros_arguments(ros, line):
+        return f"{line[0]} does not pass {key} on to the node: use args with the node's program"
+    return None
+
+
+def unreadable_to_launch(node: NodeOptions, key: str, ros: Ros) -> str | None:
+    """Return why a launch file could not read what the key says, None where it can."""
+    if key == "parameter_files":
+        named = any(PARAMETERS_PATH in str(value) for value in node.launch.args.values())  # type: ignore[union-attr]
+        if ros == "1" or named:
+            return None
+        return (
+            "ros2 launch reads no parameter files by itself: name them in launch.args, as"
+            f" {PARAMETERS_PATH}/00-{safe(node.parameter_files[0])}.yaml"
+        )
+    where = "launch.args" if key == "parameters" else "the launch file"
+    tool = "roslaunch" if ros == "1" else "ros2 launch"
+    return f"{tool} reads no {key} from its command line: write them in {where}"
+
+
+def check_env(node: NodeOptions) -> Iterator[Problem]:
+    """Yield variables with two values."""
+    if isinstance(node.env, Mapping):
+        return
+    names: set[str] = set()
+    for index, item in enumerate(node.env):
+        assert isinstance(item, EnvVar)
+        if item.value is not None and item.value_from is not None:
+            message = "value and valueFrom: leave one out"
+            yield Problem(("env", index, "value"), message, "conflict", at_key=True)
+        if item.name in names:
+            message = f'there is a variable "{item.name}" already'
+            yield Problem(("env", index, "name"), message, "name-taken")
+        names.add(item.name)
+
+
+def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
+    """Yield mounts of nothing, of two things, of unknown volumes, and on one path."""
+    places: set[str] = set()
+    for index, item in enumerate(node.volumes):
+        mount = mount_of(item)
+        path = ("volumes", index)
+        if source_count(mount) != 1:
+            message = "give one of name, host_path, config_map, secret and memory"
+            yield Problem(path, message, "bad-volume")
+        elif mount.name and mount.name not in known:
+            listed = ", ".join(sorted(known)) or "none"
+            message = f'no volume "{mount.name}" in persistent_storage.volumes (there: {listed})'
+            yield Problem(path, message, "unknown-volume")
+        elif mount.mount_path is None and not mount.name:
+            yield Problem(path, "where to? give mount_path", "bad-volume")
+        place = str(mount.mount_path or mount.name)
+        if place in places:
+            yield Problem(path, f"something is mounted at {place} already", "name-taken")
+        places.add(place)
+
+
+def check_devices(node: NodeOptions) -> Iterator[Problem]:
+    """Yield devices that are none, and those that the container may not open."""
+    for index, device in enumerate(map(device_of, node.devices)):
+        path = ("devices", index)
+        if (device.path is None) == (device.resource is None):
+            yield Problem(path, "give either path or resource", "bad-device")
+        elif device.path and not node.security_context.get("privileged"):
+            message = (
+                f"the container sees {device.path} but may not open it: add security_context:"
+                " {privileged: true}, or use a device plugin and `resource: squat.ai/NAME`"
+            )
+            yield Problem(path, message, "device-access", severity="warning")
+
+
+def check_ports(node: NodeOptions) -> Iterator[Problem]:
+    """Yield ports and port names that are there twice."""
+    seen: set[tuple[str, object]] = set()
+    for index, port in enumerate(map(port_of, node.ports)):
+        for what in (("port", (port.port, port.protocol)), ("name", port.name)):
+            if what[1] is not None and what in seen:
+                message = f"this {what[0]} is there already"
+                yield Problem(("ports", index), message, "name-taken")
+            seen.add(what)
+
+
+def check_placement(
+    key: str, node: NodeOptions, nodes: Mapping[str, NodeOptions]
+) -> Iterator[Problem]:
+    """Yield places that contradict each other, taints without sense and raw parts that break."""
+    for index, other in enumerate(node.placement.apart_from):
+        if other not in nodes or other == key:
+            message = f'"{other}" is none of the other nodes'
+            yield Problem(("placement", "apart_from", index), message, "unknown-node")
+    for index, item in enumerate(node.tolerations):
+        if item.value is not None and item.operator == "Exists":
+            message = "Exists compares no value: leave `operator` or `value` out"
+            yield Problem(("tolerations", index, "value"), message, "conflict", at_key=True)
+        if item.seconds is not None and item.effect != "NoExecute":
+            message = "only NoExecute ends after some seconds: add effect: NoExecute"
+            yield Problem(("tolerations", index, "seconds"), message, "conflict", at_key=True)

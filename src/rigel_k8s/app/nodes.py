@@ -1,0 +1,268 @@
+"""Each of `nodes`: a Deployment of one container, and a Service where it has ports."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+
+import attrs
+
+from rigel_k8s.app.commands import PARAMETERS_PATH, Command, full_name
+from rigel_k8s.app.environment import environment, literal, ros_variables
+from rigel_k8s.app.mounts import device_resources, mounts
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.placing import affinity, node_selector, tolerations
+from rigel_k8s.app.programs import command_of
+from rigel_k8s.app.updating import strategy
+from rigel_k8s.network.modes import wiring
+from rigel_k8s.network.readiness import ready_words
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
+from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
+from rigel_k8s.objects.naming import NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
+from rigel_k8s.objects.overlay import merge, plain
+from rigel_k8s.objects.podoptions import PortOptions, Volume
+from rigel_k8s.objects.pods import Object, compact, probes, stop_hook
+from rigel_k8s.objects.resources import Resources
+from rigel_k8s.objects.scalars import Port
+from rigel_k8s.objects.workloads import (
+    Surroundings,
+    config_map,
+    deployment,
+    pull_policy,
+    readiness_of,
+    ros_volumes,
+    service,
+)
+
+__all__ = ["DEFAULT_CONTAINER", "NODE_CONTAINER", "Node", "node_objects", "port_of"]
+
+NODE_CONTAINER = "ros-node"
+#: Which container kubectl means where nobody says one; it asks where there are init containers.
+DEFAULT_CONTAINER = "kubectl.kubernetes.io/default-container"
+PARAMETERS_ANNOTATION = "rigel-k8s/parameters"
+
+
+@attrs.frozen
+class Node:
+    """A node with all that is needed to make its objects.
+
+    Attributes:
+        image: its image, or the job's.
+        files: the texts of its parameter files, by the names in `parameter_files`.
+        volumes: the release's persistent volumes, by name.
+    """
+
+    key: str
+    options: NodeOptions
+    image: str
+    files: Mapping[str, str] = attrs.field(factory=dict)
+    volumes: Mapping[str, Volume] = attrs.field(factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The Kubernetes name."""
+        return object_name(self.key)
+
+    @property
+    def pinned(self) -> bool:
+        """Whether it belongs to certain machines."""
+        return bool(node_selector(self.options.placement))
+
+    @property
+    def ros_name(self) -> str | None:
+        """The full ROS name, None where it is made at start."""
+        return None if self.options.anonymous else full_name(self.key, self.options)
+
+    @property
+    def identity(self) -> PodIdentity:
+        """What the network knows the node by."""
+        replicas = self.options.replicas
+        return PodIdentity(
+            self.name,
+            self.image,
+            self.ros_name,
+            None if replicas is None else int(replicas),
+            like=compact(
+                {
+                    "imagePullPolicy": pull_policy(
+                        self.options.image_pull_policy, pinned=self.pinned
+                    ),
+                    "resources": resources(self.options.resources, {}),
+                    "securityContext": plain(self.options.security_context),
+                }
+            ),
+        )
+
+
+def node_objects(around: Surroundings, node: Node, plan: NetworkPlan) -> Iterator[Object]:
+    """Yield a node's objects."""
+    command = command_of(around.ros, node.key, node.options, node.files)
+    if command.files:
+        yield config_map(around, parameters_config(node), command.files, part_of=node.name)
+    yield node_deployment(around, node, command, plan_of(node, plan))
+    if node.options.ports:
+        yield service(around, node.name, [service_port(port) for port in ports_of(node.options)])
+
+
+def plan_of(node: Node, plan: NetworkPlan) -> NetworkPlan:
+    """Return the network as a node has it, which may say itself in which domain it is."""
+    own = literal(node.options.env, "ROS_DOMAIN_ID") if plan.ros == "2" else None
+    return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
+
+
+def node_deployment(
+    around: Surroundings, node: Node, command: Command, plan: NetworkPlan
+) -> Object:
+    """Return a node's Deployment with the user's patch laid over it."""
+    options = node.options
+    name = node.ros_name if around.ros != "none" else None
+    wired = wiring(plan, node.identity)
+    told = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
+    made = deployment(
+        around,
+        node.name,
+        pod_spec(around, node, command, plan, wired),
+        strategy=strategy(options.update, anonymous=options.anonymous),
+        replicas=node.identity.replicas,
+        annotations=told | ({SINGLETON_ANNOTATION: name} if name else {}),
+        pod_annotations={
+            **told,
+            **parameters_hash(command),
+            **({DEFAULT_CONTAINER: NODE_CONTAINER} if wired.init_containers else {}),
+            **wired.annotations,
+        },
+        own_labels={str(key): str(value) for key, value in options.labels.items()},
+    )
+    merged: Object = merge(made, options.patch)
+    return merged
+
+
+def pod_spec(
+    around: Surroundings, node: Node, command: Command, plan: NetworkPlan, wired: Wiring
+) -> Object:
+    """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
+    options = node.options
+    volumes, seen = mounts(options, node.volumes)
+    for volume, mount in (*ros_volumes(around), *parameter_volume(node, command)):
+        volumes.append(volume)
+        seen.append(mount)
+    made = {
+        "initContainers": list(wired.init_containers),
+        "containers": [container(around, node, command, plan, wired, [*seen, *wired.mounts])],
+        "volumes": [*volumes, *wired.volumes],
+        "nodeSelector": node_selector(options.placement),
+        "affinity": affinity(options.placement),
+        "tolerations": tolerations(options.tolerations, pinned=node.pinned),
+        "hostNetwork": options.host_network or None,
+        "dnsPolicy": "ClusterFirstWithHostNet" if options.host_network else None,
+        "runtimeClassName": options.runtime_class and str(options.runtime_class),
+        "serviceAccountName": options.service_account and str(options.service_account),
+        "terminationGracePeriodSeconds": grace_seconds(options),
+    }
+    return compact(made | dict(wired.pod))
+
+
+def container(
+    around: Surroundings,
+    node: Node,
+    command: Command,
+    plan: NetworkPlan,
+    wired: Wiring,
+    volume_mounts: Sequence[Object],
+) -> Object:
+    """Return the node's one container."""
+    options = node.options
+    defaults = ros_variables(
+        around, namespace=ros_namespace(node), host_network=options.host_network
+    )
+    return compact(
+        {
+            "name": NODE_CONTAINER,
+            "image": node.image,
+            "imagePullPolicy": pull_policy(options.image_pull_policy, pinned=node.pinned),
+            "command": command.command and list(command.command),
+            "args": command.args and list(command.args),
+            "env": environment(defaults, wired.env, options.env),
+            "ports": [container_port(port) for port in ports_of(options)],
+            "resources": resources(options.resources, device_resources(options.devices)),
+            "securityContext": plain(options.security_context),
+            **probes(readiness_of(around, options.readiness), ready_words(plan)),
+            "lifecycle": stop_hook(grace_seconds(options)),
+            "volumeMounts": list(volume_mounts),
+        }
+    )
+
+
+def grace_seconds(options: NodeOptions) -> int | None:
+    """Return how long the pod may take to end, None for Kubernetes' 30 s."""
+    grace = options.termination_grace_period
+    return None if grace is None else max(1, round(grace.seconds))
+
+
+def ros_namespace(node: Node) -> str | None:
+    """Return the node's ROS namespace, from its name where that is a path; None at the root."""
+    if node.options.launch or node.options.anonymous:
+        return str(node.options.namespace) if node.options.namespace else None
+    return full_name(node.key, node.options).rpartition("/")[0] or None
+
+
+def resources(asked: Resources, devices: Mapping[str, str]) -> Object:
+    """Return a container's resources; a device plugin's are limits."""
+    limits = {str(name): str(value) for name, value in asked.limits.items()}
+    requests = {str(name): str(value) for name, value in asked.requests.items()}
+    return compact({"requests": requests, "limits": limits | dict(devices)})
+
+
+def parameters_config(node: Node) -> str:
+    """Return the name of the ConfigMap with the node's parameters."""
+    return f"{node.name}-parameters"
+
+
+def parameter_volume(node: Node, command: Command) -> Iterator[tuple[Object, Object]]:
+    """Yield (volume, mount) of the parameter files, if there are any."""
+    if command.files:
+        volume = {"name": "rigel-parameters", "configMap": {"name": parameters_config(node)}}
+        yield volume, {"name": volume["name"], "mountPath": PARAMETERS_PATH, "readOnly": True}
+
+
+def parameters_hash(command: Command) -> dict[str, str]:
+    """Return the annotation that makes changed parameters start a new pod."""
+    if not command.files:
+        return {}
+    text = json.dumps(command.files, sort_keys=True)
+    return {PARAMETERS_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:16]}
+
+
+def ports_of(options: NodeOptions) -> list[PortOptions]:
+    """Return the ports with all their fields."""
+    return [port_of(port) for port in options.ports]
+
+
+def port_of(port: Port | PortOptions) -> PortOptions:
+    """Return a port, written as a number or in full."""
+    return port if isinstance(port, PortOptions) else PortOptions(port=port)
+
+
+def port_name(port: PortOptions) -> str:
+    """Return a port's name: Kubernetes wants one as soon as there are two."""
+    return str(port.name or f"{port.protocol.lower()}-{int(port.port)}")
+
+
+def container_port(port: PortOptions) -> Object:
+    """Return the container's side of a port."""
+    return {
+        "name": port_name(port),
+        "containerPort": int(port.port),
+        "protocol": port.protocol,
+    }
+
+
+def service_port(port: PortOptions) -> Object:
+    """Return the Service's side of a port."""
+    return {
+        "name": port_name(port),
+        "port": int(port.service_port or port.port),
+        "targetPort": int(port.port),
+        "protocol": port.protocol,
+    }

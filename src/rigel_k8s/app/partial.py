@@ -1,0 +1,36 @@
+"""Jobs that describe only a part of a release, as the peer's update_k8s does; plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.objects.overlay import merge, plain
+
+__all__ = ["flat", "is_partial", "overlay"]
+
+#: A job that says one of these says what the release is.
+WHOLE = ("nodes", "application_image", "deploy_ros_master")
+#: Options whose parts belong together: half of an old and half of a new one would be neither.
+AS_ONE = ("readiness", "rolling_update", "results")
+
+
+def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a job's `with` without the level that the peer's users write, as plain data."""
+    result: dict[str, Any] = plain(raw)
+    nested = result.pop(OrchestrationOptions.nested_under, None)
+    return {**(nested or {}), **result}
+
+
+def is_partial(raw: Mapping[str, Any]) -> bool:
+    """Return whether a job says only how a release differs from its last revision."""
+    return not any(key in flat(raw) for key in WHOLE)
+
+
+def overlay(previous: Mapping[str, Any], raw: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a release's last revision with a partial job's laid over them."""
+    part = flat(raw)
+    kept = {key: v for key, v in flat(previous).items() if key not in AS_ONE or key not in part}
+    result: dict[str, Any] = merge(kept, part)
+    return result

@@ -1,0 +1,64 @@
+"""Where a pod runs, and that it stays there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rigel_k8s.app.options import Distributed
+from rigel_k8s.objects.naming import object_name, selector
+from rigel_k8s.objects.podoptions import Placement, Toleration
+from rigel_k8s.objects.pods import Object, compact
+
+__all__ = ["HOSTNAME", "REMOTE", "affinity", "node_selector", "remote_selector", "tolerations"]
+
+HOSTNAME = "kubernetes.io/hostname"
+#: The label of remote machines, as the peer has it.
+REMOTE: Mapping[str, str] = {"deploymentType": "remote"}
+
+#: A robot that loses its network keeps its pods: without these they are evicted after 300 s.
+STAY = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
+
+
+def node_selector(placement: Placement) -> dict[str, str]:
+    """Return the labels that the machine must have."""
+    chosen = {str(key): str(value) for key, value in placement.labels.items()}
+    if placement.node:
+        chosen[HOSTNAME] = str(placement.node)
+    return chosen
+
+
+def remote_selector(distributed: Distributed) -> dict[str, str]:
+    """Return the labels of the application's machine."""
+    remote = distributed.enabled and distributed.default_to_remote
+    return dict(REMOTE) if remote and not distributed.force_local_flag else {}
+
+
+def affinity(placement: Placement) -> Object:
+    """Return what keeps a pod off the machines of others."""
+    terms = [
+        {"labelSelector": {"matchLabels": selector(object_name(key))}, "topologyKey": HOSTNAME}
+        for key in placement.apart_from
+    ]
+    if not terms:
+        return {}
+    return {"podAntiAffinity": {"requiredDuringSchedulingIgnoredDuringExecution": terms}}
+
+
+def tolerations(asked: Sequence[Toleration], *, pinned: bool) -> list[Object]:
+    """Return the pod's tolerations; one that is pinned to a machine stays when its network goes."""
+    result = [toleration(item) for item in asked]
+    if pinned:
+        result += [{"key": key, "operator": "Exists", "effect": "NoExecute"} for key in STAY]
+    return result
+
+
+def toleration(item: Toleration) -> Object:
+    """Return one toleration."""
+    fields = {
+        "key": str(item.key) if item.key else None,
+        "operator": item.operator or ("Exists" if item.value is None else "Equal"),
+        "value": str(item.value) if item.value is not None else None,
+        "effect": item.effect,
+        "tolerationSeconds": int(item.seconds) if item.seconds is not None else None,
+    }
+    return compact(fields)

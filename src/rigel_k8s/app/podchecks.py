@@ -1,0 +1,189 @@
+"""What the workloads of a release cannot do on its network: replicas, places, images."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.app.application import has_application
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.updating import is_rolling
+from rigel_k8s.network.dds import PARTICIPANTS
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.peers import peer_name
+from rigel_k8s.network.plan import ATTACHED
+from rigel_k8s.network.rangechecks import pool_of
+from rigel_k8s.network.servers import server_names
+from rigel_k8s.objects.naming import object_name
+from rigel_k8s.problems import Path, Problem
+
+__all__ = ["Workload", "check_pods", "workloads_of"]
+
+#: The images of docker.io/library/ros and osrf/ros, which carry Fast DDS alone.
+OFFICIAL = re.compile(r"(docker\.io/)?(library/|osrf/)?ros([:@].*)?")
+
+STATIC = "with `ipam: static` each workload has one address"
+ONE_SERVICE = (
+    "with `peers` a Service leads to one pod, and the others of them would not be found;"
+    " make them nodes of their own, or use discovery-server"
+)
+
+
+@attrs.frozen
+class Workload:
+    """What a check needs of a node, or of the application.
+
+    Attributes:
+        path: where it stands in the options; replicas, update: where those of it stand.
+        pods: how many at most; node: the machine it is pinned to.
+    """
+
+    name: str
+    path: Path
+    pods: int
+    replicas: Path
+    update: Path
+    rolling: bool
+    image: Path
+    official: bool
+    node: str | None = None
+    host_network: bool = False
+
+
+def workloads_of(options: OrchestrationOptions) -> Iterator[Workload]:
+    """Yield the nodes and the application; roscore has its own ways."""
+    for key, node in options.nodes.items():
+        path: Path = ("nodes", str(key))
+        image = str(node.image or options.image or "")
+        rolling = is_rolling(node.update) if node.update else node.anonymous
+        yield Workload(
+            name=object_name(str(key)),
+            path=path,
+            pods=1 if node.replicas is None else int(node.replicas),
+            replicas=(*path, "replicas"),
+            update=(*path, "update") if node.update else path,
+            rolling=rolling,
+            image=(*path, "image") if node.image else ("image",),
+            official=bool(OFFICIAL.fullmatch(image)),
+            node=str(node.placement.node) if node.placement.node else None,
+            host_network=node.host_network,
+        )
+    if has_application(options):
+        yield application_of(options)
+
+
+def application_of(options: OrchestrationOptions) -> Workload:
+    """Return the one application."""
+    spec = mapping(options.additional_k8s_params.application.get("spec"))
+    replicas = spec.get("replicas", 1)
+    return Workload(
+        name=str(options.deployment_name),
+        path=("application_image",) if options.application_image else ("additional_k8s_params",),
+        pods=replicas if isinstance(replicas, int) else 1,
+        replicas=("additional_k8s_params", "application", "spec", "replicas"),
+        update=("rolling_update",),
+        rolling=options.rolling_update is not None and is_rolling(options.rolling_update),
+        image=("application_image",),
+        official=bool(OFFICIAL.fullmatch(str(options.application_image or ""))),
+    )
+
+
+def mapping(value: Any) -> Mapping[str, Any]:
+    """Return a mapping; an empty one for anything else."""
+    return value if isinstance(value, Mapping) else {}
+
+
+def check_pods(
+    options: OrchestrationOptions, network: Network, *, others: int
+) -> Iterator[Problem]:
+    """Yield what the workloads cannot do.
+
+    Args:
+        others: how many pods there are besides, roscore's and the exporter's.
+    """
+    found = list(workloads_of(options))
+    yield from check_replicas(network, found)
+    yield from check_launches(options, network)
+    yield from check_count(network, sum(one.pods for one in found) + others)
+    yield from check_machines(network, found)
+    yield from check_host_network(network, found)
+    yield from check_names(options, network, found)
+
+
+def check_replicas(network: Network, found: list[Workload]) -> Iterator[Problem]:
+    """Yield workloads of more pods than have an address, or are found."""
+    static = network.ipam == "static"
+    for one in found:
+        if one.pods > 1 and (static or network.mode == "peers"):
+            message = f"{STATIC}, and here are {one.pods} pods" if static else ONE_SERVICE
+            yield Problem(one.replicas, message, "replicas")
+        elif static and one.rolling:
+            message = f"{STATIC}, and a rolling update has two pods at once; say strategy: Recreate"
+            yield Problem(one.update, message, "surge", at_key=True)
+
+
+def check_launches(options: OrchestrationOptions, network: Network) -> Iterator[Problem]:
+    """Yield launch files whose later programs may miss each other: few ports are tried."""
+    launched = [str(key) for key, node in options.nodes.items() if node.launch]
+    if network.mode != "peers" or len(launched) < 2:
+        return
+    for key in launched:
+        message = (
+            f"with `peers` programs beyond the first {PARTICIPANTS} of a pod are not found by those"
+            " of another such pod: keep launch files small, or use another mode"
+        )
+        yield Problem(("nodes", key, "launch"), message, "many-participants", severity="warning")
+
+
+def check_count(network: Network, pods: int) -> Iterator[Problem]:
+    """Yield that there are more pods than addresses."""
+    pool = pool_of(network) if network.ipam != "dhcp" else None
+    if pool is not None and pods > len(pool):
+        narrow = "range_end" if network.range_end else "subnet"
+        message = f"{len(pool)} addresses to give out, and {pods} pods want one: widen the range"
+        yield Problem(("network", narrow), message, "too-few-addresses")
+
+
+def check_machines(network: Network, found: list[Workload]) -> Iterator[Problem]:
+    """Yield that host-local would give one address to two machines."""
+    if network.ipam != "host-local" or sum(one.pods for one in found) < 2:
+        return
+    machines = {one.node for one in found}
+    if None in machines or len(machines) > 1:
+        message = (
+            "host-local counts on each machine for itself, so two machines give out one address"
+            " twice: pin all nodes to one machine (placement: {node: ...}), or use whereabouts"
+        )
+        yield Problem(("network", "ipam"), message, "host-local")
+
+
+def check_host_network(network: Network, found: list[Workload]) -> Iterator[Problem]:
+    """Yield pods on the machine's own network, to which Multus attaches nothing."""
+    for one in found:
+        if one.host_network and network.mode in ATTACHED:
+            message = (
+                f"a pod on the machine's own network gets no second interface, so {network.mode}"
+                " does not reach it: leave host_network out"
+            )
+            yield Problem((*one.path, "host_network"), message, "conflict", at_key=True)
+
+
+def check_names(
+    options: OrchestrationOptions, network: Network, found: list[Workload]
+) -> Iterator[Problem]:
+    """Yield workloads that have the name of something that the mode makes."""
+    if network.mode in ("zenoh", "discovery-server"):
+        made = set(server_names(str(options.deployment_name), network))
+    elif network.mode == "peers":
+        made = {peer_name(one.name) for one in found}
+    else:
+        return
+    for one in found:
+        if one.name in made:
+            message = (
+                f'"{one.name}" is the name of a Service of mode {network.mode}: choose another'
+            )
+            yield Problem(one.path, message, "name-taken", at_key=True)

@@ -1,0 +1,36 @@
+"""What a node's container runs, by which ROS it is of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rigel_k8s.app import commands, ros2commands
+from rigel_k8s.app.commands import Command
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.objects.naming import Ros
+from rigel_k8s.objects.text import words
+
+__all__ = ["command_of", "program", "takes_ros_arguments"]
+
+
+def command_of(ros: Ros, key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
+    """Return what a node's container runs; a plain DDS program gets no argument of ROS."""
+    if ros == "2":
+        return ros2commands.command_of(key, node, files)
+    if ros == "1":
+        return commands.command_of(key, node, files)
+    if node.command is not None:
+        return Command(command=words(node.command))
+    return Command(args=words(node.args) if node.args is not None else None)
+
+
+def program(ros: Ros, node: NodeOptions) -> list[str]:
+    """Return the program and its own arguments; empty for the image's CMD."""
+    return ros2commands.program(node) if ros == "2" else commands.program(node)
+
+
+def takes_ros_arguments(ros: Ros, line: Sequence[str]) -> bool:
+    """Return whether names, remappings and parameters can be appended to a command line."""
+    if ros == "2":
+        return ros2commands.takes_ros_arguments(line)
+    return ros == "1" and commands.takes_ros_arguments(line)

@@ -1,0 +1,61 @@
+"""cluster up: a local cluster with images that other rooms make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import attrs
+
+from rigel_lab import cluster as localcluster
+from rigel_lab.images import exporter
+
+__all__ = ["ros_exporter", "up"]
+
+
+@attrs.frozen
+class Steps:
+    """A Reporter that tells steps alone."""
+
+    tell: Callable[[str], None]
+
+    def line(self, text: str) -> None:
+        """Tell a step."""
+        self.tell(text)
+
+    def warn(self, text: str) -> None:
+        """Tell what to look at."""
+        self.tell(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Leave out what happens within a step."""
+
+
+def up(
+    name: str,
+    nodes: int | None,
+    *,
+    extras: Sequence[str],
+    layout: str | None,
+    data_dir: str | None,
+    report: Callable[[str], None],
+) -> localcluster.ClusterStatus:
+    """Start a cluster, or what of it does not run; see `localcluster.up`.
+
+    With "observability" it serves the ROS exporter too, which is made here.
+    """
+    return localcluster.up(
+        name,
+        nodes,
+        extras=extras,
+        layout=layout,
+        data_dir=data_dir,
+        made={"observability": {exporter.UPSTREAM: partial(ros_exporter, report)}},
+        report=report,
+    )
+
+
+def ros_exporter(report: Callable[[str], None]) -> Path:
+    """Return the archive of the ROS exporter's image, made where it is not there yet."""
+    return exporter.build(Steps(report)).archive

@@ -1,0 +1,28 @@
+"""Ctrl-C as an event for work that ends in good order; a second one ends at once."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rigel_k8s.jobs.interruption import interruptions
+
+__all__ = ["interruptible"]
+
+
+@contextmanager
+def interruptible() -> Iterator[threading.Event]:
+    """Give an event that Ctrl-C or SIGTERM sets; the second one raises KeyboardInterrupt."""
+    cancel = threading.Event()
+    calls = itertools.count()
+
+    def tell() -> None:
+        if next(calls):
+            raise KeyboardInterrupt
+        # Event.set takes a lock that the interrupted main thread may hold in this very moment.
+        threading.Thread(target=cancel.set).start()
+
+    with interruptions(tell):
+        yield cancel

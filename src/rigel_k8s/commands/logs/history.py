@@ -1,0 +1,233 @@
+"""Log lines of the past by time, from Loki where it is there, and what it has not got yet.
+
+Loki knows pods that are gone. The API server knows the last seconds, which the collector has
+still to bring: it is asked for each pod's lines from shortly before Loki's last one, however long
+ago that was, and what both have is told once. So lines are missing only where a container was gone
+before the collector came.
+"""
+
+from __future__ import annotations
+
+import heapq
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.commands.logs.follow import Follow
+from rigel_k8s.commands.logs.levels import LevelReader, at_least
+from rigel_k8s.commands.logs.lines import (
+    DISORDER,
+    SECOND,
+    LogLine,
+    LogOptions,
+    joined,
+    ordered,
+    stamp,
+    stamped,
+    time_of,
+)
+from rigel_k8s.commands.logs.stored import Asked, Stored, stored_of
+from rigel_k8s.commands.pods import Pod, matching, no_pod, pods_of, release_pods
+from rigel_k8s.commands.targets import Release
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.observability.names import LOKI
+from rigel_k8s.observability.reading.stack import NoStack, part_of, why_not
+
+__all__ = ["history"]
+
+HOUR = 3600  # seconds: how far `level` looks back where nothing else is said
+BEHIND = 10 * SECOND  # by how much Loki's last line may be later than one that is still to come
+
+
+def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterator[LogLine]:
+    """Yield what some nodes have said, by time; with `follow`, go on with what they say.
+
+    Raises: as logs.
+    """
+    if options.of_the_past and options.since is None:
+        options = attrs.evolve(options, since=HOUR)
+    stored = None
+    if options.of_the_past:
+        try:
+            part = part_of(found.cluster, LOKI, found.observability)
+            stored = stored_of(part, found.id, options.since or HOUR)
+        except (NoStack, ClusterError) as error:
+            text = f"{why_not('Loki', error)}: these are lines of containers that are there now"
+            yield LogLine("", "", text, note=True)
+    past = Past(found, nodes, options, stored)
+    yield from past.lines()
+    if options.follow:
+        yield from past.follow()
+
+
+class Past:
+    """What the pods of some nodes have said, and where to go on."""
+
+    def __init__(
+        self, found: Release, nodes: Sequence[str], options: LogOptions, stored: Stored | None
+    ) -> None:
+        self._found = found
+        self._options = options
+        self._levels = at_least(options.level) if options.level else frozenset[str]()
+        self._stored = stored
+        self._begun = time.time_ns()
+        everything = release_pods(found)
+        self._asked = asked_of(found, nodes, everything, stored)
+        self._pods = [pod for pod in everything if self._asked.has(pod.workload, pod.name)]
+        self._edges = {pod.name: Edge() for pod in self._pods}
+
+    def lines(self) -> Iterator[LogLine]:
+        """Yield the lines that there are now."""
+        if self._stored is None:
+            yield from self._tail(self._fresh())
+            return
+        names = [pod.name for pod in self._pods]
+        ends = self._found.cluster.parallel(self._stored.end, names)
+        for name, end in zip(names, ends, strict=True):
+            self._edges[name].since = None if end is None else end - BEHIND
+        stored = self._stored.lines(self._asked, self._levels, self._options.tail)
+        yield from self._tail(joined(stored, self._fresh()))
+
+    def follow(self) -> Iterator[LogLine]:
+        """Yield what they say from now on, once."""
+        workloads = self._asked.workloads | {pod.workload for pod in self._pods}
+        return Follow(self._found, workloads, self._pods, self._go_on).lines()
+
+    def _fresh(self) -> Iterator[LogLine]:
+        """Yield what the API server has, by time; of each pod from where Loki ends."""
+        return heapq.merge(*map(self._read, self._pods), key=time_of)
+
+    def _read(self, pod: Pod) -> Iterator[LogLine]:
+        """Yield a pod's lines, or why there are none."""
+        try:
+            yield from ordered(self._wanted(pod, follow=False))
+        except ClusterError as error:
+            if len(self._pods) == 1 and self._stored is None:
+                raise
+            yield LogLine(pod.workload, pod.name, error.message, note=True)
+
+    def _tail(self, lines: Iterable[LogLine]) -> Iterator[LogLine]:
+        """Yield the last lines of each pod, where only those are wanted."""
+        if self._options.tail is None:
+            yield from lines
+            return
+        kept: dict[str, deque[LogLine]] = {}
+        for line in lines:
+            if line.note:
+                yield line
+            else:
+                kept.setdefault(line.pod, deque(maxlen=self._options.tail)).append(line)
+        yield from heapq.merge(*kept.values(), key=time_of)
+
+    def _go_on(self, pod: Pod, *, old: bool, cancel: threading.Event) -> Iterator[LogLine]:
+        if not old:
+            self._edges[pod.name] = Edge(since=0)
+        return self._wanted(pod, follow=True, cancel=cancel)
+
+    def _wanted(
+        self, pod: Pod, *, follow: bool, cancel: threading.Event | None = None
+    ) -> Iterator[LogLine]:
+        """Yield a pod's lines of the wanted levels that were not read before."""
+        edge = self._edges[pod.name]
+        for text in self._found.cluster.logs(
+            pod.namespace,
+            pod.name,
+            pod.container,
+            follow=follow,
+            cancel=cancel,
+            timestamps=True,
+            previous=self._options.previous,
+            **self._since(edge),
+        ):
+            moment, words = stamped(text)
+            if moment is None:  # the kubelet's own word about the log
+                yield LogLine(pod.workload, pod.name, text, note=True)
+                continue
+            level = edge.reader.level(words)
+            if edge.is_new(moment, words) and (not self._levels or level in self._levels):
+                yield line_of(pod, words, moment, level)
+
+    def _since(self, edge: Edge) -> dict[str, Any]:
+        """Return from when on the API server is asked."""
+        if edge.since is not None:
+            return {"since_time": f"{stamp(edge.since)[:19]}Z"} if edge.since else {}
+        if self._options.since is None:
+            return {}
+        passed = (time.time_ns() - self._begun) // SECOND
+        return {"since_seconds": self._options.since + passed}
+
+
+@attrs.define
+class Edge:
+    """Up to where a pod's lines were read.
+
+    Attributes:
+        since: the time to read on from, None where nothing is known, 0 from its beginning.
+        known: the lines that were read from then on.
+        reader: knows the level with which the next line may go on.
+    """
+
+    since: int | None = None
+    known: set[tuple[int, str]] = attrs.field(factory=set)
+    reader: LevelReader = attrs.field(factory=LevelReader)
+
+    def is_new(self, moment: int, text: str) -> bool:
+        """Return whether a line was not read before, and remember it."""
+        if (moment, text) in self.known:
+            return False
+        self.known.add((moment, text))
+        again = moment // SECOND * SECOND - DISORDER
+        if self.since is None or again > self.since:
+            self.since = again
+            self.known = {line for line in self.known if line[0] >= again}
+        return True
+
+
+def asked_of(
+    found: Release, nodes: Sequence[str], pods: Sequence[Pod], stored: Stored | None
+) -> Asked:
+    """Return whose lines some names mean: of pods that are there, or that Loki knows.
+
+    Raises:
+        UserError: a name means nothing, or there is no pod at all.
+    """
+    if not nodes:
+        there = {pod.workload for pod in pods if not pod.helper}
+        known = stored.workloads if stored else frozenset[str]()
+        if not (there | known):
+            raise no_pod(found)
+        return Asked(frozenset(there) | known)
+    every = [asked_for(found, node, pods, stored) for node in nodes]
+    return Asked(
+        frozenset().union(*(one.workloads for one in every)),
+        frozenset().union(*(one.pods for one in every)),
+    )
+
+
+def asked_for(found: Release, node: str, pods: Sequence[Pod], stored: Stored | None) -> Asked:
+    """Return what one name means."""
+    if any(pod.name == node for pod in pods):
+        return Asked(frozenset(), frozenset({node}))
+    if there := {pod.workload for pod in matching(pods, node)}:
+        return Asked(frozenset(there))
+    if stored and (known := stored.named(node)):
+        return known
+    pods_of(found, node)  # raises, and names the nodes that there are
+    raise AssertionError("no pod matches, and one was found")
+
+
+def line_of(pod: Pod, text: str, moment: int, level: str) -> LogLine:
+    """Return a line that the API server told."""
+    return LogLine(
+        pod.workload,
+        pod.name,
+        text,
+        time=moment,
+        level=level,
+        ros_node=pod.ros_name,
+        node=pod.machine,
+    )

@@ -1,0 +1,117 @@
+"""A release's lines in Loki: by the labels of the contract (observability/names.py)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+
+import attrs
+
+from rigel_k8s.commands.logs.lines import LogLine, time_of
+from rigel_k8s.objects.naming import object_name
+from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.observability.reading.loki import Entry, Loki, selector
+from rigel_k8s.observability.reading.stack import Part
+from rigel_k8s.release.types import ReleaseId
+
+__all__ = ["Asked", "Stored", "stored_of"]
+
+SECOND = 1_000_000_000
+AHEAD = 60 * SECOND  # machines' clocks may be ahead of ours
+
+
+@attrs.frozen
+class Asked:
+    """Whose lines are asked for: of all pods of some workloads, and of some pods."""
+
+    workloads: frozenset[str]
+    pods: frozenset[str] = frozenset()
+
+    def has(self, workload: str, pod: str) -> bool:
+        """Return whether a pod's lines are asked for."""
+        return workload in self.workloads or pod in self.pods
+
+
+def stored_of(part: Part, release: ReleaseId, since: int) -> Stored:
+    """Return what Loki has of a release from the last so many seconds; raises as Part.ask."""
+    loki = Loki(part.ask)
+    now = time.time_ns()
+    begin, end = now - since * SECOND, now + AHEAD
+    own = {"application": release.name, "namespace": release.namespace}
+    return Stored(loki, own, begin, end, loki.series(selector(**own), begin, end))
+
+
+@attrs.frozen
+class Stored:
+    """A release's streams between two times."""
+
+    _loki: Loki
+    _own: Mapping[str, str]
+    _begin: int
+    _end: int
+    _series: Sequence[Mapping[str, str]]
+
+    @property
+    def workloads(self) -> frozenset[str]:
+        """The workloads that have said anything; the exporter is no ROS node."""
+        return frozenset({s.get("workload", "") for s in self._series} - {"", EXPORTER})
+
+    def named(self, node: str) -> Asked | None:
+        """Return what a name means: a pod's, a ROS name, or a Kubernetes name; None: nothing."""
+        if any(labels.get("pod") == node for labels in self._series):
+            return Asked(frozenset(), frozenset({node}))
+        means = {f"/{node.lstrip('/')}", object_name(node)}
+        found = {
+            labels["workload"]
+            for labels in self._series
+            if means & {labels.get("ros_node"), labels.get("workload")} and "workload" in labels
+        }
+        return Asked(frozenset(found)) if found else None
+
+    def end(self, pod: str) -> int | None:
+        """Return when Loki's last line of a pod was said, None where it has none."""
+        last = self._loki.last(selector(**self._own, pod=pod), self._begin, self._end, 1)
+        return last[-1].time if last else None
+
+    def lines(self, asked: Asked, levels: Collection[str], tail: int | None) -> Iterator[LogLine]:
+        """Yield lines by time.
+
+        Args:
+            levels: only these; all, where it is empty.
+            tail: of each pod only so many, the last.
+        """
+        pods = {
+            s["pod"] for s in self._series if asked.has(s.get("workload", ""), s.get("pod", ""))
+        }
+        if tail is not None:
+            last = [line for pod in sorted(pods) for line in self._last(pod, levels, tail)]
+            yield from sorted(last, key=time_of)
+        elif pods:
+            narrowed = {"pod": pods} if asked.pods else {"workload": asked.workloads}
+            query = selector(**self._own, **narrowed, level=levels)
+            for entry in self._loki.entries(query, self._begin, self._end):
+                yield from lines_of(entry)
+
+    def _last(self, pod: str, levels: Collection[str], tail: int) -> list[LogLine]:
+        """Return a pod's last lines."""
+        if not tail:
+            return []
+        query = selector(**self._own, pod=pod, level=levels)
+        entries = self._loki.last(query, self._begin, self._end, tail)
+        return [line for entry in entries for line in lines_of(entry)][-tail:]
+
+
+def lines_of(entry: Entry) -> Iterator[LogLine]:
+    """Yield an entry's lines."""
+    labels = entry.labels
+    for part, text in enumerate(entry.text.split("\n")):
+        yield LogLine(
+            labels.get("workload", ""),
+            labels.get("pod", ""),
+            text,
+            time=entry.time,
+            level=labels.get("level", ""),
+            ros_node=labels.get("ros_node", ""),
+            node=labels.get("node", ""),
+            part=part,
+        )

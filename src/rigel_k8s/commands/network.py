@@ -1,0 +1,46 @@
+"""network install, status, remove: Multus and whereabouts on the cluster."""
+
+from __future__ import annotations
+
+from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.kube import connect
+from rigel_k8s.network.multus import install as network_install
+from rigel_k8s.network.multus import removal as network_removal
+from rigel_k8s.network.multus.install import Installed
+from rigel_k8s.network.multus.removal import Removed
+from rigel_k8s.network.multus.status import NetworkStatus, network_status
+from rigel_k8s.network.options import Install
+from rigel_k8s.report import Reporter
+from rigel_k8s.settings import Settings
+
+__all__ = ["install", "remove", "status"]
+
+
+def install(settings: Settings, options: Install, report: Reporter) -> Installed:
+    """Install or update both, until every node attaches pods."""
+    with connect(settings) as cluster, interruptible() as cancel:
+        return network_install.install(
+            cluster, options, report, cancel, timeout=settings.timeout, adopt=settings.adopt
+        )
+
+
+def status(settings: Settings, options: Install) -> NetworkStatus:
+    """Return how both are on each node, and which pods lack their network."""
+    with connect(settings) as cluster:
+        return network_status(cluster, options)
+
+
+def remove(
+    settings: Settings, options: Install, report: Reporter, *, force: bool, definitions: bool
+) -> Removed:
+    """Take both away, so that every node goes on starting pods."""
+    with connect(settings) as cluster, interruptible() as cancel:
+        return network_removal.remove(
+            cluster,
+            options,
+            report,
+            cancel,
+            force=force,
+            definitions=definitions,
+            timeout=settings.timeout,
+        )

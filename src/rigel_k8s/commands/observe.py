@@ -1,0 +1,132 @@
+"""observe: the stack's parts at ports of this machine, how it is, and its removal."""
+
+from __future__ import annotations
+
+import base64
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, suppress
+
+import attrs
+
+from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.observability import removal as observability_removal
+from rigel_k8s.observability.names import GRAFANA
+from rigel_k8s.observability.password import administrator_ref
+from rigel_k8s.observability.reading.doors import Door, doors
+from rigel_k8s.observability.reading.stack import NoStack, find_stack
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.report import Reporter
+from rigel_k8s.settings import Settings
+
+__all__ = ["Administrator", "Opened", "observe", "remove"]
+
+LOOK = 1.0  # seconds between two looks at the doors
+
+
+@attrs.frozen
+class Administrator:
+    """Who may log in to Grafana; why the password is not known, where it is not."""
+
+    user: str = ""
+    password: str = ""
+    why_not: str = ""
+
+
+@attrs.frozen
+class Opened:
+    """What is served.
+
+    Attributes:
+        urls: by the part's name.
+        closed: why a part is not served, by its name.
+        administrator: None where there is no Grafana, or its password is not wanted.
+    """
+
+    namespace: str
+    urls: Mapping[str, str]
+    closed: Mapping[str, str]
+    administrator: Administrator | None
+
+
+def observe(
+    settings: Settings, ports: Mapping[str, int | None], *, password: bool
+) -> Iterator[Opened | str]:
+    """Serve the stack's parts on this machine; yield what is served, and then what is told.
+
+    Ends when it is closed.
+
+    Args:
+        ports: of each part the local port; 0 is any, None its usual one or, where that is taken,
+            any.
+        password: read Grafana's.
+
+    Raises:
+        NoStack: there is none, or several and none is named.
+        ClusterError: nothing of it can be reached.
+    """
+    with connect(settings) as cluster, ExitStack() as open_doors:
+        stack = find_stack(cluster, settings.namespace)
+        opened, closed = doors(stack, ports, open_doors)
+        if not opened:
+            raise ClusterError(
+                f"nothing of the observability stack in {stack.namespace} can be reached",
+                details=[f"{name}: {reason}" for name, reason in closed.items()],
+                hint="`rigel observe status` tells how it is",
+            )
+        wanted = password and GRAFANA in stack.services
+        yield Opened(
+            stack.namespace,
+            {door.name: door.url for door in opened},
+            closed,
+            administrator(cluster, stack.namespace) if wanted else None,
+        )
+        yield from watched(opened)
+
+
+def watched(opened: list[Door]) -> Iterator[str]:
+    """Yield what happens to the doors, until closed."""
+    while True:
+        time.sleep(LOOK)
+        for door in opened:
+            yield from door.look()
+
+
+def administrator(cluster: Cluster, namespace: str) -> Administrator:
+    """Return Grafana's administrator, as far as we may know."""
+    ref = administrator_ref(namespace)
+    try:
+        secret = cluster.get(ref)
+    except ClusterError:
+        return Administrator(why_not=f"you may not read the Secret {ref.name}")
+    if secret is None:
+        return Administrator(why_not=f"there is no Secret {ref.name}")
+    data = {name: base64.b64decode(text).decode() for name, text in secret["data"].items()}
+    return Administrator(data.get("admin-user", ""), data.get("admin-password", ""))
+
+
+def remove(settings: Settings, report: Reporter, *, volumes: bool) -> tuple[ReleaseId, int, int]:
+    """Take the stack away; return what it was, and how many objects went and how many stayed.
+
+    Args:
+        volumes: its data go too.
+
+    Raises:
+        NoStack: there is none, nor data of one.
+    """
+    with connect(settings) as cluster, interruptible() as cancel:
+        namespace = settings.namespace
+        with suppress(NoStack):  # its data may still be there
+            namespace = find_stack(cluster, namespace).namespace
+        plan = observability_removal.remove(
+            cluster,
+            report,
+            cancel,
+            volumes=volumes,
+            namespace=namespace,
+            timeout=settings.timeout,
+        )
+    counts = [sum(step.action == action for step in plan.steps) for action in ("prune", "forget")]
+    return plan.release, counts[0], counts[1]

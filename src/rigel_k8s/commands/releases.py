@@ -1,0 +1,182 @@
+"""render, diff, status, history, rollback, down: what is done with a release."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.app.partial import flat
+from rigel_k8s.commands import stacks
+from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.commands.targets import job_of, release
+from rigel_k8s.errors import UserError
+from rigel_k8s.graph.check import survey
+from rigel_k8s.graph.findings import Graph
+from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.jobs.types.orchestration import is_partial, prepare
+from rigel_k8s.kube import connect
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.release import deploy as deploys
+from rigel_k8s.release import removal
+from rigel_k8s.release import status as states
+from rigel_k8s.release.difference import difference
+from rigel_k8s.release.prepare import prepared
+from rigel_k8s.release.types import Plan, ReleaseId, Revision
+from rigel_k8s.settings import Settings
+
+__all__ = [
+    "Difference",
+    "Manifests",
+    "Status",
+    "diff",
+    "down",
+    "history",
+    "render",
+    "rollback",
+    "status",
+]
+
+
+@attrs.frozen
+class Status:
+    """What of a release runs where; graph: who discovers whom, None without DDS or unasked."""
+
+    release: states.ReleaseStatus
+    graph: Graph | None
+
+    @property
+    def ok(self) -> bool:
+        """Whether all that is needed is ready, and no node is kept from the others."""
+        ready = all(workload.ok for workload in self.release.workloads)
+        return ready and not (self.graph and self.graph.errors)
+
+
+@attrs.frozen
+class Manifests:
+    """What apply would send, and the warnings of the job's check."""
+
+    objects: tuple[Manifest, ...]
+    warnings: tuple[str, ...]
+
+
+@attrs.frozen
+class Difference:
+    """What a job would change: the plan, the same as text ("" where nothing), and warnings."""
+
+    plan: Plan
+    text: str
+    warnings: tuple[str, ...]
+
+
+def render(settings: Settings, job: str | None) -> Manifests:
+    """Return the manifests that apply would send, those of the observability stack first.
+
+    The cluster is asked only where the Rigelfile alone does not say enough: a job that describes
+    a part of a release is laid over the release's last revision. The stack is what this job says
+    of it; on a cluster it is laid over what others have said.
+    """
+    if alone := stacks.stack_job(settings, job):
+        return Manifests(stacks.manifests(alone.raw), alone.warnings)
+    found = job_of(settings, job)
+    if found.options.observability_only:
+        return Manifests(stacks.manifests(observed(found.raw)), found.warnings)
+    cluster = connect(settings) if is_partial(found.raw) else None
+    made = prepare(found.options, found.raw, found.application, settings, cluster)
+    stack = observed(made.desired.options) if made.options.observability.enabled else None
+    objects = () if stack is None else stacks.manifests(stack)
+    return Manifests((*objects, *prepared(made.desired)), found.warnings)
+
+
+def diff(settings: Settings, job: str | None) -> Difference:
+    """Return what a job would change on the cluster; nothing is written."""
+    if alone := stacks.stack_job(settings, job):
+        with connect(settings) as cluster:
+            return told(stacks.plan(alone.raw, cluster, adopt=settings.adopt), alone.warnings)
+    found = job_of(settings, job)
+    with connect(settings) as cluster:
+        if found.options.observability_only:
+            stack = observed(found.raw)
+            return told(stacks.plan(stack, cluster, adopt=settings.adopt), found.warnings)
+        made = prepare(found.options, found.raw, found.application, settings, cluster)
+        plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
+        if made.options.observability.enabled:
+            stack = observed(made.desired.options)
+            first = stacks.plan(stack, cluster, adopt=settings.adopt)
+            plan = attrs.evolve(plan, steps=(*first.steps, *plan.steps))
+    return told(plan, found.warnings)
+
+
+def told(plan: Plan, warnings: tuple[str, ...]) -> Difference:
+    """Return a plan with the same as text."""
+    return Difference(plan, difference(plan), warnings)
+
+
+def observed(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what a job's options say of the observability stack."""
+    said: Mapping[str, Any] = flat(raw).get("observability") or {}
+    return said
+
+
+def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status:
+    """Return what of a release runs where.
+
+    Args:
+        graph: look from inside its pods whether DDS nodes discover each other; takes seconds.
+
+    Raises:
+        UserError: nothing of it is on the cluster.
+    """
+    found = release(settings, job)
+    with found.cluster as cluster:
+        state = states.status(cluster, found.id)
+        return Status(state, survey(cluster, found.id) if graph else None)
+
+
+def history(settings: Settings, job: str | None) -> Sequence[Revision]:
+    """Return a release's revisions, oldest first."""
+    found = release(settings, job)
+    with found.cluster as cluster:
+        return deploys.history(cluster, found.id)
+
+
+def rollback(settings: Settings, job: str | None, number: int | None, report: Reporter) -> Revision:
+    """Deploy an earlier revision's objects again; None is the good one before the present."""
+    found = release(settings, job)
+    with found.cluster as cluster, interruptible() as cancel:
+        return deploys.rollback(
+            cluster,
+            found.id,
+            number,
+            report=report,
+            cancel=cancel,
+            timeout=settings.timeout,
+            adopt=settings.adopt,
+        )
+
+
+def down(
+    settings: Settings, job: str | None, report: Reporter, *, volumes: bool
+) -> tuple[ReleaseId, Plan]:
+    """Delete a release's objects; claims and volumes only where asked for.
+
+    Raises:
+        UserError: there is nothing of it.
+    """
+    found = release(settings, job)
+    with found.cluster as cluster, interruptible() as cancel:
+        plan = removal.down(
+            cluster,
+            found.id,
+            volumes=volumes,
+            report=report,
+            cancel=cancel,
+            timeout=settings.timeout,
+        )
+    if not plan.steps:
+        raise UserError(
+            f"there is no release {found.id.name} in the namespace {found.id.namespace}",
+            hint="-n NAMESPACE or --context NAME, if it is elsewhere",
+        )
+    return found.id, plan

@@ -1,0 +1,102 @@
+"""init, check, schema: what can be done with a Rigelfile alone."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Literal
+
+import attrs
+
+from rigel_k8s import rigelfile as grammar
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs import registry, runner
+from rigel_k8s.jobs.job import JobType, ProviderType
+from rigel_k8s.jobs.names import Kind
+from rigel_k8s.rigelfile import CheckResult
+from rigel_k8s.rigelfile.findings import in_order
+from rigel_k8s.rigelfile.model import Rigelfile
+from rigel_k8s.settings import Settings
+
+__all__ = ["check", "check_rigel03", "init", "load", "runnable", "schema"]
+
+
+def load(settings: Settings, *, patient: bool = False) -> Rigelfile:
+    """Return the Rigelfile of the settings.
+
+    Args:
+        patient: variables that are nowhere are wrong only where a value is needed.
+
+    Raises:
+        UserError: it is not there, with what to do.
+        ProblemsError: its grammar is wrong.
+    """
+    require(settings.rigelfile)
+    return grammar.load(settings.rigelfile, os.environ, patient=patient)
+
+
+def runnable(settings: Settings, kind: Literal["job", "sequence"]) -> list[str]:
+    """Return the names that can be run. Raises as load."""
+    rigelfile = load(settings)
+    return list(rigelfile.jobs if kind == "job" else rigelfile.sequences)
+
+
+def require(path: Path) -> None:
+    """Refuse a path without a Rigelfile."""
+    if not path.is_file():
+        raise UserError(
+            f"there is no {path}", hint="`rigel init` writes one, or name another with -f FILE"
+        )
+
+
+def check(settings: Settings) -> CheckResult:
+    """Return every problem of the Rigelfile, with our job types' own checks.
+
+    What two jobs of a sequence do to each other is looked at where each by itself is right.
+    """
+    require(settings.rigelfile)
+    directory = settings.rigelfile.absolute().parent
+
+    def resolve(kind: str, name: str) -> JobType[Any] | ProviderType[Any]:
+        if kind == "job":
+            return registry.job_type(name, directory)
+        return registry.provider_type(name, directory)
+
+    result = grammar.check_file(settings.rigelfile, os.environ, resolve)
+    if result.rigelfile is None or result.errors:
+        return result
+    found = dict.fromkeys(result.findings)
+    for name in result.rigelfile.sequences:
+        found.update(dict.fromkeys(runner.check_sequence(result.rigelfile, name, settings)))
+    return attrs.evolve(result, findings=in_order(found))
+
+
+def check_rigel03(settings: Settings) -> CheckResult:
+    """Return what Rigel 0.3 would refuse or read otherwise."""
+    require(settings.rigelfile)
+    return grammar.rigel03(settings.rigelfile, os.environ)
+
+
+def init(path: Path, *, ros: str, force: bool) -> None:
+    """Write a commented Rigelfile.
+
+    Args:
+        ros: for which ROS, "1" or "2".
+
+    Raises:
+        UserError: there is one already, and not force.
+    """
+    if path.exists() and not force:
+        raise UserError(f"{path} is there already", hint="--force overwrites it")
+    path.write_text(grammar.STARTERS[ros])
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON schema of Rigelfiles with our job types and providers."""
+    return grammar.schema(known_options("job"), known_options("provider"))
+
+
+def known_options(kind: Kind) -> dict[tuple[str, ...], type[Any]]:
+    """Return the option class of each known job type or provider, by all its names."""
+    find = registry.job_type if kind == "job" else registry.provider_type
+    return {(short, *paths): find(short).options for short, paths in registry.known(kind).items()}

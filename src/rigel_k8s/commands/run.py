@@ -1,0 +1,28 @@
+"""run: a job or a sequence of the Rigelfile."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rigel_k8s.commands.rigelfiles import load
+from rigel_k8s.jobs import runner
+from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.settings import Settings
+
+__all__ = ["run"]
+
+
+def run(kind: Literal["job", "sequence"], name: str, settings: Settings, report: Reporter) -> None:
+    """Check all of it, then run it.
+
+    Raises:
+        ProblemsError, UserError: the Rigelfile is wrong; nothing ran.
+        JobFailed: a job failed; the others were stopped.
+        Interrupted: the user stopped it.
+    """
+    rigelfile = load(settings)
+    prepare = runner.prepare_job if kind == "job" else runner.prepare_sequence
+    prepared = prepare(rigelfile, name, settings)
+    for warning in prepared.warnings:
+        report.warn(warning)
+    runner.run(prepared, report)

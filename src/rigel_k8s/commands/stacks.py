@@ -1,0 +1,60 @@
+"""The observability stack as `render` and `diff` show it: what a job would have there of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s import rigelfile as grammar
+from rigel_k8s.commands.rigelfiles import load
+from rigel_k8s.commands.targets import Job
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs import registry
+from rigel_k8s.jobs.types.observability import ObservabilityJob
+from rigel_k8s.kube import Cluster
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.observability.desired import rendered, wanted
+from rigel_k8s.release import deploy as deploys
+from rigel_k8s.release.prepare import prepared
+from rigel_k8s.release.types import Plan
+from rigel_k8s.settings import Settings
+
+__all__ = ["manifests", "plan", "stack_job"]
+
+
+def stack_job(settings: Settings, name: str | None) -> Job | None:
+    """Return the named job where it is one that deploys the stack alone, None where it is none.
+
+    Raises:
+        ProblemsError: its options are wrong, or wait for data of other jobs.
+    """
+    rigelfile = load(settings)
+    spec = rigelfile.jobs.get(name) if name else None
+    if spec is None:
+        return None
+    try:
+        found = registry.job_type(spec.plugin, settings.rigelfile.absolute().parent)
+    except UserError:
+        return None
+    if not isinstance(found, ObservabilityJob):
+        return None
+    made = grammar.realise(rigelfile, spec, None, {}, ObservabilityJob.options)
+    findings = made.placed(found.check(made.options, rigelfile.application))
+    if any(finding.severity == "error" for finding in findings):
+        raise grammar.problems_error(rigelfile.source, findings)
+    told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
+    return Job(spec.name, made.options, made.raw, rigelfile.application, told)
+
+
+def manifests(raw: Mapping[str, Any]) -> tuple[Manifest, ...]:
+    """Return the stack's manifests as one job describes it; no cluster is asked.
+
+    Args:
+        raw: the job's `observability` as plain data.
+    """
+    return prepared(rendered(raw).desired)
+
+
+def plan(raw: Mapping[str, Any], cluster: Cluster, *, adopt: bool) -> Plan:
+    """Return what a job would change of the stack that is there. Raises like a deploy."""
+    return deploys.diff(wanted(raw, cluster).desired, cluster, adopt=adopt)

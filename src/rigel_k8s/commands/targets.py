@@ -1,0 +1,166 @@
+"""Which job, and so which release, a command is about."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from rigel_k8s import rigelfile as grammar
+from rigel_k8s.app.application import has_application
+from rigel_k8s.app.desired import deploys_master
+from rigel_k8s.app.distros import ros_of
+from rigel_k8s.commands.rigelfiles import load
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs import registry
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob, is_partial, release_of
+from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.objects.pods import MASTER_NAME
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["Job", "Release", "job_of", "names", "node_names", "release"]
+
+
+@attrs.frozen
+class Job:
+    """An orchestration job, all of whose options are known and right.
+
+    Attributes:
+        warnings: what its options' check has to say, rendered.
+    """
+
+    name: str
+    options: Any
+    raw: Mapping[str, Any]
+    application: Application
+    warnings: tuple[str, ...]
+
+
+@attrs.frozen
+class Release:
+    """A release on a cluster, connected.
+
+    Attributes:
+        observability: the job's options of that name.
+    """
+
+    cluster: Cluster
+    id: ReleaseId
+    observability: Any = None
+
+
+def job_of(settings: Settings, name: str | None) -> Job:
+    """Return the named orchestration job, or the one that the Rigelfile has.
+
+    Raises:
+        UserError: there is none, or several releases and no name; they are listed.
+        ProblemsError: the job's options are wrong, or wait for data of other jobs.
+    """
+    rigelfile = load(settings)
+    spec = chosen(rigelfile, settings, name)
+    made = grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
+    findings = made.placed(OrchestrationJob().check(made.options, rigelfile.application))
+    if any(finding.severity == "error" for finding in findings):
+        raise grammar.problems_error(rigelfile.source, findings)
+    told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
+    return Job(spec.name, made.options, made.raw, rigelfile.application, told)
+
+
+def release(settings: Settings, job: str | None = None) -> Release:
+    """Return the release of a job, connected; of its options only the two names must be known.
+
+    Raises: as job_of.
+    """
+    rigelfile = load(settings, patient=True)
+    options = names_of(rigelfile, chosen(rigelfile, settings, job))
+    cluster = connect(settings)
+    return Release(cluster, release_of(options, settings, cluster), options.observability)
+
+
+def names(settings: Settings) -> list[str]:
+    """Return the names of all orchestration jobs."""
+    return [spec.name for spec in candidates(load(settings, patient=True), settings)]
+
+
+def node_names(settings: Settings, job: str | None = None) -> list[str]:
+    """Return the keys of a job's nodes, and what else of it runs. Raises as job_of."""
+    rigelfile = load(settings, patient=True)
+    options = names_of(rigelfile, chosen(rigelfile, settings, job))
+    ros = ros_of(rigelfile.application.distro, options.ros)
+    own = [str(options.deployment_name)] if has_application(options) else []
+    master = [MASTER_NAME] if deploys_master(options, ros) else []
+    return [*map(str, options.nodes), *own, *master]
+
+
+def chosen(rigelfile: Rigelfile, settings: Settings, name: str | None) -> ComponentSpec:
+    """Return the job that is meant: deploy and update jobs of one release count as one."""
+    specs = candidates(rigelfile, settings)
+    if name is not None:
+        return named(rigelfile, specs, name)
+    if not specs:
+        raise UserError(
+            f"{rigelfile.source.name} has no orchestration job",
+            hint="a job with `plugin: rigel_k8s.OrchestrationPlugin` deploys an application",
+        )
+    by_release: dict[tuple[str, str], list[ComponentSpec]] = {}
+    for spec in specs:
+        options = names_of(rigelfile, spec)
+        where = settings.namespace or str(options.namespace or "")
+        by_release.setdefault((where, str(options.deployment_name)), []).append(spec)
+    if len(by_release) > 1:
+        listed = ", ".join(same[0].name for same in by_release.values())
+        raise UserError("the Rigelfile has several releases", hint=f"name a job, one of: {listed}")
+    return next((spec for spec in specs if not is_partial(spec_keys(spec))), specs[0])
+
+
+def candidates(rigelfile: Rigelfile, settings: Settings) -> list[ComponentSpec]:
+    """Return all orchestration jobs."""
+    directory = settings.rigelfile.absolute().parent
+    return [spec for spec in rigelfile.jobs.values() if is_orchestration(spec, directory)]
+
+
+def named(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> ComponentSpec:
+    """Return the job of that name."""
+    ours = {spec.name: spec for spec in specs}
+    if name in ours:
+        return ours[name]
+    hint = f"jobs that deploy: {', '.join(ours) or 'none'}"
+    if name in rigelfile.jobs:
+        raise UserError(f'the job "{name}" deploys nothing', hint=hint)
+    close = grammar.nearest(name, ours)
+    meant = f', did you mean "{close}"?' if close else ""
+    raise UserError(f'there is no job "{name}"{meant}', hint=hint)
+
+
+def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
+    """Return whether a job's type is ours; an unknown one is somebody else's."""
+    try:
+        found = registry.job_type(spec.plugin, directory)
+    except UserError:
+        return False
+    return isinstance(found, OrchestrationJob)
+
+
+def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
+    """Return a job's `with` as far as it stands in the file."""
+    plain: dict[str, Any] = grammar.plain(spec.options)
+    return plain
+
+
+def names_of(rigelfile: Rigelfile, spec: ComponentSpec) -> Any:
+    """Return a job's options as far as they are known without a run, and the release's names.
+
+    Raises:
+        ProblemsError: something is wrong with them, or a name waits for data of another job.
+    """
+    seen = grammar.preview(rigelfile, spec, None, {}, OrchestrationJob.options)
+    if seen.findings:
+        raise grammar.problems_error(rigelfile.source, seen.findings)
+    options = seen.options if seen.options is not None else seen.draft
+    if any("{{" in str(name) for name in (options.namespace, options.deployment_name)):
+        grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
+    return options

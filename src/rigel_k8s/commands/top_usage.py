@@ -1,0 +1,163 @@
+"""CPU and memory of pods: from Prometheus, from metrics.k8s.io, or from the machines' kubelets.
+
+The later ones know only the present, and less of it; who may not ask one is told so by the next.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.commands.pods import Pod
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube import Cluster, ObjectRef
+from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.observability.reading.prometheus import Prometheus, Sample, matchers
+from rigel_k8s.observability.reading.stack import NoStack, why_not
+
+__all__ = ["Usage", "Used", "amount", "used"]
+
+METRICS = "metrics.k8s.io/v1beta1"
+UNITS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}
+BINARY = {"Ki": 2.0**10, "Mi": 2.0**20, "Gi": 2.0**30, "Ti": 2.0**40}
+#: The last two samples of each container, whatever the time between two scrapes is.
+CPU = (
+    "sum by (pod) (max by (pod, container)"
+    ' (irate(container_cpu_usage_seconds_total{{{0},container!="",container!="POD"}}[5m])))'
+)
+MEMORY = (
+    "sum by (pod) (max by (pod, container)"
+    ' (container_memory_working_set_bytes{{{0},container!="",container!="POD"}}))'
+)
+
+
+@attrs.frozen
+class Usage:
+    """What a pod uses now: cores, and bytes that the kernel would not give back."""
+
+    cpu: float
+    memory: float
+
+
+@attrs.frozen
+class Used:
+    """What pods use.
+
+    Attributes:
+        source: prometheus, metrics-server or kubelet.
+        reasons: why those before it were not asked.
+    """
+
+    by_pod: Mapping[str, Usage]
+    source: str
+    reasons: tuple[str, ...]
+
+
+def used(
+    cluster: Cluster, pods: Sequence[Pod], prometheus: Prometheus | NoStack | ClusterError
+) -> Used:
+    """Return what pods of one namespace use, from the first that tells.
+
+    Raises:
+        ClusterError: nobody tells; with all reasons.
+    """
+
+    def from_prometheus() -> Mapping[str, Usage]:
+        if not isinstance(prometheus, Prometheus):
+            raise prometheus
+        return asked(cluster, prometheus, pods[0].namespace)
+
+    ways: dict[str, tuple[str, Callable[[], Mapping[str, Usage]]]] = {
+        "prometheus": ("Prometheus", from_prometheus),
+        "metrics-server": ("metrics.k8s.io", lambda: measured(cluster, pods[0].namespace)),
+        "kubelet": ("the kubelets", lambda: told(cluster, pods)),
+    }
+    reasons: list[str] = []
+    for source, (name, ask) in ways.items():
+        try:
+            found = ask()
+        except (NoStack, ClusterError) as error:
+            reasons.append(refused(name, error))
+            continue
+        if any(pod.name in found for pod in pods):
+            return Used(found, source, tuple(reasons))
+        reasons.append(f"{name} knows none of these pods")
+    raise ClusterError(
+        "nobody tells what the pods use",
+        details=reasons,
+        hint="any of: `observability: {enabled: true}`, a metrics-server, the right nodes/proxy",
+    )
+
+
+def refused(name: str, error: NoStack | ClusterError) -> str:
+    """Return why one was not asked."""
+    if isinstance(error, Refusal) and error.status == 403 and name != "Prometheus":
+        return f"you may not ask {name}"
+    return why_not(name, error)
+
+
+def asked(cluster: Cluster, prometheus: Prometheus, namespace: str) -> Mapping[str, Usage]:
+    """Return what Prometheus has from the kubelets' cAdvisors."""
+    own = matchers(namespace=namespace)
+    queries = [CPU.format(own), MEMORY.format(own)]
+    cpu, memory = (by_pod(found) for found in cluster.parallel(prometheus.query, queries))
+    return {pod: Usage(cpu[pod], memory[pod]) for pod in cpu if pod in memory}
+
+
+def by_pod(samples: Iterable[Sample]) -> dict[str, float]:
+    """Return the values by pod."""
+    return {sample.labels.get("pod", ""): sample.value for sample in samples}
+
+
+def measured(cluster: Cluster, namespace: str) -> Mapping[str, Usage]:
+    """Return what metrics.k8s.io (the metrics-server) has."""
+    if not cluster.serves(METRICS, "PodMetrics"):
+        raise ClusterError("the cluster has no metrics-server")
+    return {
+        item["metadata"]["name"]: Usage(
+            sum(amount(c["usage"]["cpu"]) for c in item["containers"]),
+            sum(amount(c["usage"]["memory"]) for c in item["containers"]),
+        )
+        for item in cluster.list(METRICS, "PodMetrics", namespace)
+    }
+
+
+def told(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
+    """Return what the kubelets of the pods' machines tell."""
+    machines = sorted({pod.machine for pod in pods} - {""})
+
+    def ask(machine: str) -> Any:
+        node = ObjectRef("v1", "Node", "", machine)
+        return json.loads(
+            cluster.proxied(node, "stats/summary", query={"only_cpu_and_memory": "true"})
+        )
+
+    return {
+        name: usage
+        for summary in cluster.parallel(ask, machines)
+        for name, usage in summarised(summary, pods[0].namespace).items()
+    }
+
+
+def summarised(summary: Mapping[str, Any], namespace: str) -> dict[str, Usage]:
+    """Return the pods of a namespace in a kubelet's summary, but those that have just begun."""
+    found = {}
+    for pod in summary.get("pods") or []:
+        containers = pod.get("containers") or []
+        cpu = [c.get("cpu", {}).get("usageNanoCores") for c in containers]
+        memory = [c.get("memory", {}).get("workingSetBytes") for c in containers]
+        if pod["podRef"]["namespace"] == namespace and containers and None not in (*cpu, *memory):
+            found[pod["podRef"]["name"]] = Usage(sum(cpu) / 1e9, float(sum(memory)))
+    return found
+
+
+def amount(quantity: str) -> float:
+    """Return a quantity of Kubernetes' as a number: 250m is 0.25, 64Ki is 65536."""
+    for units in (BINARY, UNITS):
+        for unit, size in units.items():
+            if quantity.endswith(unit):
+                return float(quantity.removesuffix(unit)) * size
+    return float(quantity)

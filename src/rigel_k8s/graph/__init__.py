@@ -1,0 +1,1 @@
+"""Which nodes of a release discover which, looked at from inside their pods."""

@@ -1,0 +1,229 @@
+"""What the looks into a release's pods mean: who is discovered by whom, and what is wrong; pure."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+
+import attrs
+
+from rigel_k8s.graph.looks import Seen
+from rigel_k8s.graph.members import Member
+from rigel_k8s.graph.paths import Paths, deaf_findings, paths
+from rigel_k8s.graph.words import Finding, listed
+from rigel_k8s.network.peers import peer_name
+
+__all__ = ["Graph", "PodGraph", "graph"]
+
+ANSWERING = frozenset({"peers", "macvlan", "ipvlan", "attachment", "host", "none"})
+
+
+@attrs.frozen
+class PodGraph:
+    """One pod's place in the graph.
+
+    Attributes:
+        interface: the one that DDS uses, "" for all.
+        address: what that interface has, "" for none; the pod's address without an interface.
+        domain: the one it is to be in, None where its image decides.
+        discovered_by: the pods in which a stand-in discovered it; None where that cannot be told
+            (a discovery server or a zenoh router stands between them, or nobody could look).
+        out_of: in how many other pods one looked.
+        reaches: the discovery servers and zenoh routers that it reaches.
+    """
+
+    pod: str
+    machine: str
+    mode: str
+    domain: int | None
+    interface: str
+    address: str
+    discovered_by: tuple[str, ...] | None
+    out_of: int
+    reaches: tuple[str, ...] = ()
+
+
+@attrs.frozen
+class Graph:
+    """A release's DDS graph.
+
+    Attributes:
+        deaf: (from, to): machines whose pods' multicast does not arrive at the other's pods.
+    """
+
+    pods: tuple[PodGraph, ...]
+    deaf: tuple[tuple[str, str], ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """What keeps nodes from each other against what the Rigelfile says."""
+        return tuple(finding for finding in self.findings if finding.error)
+
+
+def graph(found: Sequence[Member], seen: Mapping[str, Seen]) -> Graph:
+    """Return what the looks mean."""
+    looked = [member for member in found if not seen[member.pod].problem]
+    ways = paths(looked, seen)
+    known = discoveries(looked, seen)
+    findings = [
+        *unseen(found, seen),
+        *(finding for member in looked for finding in of_pod(member, seen[member.pod])),
+        *deaf_findings(looked, ways),
+        *undiscovered(looked, seen, known, ways),
+    ]
+    rows = tuple(row(member, seen[member.pod], known.get(member.pod)) for member in found)
+    return Graph(rows, tuple(sorted(ways.deaf)), tuple(findings))
+
+
+def row(member: Member, seen: Seen, known: Mapping[str, bool] | None) -> PodGraph:
+    """Return one pod's place in the graph."""
+    address = seen.interfaces.get(member.interface) if member.interface else member.ip
+    if seen.problem:
+        address = member.address  # as Multus told, unseen
+    reached = [server for server, answers in seen.servers.items() if answers]
+    return PodGraph(
+        member.pod,
+        member.machine,
+        member.mode,
+        member.domain,
+        member.interface or "",
+        address or "",
+        None if known is None else tuple(sorted(pod for pod, does in known.items() if does)),
+        len(known or {}),
+        (*reached, *seen.routers),
+    )
+
+
+def discoveries(looked: Sequence[Member], seen: Mapping[str, Seen]) -> dict[str, dict[str, bool]]:
+    """Return pod -> other pod -> whether a stand-in there discovered all its participants."""
+    known: dict[str, dict[str, bool]] = {}
+    for member in looked:
+        if member.mode not in ANSWERING or member.middleware == "zenoh" or member.own_ways:
+            continue
+        own = {p["prefix"] for p in seen[member.pod].heard if p["own"]}
+        known[member.pod] = {
+            other.pod: bool(own) and own <= {p["prefix"] for p in seen[other.pod].heard}
+            for other in looked
+            if other.pod != member.pod and other.domain == member.domain
+            if seen[other.pod].announced or asks(other, member)
+            if seen[other.pod].is_on_network(other)
+        }
+    return known
+
+
+def asks(other: Member, member: Member) -> bool:
+    """Whether one member's stand-in asks another member by its Service."""
+    return other.mode == "peers" and other.workload != member.workload
+
+
+def unseen(found: Sequence[Member], seen: Mapping[str, Seen]) -> Iterator[Finding]:
+    """Yield why pods could not be looked into; pods of one reason together."""
+    reasons: dict[str, list[str]] = defaultdict(list)
+    for member in found:
+        if seen[member.pod].problem:
+            reasons[seen[member.pod].problem].append(member.pod)
+    for reason, pods in reasons.items():
+        yield Finding("not-looked", f"{listed(pods)} could not be checked: {reason}", "", pods)
+
+
+def of_pod(member: Member, seen: Seen) -> Iterator[Finding]:
+    """Yield what is wrong inside one pod."""
+    wrong = list(interface_findings(member, seen))
+    if not wrong and member.middleware == "zenoh":
+        wrong = list(router_findings(member, seen))
+    elif not wrong:
+        wrong = [*participant_findings(member, seen), *server_findings(member, seen)]
+    for kind, message, remedy in wrong:
+        promised = member.mode != "none" and (member.probed or kind != "no-participant")
+        yield Finding(kind, f"{member.pod} {message}", remedy, [member.pod], error=promised)
+
+
+Wrong = tuple[str, str, str]
+
+
+def interface_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
+    """Yield what is wrong with the interface that DDS is to use."""
+    name = member.interface
+    if not name:
+        return
+    if name not in seen.interfaces:
+        text = f"has no {name}: Multus did not attach the second network when the pod was made"
+        remedy = f"delete the pod once Multus runs on {member.machine}: a new one gets {name}"
+        yield "no-interface", text, remedy
+    elif not seen.interfaces[name]:
+        remedy = "`kubectl describe pod` tells what the address management said"
+        yield "no-address", f"has {name} without an IPv4 address", remedy
+    elif name in seen.down:
+        remedy = "somebody took it down in the pod, or its machine's interface lost its link"
+        yield "interface-down", f"has {name}, but it is down", remedy
+    elif member.address and seen.interfaces[name] != member.address:
+        text = f"has {seen.interfaces[name]} at {name}, and should have {member.address}"
+        yield "other-address", text, "delete the pod: it gets its address when it is made"
+
+
+def participant_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
+    """Yield what is wrong with the pod's own participants."""
+    domains = sorted({p["domain"] for p in seen.own if p["domain"] is not None})
+    here = [p for p in seen.own if member.domain in (None, p["domain"])]
+    stopped = [p for p in here if p["stopped"]]
+    if not here and domains:
+        text = f"takes part in DDS domain {listed(map(str, domains))} instead of {member.domain}"
+        yield "wrong-domain", text, "does its image or command set ROS_DOMAIN_ID?"
+    elif not here:
+        remedy = "see its log: has its program started DDS, and not ended?"
+        yield "no-participant", "has no DDS participant", remedy
+    elif stopped:
+        text = f"has a process that is stopped by a signal: {stopped[0]['command']}"
+        yield "stopped", text, "a debugger? SIGCONT, or delete the pod"
+    elif member.mode in ANSWERING and not any(p["own"] for p in seen.heard):
+        text = f"has a participant that does not answer: {here[0]['command']}"
+        yield "silent", text, "its process hangs, or DDS is bound to another interface"
+
+
+def server_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
+    """Yield which discovery servers do not answer."""
+    away = [server for server, answers in seen.servers.items() if not answers]
+    if away:
+        remedy = "does the server's pod run, and its Service exist? UDP must get there and back"
+        yield "no-server", f"gets no answer from the discovery server {listed(away)}", remedy
+
+
+def router_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
+    """Yield whether the zenoh router is missing."""
+    if not seen.routers:
+        remedy = "does the router's pod run, and its Service exist? TCP 7447 must get there"
+        yield "no-router", "is connected to no zenoh router", remedy
+
+
+def undiscovered(
+    looked: Sequence[Member],
+    seen: Mapping[str, Seen],
+    known: Mapping[str, Mapping[str, bool]],
+    ways: Paths,
+) -> Iterator[Finding]:
+    """Yield who is not discovered by whom, where nothing else explains it."""
+    by_pod = {member.pod: member for member in looked}
+    for pod, others in known.items():
+        member = by_pod[pod]
+        if list(of_pod(member, seen[pod])):
+            continue
+        missing = [
+            other
+            for other, does in others.items()
+            if not does and not ways.explains(member, by_pod[other])
+        ]
+        if not missing:
+            continue
+        nobody = len(missing) == len(others)
+        who = "nobody" if nobody else listed(missing)
+        remedy = (
+            "does its image limit DDS (ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, a"
+            " profile), or a firewall drop UDP?"
+        )
+        if member.mode == "peers":
+            service = peer_name(member.workload)
+            remedy = f"is the Service {service} there, and does a NetworkPolicy keep UDP out?"
+        verb = "is discovered by nobody" if nobody else f"is not discovered by {who}"
+        error = member.mode != "none"
+        yield Finding("undiscovered", f"{pod} {verb}", remedy, [pod], error=error)

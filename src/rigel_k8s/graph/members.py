@@ -1,0 +1,147 @@
+"""Which pods of a release take part in DDS, and what each of them is meant to have; pure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.inpod import MOUNT_PATH
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.objects.naming import NAME_LABEL
+
+__all__ = ["MULTICAST", "Member", "members"]
+
+#: Modes whose participants announce themselves by multicast; "none" is the bare pod network.
+MULTICAST = frozenset({"macvlan", "ipvlan", "attachment", "host", "none"})
+#: What a user may set in a pod without `network`: then discovery goes other ways than multicast.
+OWN_WAYS = (
+    "ROS_DISCOVERY_SERVER",
+    "ROS_STATIC_PEERS",
+    "CYCLONEDDS_URI",
+    "FASTRTPS_DEFAULT_PROFILES_FILE",
+    "FASTDDS_DEFAULT_PROFILES_FILE",
+)
+PROBE = f"{MOUNT_PATH}/ready.sh"
+STATUS_ANNOTATION = "k8s.v1.cni.cncf.io/network-status"
+
+
+@attrs.frozen
+class Member:
+    """One pod that takes part, as its manifest and Kubernetes tell.
+
+    Attributes:
+        workload: the name of its Deployment.
+        machine: the Kubernetes node that it runs on.
+        domain: the DDS domain that it is to be in, None where the image decides.
+        interface: the one that DDS is to use, None for all.
+        address: what that interface is to have, as the Rigelfile or Multus tell, None if nobody.
+        servers: the discovery servers that it is told, HOST:PORT.
+        own_ways: variables by which it goes its own way without `network`.
+        running: whether its container runs, so that one can look into it.
+        probed: whether it has our readiness probe; where a user set another one, or none, its
+            program need not have DDS.
+    """
+
+    namespace: str
+    pod: str
+    workload: str
+    machine: str
+    container: str
+    mode: str
+    domain: int | None
+    middleware: str
+    interface: str | None
+    address: str | None
+    ip: str
+    servers: tuple[str, ...]
+    own_ways: tuple[str, ...]
+    running: bool
+    probed: bool = True
+
+    @property
+    def by_multicast(self) -> bool:
+        """Whether it discovers others by multicast."""
+        return self.mode in MULTICAST and self.middleware != "zenoh" and not self.own_ways
+
+
+def members(pods: Iterable[Mapping[str, Any]]) -> list[Member]:
+    """Return the pods that take part, by name; those that are ending do not."""
+    found = (member_of(pod) for pod in pods if not pod["metadata"].get("deletionTimestamp"))
+    return sorted((one for one in found if one), key=lambda one: one.pod)
+
+
+def member_of(pod: Mapping[str, Any]) -> Member | None:
+    """Return a pod as a member, None where it takes no part."""
+    meta, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
+    annotations = meta.get("annotations") or {}
+    note = parsed(annotations.get(NETWORK_ANNOTATION), {})
+    container = mounting(spec)
+    if "mode" not in note or note.get("ros") == "1" or container is None:
+        return None
+    env = {e["name"]: str(e.get("value") or "") for e in container.get("env") or []}
+    interface = note.get("interface")
+    return Member(
+        namespace=str(meta["namespace"]),
+        pod=str(meta["name"]),
+        workload=str((meta.get("labels") or {}).get(NAME_LABEL, meta["name"])),
+        machine=str(spec.get("nodeName") or ""),
+        container=str(container["name"]),
+        mode=str(note["mode"]),
+        domain=None if note.get("domain") is None else int(note["domain"]),
+        middleware=str(note.get("middleware") or ("zenoh" if note["mode"] == "zenoh" else "")),
+        interface=str(interface) if interface else None,
+        address=expected_address(note, annotations, interface),
+        ip=str(status.get("podIP") or ""),
+        servers=tuple(filter(None, env.get("ROS_DISCOVERY_SERVER", "").split(";"))),
+        own_ways=tuple(v for v in OWN_WAYS if env.get(v)) if note["mode"] == "none" else (),
+        running=runs(status, str(container["name"])),
+        probed=PROBE in probe_words(container),
+    )
+
+
+def parsed(text: str | None, otherwise: Any) -> Any:
+    """Return JSON as data, `otherwise` where it is none."""
+    try:
+        found = json.loads(text or "")
+    except ValueError:
+        return otherwise
+    return found if isinstance(found, type(otherwise)) else otherwise
+
+
+def mounting(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the container that has the in-pod scripts."""
+    for container in spec.get("containers") or []:
+        if any(m.get("mountPath") == MOUNT_PATH for m in container.get("volumeMounts") or []):
+            return container  # type: ignore[no-any-return]
+    return None
+
+
+def expected_address(
+    note: Mapping[str, Any], annotations: Mapping[str, str], interface: str | None
+) -> str | None:
+    """Return the address that was promised, else the one that Multus says it gave."""
+    if note.get("address"):
+        return str(note["address"]).partition("/")[0]
+    return next(iter(given(annotations, interface)), None)
+
+
+def given(annotations: Mapping[str, str], interface: str | None) -> Iterator[str]:
+    """Yield the IPv4 addresses that Multus says it gave to an interface."""
+    for network in parsed(annotations.get(STATUS_ANNOTATION), []):
+        if interface and network.get("interface") == interface:
+            yield from (str(ip) for ip in network.get("ips") or [] if ":" not in str(ip))
+
+
+def probe_words(container: Mapping[str, Any]) -> Sequence[str]:
+    """Return the command of a container's readiness probe."""
+    probe = container.get("readinessProbe") or {}
+    return (probe.get("exec") or {}).get("command") or ()
+
+
+def runs(status: Mapping[str, Any], container: str) -> bool:
+    """Whether a container of a pod runs."""
+    states = status.get("containerStatuses") or []
+    return any(s["name"] == container and "running" in (s.get("state") or {}) for s in states)

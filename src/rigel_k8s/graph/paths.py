@@ -1,0 +1,121 @@
+"""Which machines' multicast arrives at which others, told from whose beacons were heard; pure."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+
+import attrs
+
+from rigel_k8s.graph.looks import Seen
+from rigel_k8s.graph.members import Member
+from rigel_k8s.graph.words import Finding, listed
+
+__all__ = ["Paths", "deaf_findings", "paths"]
+
+SWITCH = (
+    "look at what is between them: a firewall, Wi-Fi that filters multicast, a switch with IGMP"
+    " snooping and no querier (that one dies after minutes)"
+)
+SET_NETWORK = (
+    "set `network`: macvlan or ipvlan where machines share an Ethernet, peers or discovery-server"
+    " elsewhere, host on a single machine (docs/networking.md)"
+)
+
+
+@attrs.frozen
+class Paths:
+    """What was heard of what was sent.
+
+    Attributes:
+        heard: (from, to): machines whose pods' multicast arrives.
+        deaf: (from, to): where it does not arrive in any pod; from == to: between pods of one.
+        alone: (from, pod): where it does not arrive in one pod, but in others of its machine.
+    """
+
+    heard: frozenset[tuple[str, str]] = frozenset()
+    deaf: frozenset[tuple[str, str]] = frozenset()
+    alone: frozenset[tuple[str, str]] = frozenset()
+
+    def explains(self, one: Member, other: Member) -> bool:
+        """Whether two pods may not discover each other, because one hears nothing of the other."""
+        deaf = {(one.machine, other.machine), (other.machine, one.machine)} & self.deaf
+        return bool(deaf or {(one.machine, other.pod), (other.machine, one.pod)} & self.alone)
+
+
+def paths(looked: Sequence[Member], seen: Mapping[str, Seen]) -> Paths:
+    """Return whose multicast arrives where; pods without their interface tell nothing."""
+    able = [m for m in looked if m.by_multicast and seen[m.pod].is_on_network(m)]
+    senders = [m for m in able if seen[m.pod].sends]
+    arrived: dict[tuple[str, str], dict[str, bool]] = defaultdict(dict)
+    for sender in senders:
+        for other in able:
+            if other.pod != sender.pod and other.domain == sender.domain:
+                way = (sender.machine, other.machine)
+                arrived[way][other.pod] = sender.pod in seen[other.pod].beacons
+    heard = {way for way, pods in arrived.items() if any(pods.values())}
+    alone = {(w[0], pod) for w in heard for pod, does in arrived[w].items() if not does}
+    return Paths(frozenset(heard), frozenset(set(arrived) - heard), frozenset(alone))
+
+
+def deaf_findings(looked: Sequence[Member], ways: Paths) -> Iterator[Finding]:
+    """Yield which machines do not hear which others."""
+    bare = any(m.mode == "none" for m in looked)
+    names = [f"at {name}" for name in sorted({m.interface for m in looked if m.interface})]
+    where = f" {names[0]}" if names else ""
+    if bare and ways.deaf and not any(a != b for a, b in ways.heard):
+        yield bare_finding(looked, ways)
+        return
+    remedy = SET_NETWORK if bare else SWITCH
+    for message, machines in deaf_messages(ways, where):
+        pods = [m.pod for m in looked if m.machine in machines]
+        yield Finding("deaf", message, remedy, pods, error=not bare)
+    for one, pod in sorted(ways.alone):
+        message = f"multicast from {one} does not reach {pod}, though it reaches its machine"
+        remedy = "delete the pod; if it stays so, see `kubectl describe pod`"
+        yield Finding("deaf-pod", message, remedy, [pod], error=not bare)
+
+
+def deaf_messages(ways: Paths, where: str) -> Iterator[tuple[str, set[str]]]:
+    """Yield what is deaf in words, and the machines: first those that nothing reaches at all."""
+    cut = sorted(cut_off(ways))
+    for machine in cut:
+        yield (
+            f"multicast{where} passes neither from {machine} to any other machine nor back",
+            {machine},
+        )
+    for one, other in sorted(ways.deaf):
+        both = (other, one) in ways.deaf and one != other
+        told = {one, other} & set(cut) and one != other
+        if told or (both and other < one):
+            continue
+        yield deaf_message(one, other, where, both=both), {one, other}
+
+
+def cut_off(ways: Paths) -> set[str]:
+    """Return the machines that are deaf to all others and unheard by all, of three and more."""
+    machines = {name for way in ways.heard | ways.deaf for name in way}
+    if len(machines) < 3 or not any(a != b for a, b in ways.heard):
+        return set()
+    across = {way for way in ways.heard if way[0] != way[1]}
+    return machines - {name for way in across for name in way}
+
+
+def deaf_message(one: str, other: str, where: str, *, both: bool) -> str:
+    """Return which way is deaf, in words."""
+    if one == other:
+        return f"pods on {one} do not hear each other's multicast{where}"
+    if both:
+        return f"multicast{where} passes neither from {one} to {other} nor back"
+    return f"multicast{where} from {one} does not reach {other}"
+
+
+def bare_finding(looked: Sequence[Member], ways: Paths) -> Finding:
+    """Return what it means that the pod network carries no multicast."""
+    machines = sorted({name for way in ways.deaf for name in way})
+    within = any(one == other for one, other in ways.deaf)
+    message = (
+        f"the pods on {listed(machines)} do not discover each other: the pod network carries no"
+        f" multicast{'' if within else ' from machine to machine'}"
+    )
+    return Finding("deaf", message, SET_NETWORK, [m.pod for m in looked])

@@ -1,0 +1,302 @@
+"""A tree of steps in the midst of its run: threads, failures, cancellation; it knows no Rigelfile.
+
+Every wait here ends when the job it waits for ends, and every job is told to end by its `cancel`;
+whoever waits for the whole run bounds how long a job that does not listen may take (runner.py).
+"""
+
+from __future__ import annotations
+
+import copy
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
+from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.matrix import combinations, label
+from rigel_k8s.jobs.scope import Scope
+from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["Execution", "Surroundings"]
+
+#: Seconds that a dependency may take to become ready, where --timeout says nothing.
+READY_TIMEOUT = 300.0
+
+
+@attrs.frozen
+class Surroundings:
+    """What a run needs of the world.
+
+    Attributes:
+        realise: a job and the shared data to its options and raw `with`; raises UserErrors.
+        matrix: a Branches' matrix and the shared data to {key: values}; raises UserErrors.
+        grace: seconds that a job may take to end after it was told to.
+    """
+
+    application: Application
+    settings: Settings
+    report: Reporter
+    realise: Callable[[Job, Mapping[str, Any]], tuple[Any, Mapping[str, Any]]]
+    matrix: Callable[[Branches, Mapping[str, Any]], Mapping[str, list[Any]]]
+    vars: Mapping[str, Any] = attrs.field(factory=dict)
+    providers: Mapping[str, Any] = attrs.field(factory=dict)
+    grace: float = 30.0
+
+
+@attrs.frozen
+class Branch:
+    """Where a step runs: its name ("" is the trunk), its own data, its reporter, what stops it."""
+
+    name: str
+    data: dict[str, Any]
+    report: Reporter
+    scope: Scope
+
+
+class Stopped(Exception):
+    """Unwinds a thread after the run was cancelled; whoever cancelled it knows why."""
+
+
+class Execution:
+    """One run, stopped by its scope. `failure` is the first job's; it cancels the scope."""
+
+    def __init__(self, surroundings: Surroundings, scope: Scope) -> None:
+        self.scope = scope
+        self.failure: JobFailed | None = None
+        self._around = surroundings
+        self._lock = threading.Lock()
+        self._running: list[str] = []
+        self._held: dict[str, str] = {}
+
+    @property
+    def running(self) -> tuple[str, ...]:
+        """The jobs that run at the moment."""
+        with self._lock:
+            return tuple(self._running)
+
+    def run(self, steps: Jobs, data: dict[str, Any]) -> None:
+        """Run all steps; returns when all have ended, and leaves a failure in `failure`."""
+        trunk = Branch("", data, self._around.report, self.scope)
+        self._started(partial(self._step, steps, trunk), trunk).join()
+
+    def _step(self, step: Step, branch: Branch) -> None:
+        if branch.scope.cancelled.is_set():
+            raise Stopped
+        if isinstance(step, Job):
+            self._job(step, branch)
+        elif isinstance(step, Jobs):
+            for inner in step.steps:
+                self._step(inner, branch)
+        elif isinstance(step, Serving):
+            self._serving(step, branch)
+        else:
+            self._branches(step, branch)
+
+    # Branches
+
+    def _branches(self, step: Branches, branch: Branch) -> None:
+        tasks = [
+            self._started(partial(self._step, step.body, part), part)
+            for part in self._parts(step, branch)
+        ]
+        for task in tasks:
+            task.join()
+        if branch.scope.cancelled.is_set():
+            raise Stopped
+
+    def _parts(self, step: Branches, branch: Branch) -> list[Branch]:
+        """Return a branch for each combination: a copy of the data, and the combination in it."""
+        with self._failing(f"the matrix of a parallel stage{_in(branch)}", branch):
+            chosen = combinations(self._around.matrix(step, branch.data))
+            if not chosen:
+                branch.report.warn("the matrix has no combination: its stages do not run")
+            return [self._part(branch, combination) for combination in chosen]
+
+    def _part(self, branch: Branch, combination: Mapping[str, Any]) -> Branch:
+        data = {**copy.deepcopy(branch.data), **copy.deepcopy(dict(combination))}
+        if not combination:
+            return Branch(branch.name, data, branch.report, branch.scope.part())
+        name = label(combination)
+        full = f"{branch.name}, {name}" if branch.name else name
+        return Branch(full, data, branch.report.child(name), branch.scope.part())
+
+    # Dependencies
+
+    def _serving(self, step: Serving, branch: Branch) -> None:
+        scope = branch.scope.part()
+        servers: list[tuple[Job, threading.Thread]] = []
+        try:
+            for job in step.dependencies:
+                servers.append((job, self._server(job, attrs.evolve(branch, scope=scope))))
+            self._step(step.jobs, branch)
+        finally:
+            scope.cancel()
+            self._end(servers, branch)
+        if branch.scope.cancelled.is_set():
+            raise Stopped
+
+    def _server(self, job: Job, branch: Branch) -> threading.Thread:
+        """Start a dependency; returns when it is ready, or has ended."""
+        ready = threading.Event()
+
+        def serve() -> None:
+            try:
+                self._job(job, branch, ready)
+            finally:
+                ready.set()
+
+        thread = self._started(serve, branch)
+        timeout = self._around.settings.timeout or READY_TIMEOUT
+        if not ready.wait(timeout):
+            late = RigelK8sError(
+                f"it was neither ready nor done after {timeout:g} s",
+                hint="a job that serves others sets `job.ready`; --timeout gives it more time",
+            )
+            self._fail(f"dependency {job.name}", late, branch)
+            raise Stopped
+        return thread
+
+    def _end(self, servers: list[tuple[Job, threading.Thread]], branch: Branch) -> None:
+        """Wait for dependencies that were told to stop."""
+        for job, thread in servers:
+            thread.join(self._around.grace)
+            if thread.is_alive():
+                error = RigelK8sError(f"it did not stop within {self._around.grace:g} s")
+                self._fail(f"dependency {job.name}", error, branch)
+
+    # Jobs
+
+    def _job(self, job: Job, branch: Branch, ready: threading.Event | None = None) -> None:
+        where = f"job {job.name}{_in(branch)}"
+        scope = branch.scope.part()
+        try:
+            with self._failing(where, branch), self._listed(where):
+                branch.report.progress(job.name, "running")
+                self._work(job, branch, scope, where, ready)
+        except Stopped as end:
+            failed = end.__cause__ and not isinstance(end.__cause__, Interrupted)
+            branch.report.progress(job.name, "failed" if failed else "stopped")
+            raise
+        finally:
+            scope.cancel()
+        stopped = branch.scope.cancelled.is_set()
+        branch.report.progress(job.name, "stopped" if stopped else "done", done=not stopped)
+
+    def _work(
+        self, job: Job, branch: Branch, scope: Scope, where: str, ready: threading.Event | None
+    ) -> None:
+        around = self._around
+        options, raw = around.realise(job, branch.data)
+        context = JobContext(
+            name=job.name,
+            application=around.application,
+            report=branch.report.child(job.name),
+            settings=around.settings,
+            data=branch.data,
+            vars=around.vars,
+            providers=around.providers,
+            cancel=scope.cancelled,
+            raw=raw,
+            serving=ready is not None,
+            ready=ready or threading.Event(),
+        )
+        with self._held_alone(job, options, where):
+            job.type.run(options, context)
+
+    @contextmanager
+    def _held_alone(self, job: Job, options: Any, where: str) -> Iterator[None]:
+        """Refuse what another job that runs at this moment holds for itself."""
+        exclusive = getattr(job.type, "exclusive", None)
+        around = self._around
+        key = exclusive(options, around.application, around.settings) if exclusive else None
+        if key is None:
+            yield
+            return
+        with self._lock:
+            other = self._held.get(key)
+            self._held[key] = other or where
+        if other:
+            raise UserError(
+                f"{other} works on {key} at the same time",
+                hint="let them run one after the other, or give them different names",
+            )
+        try:
+            yield
+        finally:
+            with self._lock:
+                del self._held[key]
+
+    @contextmanager
+    def _listed(self, where: str) -> Iterator[None]:
+        with self._lock:
+            self._running.append(where)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._running.remove(where)
+
+    # Failures
+
+    @contextmanager
+    def _failing(self, where: str, branch: Branch) -> Iterator[None]:
+        """Note a failure, stop everything, unwind; after a cancellation a failure is only told."""
+        try:
+            yield
+        except Stopped:
+            raise
+        except BaseException as error:
+            if not (isinstance(error, Interrupted) and branch.scope.cancelled.is_set()):
+                self._fail(where, error, branch)
+            raise Stopped from error
+
+    def _fail(self, where: str, error: BaseException, branch: Branch) -> None:
+        with self._lock:
+            first = self.failure is None and not self.scope.cancelled.is_set()
+            if first:
+                self.failure = _failed(where, error)
+        if first:
+            self.scope.cancel()
+        else:
+            branch.report.warn(f"{where}, while it was stopped: {_line(error)}")
+
+    def _started(self, work: Callable[[], None], branch: Branch) -> threading.Thread:
+        """Start a thread; daemonic, since a second Ctrl-C must end the program."""
+
+        def guarded() -> None:
+            try:
+                work()
+            except Stopped:
+                return
+            except BaseException as error:
+                self._fail(f"the sequence{_in(branch)}", error, branch)
+
+        thread = threading.Thread(target=guarded, daemon=True)
+        thread.start()
+        return thread
+
+
+def _in(branch: Branch) -> str:
+    return f" ({branch.name})" if branch.name else ""
+
+
+def _line(error: BaseException) -> str:
+    return error.message if isinstance(error, RigelK8sError) else f"{type(error).__name__}: {error}"
+
+
+def _failed(where: str, error: BaseException) -> JobFailed:
+    """Return the failure that names the job; a bug's traceback is kept in its details."""
+    if isinstance(error, RigelK8sError):
+        failed = JobFailed(f"{where}: {error.message}", hint=error.hint, details=error.details)
+        failed.exit_code = 2 if isinstance(error, UserError) else 1
+    else:
+        lines = "".join(traceback.format_exception(error)).splitlines()
+        failed = JobFailed(f"{where} broke: {_line(error)}", details=lines)
+    failed.__cause__ = error
+    return failed

@@ -1,0 +1,102 @@
+"""The seam between a sequence and what its jobs do; it knows no job type."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, MutableMapping, Sequence
+from typing import Any, ClassVar, Protocol, TypeVar
+
+import attrs
+
+from rigel_k8s import report
+from rigel_k8s.problems import Problem
+from rigel_k8s.release.types import DeployOptions
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["JobContext", "JobType", "ProviderType", "Reporter"]
+
+O_contra = TypeVar("O_contra", contravariant=True)  # the options of a job type or provider
+
+
+class Reporter(report.Reporter, Protocol):
+    """Where a job tells how it goes. The command line implements it; jobs never print."""
+
+    def child(self, name: str) -> Reporter:
+        """Return a reporter for a part (a job, a parallel branch) that runs beside others."""
+
+
+@attrs.frozen
+class JobContext:
+    """What a running job may use.
+
+    Attributes:
+        name: the job's key in the Rigelfile.
+        application: the Rigelfile's application.
+        data: what earlier jobs of the sequence stored (`{{ data.x }}`), and where this one stores.
+        vars: the Rigelfile's `vars` as plain data, templates rendered.
+        providers: connections of the Rigelfile's providers, by key.
+        report: where to tell how it goes.
+        cancel: set when the job must stop: end soon, leave nothing half done without a word.
+        settings: the command line's global options.
+        raw: the job's `with` as plain data, templates rendered, before it became options.
+        serving: the job is a dependency of a concurrent stage: it serves until `cancel` is set.
+        ready: what a serving job sets when others may use it (one that returns need not).
+    """
+
+    name: str
+    application: Application
+    report: Reporter
+    settings: Settings = attrs.field(factory=Settings)
+    data: MutableMapping[str, Any] = attrs.field(factory=dict)
+    vars: Mapping[str, Any] = attrs.field(factory=dict)
+    providers: Mapping[str, Any] = attrs.field(factory=dict)
+    cancel: threading.Event = attrs.field(factory=threading.Event)
+    raw: Mapping[str, Any] = attrs.field(factory=dict)
+    serving: bool = False
+    ready: threading.Event = attrs.field(factory=threading.Event)
+
+    @property
+    def deploy_options(self) -> DeployOptions:
+        """How this job deploys."""
+        return DeployOptions(
+            report=self.report,
+            cancel=self.cancel,
+            timeout=self.settings.timeout,
+            adopt=self.settings.adopt,
+            description=self.name,
+        )
+
+
+class JobType(Protocol[O_contra]):
+    """One kind of job. `options` is an attrs class; unknown keys are refused by its fields' names.
+
+    `run` returns when the work is done and raises a RigelK8sError where it fails. A job that serves
+    others (a dependency of a concurrent stage, `job.serving`) sets `job.ready` when they may use it
+    and runs until `job.cancel` is set; one whose work lasts by itself just returns.
+
+    A job type may also have a method `exclusive(options, application, settings) -> str | None`: a
+    key for what its jobs must not do side by side (deploy one release, write one file).
+    """
+
+    options: ClassVar[type[Any]]
+
+    def check(self, options: O_contra, application: Application) -> Sequence[Problem]:
+        """Return what is wrong with the options beyond their types; pure."""
+
+    def run(self, options: O_contra, job: JobContext) -> None:
+        """Do the work."""
+
+
+class ProviderType(Protocol[O_contra]):
+    """One kind of provider: something connected before a sequence and disconnected after it."""
+
+    options: ClassVar[type[Any]]
+
+    def check(self, options: O_contra, application: Application) -> Sequence[Problem]:
+        """Return what is wrong with the options beyond their types; pure."""
+
+    def connect(self, options: O_contra, name: str, report: Reporter) -> Any:
+        """Connect and return what jobs get as `job.providers[name]`."""
+
+    def disconnect(self, connection: Any) -> None:
+        """Undo connect; called on success, failure and interruption."""

@@ -1,0 +1,129 @@
+"""A run from its providers' connection to their disconnection, watched from the main thread.
+
+Jobs run in other threads, so that Ctrl-C reaches the one that can stop them in good order.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import attrs
+
+from rigel_k8s.errors import Interrupted
+from rigel_k8s.jobs.execution import Execution, Surroundings
+from rigel_k8s.jobs.interruption import interruptions
+from rigel_k8s.jobs.providers import Declared, Providers
+from rigel_k8s.jobs.scope import Scope
+from rigel_k8s.jobs.steps import Jobs
+
+__all__ = ["run_steps"]
+
+
+def run_steps(
+    steps: Jobs,
+    around: Surroundings,
+    declared: Sequence[Declared] = (),
+    *,
+    data: dict[str, Any] | None = None,
+    scope: Scope | None = None,
+) -> dict[str, Any]:
+    """Run steps to their end and return the data that the jobs stored.
+
+    Args:
+        steps: what to do.
+        around: what the run needs of the world; its providers are connected already.
+        declared: the providers to connect before and to disconnect after.
+        data: what was stored before; jobs write into it.
+        scope: what stops the run from outside.
+
+    Raises:
+        JobFailed: the first failure; all other jobs were stopped.
+        Interrupted: Ctrl-C or SIGTERM; jobs were told to stop and waited for, `grace` seconds at
+            most, or not at all after a second one.
+    """
+    data = {} if data is None else data
+    providers = Providers(declared, around.report)
+    providers.connections.update(around.providers)
+    around = attrs.evolve(around, providers=providers.connections)
+    _Live(Execution(around, scope or Scope()), around, providers).run(steps, data)
+    return data
+
+
+class _Live:
+    def __init__(self, execution: Execution, around: Surroundings, providers: Providers) -> None:
+        self._execution = execution
+        self._around = around
+        self._providers = providers
+        self._mail: queue.SimpleQueue[Literal["ended", "cancelled", "interrupted"]]
+        self._mail = queue.SimpleQueue()
+        self._interrupted = False
+        self._error: BaseException | None = None
+
+    def run(self, steps: Jobs, data: dict[str, Any]) -> None:
+        """Connect, work, disconnect, and tell how it ended."""
+        self._execution.scope.on_cancel(lambda: self._mail.put("cancelled"))
+        with interruptions(lambda: self._mail.put("interrupted")):
+            self._follow(lambda: self._work(steps, data), "stop")
+            self._follow(self._providers.disconnect, "disconnect")
+        self._raise()
+
+    def _work(self, steps: Jobs, data: dict[str, Any]) -> None:
+        self._providers.connect(self._execution.scope.cancelled)
+        self._execution.run(steps, data)
+
+    def _follow(self, work: Callable[[], None], word: str) -> None:
+        """Do something in a thread of its own; once cancelled, wait no longer than the grace."""
+
+        def guarded() -> None:
+            try:
+                work()
+            except BaseException as error:
+                self._error = error
+            finally:
+                self._mail.put("ended")
+
+        threading.Thread(target=guarded, daemon=True).start()
+        if not self._ended():
+            for name in self._execution.running or ("a provider",):
+                grace = f"{self._around.grace:g} s"
+                self._around.report.warn(f"{name} did not {word} within {grace} and was left")
+
+    def _ended(self) -> bool:
+        """Wait for the thread in hand; False when the grace is over."""
+        deadline = None
+        while True:
+            if deadline is None and self._execution.scope.cancelled.is_set():
+                deadline = time.monotonic() + self._around.grace
+            left = None if deadline is None else max(0.0, deadline - time.monotonic())
+            try:
+                note = self._mail.get(timeout=left)
+            except queue.Empty:
+                return False
+            if note == "ended":
+                return True
+            if note == "interrupted":
+                self._interrupt()
+
+    def _interrupt(self) -> None:
+        if self._interrupted:
+            raise self._left("interrupted twice: nothing was waited for")
+        self._interrupted = True
+        running = ", ".join(self._execution.running) or "no job"
+        self._around.report.warn(f"stopping {running}; Ctrl-C again ends at once")
+        self._execution.scope.cancel()
+
+    def _raise(self) -> None:
+        if self._execution.failure:
+            raise self._execution.failure
+        if self._interrupted or (self._execution.scope.cancelled.is_set() and not self._error):
+            raise self._left("interrupted") from self._error
+        if self._error:
+            raise self._error
+
+    def _left(self, message: str) -> Interrupted:
+        details = [f"still running: {name}" for name in self._execution.running]
+        return Interrupted(message, details=details)

@@ -1,0 +1,168 @@
+"""From what stands behind `plugin:` or `provider:` to a job type or provider.
+
+In this order: the names of this package (names.py; Rigel's and the peer's lead here too), entry
+points of installed packages, import paths (a module beside the Rigelfile counts).
+It knows no job type, and imports only the one that is asked for.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.util
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs import rigelstyle
+from rigel_k8s.jobs.job import JobType, ProviderType
+from rigel_k8s.jobs.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, by_name
+from rigel_k8s.jobs.validation import looks_like, validate, word
+
+__all__ = ["importable", "job_type", "known", "provider_type"]
+
+
+def job_type(name: str, directory: Path | None = None) -> JobType[Any]:
+    """Return the job type of that name.
+
+    Args:
+        name: a short name, an entry point's name or an import path.
+        directory: the Rigelfile's directory, whose modules can be imported.
+
+    Raises:
+        UserError: the name is unknown, or the class is no job type.
+    """
+    resolved: JobType[Any] = _resolve("job", name.strip(), directory)
+    return resolved
+
+
+def provider_type(name: str, directory: Path | None = None) -> ProviderType[Any]:
+    """Return the provider of that name; as job_type does."""
+    resolved: ProviderType[Any] = _resolve("provider", name.strip(), directory)
+    return resolved
+
+
+def known(kind: Kind) -> dict[str, tuple[str, ...]]:
+    """Return the short names that work here, each with the import paths that mean the same."""
+    names = {builtin.short: builtin.paths for builtin in BUILTIN[kind]}
+    for entry in metadata.entry_points(group=ENTRY_POINT_GROUPS[kind]):
+        names.setdefault(entry.name, ())
+    return names
+
+
+@contextmanager
+def importable(directory: Path | None) -> Iterator[None]:
+    """Let modules of the directory be imported, as Rigel does with the Rigelfile's own."""
+    place = str(directory.resolve()) if directory else ""
+    if not place or place in sys.path:
+        yield
+        return
+    sys.path.insert(0, place)
+    try:
+        yield
+    finally:
+        if place in sys.path:
+            sys.path.remove(place)
+
+
+def _resolve(kind: Kind, name: str, directory: Path | None) -> Any:
+    with importable(directory):
+        builtin = by_name(kind).get(name)
+        if builtin:
+            module, _, attribute = builtin.target.partition(":")
+            return getattr(importlib.import_module(module), attribute)()
+        found = _entry_point(kind, name) or _class_at(kind, name)
+        return _usable(kind, name, found)
+
+
+def _usable(kind: Kind, name: str, found: Any) -> Any:
+    """Return an instance of a class of the user's, or Rigel's interface wrapped in ours."""
+    if not isinstance(found, type):
+        raise UserError(
+            f"{name} is a {type(found).__name__}, not a class",
+            hint=f"write the import path of the {word(kind)}'s class: package.module.Class",
+        )
+    if not looks_like(found, kind) and rigelstyle.fits(found, kind):
+        return rigelstyle.adapt(found, kind)
+    validate(found, kind, name)
+    return found()
+
+
+def _entry_point(kind: Kind, name: str) -> Any:
+    group = ENTRY_POINT_GROUPS[kind]
+    found = {entry.value: entry for entry in metadata.entry_points(group=group, name=name)}
+    if len(found) > 1:
+        raise UserError(
+            f'two installed packages offer the {word(kind)} "{name}": {", ".join(sorted(found))}',
+            hint="write the import path of the one you mean",
+        )
+    for entry in found.values():
+        try:
+            return entry.load()
+        except Exception as error:
+            raise _broken(kind, name, error) from error
+    return None
+
+
+def _class_at(kind: Kind, name: str) -> Any:
+    """Import `package.module.Class` (or `package.module:Class`)."""
+    module_name, _, attribute = name.replace(":", ".").rpartition(".")
+    if not module_name or not _module_exists(kind, name, module_name):
+        raise _unknown(kind, name)
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:
+        raise _broken(kind, name, error) from error
+    try:
+        return getattr(module, attribute)
+    except AttributeError:
+        raise _missing_class(kind, name, module_name, attribute, vars(module)) from None
+
+
+def _module_exists(kind: Kind, name: str, module: str) -> bool:
+    try:
+        return all(module.split(".")) and importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError as error:
+        if error.name and (module == error.name or module.startswith(f"{error.name}.")):
+            return False
+        raise _broken(kind, name, error) from error
+    except Exception as error:
+        raise _broken(kind, name, error) from error
+
+
+def _broken(kind: Kind, name: str, error: Exception) -> UserError:
+    return UserError(
+        f"{word(kind)} {name} cannot be imported: {type(error).__name__}: {error}",
+        hint="import it in Python to see the whole traceback",
+    )
+
+
+def _missing_class(
+    kind: Kind, name: str, module: str, attribute: str, present: dict[str, Any]
+) -> UserError:
+    near = difflib.get_close_matches(attribute, list(present), 1)
+    hint = f"did you mean {module}.{near[0]}?" if near else f"see what module {module} defines"
+    return UserError(f"{word(kind)} {name}: module {module} has no {attribute}", hint=hint)
+
+
+def _unknown(kind: Kind, name: str) -> UserError:
+    names = [n for short, paths in known(kind).items() for n in (short, *paths)]
+    of_rigel = name.startswith(("rigel.plugins.", "rigel.providers."))
+    # Rigel's paths resemble each other: only a slip of the pen is near there.
+    near = difflib.get_close_matches(name, names, 1, 0.95 if of_rigel else 0.6)
+    if of_rigel and not near:
+        return UserError(
+            f"{word(kind)} {name} is Rigel's own, and Rigel is not installed here",
+            hint="install Rigel 0.3 beside this package (docs/rigel.md), or take one of: "
+            + ", ".join(known(kind)),
+        )
+    meant = f", did you mean {near[0]}?" if near else ""
+    return UserError(
+        f'unknown {word(kind)} "{name}"{meant}',
+        hint=f"known are {', '.join(known(kind))}; an own one is written package.module.Class "
+        "and stands beside the Rigelfile or is installed",
+    )

@@ -1,0 +1,275 @@
+"""`run job` and `run sequence`: everything is resolved and checked, then it runs.
+
+What a job does stays behind its job type, how a run goes behind live.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs.checking import Preview
+from rigel_k8s.jobs.execution import Surroundings
+from rigel_k8s.jobs.job import JobContext, JobType, Reporter
+from rigel_k8s.jobs.live import run_steps
+from rigel_k8s.jobs.names import by_name
+from rigel_k8s.jobs.providers import Declared
+from rigel_k8s.jobs.registry import importable, job_type, provider_type
+from rigel_k8s.jobs.scope import Scope
+from rigel_k8s.jobs.steps import Jobs, job_names, of_job, of_sequence
+from rigel_k8s.jobs.values import Values
+from rigel_k8s.problems import Problem
+from rigel_k8s.rigelfile import (
+    Finding,
+    Node,
+    Rigelfile,
+    nearest,
+    place,
+    preview,
+    problems_error,
+    realise,
+    render,
+)
+from rigel_k8s.rigelfile.model import ComponentSpec
+from rigel_k8s.settings import Application, Settings
+
+__all__ = [
+    "Prepared",
+    "check_sequence",
+    "prepare_job",
+    "prepare_sequence",
+    "prepare_use",
+    "run",
+    "run_job",
+    "run_sequence",
+]
+
+T = TypeVar("T")
+
+#: Seconds that jobs may take to end after Ctrl-C or another job's failure.
+GRACE = 30.0
+
+
+@attrs.frozen
+class Prepared:
+    """What will run, checked: no problem is known, `warnings` are rendered, without the word."""
+
+    rigelfile: Rigelfile
+    settings: Settings
+    steps: Jobs
+    providers: tuple[Declared, ...]
+    warnings: tuple[str, ...]
+
+
+def run_job(
+    rigelfile: Rigelfile, name: str, *, settings: Settings, report: Reporter
+) -> dict[str, Any]:
+    """Check and run one job; return the data that it stored. Raises as prepare_job and run do."""
+    return _told(prepare_job(rigelfile, name, settings), report)
+
+
+def run_sequence(
+    rigelfile: Rigelfile, name: str, *, settings: Settings, report: Reporter
+) -> dict[str, Any]:
+    """Check and run a sequence; return the data of its trunk. Raises as its two halves do."""
+    return _told(prepare_sequence(rigelfile, name, settings), report)
+
+
+def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
+    """Resolve and check one job.
+
+    Raises:
+        ProblemsError: all that is wrong with it and with the providers.
+        UserError: there is no such job.
+    """
+    spec = _named("job", name, rigelfile.jobs)
+    return _looked_at(
+        rigelfile, settings, [name], lambda types: of_job(spec, types[name])
+    ).prepared()
+
+
+def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
+    """Resolve and check a sequence, each combination of a matrix that is known.
+
+    Raises:
+        ProblemsError: all that is wrong with its jobs and with the providers.
+        UserError: there is no such sequence, or two of its jobs cannot run side by side.
+    """
+    return _sequence_looked_at(rigelfile, name, settings).prepared()
+
+
+def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Sequence[Finding]:
+    """Return what prepare_sequence would raise or warn of, each with its place."""
+    try:
+        return _sequence_looked_at(rigelfile, name, settings).findings
+    except UserError as error:  # two of its jobs cannot run side by side
+        message = "; ".join(filter(None, (error.message, error.hint)))
+        problem = Problem(("sequences", name), message, "side-by-side", at_key=True)
+        return [place(rigelfile.root, problem)]
+
+
+def prepare_use(
+    rigelfile: Rigelfile, spec: ComponentSpec, overrides: Node | None, settings: Settings
+) -> Prepared:
+    """Resolve and check one use of a job, for a runner that connects other people's providers.
+
+    Raises:
+        ProblemsError: all that is wrong with it and with the providers of this package.
+    """
+    ours = {n: p for n, p in rigelfile.providers.items() if p.plugin in by_name("provider")}
+    rigelfile = attrs.evolve(rigelfile, providers=ours)
+    return _looked_at(
+        rigelfile, settings, [spec.name], lambda types: of_job(spec, types[spec.name], overrides)
+    ).prepared()
+
+
+def run(
+    prepared: Prepared,
+    report: Reporter,
+    *,
+    data: dict[str, Any] | None = None,
+    connected: Mapping[str, Any] | None = None,
+    scope: Scope | None = None,
+) -> dict[str, Any]:
+    """Run what was prepared; return the data that the jobs stored. Its warnings are not told here.
+
+    Args:
+        prepared: what prepare_job or prepare_sequence returned.
+        report: where it is told how it goes.
+        data: what was stored before; jobs write into it.
+        connected: connections of providers that somebody else has connected.
+        scope: what stops the run from outside.
+
+    Raises:
+        JobFailed: a job failed; the error names it.
+        Interrupted: Ctrl-C or SIGTERM.
+    """
+    values = Values(prepared.rigelfile)
+    declared = [d for d in prepared.providers if d.name not in (connected or {})]
+    around = Surroundings(
+        application=prepared.rigelfile.application,
+        settings=prepared.settings,
+        report=report,
+        realise=values.realised,
+        matrix=values.matrix,
+        vars=values.vars(),
+        providers=connected or {},
+        grace=GRACE,
+    )
+    with importable(prepared.settings.rigelfile.parent):
+        return run_steps(prepared.steps, around, declared, data=data, scope=scope)
+
+
+def _told(prepared: Prepared, report: Reporter) -> dict[str, Any]:
+    for warning in prepared.warnings:
+        report.warn(warning)
+    return run(prepared, report)
+
+
+@attrs.frozen
+class _LookedAt:
+    """Steps with all that was found when they were looked at."""
+
+    rigelfile: Rigelfile
+    settings: Settings
+    steps: Jobs
+    providers: tuple[Declared, ...]
+    findings: Sequence[Finding]
+
+    def prepared(self) -> Prepared:
+        """Return what can run; raise ProblemsError where something is wrong."""
+        source = self.rigelfile.source
+        if any(finding.severity == "error" for finding in self.findings):
+            raise problems_error(source, self.findings)
+        warnings = tuple(render(source, found, marked=False) for found in self.findings)
+        return Prepared(self.rigelfile, self.settings, self.steps, self.providers, warnings)
+
+
+def _sequence_looked_at(rigelfile: Rigelfile, name: str, settings: Settings) -> _LookedAt:
+    sequence = _named("sequence", name, rigelfile.sequences)
+
+    def steps(types: Mapping[str, JobType[Any]]) -> Jobs:
+        return of_sequence(sequence, rigelfile.jobs, types)
+
+    return _looked_at(rigelfile, settings, job_names(sequence), steps)
+
+
+def _looked_at(
+    rigelfile: Rigelfile,
+    settings: Settings,
+    names: Iterable[str],
+    steps_of: Callable[[Mapping[str, JobType[Any]]], Jobs],
+) -> _LookedAt:
+    findings: list[Finding] = []
+    resolved = _Resolution(rigelfile, settings.rigelfile.parent, findings)
+    steps = steps_of({name: resolved.job(rigelfile.jobs[name]) for name in names})
+    declared = [resolved.provider(spec) for spec in rigelfile.providers.values()]
+    values = Values(rigelfile)
+    preview = Preview(values.previewed, values.previewed_matrix, rigelfile.application, settings)
+    with importable(settings.rigelfile.parent):
+        findings += preview.look_at(steps)
+    providers = tuple(filter(None, declared))
+    return _LookedAt(rigelfile, settings, steps, providers, findings)
+
+
+class _Unresolved:
+    """Stands where a job type could not be resolved, so that the other jobs are checked too."""
+
+    options: ClassVar[type[Any]] = dict
+
+    def check(self, options: Any, application: Application) -> tuple[()]:
+        return ()
+
+    def run(self, options: Any, job: JobContext) -> None:
+        raise AssertionError("a sequence with an unresolved job type is never run")
+
+
+@attrs.frozen
+class _Resolution:
+    """Turns components into types and options, and notes what is wrong."""
+
+    rigelfile: Rigelfile
+    directory: Path
+    findings: list[Finding]
+
+    def job(self, spec: ComponentSpec) -> JobType[Any]:
+        return self._resolved(spec, "plugin", job_type) or _Unresolved()
+
+    def provider(self, spec: ComponentSpec) -> Declared | None:
+        kind = self._resolved(spec, "provider", provider_type)
+        if kind is None:
+            return None
+        seen = preview(self.rigelfile, spec, None, {}, kind.options)
+        self.findings.extend(seen.findings)
+        if seen.findings:
+            return None
+        options = realise(self.rigelfile, spec, None, {}, kind.options).options
+        problems = kind.check(options, self.rigelfile.application)
+        self.findings.extend(place(spec.options, problem) for problem in problems)
+        return Declared(spec.name, kind, options)
+
+    def _resolved(
+        self, spec: ComponentSpec, key: str, resolve: Callable[[str, Path], T]
+    ) -> T | None:
+        try:
+            return resolve(spec.plugin, self.directory)
+        except UserError as error:
+            message = "; ".join(filter(None, (error.message, *error.details, error.hint)))
+            problem = Problem((*spec.path, key), message, f"unknown-{key}")
+            self.findings.append(place(self.rigelfile.root, problem))
+            return None
+
+
+def _named(what: str, name: str, known: Mapping[str, T]) -> T:
+    if name in known:
+        return known[name]
+    near = nearest(name, known)
+    raise UserError(
+        f'there is no {what} "{name}" in the Rigelfile'
+        + (f", did you mean {near}?" if near else ""),
+        hint=f"its {what}s are {', '.join(known)}" if known else f"it has no {what}s",
+    )

@@ -1,0 +1,103 @@
+"""What a sequence will do, as a tree of steps; made before anything runs, and pure.
+
+Jobs        steps one after the other
+Serving     dependencies that are started first and stopped when the jobs have ended
+Branches    the same steps once for each combination of a matrix, side by side
+Job         one use of a job
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+import attrs
+
+from rigel_k8s.jobs.job import JobType
+from rigel_k8s.rigelfile.model import (
+    ComponentSpec,
+    Concurrent,
+    JobUse,
+    Parallel,
+    SequenceSpec,
+    Sequential,
+    Stage,
+)
+from rigel_k8s.rigelfile.source import Node
+
+__all__ = ["Branches", "Job", "Jobs", "Serving", "Step", "job_names", "of_job", "of_sequence"]
+
+
+@attrs.frozen
+class Job:
+    """One use of a job: its `with`, overrides laid over it, and the type that runs it."""
+
+    spec: ComponentSpec
+    type: JobType[Any]
+    overrides: Node | None = None
+
+    @property
+    def name(self) -> str:
+        """The job's key in the Rigelfile."""
+        return self.spec.name
+
+
+@attrs.frozen
+class Jobs:
+    """Steps one after the other."""
+
+    steps: tuple[Step, ...]
+
+
+@attrs.frozen
+class Serving:
+    """Jobs one after the other, while their dependencies serve them."""
+
+    dependencies: tuple[Job, ...]
+    jobs: Jobs
+
+
+@attrs.frozen
+class Branches:
+    """A body run once for each combination, side by side; no matrix is one branch."""
+
+    matrix: Node | None
+    body: Jobs
+
+
+Step: TypeAlias = Job | Jobs | Serving | Branches
+Types: TypeAlias = Mapping[str, JobType[Any]]
+
+
+def of_job(spec: ComponentSpec, kind: JobType[Any], overrides: Node | None = None) -> Jobs:
+    """Return what `run job` does."""
+    return Jobs((Job(spec, kind, overrides),))
+
+
+def of_sequence(sequence: SequenceSpec, specs: Mapping[str, ComponentSpec], types: Types) -> Jobs:
+    """Return what `run sequence` does, with the specs and types of its jobs by their keys."""
+
+    def job(use: JobUse) -> Job:
+        return Job(specs[use.name], types[use.name], use.overrides)
+
+    def step(stage: Stage) -> Step:
+        if isinstance(stage, Parallel):
+            return Branches(stage.matrix, Jobs(tuple(step(inner) for inner in stage.stages)))
+        listed = Jobs(tuple(job(use) for use in stage.jobs))
+        if isinstance(stage, Sequential):
+            return listed
+        assert isinstance(stage, Concurrent)
+        return Serving(tuple(job(use) for use in stage.dependencies), listed)
+
+    body = Jobs(tuple(step(stage) for stage in sequence.stages))
+    return body if sequence.matrix is None else Jobs((Branches(sequence.matrix, body),))
+
+
+def job_names(sequence: SequenceSpec) -> tuple[str, ...]:
+    """Return the keys of the jobs that a sequence uses, each once."""
+    names: dict[str, None] = {}
+    for stage in sequence.stages:
+        for inner in stage.stages if isinstance(stage, Parallel) else (stage,):
+            served = inner.dependencies if isinstance(inner, Concurrent) else ()
+            names.update(dict.fromkeys(use.name for use in (*served, *inner.jobs)))
+    return tuple(names)

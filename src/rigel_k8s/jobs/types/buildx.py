@@ -1,0 +1,225 @@
+"""The job that builds an image with docker or podman, and pushes it or loads it into a cluster."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Literal, TypeAlias
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.images.credentials import Credentials, is_private
+from rigel_k8s.images.engine import Build, Engine, Session, host_platform
+from rigel_k8s.images.reference import DOCKER_HUB, TAG, parse_reference
+from rigel_k8s.images.tools import find_engine
+from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.problems import Problem
+from rigel_k8s.settings import Application
+
+__all__ = ["DIGESTS", "BuildXJob", "BuildXOptions"]
+
+Scalar: TypeAlias = str | int | float | bool
+
+#: In the shared data: {image reference as users write it: digest}, for all images that were pushed.
+DIGESTS = "image_digests"
+#: What Rigel builds for when nothing is said.
+DEFAULT_PLATFORMS = ("linux/amd64", "linux/arm64")
+
+_PLATFORM = re.compile(r"[a-z0-9]+/[a-z0-9_]+(/[a-z0-9]+)?")
+_ARGUMENT = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_HOLE = "{{"
+_DATA_LOCK = threading.Lock()
+
+
+@attrs.frozen
+class BuildXOptions:
+    """The options of a BuildX job: Rigel's, and from `context` on our own.
+
+    Attributes:
+        image: the image's name, with or without a tag.
+        tags: further tags.
+        force_tag_latest: tag it `latest` as well; false: never.
+        buildargs: values of ARG, by name.
+        load: keep the image in docker's or podman's own store.
+        push: push every tag, and deploy by the digest that the registry gave.
+        platforms: `linux/amd64` and so on; empty: this machine's; left out: amd64 and arm64, as far
+            as this machine can.
+        context: the directory that COPY reads, relative to the application's; left out: that.
+        dockerfile: the Dockerfile, relative to the context.
+        tool: `docker`, `podman`, or `auto`: docker where it works.
+        cluster_load: load it onto the nodes of a local cluster (rigel's, kind, k3d, minikube).
+        insecure: the registry speaks plain HTTP, or its certificate cannot be verified.
+    """
+
+    image: str
+    tags: Sequence[str] = ("latest",)
+    force_tag_latest: bool = True
+    buildargs: Mapping[str, Scalar] = attrs.field(factory=dict)
+    load: bool = False
+    push: bool = False
+    platforms: Sequence[str] | None = None
+    context: str | None = None
+    dockerfile: str = "Dockerfile"
+    tool: Literal["auto", "docker", "podman"] = "auto"
+    cluster_load: bool = False
+    insecure: bool = False
+
+
+class BuildXJob:
+    """Builds one image under all its tags; pushes and loads it where told."""
+
+    options: ClassVar[type[BuildXOptions]] = BuildXOptions
+
+    def check(self, options: BuildXOptions, application: Application) -> Sequence[Problem]:
+        """Return what docker, podman or a registry would refuse."""
+        return [*_check_image(options), *_check_words(options)]
+
+    def run(self, options: BuildXOptions, job: JobContext) -> None:
+        """Build, push, load; the digests of pushed images go to the shared data."""
+        engine = find_engine(options.tool, os.environ)
+        for note in engine.notes:
+            job.report.line(note)
+        build = _build(options, job.application, engine, job.report)
+        with tempfile.TemporaryDirectory(prefix="rigel-build-") as directory:
+            session = _session(options, build, job, Path(directory))
+            load = options.load or options.cluster_load
+            digests = engine.build(build, session, load=load, push=options.push)
+            if options.cluster_load:
+                _load(build, engine, session, job)
+        _remember(job.data, digests)
+        job.report.progress(build.names[0], f"built with {engine.name}", done=True)
+        for name, digest in digests.items():
+            job.report.line(f"pushed {name} ({digest})")
+
+
+def image_names(options: BuildXOptions) -> tuple[str, ...]:
+    """Return the image's names: its own tag first, then the others, `latest` as Rigel has it."""
+    reference = parse_reference(options.image)
+    bare = options.image
+    if reference.tag:
+        bare = bare[: -len(reference.tag) - 1]
+    tags = [reference.tag] if reference.tag else []
+    tags += [tag for tag in options.tags if tag != "latest"]
+    if options.force_tag_latest:
+        tags.append("latest")
+    return tuple(f"{bare}:{tag}" for tag in dict.fromkeys(tags))
+
+
+def _build(
+    options: BuildXOptions, application: Application, engine: Engine, report: Reporter
+) -> Build:
+    context = application.dir / (options.context or "")
+    dockerfile = context / options.dockerfile
+    if not dockerfile.is_file():
+        raise UserError(
+            f"there is no {dockerfile} to build {options.image} from",
+            hint="write one, or let a job `rigel_k8s.DockerfilePlugin` before this one write it",
+        )
+    return Build(
+        names=image_names(options),
+        context=context,
+        dockerfile=dockerfile,
+        buildargs={name: _text(value) for name, value in options.buildargs.items()},
+        platforms=_platforms(options.platforms, engine, report),
+    )
+
+
+def _text(value: Scalar) -> str:
+    """A scalar as YAML has it: true, not True."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _platforms(wanted: Sequence[str] | None, engine: Engine, report: Reporter) -> tuple[str, ...]:
+    """Return what to build for, empty for this machine alone; tells what cannot be."""
+    able = engine.platforms()
+    chosen = DEFAULT_PLATFORMS if wanted is None else tuple(wanted)
+    unable = [platform for platform in chosen if platform not in able]
+    if unable and wanted is None:
+        chosen = tuple(p for p in chosen if p in able) or tuple(able[:1])
+        told = f"builds for {', '.join(chosen)} only, not for {', '.join(unable)}"
+        report.line(f"{engine.name} {told}: {engine.more_platforms}")
+    elif unable:
+        told = f"{engine.name} cannot emulate {', '.join(unable)} here, so RUN steps will fail"
+        report.warn(f"{told}: {engine.more_platforms}")
+    return () if chosen == (host_platform(),) else chosen
+
+
+def _session(options: BuildXOptions, build: Build, job: JobContext, directory: Path) -> Session:
+    registry = parse_reference(options.image).registry
+    known = tuple(c for c in job.providers.values() if isinstance(c, Credentials))
+    insecure = {c.registry for c in known if c.insecure}
+    if options.insecure:
+        insecure.add(registry)
+    if is_private(registry) or any(map(_names_private, build.buildargs.values())):
+        from rigel_lab import cluster as localcluster
+
+        insecure |= localcluster.registries()
+    return Session(
+        directory=directory,
+        environ=dict(os.environ),
+        cancel=job.cancel,
+        tell=lambda state: job.report.progress(build.names[0], state),
+        credentials=known,
+        insecure=frozenset(insecure),
+    )
+
+
+def _names_private(text: str) -> bool:
+    return is_private(text.partition("/")[0])
+
+
+def _load(build: Build, engine: Engine, session: Session, job: JobContext) -> None:
+    from rigel_k8s.jobs.types.clusterload import current_context, load_archive
+
+    archive = session.directory / "image.tar"
+    engine.save(build.names, archive, session)
+    load_archive(archive, current_context(job.settings), session.tell, session.cancel)
+
+
+def _remember(data: MutableMapping[str, Any], digests: Mapping[str, str]) -> None:
+    """Lay the digests over those of earlier jobs; `app:latest` is written `app` as well."""
+    both = dict(digests)
+    for name, digest in digests.items():
+        if name.endswith(":latest"):
+            both[name.removesuffix(":latest")] = digest
+    with _DATA_LOCK:  # jobs of a concurrent stage share the data
+        data[DIGESTS] = {**data.get(DIGESTS, {}), **both}
+
+
+def _check_image(options: BuildXOptions) -> Iterator[Problem]:
+    if _HOLE in options.image:
+        return
+    try:
+        reference = parse_reference(options.image)
+    except UserError as error:
+        yield Problem(("image",), error.message, "bad-image")
+        return
+    if reference.digest:
+        message = "an image to build has no digest yet, write NAME or NAME:TAG"
+        yield Problem(("image",), message, "bad-image")
+    elif not image_names(options):
+        message = "without `tags` and with `force_tag_latest: false` it has no tag: add one"
+        yield Problem(("image",), message, "bad-image")
+    if options.push and reference.name.startswith(f"{DOCKER_HUB}/library/"):
+        message = f'"{options.image}" names no registry to push to, write REGISTRY/{options.image}'
+        yield Problem(("image",), message, "bad-image")
+
+
+def _check_words(options: BuildXOptions) -> Iterator[Problem]:
+    for number, tag in enumerate(options.tags):
+        if _HOLE not in tag and not TAG.fullmatch(tag):
+            message = f'"{tag}" is no tag (letters, digits, ".", "_" and "-", at most 128)'
+            yield Problem(("tags", number), message, "bad-image")
+    for number, platform in enumerate(options.platforms or ()):
+        if _HOLE not in platform and not _PLATFORM.fullmatch(platform):
+            message = f'"{platform}" is no platform, write OS/ARCH, like linux/arm64'
+            yield Problem(("platforms", number), message, "bad-platform")
+    for name in options.buildargs:
+        if _HOLE not in name and not _ARGUMENT.fullmatch(name):
+            message = f'"{name}" is no name of a build argument'
+            yield Problem(("buildargs", name), message, "bad-name", at_key=True)

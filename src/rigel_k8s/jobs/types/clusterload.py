@@ -1,0 +1,70 @@
+"""Image archives onto the nodes of a cluster on this machine, which its context's name tells."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.images.process import stream
+from rigel_k8s.settings import Settings
+from rigel_lab import cluster as localcluster
+
+__all__ = ["current_context", "load_archive"]
+
+
+def load_archive(
+    archive: Path, context: str, tell: Callable[[str], None], cancel: threading.Event
+) -> None:
+    """Import an image archive on every node of a context's cluster.
+
+    Raises:
+        UserError: the context's name is not that of a cluster on this machine.
+        RigelK8sError: the program that loads is missing or failed.
+    """
+    own = context.removeprefix("rigel-")
+    if context.startswith("rigel-") and own in localcluster.names():
+        localcluster.load([str(archive)], own, report=tell)
+        return
+    words = _command(archive, context)
+    if shutil.which(words[0]) is None:
+        raise RigelK8sError(
+            f"context {context}: {words[0]} loads its images, and is not installed",
+            hint="install it, or push to a registry that the cluster pulls from",
+        )
+    stream(words, what=f"{words[0]} loading into {context}", env=os.environ, cancel=cancel)
+
+
+def _command(archive: Path, context: str) -> list[str]:
+    kind, _, name = context.partition("-")
+    if kind == "kind" and name:
+        return ["kind", "load", "image-archive", str(archive), "--name", name]
+    if kind == "k3d" and name:
+        return ["k3d", "image", "import", str(archive), "--cluster", name]
+    if kind == "minikube":
+        return ["minikube", "--profile", context, "image", "load", str(archive)]
+    raise UserError(
+        f"cluster_load: context {context} is no cluster of rigel, kind, k3d or minikube",
+        hint="push to a registry that the cluster pulls from instead (`push: true`)",
+    )
+
+
+def current_context(settings: Settings) -> str:
+    """Return the context that the command line or the kubeconfig names."""
+    if settings.context:
+        return settings.context
+    import yaml
+
+    given = os.environ.get("KUBECONFIG") or str(Path.home() / ".kube" / "config")
+    files = [settings.kubeconfig] if settings.kubeconfig else map(Path, given.split(os.pathsep))
+    for file in files:
+        content = yaml.safe_load(file.read_text("utf-8")) if file.is_file() else None
+        if isinstance(content, dict) and content.get("current-context"):
+            return str(content["current-context"])
+    raise UserError(
+        "cluster_load: there is no current Kubernetes context",
+        hint="name one with --context, or make a cluster with `rigel cluster up`",
+    )

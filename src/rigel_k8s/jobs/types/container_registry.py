@@ -1,0 +1,76 @@
+"""The provider that holds the credentials of an image registry; it pushes and pulls nothing."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import ClassVar
+
+import attrs
+
+from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.registry import log_in
+from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.problems import Problem
+from rigel_k8s.settings import Application
+
+__all__ = ["ContainerRegistry", "ContainerRegistryOptions"]
+
+_SERVER = re.compile(r"(https?://)?[A-Za-z0-9.\[\]:-]+(:\d+)?(/.*)?")
+_HOLE = "{{"
+
+
+@attrs.frozen
+class ContainerRegistryOptions:
+    """The options of a registry provider, those of Rigel's and `insecure`.
+
+    Attributes:
+        server: the registry, as image names begin (`ghcr.io`, `host:5000`, `docker.io`).
+        username: who pushes and pulls.
+        password: a password or an access token.
+        insecure: it speaks plain HTTP, or its certificate cannot be verified.
+    """
+
+    server: str
+    username: str
+    password: str = attrs.field(repr=False)
+    insecure: bool = False
+
+
+class ContainerRegistry:
+    """Checks the credentials once, and gives them to the jobs; nothing is written to this machine.
+
+    The connection is a rigel_k8s.images.credentials.Credentials.
+    """
+
+    options: ClassVar[type[ContainerRegistryOptions]] = ContainerRegistryOptions
+
+    def check(
+        self, options: ContainerRegistryOptions, application: Application
+    ) -> Sequence[Problem]:
+        """Return what cannot be a registry or a user."""
+        problems = []
+        if _HOLE not in options.server and not _SERVER.fullmatch(options.server):
+            message = f'"{options.server}" is no registry, write HOST or HOST:PORT'
+            problems.append(Problem(("server",), message, "bad-registry"))
+        for key in ("username", "password"):
+            if not getattr(options, key):
+                message = f"an empty {key}; a registry without users needs no provider"
+                problems.append(Problem((key,), message, "empty-value"))
+        return problems
+
+    def connect(
+        self, options: ContainerRegistryOptions, name: str, report: Reporter
+    ) -> Credentials:
+        """Try the credentials against the registry; RigelK8sError where it refuses them."""
+        credentials = Credentials(
+            options.server, options.username, options.password, insecure=options.insecure
+        )
+        if log_in(credentials):
+            report.line(f"logged in to {options.server} as {options.username}")
+        else:
+            report.line(f"{options.server} asks for no credentials")
+        return credentials
+
+    def disconnect(self, connection: Credentials) -> None:
+        """Nothing is left to undo: connect wrote nothing and holds no session."""

@@ -1,0 +1,304 @@
+"""The job that checks that messages are delivered, now, from one pod to another.
+
+That both pods are ready does not say it: a subscriber may be deaf, or hear an older publisher. So a
+nonce is made, given to the publisher as a ROS parameter (of ROS 2: of its own node), and looked for
+in the subscriber's log.
+"""
+
+from __future__ import annotations
+
+import re
+import secrets
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, ClassVar
+
+import attrs
+
+from rigel_k8s.errors import Interrupted, RigelK8sError
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.types import nonce as nonces
+from rigel_k8s.kube import connect
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION, object_name
+from rigel_k8s.objects.scalars import Duration, Number, ObjectName, RosName
+from rigel_k8s.problems import Problem
+from rigel_k8s.settings import Application
+
+__all__ = ["Arrivals", "Count", "DeliveryJob", "DeliveryOptions"]
+
+#: Seconds between two looks for a ready pod.
+LOOK = 1.0
+
+
+class Count(Number):
+    """How many, at least one."""
+
+    kind = "bad-count"
+    expects = "a whole number, at least 1"
+    least = 1
+
+
+@attrs.frozen(kw_only=True)
+class DeliveryOptions:
+    """Which messages must arrive where."""
+
+    publisher: str = attrs.field(
+        metadata={"doc": "the node that publishes: its key in `nodes`, or its ROS name"}
+    )
+    subscriber: str = attrs.field(
+        metadata={"doc": "the node that logs each message that it hears"},
+    )
+    parameter: RosName = attrs.field(
+        default=RosName("/nonce"),
+        metadata={
+            "doc": "the ROS parameter whose value the publisher puts into its messages"
+            " (ROS 2: of the publisher's own node)"
+        },
+    )
+    messages: Count = attrs.field(
+        default=Count(10),
+        metadata={"doc": "how many messages with consecutive numbers must arrive"},
+    )
+    timeout: Duration = attrs.field(
+        default=Duration("60s"), metadata={"doc": "how long they may take"}
+    )
+    across_machines: bool = attrs.field(
+        default=True, metadata={"doc": "both pods must run on different Kubernetes nodes"}
+    )
+    namespace: ObjectName | None = attrs.field(
+        default=None, metadata={"doc": "the application's namespace; unset: the context's"}
+    )
+    deployment_name: ObjectName = attrs.field(
+        default=ObjectName("rigel-k8s-application"),
+        metadata={"doc": "the release, as the job that deploys it names it"},
+    )
+
+
+@attrs.frozen
+class Pod:
+    """What the check wants to know of a pod."""
+
+    name: str
+    machine: str
+    ready: bool
+    object: Mapping[str, Any] = attrs.field(repr=False)
+
+    def __str__(self) -> str:
+        state = "" if self.ready else ", not ready"
+        return f"pod {self.name} on {self.machine or 'no machine yet'}{state}"
+
+
+class DeliveryJob:
+    """Demands that new messages arrive, without a gap, and if asked from another machine."""
+
+    options: ClassVar[type[DeliveryOptions]] = DeliveryOptions
+
+    def check(self, options: DeliveryOptions, application: Application) -> Sequence[Problem]:
+        """Return what cannot work: a node that hears itself tells nothing."""
+        if options.publisher == options.subscriber:
+            message = "publisher and subscriber are one node, name two"
+            return [Problem(("subscriber",), message, "same-node")]
+        return []
+
+    def run(self, options: DeliveryOptions, job: JobContext) -> None:
+        """Find both pods, set the nonce, follow the subscriber's log.
+
+        Raises:
+            RigelK8sError: what did not arrive, and what did instead.
+        """
+        with connect(job.settings) as cluster:
+            namespace = job.settings.namespace or options.namespace or cluster.namespace
+            with _time_limit(job.cancel, options.timeout.seconds) as over:
+                check = _Check(cluster, str(namespace), options, job, over)
+                check.run()
+
+
+@attrs.frozen
+class _Check:
+    cluster: Cluster
+    namespace: str
+    options: DeliveryOptions
+    job: JobContext
+    over: threading.Event
+
+    @property
+    def _way(self) -> str:
+        return f"{self.options.publisher} to {self.options.subscriber}"
+
+    def run(self) -> None:
+        publisher = self._pod(self.options.publisher)
+        subscriber = self._pod(self.options.subscriber)
+        if self.options.across_machines and publisher.machine == subscriber.machine:
+            raise RigelK8sError(
+                f"{self.options.publisher} and {self.options.subscriber} run on one machine, "
+                f"{publisher.machine}: messages do not cross the network",
+                hint="place them apart (`placement: {apart_from: [...]}`), "
+                "or set across_machines: false",
+            )
+        nonce = f"n{secrets.token_hex(8)}"
+        self._set(publisher, nonce)
+        self._follow(publisher, subscriber, Arrivals(nonce))
+
+    def _pod(self, key: str) -> Pod:
+        """Return the newest ready pod of a node; waits while there is one that is not."""
+        while True:
+            found = [_pod_of(pod) for pod in self._pods() if _is_of(pod, key)]
+            ready = [pod for pod in found if pod.ready]
+            if ready:
+                return ready[-1]
+            if not found or self.over.wait(LOOK):
+                raise self._stopped(self._no_pod(key, found))
+            self.job.report.progress(key, "waiting for a ready pod")
+
+    def _pods(self) -> list[dict[str, Any]]:
+        """Return the release's pods, the oldest first."""
+        labels = {RELEASE_LABEL: str(self.options.deployment_name)}
+        pods = self.cluster.list("v1", "Pod", self.namespace, labels=labels)
+        return sorted(pods, key=lambda pod: str(pod["metadata"].get("creationTimestamp")))
+
+    def _no_pod(self, key: str, found: Sequence[Pod]) -> RigelK8sError:
+        where = f"release {self.options.deployment_name} in namespace {self.namespace}"
+        if found:
+            return RigelK8sError(
+                f"{key} has no ready pod in {where}",
+                details=[str(pod) for pod in found],
+                hint="see `rigel status`",
+            )
+        known = sorted({_name_of(pod) for pod in self._pods()})
+        return RigelK8sError(
+            f"there is no pod of {key} in {where}",
+            details=[f"it has pods of: {', '.join(known) or 'nothing'}"],
+            hint="name a node by its key, and the release by deployment_name and namespace",
+        )
+
+    def _set(self, publisher: Pod, nonce: str) -> None:
+        """Set the parameter from inside the publisher's pod, as its own node would."""
+        parameter = str(self.options.parameter)
+        ros = nonces.ros_of(publisher.object, self.job.application.distro)
+        for command in nonces.commands(publisher.object, ros, parameter, nonce):
+            done = self.cluster.run(self.namespace, publisher.name, command)
+            if done.code != nonces.NO_PYTHON:
+                break
+        if done.code:
+            output = (done.stderr + done.stdout).decode("utf-8", "replace").splitlines()
+            needs = "the ROS master must answer and the image needs Python"
+            if ros == "2":
+                needs = "the node must declare it, and the image needs python3 with rclpy"
+            raise RigelK8sError(
+                f"the ROS parameter {parameter} could not be set from {publisher}",
+                details=output[-5:],
+                hint=f"{needs}; see `rigel status`",
+            )
+
+    def _follow(self, publisher: Pod, subscriber: Pod, arrivals: Arrivals) -> None:
+        wanted = int(self.options.messages)
+        lines = self.cluster.logs(
+            self.namespace, subscriber.name, follow=True, since_seconds=10, cancel=self.over
+        )
+        for count in arrivals.counted(lines):
+            self.job.report.progress(self.options.subscriber, f"heard {count} of {wanted}")
+            if count >= wanted:
+                break
+        if arrivals.gap:
+            lost = f"a message of {self._way} is missing: {arrivals.gap}"
+            raise self._failed(lost, publisher, subscriber, arrivals)
+        if len(arrivals.numbers) < wanted:
+            heard = f"{len(arrivals.numbers)} of {wanted} messages of {self._way} arrived"
+            late = f"{heard} within {self.options.timeout}"
+            raise self._stopped(self._failed(late, publisher, subscriber, arrivals))
+        self.job.report.line(
+            f"{wanted} messages, {arrivals.numbers[0]} to {arrivals.numbers[-1]}, arrived from "
+            f"{self.options.publisher} ({publisher.machine}) "
+            f"at {self.options.subscriber} ({subscriber.machine})"
+        )
+
+    def _failed(
+        self, message: str, publisher: Pod, subscriber: Pod, arrivals: Arrivals
+    ) -> RigelK8sError:
+        last = [f"  {line}" for line in arrivals.last] or ["  nothing"]
+        return RigelK8sError(
+            message,
+            details=[
+                f"{self.options.publisher}: {publisher}",
+                f"{self.options.subscriber}: {subscriber}",
+                f"the parameter {self.options.parameter} was set to {arrivals.nonce}",
+                "the subscriber's last lines:",
+                *last,
+            ],
+            hint=f"`rigel logs {self.options.publisher}`: does it log that value and a number? "
+            "`rigel status`: do the two know each other?",
+        )
+
+    def _stopped(self, error: RigelK8sError) -> RigelK8sError:
+        """Return the error, or that the job was told to stop before its time was over."""
+        return Interrupted("stopped before it was done") if self.job.cancel.is_set() else error
+
+
+class Arrivals:
+    """The numbers of a nonce's messages in a log, each one more than the one before.
+
+    Attributes:
+        numbers: those that arrived.
+        last: the last lines that were read.
+        gap: which message is missing between two that arrived; counting ends there.
+    """
+
+    def __init__(self, nonce: str) -> None:
+        self.nonce = nonce
+        self.numbers: list[int] = []
+        self.last: list[str] = []
+        self.gap: str | None = None
+        self._pattern = re.compile(rf"\b{re.escape(nonce)}\b\D*(\d+)")
+
+    def counted(self, lines: Iterable[str]) -> Iterator[int]:
+        """Yield how many have arrived, each time it grows."""
+        for line in lines:
+            self.last = [*self.last, line][-5:]
+            found = self._pattern.search(line)
+            if found and self._add(int(found.group(1))):
+                yield len(self.numbers)
+            if self.gap:
+                return
+
+    def _add(self, number: int) -> bool:
+        """Note a number; a line that the log tells twice is no message more."""
+        before = self.numbers[-1] if self.numbers else number - 1
+        if number not in (before, before + 1):
+            self.gap = f"after message {before} came {number}"
+        if number != before + 1:
+            return False
+        self.numbers.append(number)
+        return True
+
+
+@contextmanager
+def _time_limit(cancel: threading.Event, seconds: float) -> Iterator[threading.Event]:
+    """Yield an event that is set when the time is over, or when the job is told to stop."""
+    over = threading.Event()
+
+    def watch() -> None:
+        cancel.wait(seconds)
+        over.set()
+
+    threading.Thread(target=watch, daemon=True).start()
+    yield over
+
+
+def _pod_of(pod: Mapping[str, Any]) -> Pod:
+    conditions = pod.get("status", {}).get("conditions", ())
+    ending = "deletionTimestamp" in pod["metadata"]
+    ready = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions) and not ending
+    return Pod(pod["metadata"]["name"], pod["spec"].get("nodeName", ""), ready, pod)
+
+
+def _name_of(pod: Mapping[str, Any]) -> str:
+    return str(pod["metadata"].get("labels", {}).get(NAME_LABEL, pod["metadata"]["name"]))
+
+
+def _is_of(pod: Mapping[str, Any], key: str) -> bool:
+    """Return whether a pod is that of a node's key, its ROS name, or its Deployment's name."""
+    ros_name = pod["metadata"].get("annotations", {}).get(ROS_NAME_ANNOTATION, "")
+    return _name_of(pod) in (key, object_name(key)) or ros_name.lstrip("/") == key.lstrip("/")

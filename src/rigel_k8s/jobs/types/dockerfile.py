@@ -1,0 +1,272 @@
+"""The job that writes a Dockerfile for a ROS workspace; it builds nothing and runs no program."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import ClassVar, Literal, TypeAlias
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.images.dockerfile import (
+    DOCKERFILE,
+    ENTRYPOINT_FILE,
+    ROS1_DISTROS,
+    Recipe,
+    dockerfile,
+    entrypoint,
+    exec_form,
+    ignored,
+)
+from rigel_k8s.images.reference import parse_reference
+from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.problems import Problem
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["Compiler", "DockerfileJob", "DockerfileOptions", "EnvVar"]
+
+Scalar: TypeAlias = str | int | float | bool
+
+MARK = "# Written by rigel-k8s from a Rigelfile."
+
+_MARK_LINE = f"{MARK} Edit that, or remove this line to keep the file as your own.\n"
+_IGNORE_FILE = ".dockerignore"
+_USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
+_PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]*(:[a-z0-9]+)?([=/][A-Za-z0-9.+~:*-]+)?")
+_VARIABLE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_HOLE = "{{"
+_LEFT_OUT = frozenset({"build", "devel", "install", "log", "logs"})
+_UNBUILT = frozenset({"CATKIN_IGNORE", "COLCON_IGNORE", "AMENT_IGNORE"})
+
+
+@attrs.frozen
+class Compiler:
+    """What builds the workspace.
+
+    Attributes:
+        name: `catkin_make`, `colcon`, or `none`; left out: catkin_make for ROS 1, else colcon.
+        cmake_args: CMake variables by name.
+    """
+
+    name: Literal["catkin_make", "colcon", "none"] | None = None
+    cmake_args: Mapping[str, Scalar] = attrs.field(factory=dict)
+
+
+@attrs.frozen
+class EnvVar:
+    """An environment variable of the image.
+
+    Attributes:
+        name: the variable's name.
+        value: its value; `$NAME` in it is expanded.
+    """
+
+    name: str
+    value: Scalar = ""
+
+
+@attrs.frozen
+class DockerfileOptions:
+    """The options of a Dockerfile job, those of Rigel's DockerfilePlugin and `rosdep`.
+
+    Attributes:
+        compiler: what builds the workspace, and with which CMake variables.
+        command: the image's default command: text or a list of words.
+        apt: Debian packages to install.
+        entrypoint: lines of shell to run in the container before its command.
+        env: environment variables of the image.
+        rosinstall: .rosinstall or .repos files whose repositories are built with the application.
+        ros_image: the image to start from; left out: ros:DISTRO.
+        docker_run: commands to run as root while the image is built, before the sources come.
+        username: the user that builds and runs; `root` makes none.
+        rosdep: install what the package.xml files depend on; false: `apt` names it all.
+    """
+
+    compiler: Compiler = attrs.field(factory=Compiler)
+    command: str | Sequence[str] = ""
+    apt: Sequence[str] = ()
+    entrypoint: Sequence[str] = ()
+    env: Sequence[EnvVar] = ()
+    rosinstall: Sequence[str] = ()
+    ros_image: str | None = None
+    docker_run: Sequence[str] = ()
+    username: str = "rigeluser"
+    rosdep: bool = True
+
+
+class DockerfileJob:
+    """Writes Dockerfile, dockerfile_entrypoint.sh and, where there is none, .dockerignore."""
+
+    options: ClassVar[type[DockerfileOptions]] = DockerfileOptions
+
+    def check(self, options: DockerfileOptions, application: Application) -> Sequence[Problem]:
+        """Return what docker, apt or the compiler would refuse."""
+        return [
+            *_check_compiler(options, application),
+            *_check_command(options),
+            *_check_image(options),
+            *_check_words(options),
+        ]
+
+    def exclusive(
+        self, options: DockerfileOptions, application: Application, settings: Settings
+    ) -> str | None:
+        """Return the file that two jobs must not write side by side."""
+        return str((application.dir / DOCKERFILE).resolve())
+
+    def run(self, options: DockerfileOptions, job: JobContext) -> None:
+        """Write the files that changed; UserError where one of them is the user's own."""
+        directory = job.application.dir
+        if not directory.is_dir():
+            raise UserError(
+                f"application.dir: there is no directory {directory}",
+                hint="it holds the sources of the application, relative to the Rigelfile",
+            )
+        recipe = _recipe(options, job.application)
+        _check_rosinstall(recipe, directory)
+        script = f"#!/bin/bash\n{_MARK_LINE}{entrypoint(recipe)}"
+        files = {
+            directory / DOCKERFILE: f"{_MARK_LINE}{dockerfile(recipe)}",
+            directory / ENTRYPOINT_FILE: script,
+        }
+        for file in files:
+            _refuse_foreign(file)
+        if _is_ours(directory / _IGNORE_FILE):
+            files[directory / _IGNORE_FILE] = f"{_MARK_LINE}{ignored(recipe.packages)}"
+        if not recipe.builds:
+            job.report.line(
+                f"nothing to compile in {directory}: the sources are copied as they are"
+            )
+        for file, text in files.items():
+            _write(file, text, job.report)
+
+
+def _recipe(options: DockerfileOptions, application: Application) -> Recipe:
+    directory = application.dir
+    command = options.command
+    return Recipe(
+        distro=application.distro,
+        base=options.ros_image or f"ros:{application.distro}",
+        source_name=re.sub(r"[^\w.-]", "_", directory.resolve().name) or "application",
+        packages=tuple(sorted(_packages(directory))),
+        compiler=_compiler(options, application),
+        cmake_args={name: _text(value) for name, value in options.compiler.cmake_args.items()},
+        rosdep=options.rosdep,
+        apt=tuple(options.apt),
+        env=tuple((variable.name, _text(variable.value)) for variable in options.env),
+        docker_run=tuple(options.docker_run),
+        entrypoint=tuple(options.entrypoint),
+        rosinstall=tuple(options.rosinstall),
+        command=command if isinstance(command, str) else tuple(command),
+        username=options.username,
+    )
+
+
+def _compiler(options: DockerfileOptions, application: Application) -> str:
+    ros1 = application.distro in ROS1_DISTROS
+    return options.compiler.name or ("catkin_make" if ros1 else "colcon")
+
+
+def _text(value: Scalar) -> str:
+    """A scalar as YAML has it: true, not True."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _packages(directory: Path) -> Iterator[str]:
+    """Yield the directories with a package.xml, as catkin and colcon find them."""
+    workspace = not (directory / "package.xml").exists()
+    for place, names, files in os.walk(directory):
+        here = Path(place).relative_to(directory)
+        if _UNBUILT.intersection(files):
+            names.clear()
+        elif "package.xml" in files:
+            names.clear()
+            yield here.as_posix()
+        else:
+            top = workspace and here == Path()
+            names[:] = [n for n in names if n[0] != "." and not (top and n in _LEFT_OUT)]
+
+
+def _check_compiler(options: DockerfileOptions, application: Application) -> Iterator[Problem]:
+    if options.compiler.name == "catkin_make" and application.distro not in ROS1_DISTROS:
+        message = f"catkin_make builds ROS 1, and {application.distro} is ROS 2: use colcon"
+        yield Problem(("compiler", "name"), message, "bad-compiler")
+
+
+def _check_command(options: DockerfileOptions) -> Iterator[Problem]:
+    command = options.command
+    if not isinstance(command, str) or _HOLE in command:
+        return
+    try:
+        exec_form(command)
+    except ValueError as error:
+        message = f"the command cannot be split into words: {str(error).lower()}"
+        yield Problem(("command",), message, "bad-command")
+
+
+def _check_image(options: DockerfileOptions) -> Iterator[Problem]:
+    if options.ros_image is None or _HOLE in options.ros_image:
+        return
+    try:
+        parse_reference(options.ros_image)
+    except UserError as error:
+        yield Problem(("ros_image",), error.message, "bad-image")
+
+
+def _check_words(options: DockerfileOptions) -> Iterator[Problem]:
+    if not _fits(_USER, options.username):
+        message = f'"{options.username}" is no user name (small letters, digits, "_" and "-")'
+        yield Problem(("username",), message, "bad-name")
+    for number, package in enumerate(options.apt):
+        if not _fits(_PACKAGE, package):
+            message = f'"{package}" is no Debian package (NAME, or NAME=VERSION), one per entry'
+            yield Problem(("apt", number), message, "bad-name")
+    for number, variable in enumerate(options.env):
+        if not _fits(_VARIABLE, variable.name):
+            message = f'"{variable.name}" is no name of an environment variable'
+            yield Problem(("env", number, "name"), message, "bad-name")
+        if "\n" in _text(variable.value):
+            message = "a Dockerfile cannot set a value of several lines; export it in `entrypoint`"
+            yield Problem(("env", number, "value"), message, "bad-value")
+
+
+def _fits(pattern: re.Pattern[str], text: str) -> bool:
+    return _HOLE in text or pattern.fullmatch(text) is not None
+
+
+def _check_rosinstall(recipe: Recipe, directory: Path) -> None:
+    for file in recipe.rosinstall:
+        if not (directory / file).is_file():
+            raise UserError(
+                f"rosinstall: there is no file {file} in {directory}",
+                hint="name it relative to the application's directory, which is all docker sees",
+            )
+
+
+def _is_ours(file: Path) -> bool:
+    """Whether the file may be written: it does not exist, or has our mark near its top."""
+    if not file.is_file():
+        return not os.path.lexists(file)
+    return MARK in "".join(file.read_text("utf-8", errors="replace").splitlines()[:2])
+
+
+def _refuse_foreign(file: Path) -> None:
+    if not _is_ours(file):
+        raise UserError(
+            f"{file} was not written by this job, and is not overwritten",
+            hint="to keep it, take this job out of the sequence; to have it generated, remove it",
+        )
+
+
+def _write(file: Path, text: str, report: Reporter) -> None:
+    if file.exists() and file.read_text("utf-8") == text:
+        report.line(f"{file} unchanged")
+        return
+    new = file.with_name(f".{file.name}.new")
+    new.write_text(text, "utf-8")
+    new.chmod(0o755 if file.suffix == ".sh" else 0o644)
+    new.replace(file)
+    report.line(f"{file} written")

@@ -1,0 +1,49 @@
+"""The job that installs Multus and whereabouts, for sequences that prepare a cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from rigel_k8s.app.networkchecks import check_install
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.network.options import Install
+from rigel_k8s.problems import Problem
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["NetworkJob"]
+
+
+class NetworkJob:
+    """Puts Multus and whereabouts onto the cluster, until every node attaches pods."""
+
+    options: ClassVar[type[Install]] = Install
+
+    def check(self, options: Install, application: Application) -> Sequence[Problem]:
+        """Return what contradicts itself."""
+        return tuple(check_install(options))
+
+    def exclusive(
+        self, options: Install, application: Application, settings: Settings
+    ) -> str | None:
+        """Return the cluster's network: two branches must not install it at once."""
+        return "the cluster's network"
+
+    def run(self, options: Install, job: JobContext) -> None:
+        """Install.
+
+        Raises: as network_install.install.
+        """
+        from rigel_k8s.kube import connect
+        from rigel_k8s.network.multus.install import install, told
+
+        with connect(job.settings) as cluster:
+            done = install(
+                cluster,
+                options,
+                job.report,
+                job.cancel,
+                timeout=job.settings.timeout,
+                adopt=job.settings.adopt,
+            )
+        job.report.line(told(done))

@@ -1,0 +1,59 @@
+"""The job that deploys the observability stack alone, and what an orchestration job does of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.observability.checks import check
+from rigel_k8s.observability.options import ObservabilityOptions
+from rigel_k8s.problems import Problem
+from rigel_k8s.settings import Application, Settings
+
+__all__ = ["ObservabilityJob", "run"]
+
+
+class ObservabilityJob:
+    """Puts Loki, Promtail, Prometheus and Grafana onto the cluster, for all applications."""
+
+    options: ClassVar[type[ObservabilityOptions]] = ObservabilityOptions
+
+    def check(self, options: ObservabilityOptions, application: Application) -> Sequence[Problem]:
+        """Return what contradicts itself, or what a program of the stack would refuse."""
+        return tuple(check(options))
+
+    def exclusive(
+        self, options: ObservabilityOptions, application: Application, settings: Settings
+    ) -> str | None:
+        """Return the cluster's stack: two branches must not change it at once."""
+        return "the cluster's observability stack"
+
+    def run(self, options: ObservabilityOptions, job: JobContext) -> None:
+        """Install.
+
+        Raises: as observability_install.install.
+        """
+        if not options.enabled:
+            job.report.line("observability.enabled is false: nothing to do")
+            return
+        run(job.raw, options, job)
+
+
+def run(raw: Mapping[str, Any], options: Any, job: JobContext) -> None:
+    """Have the stack there that options say, and tell what was done.
+
+    Args:
+        raw: the options as plain data: what nobody said stays as another job has said it.
+        options: rigel_k8s.observability.Observability.
+
+    Raises: as observability_install.install.
+    """
+    from rigel_k8s.kube import connect
+    from rigel_k8s.observability.install import install, told
+
+    password = options.grafana.admin_password
+    with connect(job.settings) as cluster:
+        given = str(password) if password else None
+        done = install(cluster, raw, job.deploy_options, password=given)
+    job.report.line(told(done))

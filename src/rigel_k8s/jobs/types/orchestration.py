@@ -1,0 +1,164 @@
+"""The job that deploys: options to objects, objects to the cluster, results back.
+
+It joins app/, network/, graph/ and observability/; each of them decides purely and asks apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+from rigel_k8s.app.checks import check as check_options
+from rigel_k8s.app.deploying.places import check_places
+from rigel_k8s.app.deploying.prepare import Preparation, prepare, release_of, timeout_of
+from rigel_k8s.app.deploying.results import copy_results
+from rigel_k8s.app.deploying.secrets import write_pull_secret
+from rigel_k8s.app.distros import ros_of
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.partial import flat, is_partial
+from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.types.observability import run as run_stack
+from rigel_k8s.problems import Problem
+from rigel_k8s.settings import Application, Settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
+__all__ = ["OrchestrationJob", "is_partial", "prepare", "release_of"]
+
+
+class OrchestrationJob:
+    """Makes a release on a cluster what the options say, and waits until it is ready."""
+
+    options: ClassVar[type[OrchestrationOptions]] = OrchestrationOptions
+
+    def check(self, options: OrchestrationOptions, application: Application) -> Sequence[Problem]:
+        """Return what Kubernetes or ROS would refuse, or do otherwise than it looks."""
+        return tuple(check_options(options, application.distro))
+
+    def exclusive(
+        self, options: OrchestrationOptions, application: Application, settings: Settings
+    ) -> str | None:
+        """Return the release: two branches must not deploy it at once."""
+        namespace = settings.namespace or options.namespace
+        return f"release {options.deployment_name}{f' in {namespace}' if namespace else ''}"
+
+    def run(self, options: OrchestrationOptions, job: JobContext) -> None:
+        """Deploy, and copy the results.
+
+        Raises:
+            UserError: the options do not fit the cluster or the release; nothing was written.
+            ClusterError, RolloutFailed: it went wrong; the causes are in the details.
+            GraphError: it is deployed, and its DDS nodes do not discover each other.
+
+        Where only the observability stack does not become ready, the application is deployed and
+        the stack's RolloutFailed raised afterwards.
+        """
+        from rigel_k8s.kube import connect
+
+        if options.observability_only:
+            run_stack(flat(job.raw).get("observability") or {}, options.observability, job)
+            return
+        with connect(job.settings) as cluster:
+            prepared = prepare(
+                options,
+                job.raw,
+                job.application,
+                job.settings,
+                cluster,
+                data=job.data,
+                providers=job.providers,
+                preflight=True,
+            )
+            check_places(prepared.desired.objects, cluster)
+            _ready_the_network(prepared, cluster, job)
+            late = _observe(prepared, cluster, job)
+            write_pull_secret(prepared.desired, prepared.credentials, cluster)
+            _deploy(prepared, cluster, job)
+            _check_graph(prepared, cluster, job)
+            _copy_results(prepared, cluster, job)
+            if late is not None:
+                raise late
+
+
+def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
+    from rigel_k8s.release.deploy import deploy
+
+    revision = deploy(
+        prepared.desired,
+        cluster,
+        report=job.report,
+        cancel=job.cancel,
+        timeout=timeout_of(prepared.options, job.settings),
+        adopt=job.settings.adopt,
+        description=job.name,
+    )
+    release = revision.release
+    job.report.line(f"{release.name} in {release.namespace} is at revision {revision.number}")
+
+
+def _observe(prepared: Preparation, cluster: Cluster, job: JobContext) -> RolloutFailed | None:
+    """Have the observability stack there that the job asks for; nothing where it asks for none.
+
+    Returns:
+        Why it does not become ready: robots do not wait for dashboards, so it is told at the end.
+    """
+    if not prepared.options.observability.enabled:
+        return None
+    from rigel_k8s.observability.install import ensure
+
+    try:
+        password = prepared.options.observability.grafana.admin_password
+        ensure(
+            cluster,
+            prepared.desired.options.get("observability") or {},
+            job.deploy_options,
+            password=str(password) if password else None,
+        )
+    except RolloutFailed as error:
+        job.report.warn(f"{error.message}; the application is deployed all the same")
+        return error
+    return None
+
+
+def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
+    """Install what the network wants installed, and refuse a cluster where it cannot work."""
+    network = prepared.options.network
+    if network is None:
+        return
+    from rigel_k8s.network.preflight.examine import check, tell
+
+    if prepared.findings is not None:
+        tell(prepared.findings, job.report)
+        return
+    from rigel_k8s.network.multus.install import install, wanted
+
+    options = wanted(network)
+    if options is not None:
+        install(cluster, options, job.report, job.cancel, timeout=job.settings.timeout)
+    check(prepared.desired.objects, network, cluster, job.report)
+
+
+def _check_graph(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
+    """Look whether DDS nodes discover each other; ROS 1 nodes are found by their master."""
+    if ros_of(job.application.distro, prepared.options.ros) == "1":
+        return
+    from rigel_k8s.graph.check import check as check_graph
+
+    check_graph(prepared.desired.release, cluster, job.report, job.cancel)
+
+
+def _copy_results(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
+    results = prepared.options.results
+    if results is None:
+        return
+    target = job.application.dir / results.target
+    try:
+        copied = copy_results(results, prepared.desired.release, cluster, target, job.cancel)
+    except RigelK8sError as error:
+        if results.wait is not None or isinstance(error, Interrupted):
+            raise
+        job.report.warn(f"{error.message}; `results: {{wait: 1m}}` would wait for them")
+    else:
+        job.report.line(f"results copied to {copied}")

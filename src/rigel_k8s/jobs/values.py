@@ -1,0 +1,92 @@
+"""A Rigelfile's values as jobs and matrices want them, before a run and in it.
+
+Here rigelfile/ and job types meet: it finds places, they know what is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rigel_k8s.jobs.steps import Branches, Job
+from rigel_k8s.problems import Problem
+from rigel_k8s.rigelfile import (
+    Finding,
+    Node,
+    Rigelfile,
+    place,
+    plain,
+    preview,
+    problems_error,
+    realise,
+    render_node,
+)
+
+__all__ = ["Values"]
+
+
+class Values:
+    """Options and matrices of one Rigelfile."""
+
+    def __init__(self, rigelfile: Rigelfile) -> None:
+        self._rigelfile = rigelfile
+
+    def vars(self) -> dict[str, Any]:
+        """Return the Rigelfile's `vars` as plain data."""
+        node = self._rigelfile.root.value.get("vars")
+        return (plain(node) if node else None) or {}
+
+    def previewed(self, job: Job, known: Mapping[str, Any]) -> tuple[Any | None, list[Finding]]:
+        """Return a job's options as far as they are known before the run, and what is wrong."""
+        seen = preview(self._rigelfile, job.spec, job.overrides, known, job.type.options)
+        findings = list(seen.findings)
+        if seen.draft is not None:
+            findings += seen.placed(job.type.check(seen.draft, self._rigelfile.application))
+        return seen.options, findings
+
+    def realised(self, job: Job, data: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
+        """Return a job's options and its raw `with`, now that all data is there.
+
+        Raises:
+            ProblemsError: something in it is wrong, with its places.
+        """
+        real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
+        findings = real.placed(job.type.check(real.options, self._rigelfile.application))
+        if any(finding.severity == "error" for finding in findings):
+            raise problems_error(self._rigelfile.source, findings)
+        return real.options, real.raw
+
+    def previewed_matrix(
+        self, step: Branches, known: Mapping[str, Any]
+    ) -> tuple[Mapping[str, list[Any]] | None, list[Finding]]:
+        """Return a matrix if it is known before the run, and what is wrong with it."""
+        return self._rendered(step, known, final=False)
+
+    def matrix(self, step: Branches, data: Mapping[str, Any]) -> Mapping[str, list[Any]]:
+        """Return a matrix, now that all data is there.
+
+        Raises:
+            ProblemsError: it is none, with its places.
+        """
+        matrix, findings = self._rendered(step, data, final=True)
+        if matrix is None:
+            raise problems_error(self._rigelfile.source, findings)
+        return matrix
+
+    def _rendered(
+        self, step: Branches, data: Mapping[str, Any], *, final: bool
+    ) -> tuple[Mapping[str, list[Any]] | None, list[Finding]]:
+        if step.matrix is None:
+            return {}, []
+        seen = render_node(self._rigelfile, step.matrix, data, final=final)
+        findings = [*seen.findings, *_matrix_faults(seen.node)]
+        return (None if findings or not seen.complete else plain(seen.node)), findings
+
+
+def _matrix_faults(matrix: Node) -> Iterator[Finding]:
+    """Yield the keys whose value turned out to be no list."""
+    for key, node in matrix.value.items():
+        if not node.hole and not isinstance(node.value, list):
+            kind = type(node.value).__name__
+            message = f"{key} of a matrix must be a list, not {kind}"
+            yield place(node, Problem((), message, "bad-matrix"))

@@ -1,1 +1,0 @@
-"""Options of an orchestration job to Kubernetes objects; pure: plain data in, plain data out."""

@@ -1,0 +1,202 @@
+"""Modes with a second interface by Multus: macvlan, ipvlan, and an attachment that is there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from ipaddress import IPv4Network
+from typing import Any
+
+import attrs
+
+from rigel_k8s.network.addresses import Pool
+from rigel_k8s.network.dds import (
+    ADDRESS,
+    CYCLONE_FILE,
+    FASTDDS_FILE,
+    cyclone_config,
+    cyclone_variables,
+    fastdds_profile,
+    fastdds_variables,
+    uses,
+)
+from rigel_k8s.network.files import SCRIPT, around, files_config, interface_script, made_at_start
+from rigel_k8s.network.options import INTERFACE, Network
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
+from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, Object, compact
+
+__all__ = [
+    "attached_objects",
+    "attached_wiring",
+    "attachment_name",
+    "pinned_files",
+    "pinned_variables",
+]
+
+NETWORKS_ANNOTATION = "k8s.v1.cni.cncf.io/networks"
+
+#: Spoken by every plugin in use; what is newer adds nothing that an attachment needs.
+CNI_VERSION = "0.3.1"
+
+
+def attachment_name(plan: NetworkPlan) -> tuple[str, str]:
+    """Return (namespace, name) of the NetworkAttachmentDefinition."""
+    told = plan.options.attachment if plan.options else None
+    if not told:
+        return plan.namespace, f"{plan.release}-{INTERFACE}"
+    namespace, slash, name = told.rpartition("/")
+    return (namespace if slash else plan.namespace), name
+
+
+def attached_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
+    """Yield the attachment, unless it is there already, and the files that pods read."""
+    if network.mode != "attachment":
+        yield definition(plan, network)
+    yield files_config(plan, {SCRIPT: interface_script(), **pinned_files(plan, INTERFACE)})
+
+
+def definition(plan: NetworkPlan, network: Network) -> Object:
+    """Return the NetworkAttachmentDefinition; its configuration is JSON in a text."""
+    _, name = attachment_name(plan)
+    return {
+        "apiVersion": "k8s.cni.cncf.io/v1",
+        "kind": "NetworkAttachmentDefinition",
+        "metadata": around(plan).metadata(name, part_of=plan.release),
+        "spec": {"config": json.dumps(plugin(name, network))},
+    }
+
+
+def plugin(name: str, network: Network) -> dict[str, Any]:
+    """Return the configuration of the macvlan or ipvlan plugin."""
+    static = {"capabilities": {"ips": True}} if network.ipam == "static" else {}
+    return compact(
+        {
+            "cniVersion": CNI_VERSION,
+            "name": name,
+            "type": network.mode,
+            "master": network.interface,
+            "mode": "bridge" if network.mode == "macvlan" else "l2",
+            "mtu": network.mtu and int(network.mtu),
+            **static,
+            "ipam": ipam(network),
+        }
+    )
+
+
+def ipam(network: Network) -> dict[str, Any]:
+    """Return who gives out addresses, and which."""
+    routes = {"routes": [compact({"dst": to, "gw": network.gateway}) for to in network.routes]}
+    kind = network.ipam or "whereabouts"
+    if kind == "whereabouts":
+        return compact({"type": kind, **whereabouts_range(network), **routes})
+    if kind == "host-local":
+        return compact({"type": kind, "ranges": [host_local_ranges(network)], **routes})
+    if kind == "static":
+        return compact({"type": kind, **routes})
+    return {"type": kind}
+
+
+def whereabouts_range(network: Network) -> dict[str, Any]:
+    """Return the range as whereabouts reads it."""
+    never = [item if "/" in item else f"{item}/32" for item in excluded(network)]
+    return {
+        "range": str(IPv4Network(network.subnet or "", strict=False)),
+        "range_start": network.range_start,
+        "range_end": network.range_end,
+        "exclude": never,
+        "gateway": network.gateway,
+    }
+
+
+def excluded(network: Network) -> list[str]:
+    """Return what is not given out; a gateway has its address already."""
+    return [*network.exclude, *([network.gateway] if network.gateway else [])]
+
+
+def host_local_ranges(network: Network) -> list[dict[str, Any]]:
+    """Return the ranges as host-local reads them; it knows no exclusions, only several ranges."""
+    pool = Pool(network)
+    return [
+        compact(
+            {
+                "subnet": str(pool.subnet),
+                "rangeStart": str(first),
+                "rangeEnd": str(last),
+                "gateway": network.gateway,
+            }
+        )
+        for first, last in pool.stretches()
+    ]
+
+
+def attached_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+    """Return what a pod on the second network gets."""
+    namespace, name = attachment_name(plan)
+    missing = (
+        f"{INTERFACE} is missing: Multus did not attach {namespace}/{name} to this pod;"
+        " is Multus running on its machine? a new pod gets it: delete this one"
+    )
+    identity = plan.ros != "1" and uses(plan, "fastdds")
+    made = made_at_start(plan, pod, INTERFACE, missing, own_machine_id=identity)
+    return attrs.evolve(
+        made,
+        env=variables(plan, pod),
+        annotations={NETWORKS_ANNOTATION: selection(plan, pod), **note(plan, pod, network)},
+    )
+
+
+def selection(plan: NetworkPlan, pod: PodIdentity) -> str:
+    """Return Multus' annotation: the attachment, the interface and the address of a pod."""
+    namespace, name = attachment_name(plan)
+    address = plan.addresses.get(pod.name)
+    chosen = {"name": name, "namespace": namespace, "interface": INTERFACE}
+    return json.dumps([chosen | ({"ips": [address]} if address else {})])
+
+
+def note(plan: NetworkPlan, pod: PodIdentity, network: Network) -> dict[str, str]:
+    """Return the annotation that tells how a pod is networked.
+
+    A pod keeps the interface that it got, so another configuration must start another pod.
+    """
+    own = network.mode != "attachment"
+    text = json.dumps(plugin("", network)) if own else ""
+    mark = hashlib.sha256(text.encode()).hexdigest()[:8] if own else None
+    address = plan.addresses.get(pod.name, "").partition("/")[0] or None
+    return network_note(plan, interface=INTERFACE, address=address, config=mark)
+
+
+def variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
+    """Return what pins a pod's ROS or DDS to the second network."""
+    if plan.ros == "1":
+        return master_variables(plan, pod)
+    return pinned_variables(plan)
+
+
+def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
+    """Return ROS 1's addresses; roscore itself is where it is asked."""
+    own, master = (
+        plan.addresses.get(name, "").partition("/")[0] for name in (pod.name, MASTER_NAME)
+    )
+    found = {"ROS_IP": {"value": own}} if own else {}
+    if master and pod.name != MASTER_NAME:
+        found["ROS_MASTER_URI"] = {"value": f"http://{master}:{MASTER_PORT}"}
+    return found
+
+
+def pinned_variables(plan: NetworkPlan) -> dict[str, Object]:
+    """Return the variables that name the files of pinned_files()."""
+    fast = fastdds_variables(plan) if uses(plan, "fastdds") else {}
+    return fast | (cyclone_variables() if uses(plan, "cyclonedds") else {})
+
+
+def pinned_files(plan: NetworkPlan, interface: str) -> dict[str, str]:
+    """Return the files that pin DDS to one interface."""
+    if plan.ros == "1":
+        return {}
+    found = {}
+    if uses(plan, "fastdds"):
+        found[FASTDDS_FILE] = fastdds_profile(ADDRESS)
+    if uses(plan, "cyclonedds"):
+        found[CYCLONE_FILE] = cyclone_config(interface)
+    return found

@@ -1,0 +1,135 @@
+"""Configuration files of Fast DDS and Cyclone DDS, and the variables that name them.
+
+Shared memory is never used between pods: each has its own /dev/shm, and a Fast DDS that takes two
+pods for one machine writes where nobody reads. A profile that names its transports leaves it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rigel_k8s.network.wiring import NetworkPlan
+from rigel_k8s.network.xml import document, element, leaf
+
+__all__ = [
+    "ADDRESS",
+    "CYCLONE_FILE",
+    "FASTDDS_FILE",
+    "FILES_PATH",
+    "PARTICIPANTS",
+    "cyclone_config",
+    "cyclone_variables",
+    "fastdds_profile",
+    "fastdds_variables",
+    "reads_udp_only",
+    "udp_only",
+    "uses",
+]
+
+Variables = dict[str, dict[str, Any]]
+
+#: Where a pod finds its configuration files.
+FILES_PATH = "/rigel-k8s-network"
+FASTDDS_FILE = "fastdds.xml"
+CYCLONE_FILE = "cyclonedds.xml"
+#: Stands in a file for the pod's address, until the pod knows it.
+ADDRESS = "@ADDRESS@"
+#: What Fast DDS asks for its sockets, and gets as far as the machine's net.core.rmem_max allows.
+#: docs/networking.md has what that is worth to large messages.
+BUFFER = 4 * 2**20
+#: How many participants of one address Fast DDS looks for; a program has one.
+PARTICIPANTS = 4
+
+#: The variable that names Fast DDS' profiles: that of 2.x, which 3.x warns about, and that of 3.x.
+OLD_VARIABLE, NEW_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"
+#: Distributions whose Fast DDS may not read udp_only(): it does from 2.14 on.
+EARLY = frozenset(
+    ("ardent", "bouncy", "crystal", "dashing", "eloquent", "foxy", "galactic", "humble", "iron")
+)
+#: Distributions whose Fast DDS is 2.x, and those whose is 3.x.
+FASTDDS_2, FASTDDS_3 = EARLY | {"jazzy"}, frozenset({"kilted", "lyrical", "rolling"})
+
+
+def uses(plan: NetworkPlan, middleware: str) -> bool:
+    """Return whether a pod may run a middleware: it was named, or nobody named one."""
+    return plan.middleware in (None, middleware)
+
+
+def reads_udp_only(plan: NetworkPlan) -> bool:
+    """Return whether the application's Fast DDS is sure to read udp_only(), options too."""
+    return plan.ros == "2" and plan.distro.lower() not in EARLY
+
+
+def udp_only(plan: NetworkPlan) -> Variables:
+    """Return what keeps Fast DDS from shared memory where no profile names its transports."""
+    options = f"?sockets_size={BUFFER // 10**6}MB" if reads_udp_only(plan) else ""
+    return {"FASTDDS_BUILTIN_TRANSPORTS": {"value": f"UDPv4{options}"}}
+
+
+def fastdds_variables(plan: NetworkPlan) -> Variables:
+    """Return the variables that name the profiles to whichever version reads them."""
+    source = {"value": f"{FILES_PATH}/{FASTDDS_FILE}"}
+    distro = plan.distro.lower() if plan.ros == "2" else ""
+    old = {} if distro in FASTDDS_3 else {OLD_VARIABLE: source}
+    new = {} if distro in FASTDDS_2 else {NEW_VARIABLE: source}
+    return old | new
+
+
+def cyclone_variables() -> Variables:
+    """Return the variable that names Cyclone's configuration."""
+    return {"CYCLONEDDS_URI": {"value": f"file://{FILES_PATH}/{CYCLONE_FILE}"}}
+
+
+def fastdds_profile(address: str | None = None, peers: Sequence[str] = ()) -> str:
+    """Return Fast DDS' default profile: UDP alone, on one interface, with initial peers.
+
+    Args:
+        address: the interface's own. 2.6 takes no names of interfaces; all others take addresses.
+        peers: addresses or names, each tried on the ports of its first four participants.
+    """
+    transport = element(
+        "transport_descriptor",
+        leaf("transport_id", "rigel"),
+        leaf("type", "UDPv4"),
+        leaf("sendBufferSize", str(BUFFER)),
+        leaf("receiveBufferSize", str(BUFFER)),
+        element("interfaceWhiteList", leaf("address", address) if address else []),
+    )
+    locators = [element("locator", element("udpv4", leaf("address", peer))) for peer in peers]
+    rtps = element(
+        "rtps",
+        element("builtin", element("initialPeersList", *locators)),
+        element("userTransports", leaf("transport_id", "rigel")),
+        leaf("useBuiltinTransports", "false"),
+    )
+    default = ' profile_name="rigel" is_default_profile="true"'
+    participant = element("participant", rtps, attributes=default)
+    profiles = element("profiles", element("transport_descriptors", transport), participant)
+    return document(element("dds", profiles, attributes=' xmlns="http://www.eprosima.com"'))
+
+
+def cyclone_config(
+    interface: str | None = None, peers: Sequence[str] = (), *, multicast: bool = True
+) -> str:
+    """Return Cyclone DDS' configuration, for 0.9 to 11.
+
+    Args:
+        interface: the name of the only one to use; one that is missing ends the program.
+        peers: addresses or names, with a port or without.
+        multicast: whether other pods are reached by it.
+    """
+    chosen = [f'<NetworkInterface name="{interface}"/>'] if interface else []
+    general = element(
+        "General",
+        element("Interfaces", chosen),
+        [] if multicast else leaf("AllowMulticast", "false"),
+    )
+    # Without an index a participant has no port that others can know; before 11 none had one.
+    index = [
+        *leaf("ParticipantIndex", "auto"),
+        *leaf("MaxAutoParticipantIndex", "32"),
+    ]
+    listed = element("Peers", [f'<Peer address="{peer}"/>' for peer in peers])
+    discovery = element("Discovery", index, listed) if peers else []
+    return document(element("CycloneDDS", element("Domain", general, discovery)))

@@ -1,0 +1,74 @@
+"""Mode `host`: the machine's own network, for a robot that is one machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import attrs
+
+from rigel_k8s.network.attachments import pinned_files, pinned_variables
+from rigel_k8s.network.dds import (
+    FASTDDS_FILE,
+    fastdds_profile,
+    fastdds_variables,
+    reads_udp_only,
+    udp_only,
+    uses,
+)
+from rigel_k8s.network.files import (
+    SCRIPT,
+    as_they_are,
+    files_config,
+    interface_script,
+    made_at_start,
+)
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
+from rigel_k8s.objects.pods import Object
+
+__all__ = ["host_objects", "host_wiring"]
+
+#: The cluster's names, on the machine's own network too.
+HOST = {"hostNetwork": True, "dnsPolicy": "ClusterFirstWithHostNet"}
+HOST_IP = {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.hostIP"}}}
+
+
+def host_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
+    """Yield the files that pods read, if they need any."""
+    if network.interface and plan.ros != "1":
+        pinned = pinned_files(plan, network.interface)
+        yield files_config(plan, {SCRIPT: interface_script(), **pinned})
+    elif needs_profile(plan):
+        yield files_config(plan, {FASTDDS_FILE: fastdds_profile()})
+
+
+def needs_profile(plan: NetworkPlan) -> bool:
+    """Return whether only a file keeps an old Fast DDS from shared memory that nobody shares."""
+    return plan.ros != "1" and uses(plan, "fastdds") and not reads_udp_only(plan)
+
+
+def host_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+    """Return what a pod on the machine's network gets."""
+    interface = network.interface if plan.ros != "1" else None
+    if interface:
+        missing = f"{interface} is missing: this machine has no such interface (network.interface)"
+        base = made_at_start(plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds"))
+    else:
+        base = as_they_are(plan) if needs_profile(plan) else Wiring()
+    return attrs.evolve(
+        base,
+        env=variables(plan, interface),
+        annotations=network_note(plan, interface=interface),
+        pod=HOST,
+    )
+
+
+def variables(plan: NetworkPlan, interface: str | None) -> dict[str, Object]:
+    """Return how ROS or DDS finds the others: by the machine's address, never by shared memory."""
+    if plan.ros == "1":
+        return {"ROS_IP": HOST_IP}
+    if interface:
+        return pinned_variables(plan)
+    if not uses(plan, "fastdds"):
+        return {}
+    return fastdds_variables(plan) if needs_profile(plan) else udp_only(plan)

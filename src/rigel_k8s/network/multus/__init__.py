@@ -1,0 +1,23 @@
+"""Multus and whereabouts on a cluster: their objects for any kind of cluster; pure.
+
+It knows neither the cluster's API nor ROS: nodes and pods come in as plain dicts.
+"""
+
+from __future__ import annotations
+
+from rigel_k8s.release.types import ReleaseId
+
+__all__ = [
+    "MULTUS_IMAGE",
+    "PLUGINS_IMAGE",
+    "RELEASE",
+    "WHEREABOUTS_IMAGE",
+]
+
+#: Multus and whereabouts are a release of their own, whatever application asked for them.
+RELEASE = ReleaseId("kube-system", "rigel-network")
+
+MULTUS_IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
+WHEREABOUTS_IMAGE = "ghcr.io/k8snetworkplumbingwg/whereabouts:v0.9.4"
+#: The standard CNI programs, for clusters whose own set lacks macvlan.
+PLUGINS_IMAGE = "docker.io/rancher/hardened-cni-plugins:v1.9.1-build20260608"

@@ -1,0 +1,168 @@
+"""Multus' daemon on every machine, and its configuration."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from rigel_k8s.network.multus.leases import DHCP_CONTAINER
+from rigel_k8s.network.multus.machines import (
+    Machines,
+    bringer,
+    config_map,
+    daemon_set,
+    fields,
+    host,
+    keeper,
+    mount,
+    root_mounts,
+    volumes,
+)
+from rigel_k8s.network.multus.rights import MULTUS
+
+__all__ = ["multus_daemon"]
+
+Object = dict[str, Any]
+
+PROGRAMS = "/usr/src/multus-cni/bin"  # in Multus' image
+CONFIG = "/etc/rigel-multus"
+GENERATED = "/run/rigel-multus-generated"
+#: The daemon removes and makes its socket's directory, so it cannot be a mount itself.
+SOCKETS = "/run/rigel-network"
+SOCKET_DIR = f"{SOCKETS}/multus"
+HOST_ROOT = "/hostroot"
+
+DHCP_SOCKET = "/run/cni/dhcp.sock"
+#: Starts CNI's DHCP daemon, its program the only argument, unless the machine runs one already:
+#: that one has leases, and loses its callers with its socket. The kernel forgets who ended; a file
+#: that is left keeps the next one from listening.
+DHCP = f"""\
+until [ -x "$1" ]; do echo "there is no $1 yet"; sleep 2; done
+while :; do
+  case "$(cat /proc/net/unix)" in *" {DHCP_SOCKET}"*) ;; *) break ;; esac
+  echo "a DHCP daemon that is not of this pod listens at {DHCP_SOCKET}"
+  sleep 10
+done
+rm -f {HOST_ROOT}{DHCP_SOCKET}
+exec chroot {HOST_ROOT} "$1" daemon
+"""
+
+#: Directories of the machine that the daemon looks into: those of pods' networks (the runtime's),
+#: of what it has attached, and of devices that pods were given.
+DIRECTORIES = {
+    "netns": "/run/netns",
+    "attached": "/var/lib/cni/multus",
+    "devices": "/run/k8s.cni.cncf.io",
+    "kubelet": "/var/lib/kubelet",
+}
+
+
+def multus_daemon(
+    machines: Machines, script: Object, image: str, plugins_image: str | None, *, dhcp: bool
+) -> tuple[Object, Object]:
+    """Return the daemon's ConfigMap and DaemonSet for the machines of one platform.
+
+    Args:
+        script: the ConfigMap with machine.sh.
+        plugins_image: brings the standard CNI programs that the machines lack; None: they have all.
+        dhcp: whether CNI's DHCP daemon runs too.
+    """
+    config = config_map(
+        machines.named("rigel-multus-config"),
+        {"daemon-config.json": json.dumps(_configuration(machines), indent=2, sort_keys=True)},
+    )
+    env = {
+        "PROGRAMS": "multus-shim passthru",
+        "SOURCE": PROGRAMS,
+        "GENERATED": GENERATED,
+        "NEEDED": "macvlan static dhcp" if dhcp else "macvlan static",
+    }
+    mounts = [mount("generated", GENERATED, read_only=True)]
+    pod = {
+        "hostPID": True,  # a runtime may name a pod's network /proc/PID/ns/net
+        "initContainers": [bringer(machines, "multus", plugins_image)] if plugins_image else [],
+        "containers": [
+            _daemon(machines, image),
+            keeper(machines, "multus", image, env, mounts),
+            *([_dhcp(machines, image)] if dhcp else []),
+        ],
+        "volumes": [*volumes(machines), *_volumes(config["metadata"]["name"])],
+    }
+    return config, daemon_set(machines, MULTUS, pod, [config, script])
+
+
+def _configuration(machines: Machines) -> Object:
+    """Return what the daemon reads; the version is one that every primary network knows."""
+    return {
+        "chrootDir": HOST_ROOT,
+        "cniVersion": "0.3.1",
+        "logLevel": "verbose",
+        "logToStderr": True,
+        "binDir": machines.platform.bin_dir,
+        "cniConfigDir": GENERATED,
+        "multusAutoconfigDir": machines.platform.conf_dir,
+        "multusConfigFile": "auto",
+        "socketDir": SOCKET_DIR,
+        "daemonSocketDir": SOCKET_DIR,
+    }
+
+
+def _daemon(machines: Machines, image: str) -> Object:
+    answers = {"exec": {"command": ["/bin/sh", "-c", f"test -S {SOCKET_DIR}/multus.sock"]}}
+    return {
+        "name": "multus",
+        "image": image,
+        "imagePullPolicy": "IfNotPresent",
+        "command": [f"{PROGRAMS}/multus-daemon", f"-config={CONFIG}/daemon-config.json"],
+        "env": fields(MULTUS_NODE_NAME="spec.nodeName"),
+        # Upstream's 50Mi end in OOM kills where many pods start at once. The programs that it
+        # runs count too. No limit of CPU: a throttled daemon is a machine that starts no pods.
+        "resources": {"requests": {"cpu": "50m", "memory": "64Mi"}, "limits": {"memory": "512Mi"}},
+        "securityContext": {"privileged": True},
+        "startupProbe": {**answers, "periodSeconds": 1, "failureThreshold": 180},
+        "readinessProbe": {**answers, "periodSeconds": 15},
+        "terminationMessagePolicy": "FallbackToLogsOnError",
+        "volumeMounts": [
+            *root_mounts(machines.platform, read_only=True),
+            mount("config", CONFIG, read_only=True),
+            mount("generated", GENERATED),
+            mount("sockets", SOCKETS),
+            mount("machine", HOST_ROOT, mountPropagation="HostToContainer"),
+            *(
+                mount(n, path, mountPropagation="HostToContainer")
+                for n, path in DIRECTORIES.items()
+            ),
+        ],
+    }
+
+
+def _dhcp(machines: Machines, image: str) -> Object:
+    """Return the container that keeps the leases of attachments with `ipam: dhcp`.
+
+    The machine's own program runs, in the machine's root: it is asked by others that do.
+    """
+    listens = {"exec": {"command": ["/bin/sh", "-c", f"test -S {HOST_ROOT}{DHCP_SOCKET}"]}}
+    return {
+        "name": DHCP_CONTAINER,
+        "image": image,
+        "imagePullPolicy": "IfNotPresent",
+        "command": ["/bin/sh", "-c", DHCP, "dhcp", f"{machines.platform.bin_dir}/dhcp"],
+        "resources": {"requests": {"cpu": "5m", "memory": "16Mi"}, "limits": {"memory": "128Mi"}},
+        "securityContext": {"privileged": True},
+        "startupProbe": {**listens, "periodSeconds": 1, "failureThreshold": 180},
+        "terminationMessagePolicy": "FallbackToLogsOnError",
+        "volumeMounts": [
+            *root_mounts(machines.platform, read_only=True),
+            mount("machine", HOST_ROOT, mountPropagation="HostToContainer"),
+        ],
+    }
+
+
+def _volumes(config: str) -> list[Object]:
+    return [
+        {"name": "config", "configMap": {"name": config}},
+        {"name": "generated", "emptyDir": {}},
+        host("sockets", SOCKETS, "DirectoryOrCreate"),
+        host("machine", "/"),
+        *(host(name, path, "DirectoryOrCreate") for name, path in DIRECTORIES.items()),
+    ]

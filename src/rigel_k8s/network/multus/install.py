@@ -1,0 +1,169 @@
+"""Multus and whereabouts put onto a cluster, until every node of it has attached a pod.
+
+What others have installed is used as it is. A node that is away is not waited for: it gets its
+pods when it is back.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+
+import attrs
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.multus import RELEASE
+from rigel_k8s.network.multus.desired import Installation
+from rigel_k8s.network.multus.installation import Found, Part, find, settled
+from rigel_k8s.network.multus.proving import fingerprint, prove, proven, remember
+from rigel_k8s.network.multus.rollout import Rollout
+from rigel_k8s.network.options import Install, Network
+from rigel_k8s.report import Reporter
+
+__all__ = [
+    "Installed",
+    "install",
+    "installation_of",
+    "marks_of",
+    "told",
+    "wanted",
+]
+
+
+@attrs.frozen
+class Installed:
+    """What was done.
+
+    Attributes:
+        nodes: those that attach pods.
+        away: those that are not up and were not asked.
+        multus: where Multus is, NAMESPACE/NAME.
+        ours: whether it is the one that this program installs.
+    """
+
+    nodes: tuple[str, ...]
+    away: tuple[str, ...]
+    multus: str
+    ours: bool
+
+
+def wanted(network: Network | str | None) -> Install | None:
+    """Return what a network wants installed: only what Multus attaches does."""
+    if not isinstance(network, Network) or not network.install:
+        return None
+    if network.mode not in ("macvlan", "ipvlan", "attachment"):
+        return None
+    said = network.install if isinstance(network.install, Install) else Install()
+    if network.ipam == "dhcp" and said.dhcp is None:
+        return attrs.evolve(said, dhcp=True)
+    return said
+
+
+def install(
+    cluster: Cluster,
+    options: Install,
+    report: Reporter,
+    cancel: threading.Event | None = None,
+    *,
+    timeout: float | None = None,
+    adopt: bool = False,
+) -> Installed:
+    """Install or update Multus and whereabouts, and prove that each node attaches pods.
+
+    Nothing is written where all is as it shall be and every node has shown it before.
+
+    Raises:
+        ClusterError: a node cannot attach; the causes are in the details.
+        RolloutFailed, ConflictError, Refused: as deploy.
+        Interrupted: `cancel` was set.
+    """
+    cancel = cancel or threading.Event()
+    options, found = _found(cluster, options)
+    installation = installation_of(found, options)
+    _tell_others(found, report)
+    for name in found.away:
+        report.warn(f"node {name} is not ready: it is not waited for")
+    if installation.multus or installation.whereabouts:
+        Rollout(cluster, installation, found, report, cancel, timeout, adopt).run()
+    return _proved(cluster, options, report, cancel)
+
+
+def _found(cluster: Cluster, said: Install) -> tuple[Install, Found]:
+    """Look at the cluster, which wants rights that an application's deploy does not."""
+    try:
+        options = settled(cluster, said)
+        return options, find(cluster, options)
+    except ClusterError as error:
+        if getattr(error, "status", 0) == 403:
+            error.hint = (
+                "`rigel network install` by an administrator, once; then leave `install` out"
+            )
+        raise
+
+
+def installation_of(found: Found, options: Install, *, retired: bool = False) -> Installation:
+    """Return what is to be installed: what others have brought is left to them."""
+    return Installation(
+        found.groups,
+        options,
+        multus=found.multus is None or found.multus.ours,
+        whereabouts=found.whereabouts is None or found.whereabouts.ours,
+        there=found.definitions,
+        retired=retired,
+    )
+
+
+def _tell_others(found: Found, report: Reporter) -> None:
+    for name, part in (("Multus", found.multus), ("whereabouts", found.whereabouts)):
+        if part and not part.ours:
+            report.line(f"{name} is there already ({part.where}, {part.image}): used as it is")
+
+
+def _proved(
+    cluster: Cluster, options: Install, report: Reporter, cancel: threading.Event
+) -> Installed:
+    """Let those nodes attach a pod that have not shown it before."""
+    found = find(cluster, options)
+    if found.multus is None:
+        raise ClusterError("Multus was removed while it was being installed")
+    marks = marks_of(found)
+    new = sorted(marks.keys() - proven(cluster, marks))
+    failed = prove(cluster, new, found.multus.image, report, cancel) if new else {}
+    if new:
+        remember(cluster, {node: mark for node, mark in marks.items() if node not in failed})
+    _tell_failures(failed, found.multus, report)
+    good = tuple(node for node in marks if node not in failed)
+    return Installed(good, found.away, found.multus.where, found.multus.ours)
+
+
+def marks_of(found: Found) -> dict[str, str]:
+    """Return what a proof holds for now, by node that is up."""
+    parts = [part for part in (found.multus, found.whereabouts) if part]
+    sets = [one for part in parts for one in part.sets]
+    up = set(found.up)
+    nodes = [node for node in found.nodes if node["metadata"]["name"] in up]
+    return {node["metadata"]["name"]: fingerprint(node, sets) for node in nodes}
+
+
+def told(done: Installed) -> str:
+    """Return what was done as one line."""
+    names = ", ".join(done.nodes) or "no node"
+    away = f"; not asked, since away: {', '.join(done.away)}" if done.away else ""
+    return f"Multus ({done.multus}) attaches pods on {names}{away}"
+
+
+def _tell_failures(failed: Mapping[str, str], multus: Part, report: Reporter) -> None:
+    """Raise where our own Multus cannot attach; another's is only told."""
+    lines = [f"{node}: {told}" for node, told in sorted(failed.items())]
+    if not lines:
+        return
+    if not multus.ours:
+        for line in lines:
+            report.warn(f"Multus ({multus.where}) attaches no pod on {line}")
+        return
+    raise ClusterError(
+        f"{len(lines)} node(s) cannot attach pods to a second network",
+        hint=f"kubectl -n {RELEASE.namespace} logs daemonset/rigel-multus -c multus",
+        details=lines,
+    )

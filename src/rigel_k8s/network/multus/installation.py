@@ -1,0 +1,173 @@
+"""What of Multus and whereabouts a cluster has, and whose it is; it writes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.multus import RELEASE
+from rigel_k8s.network.multus.definitions import attachment_definition, whereabouts_definitions
+from rigel_k8s.network.multus.recognition import Group, groups
+from rigel_k8s.network.options import Install
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.deploy import last_good
+from rigel_k8s.release.survey import belongs
+
+__all__ = ["Found", "Part", "find", "is_up", "settled"]
+
+Object = Mapping[str, Any]
+
+NAMES = {
+    "multus": ("multus", "kube-multus-ds", "rigel-multus"),
+    "whereabouts": ("whereabouts", "rigel-whereabouts"),
+}
+IMAGES = {"multus": ("multus", "multus-cni"), "whereabouts": ("whereabouts",)}
+
+
+@attrs.frozen
+class Part:
+    """Multus or whereabouts on the cluster: one DaemonSet or several.
+
+    Attributes:
+        ours: whether it is of the release that this program installs.
+    """
+
+    sets: tuple[Object, ...]
+    ours: bool
+
+    @property
+    def where(self) -> str:
+        """Return its first DaemonSet, for people."""
+        meta = self.sets[0]["metadata"]
+        return f"{meta['namespace']}/{meta['name']}"
+
+    @property
+    def image(self) -> str:
+        """Return its image."""
+        return str(self.sets[0]["spec"]["template"]["spec"]["containers"][0]["image"])
+
+
+@attrs.frozen
+class Found:
+    """A cluster before something is installed.
+
+    Attributes:
+        nodes: all its nodes.
+        groups: the Linux ones by platform.
+        multus: None where there is none.
+        whereabouts: None where there is none.
+        definitions: names of our kinds that others have defined.
+    """
+
+    nodes: tuple[Object, ...]
+    groups: tuple[Group, ...]
+    multus: Part | None
+    whereabouts: Part | None
+    definitions: frozenset[str]
+
+    @property
+    def up(self) -> tuple[str, ...]:
+        """The names of the nodes that are up; one that is away is waited for by nobody."""
+        known = {name for group in self.groups for name in group.nodes}
+        return tuple(
+            sorted(
+                n["metadata"]["name"]
+                for n in self.nodes
+                if n["metadata"]["name"] in known and is_up(n)
+            )
+        )
+
+    @property
+    def away(self) -> tuple[str, ...]:
+        """The names of the nodes that are not up."""
+        known = {name for group in self.groups for name in group.nodes}
+        return tuple(sorted(known - set(self.up)))
+
+
+def find(cluster: Cluster, options: Install) -> Found:
+    """Look at a cluster.
+
+    Raises:
+        ClusterError: we may not look, or it has no Linux node.
+    """
+    nodes = cluster.nodes()
+    sorted_out = groups(nodes, options)
+    if not sorted_out:
+        raise ClusterError("the cluster has no Linux node: there is nothing to install Multus on")
+    sets = cluster.list("apps/v1", "DaemonSet")
+    return Found(
+        tuple(nodes),
+        sorted_out,
+        _part("multus", sets),
+        _part("whereabouts", sets),
+        _definitions(cluster),
+    )
+
+
+def settled(cluster: Cluster, said: Install) -> Install:
+    """Return options with those of the last installation for what is not said.
+
+    Several Rigelfiles share a cluster's network: one that says `install: true` must not take back
+    what another has said of images and directories.
+    """
+    last = last_good(cluster, RELEASE)
+    before = dict(last.options) if last else {}
+    new = attrs.asdict(said, filter=lambda _, value: value is not None)
+    return Install(**{**before, **new})
+
+
+def is_up(node: Object) -> bool:
+    """Return whether a node's kubelet answers."""
+    conditions = node.get("status", {}).get("conditions", [])
+    return any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
+
+
+def _part(name: str, sets: Iterable[Object]) -> Part | None:
+    """Return whose Multus or whereabouts there is; once ours is there, it is ours."""
+    found = [one for one in sets if _is(name, one)]
+    ours = tuple(one for one in found if _is_ours(one))
+    if ours:
+        return Part(ours, ours=True)
+    return Part(tuple(found), ours=False) if found else None
+
+
+def _is(name: str, daemon_set: Object) -> bool:
+    """Return whether a DaemonSet brings this part, by its name or its images'."""
+    if daemon_set["metadata"]["name"] in NAMES[name]:
+        return True
+    if _is_ours(daemon_set):
+        return bool(daemon_set["metadata"]["name"].startswith(f"rigel-{name}-"))
+    spec = daemon_set["spec"]["template"]["spec"]
+    if not any("cni" in v.get("hostPath", {}).get("path", "") for v in spec.get("volumes", [])):
+        return False  # it uses the image for something else
+    containers = spec.get("containers", [])
+    return any(_names(container.get("image", ""), IMAGES[name]) for container in containers)
+
+
+def _names(image: str, names: Iterable[str]) -> bool:
+    """Return whether an image is one of these, hardened or mirrored ones too."""
+    last = image.partition("@")[0].rpartition("/")[2].partition(":")[0]
+    return any(last == name or last.endswith(f"-{name}") for name in names)
+
+
+def _is_ours(live: Object) -> bool:
+    meta = live["metadata"]
+    label = (meta.get("labels") or {}).get(RELEASE_LABEL)
+    return bool(label == RELEASE.name and meta.get("namespace") == RELEASE.namespace)
+
+
+def _definitions(cluster: Cluster) -> frozenset[str]:
+    names = [
+        definition["metadata"]["name"]
+        for definition in (attachment_definition(), *whereabouts_definitions())
+    ]
+    refs = [
+        ObjectRef("apiextensions.k8s.io/v1", "CustomResourceDefinition", "", name) for name in names
+    ]
+    there = zip(names, cluster.parallel(cluster.get, refs), strict=True)
+    return frozenset(name for name, live in there if live and not belongs(live, RELEASE))

@@ -1,0 +1,101 @@
+"""Pods whose address nobody renews: CNI's DHCP daemon forgets its leases when it ends; pure.
+
+Such a pod goes on with an address that the network's server gives to somebody else one day, and
+neither of the two says so.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.network.multus.interfaces import asked
+
+__all__ = ["DHCP_CONTAINER", "Unkept", "unkept"]
+
+Object = Mapping[str, Any]
+
+#: The container of Multus' pods in which the daemon runs.
+DHCP_CONTAINER = "dhcp"
+
+
+@attrs.frozen
+class Unkept:
+    """A running pod that is older than the DHCP daemon of its machine.
+
+    Attributes:
+        networks: those with addresses by DHCP, each NAMESPACE/NAME.
+    """
+
+    namespace: str
+    pod: str
+    node: str
+    networks: tuple[str, ...]
+
+    def __str__(self) -> str:
+        names = ", ".join(self.networks)
+        return (
+            f"nobody renews the address of pod {self.namespace}/{self.pod} on {self.node} at"
+            f" {names}: the DHCP daemon there has started since"
+        )
+
+
+def unkept(
+    pods: Iterable[Object], daemons: Iterable[Object], attachments: Iterable[Object]
+) -> list[Unkept]:
+    """Return the running pods whose leases have nobody; starting them anew is the remedy.
+
+    Args:
+        daemons: Multus' pods; those without a DHCP daemon tell nothing.
+        attachments: NetworkAttachmentDefinitions.
+    """
+    by_dhcp = {_key(one) for one in attachments if _uses_dhcp(one)}
+    since = {pod["spec"].get("nodeName", ""): _daemon_start(pod) for pod in daemons}
+    found = []
+    for pod in pods if by_dhcp else ():
+        networks = tuple(name for name in asked(pod) if name in by_dhcp)
+        meta, node = pod["metadata"], pod["spec"].get("nodeName", "")
+        started = min(_starts(pod), default="")
+        running = pod.get("status", {}).get("phase") == "Running"
+        if networks and running and started and started < since.get(node, ""):
+            found.append(Unkept(meta.get("namespace", "default"), meta["name"], node, networks))
+    return found
+
+
+def _key(attachment: Object) -> str:
+    meta = attachment["metadata"]
+    return f"{meta['namespace']}/{meta['name']}"
+
+
+def _uses_dhcp(attachment: Object) -> bool:
+    try:
+        config = json.loads((attachment.get("spec") or {}).get("config") or "{}")
+    except ValueError:
+        return False
+    plugins = config.get("plugins", [config]) if isinstance(config, dict) else []
+    return any((plugin.get("ipam") or {}).get("type") == "dhcp" for plugin in plugins)
+
+
+def _daemon_start(pod: Object) -> str:
+    """Return since when a Multus pod's DHCP daemon runs, "" where it has none."""
+    for one in pod.get("status", {}).get("containerStatuses") or ():
+        if one["name"] == DHCP_CONTAINER:
+            return str(one.get("state", {}).get("running", {}).get("startedAt", ""))
+    return ""
+
+
+def _starts(pod: Object) -> Iterator[str]:
+    """Yield when a pod's containers have started, as Kubernetes writes it: sortable text.
+
+    The first one starts when the pod's networks are there.
+    """
+    status = pod.get("status", {})
+    for kind in ("initContainerStatuses", "containerStatuses"):
+        for one in status.get(kind) or ():
+            for state in (one.get("state") or {}, one.get("lastState") or {}):
+                for told in state.values():
+                    if told and told.get("startedAt"):
+                        yield str(told["startedAt"])

@@ -1,0 +1,167 @@
+"""Proves that nodes attach pods, and remembers which have shown it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import threading
+import time
+import uuid
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.multus import RELEASE
+from rigel_k8s.network.multus.proof import PROOF, RUN_LABEL, proof_attachment, proof_pod, proof_pool
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.report import Reporter
+
+__all__ = ["forget", "prove", "proven", "remember"]
+
+Object = Mapping[str, Any]
+
+#: Seconds that an attachment may take; the kubelet tries again by itself meanwhile.
+TIMEOUT = 60.0
+LOOK = 0.5
+#: So often may a pod's network fail: the first time may be a program that is being put there.
+FAILURES = 3
+RECORD = ObjectRef("v1", "ConfigMap", RELEASE.namespace, PROOF)
+
+
+def prove(
+    cluster: Cluster,
+    nodes: Sequence[str],
+    image: str,
+    report: Reporter,
+    cancel: threading.Event,
+) -> dict[str, str]:
+    """Start a pod with a second network on each node; return why not, for those that cannot.
+
+    All that it makes it takes away again.
+    """
+    run = uuid.uuid4().hex[:8]
+    attachment = proof_attachment(run)
+    pods = {node: proof_pod(run, node, image) for node in nodes}
+    try:
+        cluster.create(attachment)
+        cluster.parallel(cluster.create, list(pods.values()))
+        return _watched(cluster, run, nodes, report, cancel)
+    finally:
+        _clean_up(cluster, run, attachment)
+
+
+def _watched(
+    cluster: Cluster, run: str, nodes: Sequence[str], report: Reporter, cancel: threading.Event
+) -> dict[str, str]:
+    """Wait for the pods' ends."""
+    waiting, failed, end = set(nodes), dict[str, str](), time.monotonic() + TIMEOUT
+    while waiting:
+        for pod in _pods(cluster, run):
+            node = pod["spec"]["nodeName"]
+            late = time.monotonic() > end
+            told = _outcome(cluster, pod, late=late) if node in waiting else None
+            if told is None:
+                continue
+            waiting.discard(node)
+            report.progress(node, told or "attaches pods", done=True)
+            if told:
+                failed[node] = told
+        if waiting and cancel.wait(LOOK):
+            raise Interrupted("interrupted while the nodes were trying an attachment")
+    return failed
+
+
+def _outcome(cluster: Cluster, pod: Object, *, late: bool) -> str | None:
+    """Return "" where a pod got its network, why not, or None where that is not known yet."""
+    phase = pod.get("status", {}).get("phase")
+    if phase == "Succeeded":
+        return ""
+    if phase == "Failed":
+        return "the pod came up without its second network"
+    events = [e for e in cluster.events(pod) if e.get("reason") == "FailedCreatePodSandBox"]
+    count = sum(int(event.get("count") or 1) for event in events)
+    if events and (late or count >= FAILURES):
+        return _plain(str(events[-1].get("message", "")))
+    if late:
+        return f"no attachment within {TIMEOUT:g} s: {_state(pod)}"
+    return None
+
+
+def _plain(message: str) -> str:
+    """Return what matters of the many who hand on a plugin's error."""
+    text = re.sub(r"[0-9a-f]{64}", "...", message)
+    for start in (r"error adding container to network", r"ERRORED:", r"plugin type="):
+        found = re.search(start, text)
+        text = text[found.start() :] if found else text
+    return text[:400]
+
+
+def _state(pod: Object) -> str:
+    """Return what a pod's container waits for."""
+    for status in pod.get("status", {}).get("containerStatuses", []):
+        waiting = status.get("state", {}).get("waiting", {})
+        return f"{waiting.get('reason', '')} {waiting.get('message', '')}".strip()
+    return "its node has not taken the pod"
+
+
+def _pods(cluster: Cluster, run: str) -> list[dict[str, Any]]:
+    return cluster.list("v1", "Pod", RELEASE.namespace, labels={RUN_LABEL: run})
+
+
+def _clean_up(cluster: Cluster, run: str, attachment: Object) -> None:
+    """Delete what a proof made: pods first, whose end gives their addresses back."""
+    with suppress(ClusterError):
+        cluster.parallel(cluster.delete, [ref_of(pod) for pod in _pods(cluster, run)])
+        end = time.monotonic() + TIMEOUT / 2
+        while _pods(cluster, run) and time.monotonic() < end:
+            time.sleep(LOOK)
+        cluster.delete(ref_of(attachment))
+        if not cluster.list("v1", "Pod", RELEASE.namespace, labels=RUN_LABEL):
+            api = "whereabouts.cni.cncf.io/v1alpha1"
+            cluster.delete(ObjectRef(api, "IPPool", RELEASE.namespace, proof_pool()))
+
+
+def fingerprint(node: Object, sets: Iterable[Object]) -> str:
+    """Return what a proof holds for: this node, its start, and what is installed."""
+    info = node.get("status", {}).get("nodeInfo", {})
+    parts = [node["metadata"].get("uid"), info.get("bootID"), info.get("kubeletVersion")]
+    parts += [one["metadata"].get("uid") for one in sets]
+    parts += [one["metadata"].get("generation") for one in sets]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
+
+
+def proven(cluster: Cluster, marks: Mapping[str, str]) -> set[str]:
+    """Return the nodes whose proof still holds.
+
+    Args:
+        marks: node -> fingerprint now.
+    """
+    live = cluster.get(RECORD) or {}
+    known: Mapping[str, str] = live.get("data") or {}
+    return {node for node, mark in marks.items() if known.get(node) == mark}
+
+
+def remember(cluster: Cluster, marks: Mapping[str, str]) -> None:
+    """Keep on the cluster which nodes have attached a pod, for whoever comes next."""
+    cluster.apply(
+        {
+            "apiVersion": "v1",
+            "kind": "ConfigMap",
+            "metadata": {
+                "name": RECORD.name,
+                "namespace": RECORD.namespace,
+                "labels": {RELEASE_LABEL: RELEASE.name},
+            },
+            "data": dict(marks),
+        }
+    )
+
+
+def forget(cluster: Cluster) -> None:
+    """Forget all proofs."""
+    with suppress(RigelK8sError):
+        cluster.delete(RECORD)

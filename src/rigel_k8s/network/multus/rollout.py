@@ -1,0 +1,166 @@
+"""The release of Multus and whereabouts, rolled out to the nodes that are up.
+
+A node that is away keeps no roll-out from going on and none from being called ready.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from importlib.resources import files
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.multus import RELEASE
+from rigel_k8s.network.multus.desired import Installation, network_release
+from rigel_k8s.network.multus.installation import Found
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.release import revisions
+from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, deploy, diff
+from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.types import Desired
+from rigel_k8s.report import Reporter
+
+__all__ = ["WITHOUT_ALL", "Rollout", "is_ready", "machine_script"]
+
+Object = Mapping[str, Any]
+
+LOOK = 1.0
+#: Seconds for a roll-out where a node is away: it cannot end, and the others are quick.
+WITHOUT_ALL = 60.0
+STOPPED = "interrupted while the network was being installed"
+
+
+@attrs.frozen
+class Rollout:
+    """One roll-out.
+
+    Attributes:
+        found: the cluster before it.
+        timeout: seconds; None is DEFAULT_TIMEOUT.
+        adopt: take over objects of the same names.
+    """
+
+    cluster: Cluster
+    installation: Installation
+    found: Found
+    report: Reporter
+    cancel: threading.Event
+    timeout: float | None = None
+    adopt: bool = False
+
+    @property
+    def bound(self) -> float:
+        """Seconds that it may take."""
+        return self.timeout or DEFAULT_TIMEOUT
+
+    def run(self) -> None:
+        """Apply what differs, and return when both parts are ready on all nodes that are up.
+
+        Raises:
+            RolloutFailed: they are not, and a node that is away is not to blame.
+            ClusterError, ConflictError, Refused: as deploy.
+        """
+        desired = network_release(self.installation, machine_script())
+        end = time.monotonic() + self.bound
+        while diff(desired, self.cluster, adopt=self.adopt).changes:
+            self._let_be_away()
+            try:
+                self._deploy(desired)
+            except ClusterError:
+                if not self._others_end(end):
+                    raise
+            else:
+                break
+        self._until(lambda: list(self._unready()), end)
+
+    def _deploy(self, desired: Desired) -> None:
+        try:
+            deploy(
+                desired,
+                self.cluster,
+                report=self.report,
+                cancel=self.cancel,
+                timeout=min(self.bound, WITHOUT_ALL) if self.found.away else self.timeout,
+                adopt=self.adopt,
+                description="network",
+            )
+        except RolloutFailed:
+            if not self.found.away or list(self._unready()):
+                raise
+            newest = revisions.records(self.cluster, RELEASE)[-1].revision()
+            revisions.update(self.cluster, attrs.evolve(newest, status="good"))
+
+    def _let_be_away(self) -> None:
+        """Let it go on though nodes are away: Kubernetes would wait for them first."""
+        rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(self.found.away)}}
+        for part in (self.found.multus, self.found.whereabouts):
+            for one in part.sets if self.found.away and part and part.ours else ():
+                self.cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
+
+    def _others_end(self, end: float) -> bool:
+        """Wait while somebody else installs the same; return whether anybody did."""
+        ref = lease_ref(RELEASE)
+        lease = self.cluster.get(ref)
+        if lease is None:
+            return False
+        self.report.line(f"{lease['spec'].get('holderIdentity')} installs the network: waiting")
+        while self.cluster.get(ref) is not None and time.monotonic() < end:
+            if self.cancel.wait(LOOK):
+                raise Interrupted(STOPPED)
+        return time.monotonic() < end
+
+    def _until(self, lacking: Callable[[], list[str]], end: float) -> None:
+        """Wait until nothing is lacking."""
+        while lines := lacking():
+            if time.monotonic() > end:
+                raise RolloutFailed(
+                    f"the network is not ready on every node within {self.bound:g} s",
+                    hint=f"kubectl -n {RELEASE.namespace} describe pods"
+                    f" -l {RELEASE_LABEL}={RELEASE.name}",
+                    details=lines,
+                )
+            self.report.progress("network", lines[0])
+            if self.cancel.wait(LOOK):
+                raise Interrupted(STOPPED)
+
+    def _unready(self) -> Iterator[str]:
+        """Yield what is not ready, and not new, on the nodes that are up."""
+        labels = {RELEASE_LABEL: RELEASE.name}
+        for one in self.cluster.list("apps/v1", "DaemonSet", RELEASE.namespace, labels=labels):
+            status = one.get("status", {})
+            wanted = status.get("desiredNumberScheduled", 0) - len(self.found.away)
+            if status.get("updatedNumberScheduled", 0) < wanted:
+                yield f"not all pods of {one['metadata']['name']} are new"
+        pods = self.cluster.list("v1", "Pod", RELEASE.namespace, labels=labels)
+        ready = {(pod["spec"].get("nodeName"), part_of(pod)) for pod in pods if is_ready(pod)}
+        ours = {"multus": self.installation.multus, "whereabouts": self.installation.whereabouts}
+        for node in self.found.up:
+            for part in (name for name, mine in ours.items() if mine):
+                if (node, part) not in ready:
+                    yield f"{part} is not ready on {node}"
+
+
+def machine_script() -> str:
+    """Return the text of machine.sh."""
+    return (files("rigel_k8s.network.multus") / "machine.sh").read_text(encoding="utf-8")
+
+
+def part_of(pod: Object) -> str:
+    """Return which part one of our pods is, "" for neither."""
+    name = str((pod["metadata"].get("labels") or {}).get("app.kubernetes.io/name", ""))
+    if name.endswith("reconciler"):
+        return ""
+    return "multus" if name.startswith("rigel-multus") else "whereabouts"
+
+
+def is_ready(pod: Object) -> bool:
+    """Return whether a pod is ready and stays."""
+    conditions = pod.get("status", {}).get("conditions", [])
+    met = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
+    return met and not pod["metadata"].get("deletionTimestamp")

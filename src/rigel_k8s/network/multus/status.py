@@ -1,0 +1,141 @@
+"""How Multus and whereabouts are on each node, and which pods lack their network."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.multus.install import marks_of
+from rigel_k8s.network.multus.installation import Found, Part, find, is_up, settled
+from rigel_k8s.network.multus.interfaces import Missing, without_interface
+from rigel_k8s.network.multus.leases import Unkept, unkept
+from rigel_k8s.network.multus.proving import proven
+from rigel_k8s.network.multus.rollout import is_ready
+from rigel_k8s.network.options import Install
+from rigel_k8s.network.preflight.attachments import API, KIND
+
+__all__ = ["NetworkStatus", "NodeStatus", "PartStatus", "network_status"]
+
+Object = Mapping[str, Any]
+
+
+@attrs.frozen
+class PartStatus:
+    """Multus or whereabouts: where it is, its image, and whether this program installed it."""
+
+    where: str
+    image: str
+    ours: bool
+
+
+@attrs.frozen
+class NodeStatus:
+    """One node.
+
+    Attributes:
+        up: whether its kubelet answers.
+        multus: whether the daemon is ready there.
+        whereabouts: whether its part is ready there.
+        proven: whether a pod has been attached there since it started.
+        conf_dir: where it keeps CNI configuration, as far as we know.
+        bin_dir: where it keeps CNI programs.
+    """
+
+    name: str
+    platform: str
+    conf_dir: str
+    bin_dir: str
+    up: bool
+    multus: bool
+    whereabouts: bool
+    proven: bool
+
+
+@attrs.frozen
+class NetworkStatus:
+    """The cluster's second networks.
+
+    Attributes:
+        multus: None where there is none.
+        whereabouts: None where there is none.
+        missing: running pods that lack a network which they ask for.
+        unkept: running pods with addresses by DHCP that nobody renews.
+    """
+
+    multus: PartStatus | None
+    whereabouts: PartStatus | None
+    nodes: tuple[NodeStatus, ...]
+    missing: tuple[Missing, ...]
+    unkept: tuple[Unkept, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether every node that is up attaches pods, and no pod lacks a network or its lease."""
+        if self.multus is None or self.whereabouts is None or self.missing or self.unkept:
+            return False
+        return all(n.multus and n.whereabouts for n in self.nodes if n.up)
+
+
+def network_status(cluster: Cluster, options: Install) -> NetworkStatus:
+    """Look at all nodes and pods of a cluster."""
+    found = find(cluster, settled(cluster, options))
+    pods = cluster.list("v1", "Pod")
+    marks = marks_of(found)
+    good = proven(cluster, marks)
+    ready = {
+        name: _nodes_of(part, pods)
+        for name, part in (("multus", found.multus), ("whereabouts", found.whereabouts))
+    }
+    return NetworkStatus(
+        _told(found.multus),
+        _told(found.whereabouts),
+        tuple(_nodes(found, ready, good)),
+        tuple(without_interface(pods)),
+        tuple(unkept(pods, _pods_of(found.multus, pods), _attachments(cluster))),
+    )
+
+
+def _attachments(cluster: Cluster) -> list[dict[str, Any]]:
+    if not cluster.serves(API, KIND):
+        return []
+    return cluster.list(API, KIND)
+
+
+def _told(part: Part | None) -> PartStatus | None:
+    return PartStatus(part.where, part.image, part.ours) if part else None
+
+
+def _nodes_of(part: Part | None, pods: list[dict[str, Any]]) -> set[str]:
+    """Return the nodes on which a part's pod is ready."""
+    return {pod["spec"].get("nodeName", "") for pod in _pods_of(part, pods) if is_ready(pod)}
+
+
+def _pods_of(part: Part | None, pods: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return a part's pods."""
+    owners = {one["metadata"]["uid"] for one in part.sets} if part else set()
+    return [
+        pod
+        for pod in pods
+        if any(o["uid"] in owners for o in pod["metadata"].get("ownerReferences") or [])
+    ]
+
+
+def _nodes(found: Found, ready: Mapping[str, set[str]], good: set[str]) -> list[NodeStatus]:
+    platforms = {name: group.platform for group in found.groups for name in group.nodes}
+    return [
+        NodeStatus(
+            name,
+            platforms[name].kind,
+            platforms[name].conf_dir,
+            platforms[name].bin_dir,
+            is_up(node),
+            name in ready["multus"],
+            name in ready["whereabouts"],
+            name in good,
+        )
+        for node in found.nodes
+        if (name := node["metadata"]["name"]) in platforms
+    ]

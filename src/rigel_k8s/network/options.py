@@ -1,0 +1,93 @@
+"""The options of `network`: how the pods of an application reach and discover each other."""
+
+# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+from __future__ import annotations
+
+from typing import Literal
+
+import attrs
+
+from rigel_k8s.objects.fields import option
+from rigel_k8s.objects.scalars import Count, ImageRef, MountPath, ObjectName
+
+__all__ = ["INTERFACE", "MIDDLEWARE", "Install", "Mode", "Network"]
+
+Mode = Literal[
+    "macvlan", "ipvlan", "attachment", "peers", "discovery-server", "zenoh", "host", "none"
+]
+
+#: The second network's interface in a pod, as Multus names it.
+INTERFACE = "net1"
+
+#: What a Rigelfile may call a middleware, and what ROS 2 calls it (RMW_IMPLEMENTATION).
+MIDDLEWARE = {
+    "fastdds": "rmw_fastrtps_cpp",
+    "cyclonedds": "rmw_cyclonedds_cpp",
+    "zenoh": "rmw_zenoh_cpp",
+}
+
+
+@attrs.frozen(kw_only=True)
+class Install:
+    """Multus and whereabouts on the cluster; what is left out is recognised from the cluster."""
+
+    platform: Literal["k3s", "microk8s", "kind", "minikube", "plain"] | None = option(
+        "what the cluster is, where it cannot be recognised"
+    )
+    data_dir: MountPath | None = option("k3s' --data-dir (default /var/lib/rancher/k3s)")
+    cni_conf_dir: MountPath | None = option("where the machines keep CNI configuration")
+    cni_bin_dir: MountPath | None = option("where the machines keep CNI programs")
+    multus_image: ImageRef | None = option("Multus' image, from a registry of your own")
+    whereabouts_image: ImageRef | None = option("whereabouts' image, from a registry of your own")
+    plugins_image: ImageRef | None = option(
+        "an image with the standard CNI programs in /opt/cni/bin, for machines that lack macvlan"
+    )
+    dhcp: bool | None = option(
+        "run the DHCP daemon of CNI on each machine (default: where `ipam: dhcp` wants it)"
+    )
+
+
+@attrs.frozen(kw_only=True)
+class Network:
+    """How pods reach and discover each other."""
+
+    mode: Mode = option(
+        "macvlan, ipvlan or attachment: a second interface by Multus; peers, discovery-server or"
+        " zenoh: over the pod network; host: the machine's own network; none: nothing is done",
+        "macvlan",
+    )
+    interface: str | None = option(
+        "macvlan and ipvlan: the machines' interface, eth0 say; host: the only one that DDS uses"
+    )
+    subnet: str | None = option("the second network's addresses, 10.20.0.0/24 say")
+    ipam: Literal["whereabouts", "static", "host-local", "dhcp"] | None = option(
+        "who gives out addresses: whereabouts (the default), static (by this tool, one for each"
+        " workload and kept), host-local (one machine only), dhcp (of that network)"
+    )
+    range_start: str | None = option("the first address to give out")
+    range_end: str | None = option("the last address to give out")
+    exclude: list[str] = option("addresses or ranges never to give out", [])
+    gateway: str | None = option("the second network's gateway, where it has one")
+    routes: list[str] = option("further ranges that are reached through `gateway`", [])
+    mtu: Count | None = option("the second interface's MTU (default: the machine's)")
+    attachment: str | None = option(
+        "attachment: a NetworkAttachmentDefinition that is there, NAME or NAMESPACE/NAME"
+    )
+    domain_id: int | None = option(
+        "the DDS domain, ROS_DOMAIN_ID (default 0; over the pod network one of the release's own)"
+    )
+    servers: Count | None = option("discovery-server: how many (default 1)")
+    image: ImageRef | None = option(
+        "discovery-server and zenoh: the server's image (default: the application's)"
+    )
+    command: str | list[str] | None = option(
+        "discovery-server and zenoh: what the server runs behind its image's ENTRYPOINT;"
+        " $(SERVER_ID) and $(SERVER_NAME) are a discovery server's place and name"
+    )
+    peers: list[str] = option("peers: addresses or names of others, outside of this release", [])
+    service_account: ObjectName | None = option(
+        "discovery-server and zenoh: serviceAccountName of the servers' pods"
+    )
+    install: bool | Install = option(
+        "install Multus and whereabouts first, where the cluster lacks them", default=False
+    )

@@ -1,0 +1,122 @@
+"""Mode `peers`: no multicast; everybody knows where to look for everybody, by Services.
+
+Names are resolved when a program starts and never again, so they must not move: each workload has a
+Service with a cluster address, behind which a pod that was started elsewhere is found again. What
+is sent to it is the first word only; the answer comes from the pod's own address, and so does all
+that follows. One of two that knows the other is enough, so nobody restarts when somebody is added:
+who is new knows the others.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+
+import attrs
+
+from rigel_k8s.network.dds import (
+    CYCLONE_FILE,
+    FASTDDS_FILE,
+    PARTICIPANTS,
+    cyclone_config,
+    cyclone_variables,
+    fastdds_profile,
+    fastdds_variables,
+    reads_udp_only,
+    udp_only,
+    uses,
+)
+from rigel_k8s.network.files import around, as_they_are, config_name, files_config
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
+from rigel_k8s.objects.naming import object_name, selector
+from rigel_k8s.objects.pods import Object
+
+__all__ = ["discovery_port", "peer_name", "peer_objects", "peer_wiring"]
+
+PEERS_KEY = "peers"
+#: The program's own pod, for the tools that somebody runs in it.
+LOOPBACK = "127.0.0.1"
+
+
+def peer_name(workload: str) -> str:
+    """Return the name of a workload's Service; its own name is that of its ports' Service."""
+    return object_name(f"{workload}-peer")
+
+
+def discovery_port(domain: int, participant: int) -> int:
+    """Return the UDP port on which a participant hears of others (DDSI-RTPS 9.6.1.1)."""
+    return 7400 + 250 * domain + 10 + 2 * participant
+
+
+def peer_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
+    """Yield the Services, and the list of all of them."""
+    for pod in plan.pods:
+        yield peer_service(plan, pod)
+    yield files_config(plan, peer_files(plan, network))
+
+
+def peer_service(plan: NetworkPlan, pod: PodIdentity) -> Object:
+    """Return a workload's Service, which is there before its pod is ready: that waits for it."""
+    ports = [
+        {"name": f"participant-{index}", "port": port, "targetPort": port, "protocol": "UDP"}
+        for index in range(PARTICIPANTS)
+        for port in [discovery_port(plan.domain_id or 0, index)]
+    ]
+    return {
+        "apiVersion": "v1",
+        "kind": "Service",
+        "metadata": around(plan).metadata(peer_name(pod.name), part_of=pod.name),
+        "spec": {
+            "selector": selector(pod.name),
+            "ipFamilies": ["IPv4"],
+            "ports": ports,
+            "publishNotReadyAddresses": True,
+        },
+    }
+
+
+def peer_files(plan: NetworkPlan, network: Network) -> dict[str, str]:
+    """Return the list, in the form of each middleware that may read it."""
+    names = [*(peer_name(pod.name) for pod in plan.pods), *network.peers]
+    found: dict[str, str] = {}
+    if uses(plan, "fastdds"):
+        if reads_udp_only(plan):
+            found[PEERS_KEY] = ";".join(names)
+        else:
+            found[FASTDDS_FILE] = fastdds_profile(peers=[LOOPBACK, *names])
+    if uses(plan, "cyclonedds"):
+        ports = [discovery_port(plan.domain_id or 0, index) for index in range(PARTICIPANTS)]
+        listed = [f"{name}:{port}" for name in [LOOPBACK, *names] for port in ports]
+        found[CYCLONE_FILE] = cyclone_config(peers=listed, multicast=False)
+    return found
+
+
+def peer_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+    """Return what lets a pod look for the others."""
+    reads_files = uses(plan, "cyclonedds") or not reads_udp_only(plan)
+    base = as_they_are(plan) if reads_files else Wiring()
+    # Who was told of peers elsewhere must start again when those are others.
+    text = json.dumps(sorted(network.peers))
+    mark = hashlib.sha256(text.encode()).hexdigest()[:8] if network.peers else None
+    return attrs.evolve(base, env=variables(plan), annotations=network_note(plan, config=mark))
+
+
+def variables(plan: NetworkPlan) -> dict[str, Object]:
+    """Return where each middleware finds the list."""
+    found: dict[str, Object] = {}
+    if uses(plan, "fastdds"):
+        found |= peers_variables(plan) if reads_udp_only(plan) else fastdds_variables(plan)
+    if uses(plan, "cyclonedds"):
+        found |= cyclone_variables()
+    return found
+
+
+def peers_variables(plan: NetworkPlan) -> dict[str, Object]:
+    """Return ROS 2's own variables, from jazzy on."""
+    reference = {"configMapKeyRef": {"name": config_name(plan), "key": PEERS_KEY}}
+    return {
+        "ROS_STATIC_PEERS": {"valueFrom": reference},
+        **udp_only(plan),
+    }

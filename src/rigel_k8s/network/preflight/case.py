@@ -1,0 +1,234 @@
+"""A release's wishes beside what was seen of the cluster: what every check looks at."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import attrs
+
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.preflight.attachments import Attachment, Range, address, subnet, usable
+from rigel_k8s.network.preflight.daemon import Daemon
+from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
+from rigel_k8s.network.preflight.wanted import NETWORK_STATUS, Wanted, may_run, requests
+
+__all__ = ["Case", "Pool", "Taken", "View", "addresses_of", "pool", "taken"]
+
+Manifest = Mapping[str, Any]
+
+#: Phases of pods that have given their addresses back.
+ENDED = ("Succeeded", "Failed")
+
+
+@attrs.frozen
+class Taken:
+    """An address that a pod has.
+
+    Attributes:
+        pod: NAMESPACE/POD; attachment: NAMESPACE/NAME, and node, where they are known.
+    """
+
+    address: Address
+    pod: str
+    attachment: str = ""
+    node: str = ""
+
+
+@attrs.frozen
+class Pool:
+    """What whereabouts has given out of one range."""
+
+    subnet: Subnet
+    taken: tuple[Taken, ...] = ()
+
+
+@attrs.frozen(kw_only=True)
+class View:
+    """What was seen of a cluster.
+
+    Attributes:
+        multus: whether it knows NetworkAttachmentDefinitions; whereabouts: IPPools.
+        daemons: by node; None where they could not be listed.
+        machines: by node, of those that could be looked at.
+        attachments: those of the cluster, by NAMESPACE/NAME.
+        unread: attachments, by NAMESPACE/NAME, that may be there: they could not be asked for.
+        services: ranges of Services.
+        taken: addresses that pods of other attachments have.
+        policies: the NetworkPolicies of the release's namespace.
+    """
+
+    multus: bool = True
+    whereabouts: bool = True
+    nodes: Sequence[Manifest] = ()
+    daemons: Mapping[str, Daemon] | None = attrs.field(factory=dict)
+    machines: Mapping[str, MachineFacts] = attrs.field(factory=dict)
+    attachments: Mapping[str, Attachment] = attrs.field(factory=dict)
+    unread: frozenset[str] = frozenset()
+    pools: Sequence[Pool] = ()
+    services: Sequence[Subnet] = ()
+    taken: Sequence[Taken] = ()
+    policies: Sequence[Manifest] = ()
+
+
+@attrs.define(slots=False)  # for cached properties; nobody changes it
+class Case:
+    """A release's network, its pods and attachments, and the cluster as it was seen.
+
+    Attributes:
+        own: the attachments that the release brings along, by NAMESPACE/NAME.
+    """
+
+    network: Network
+    wanted: Sequence[Wanted]
+    own: Mapping[str, Attachment]
+    view: View = View()
+
+    @cached_property
+    def keys(self) -> list[str]:
+        """The attachments that pods ask for, by name."""
+        return sorted({request.key for pod in self.wanted for request in pod.requests})
+
+    @cached_property
+    def ready(self) -> set[str]:
+        """The machines that are on."""
+        return {node["metadata"]["name"] for node in self.view.nodes if _is_ready(node)}
+
+    @cached_property
+    def attachments(self) -> list[Attachment]:
+        """Those of them that are there, or come with the release."""
+        known = {**self.view.attachments, **self.own}
+        return [known[key] for key in self.keys if key in known]
+
+    def users(self, one: Attachment) -> list[Wanted]:
+        """Return the workloads that ask for an attachment."""
+        return [pod for pod in self.wanted if pod.asks(one.key)]
+
+    def pods(self, one: Attachment) -> int:
+        """Return how many pods ask for an attachment."""
+        return sum(pod.pods for pod in self.users(one))
+
+    def nodes(self, users: Sequence[Wanted] | None = None) -> list[str]:
+        """Return the nodes that workloads (default: all) may run on."""
+        pods = [pod.spec for pod in (self.wanted if users is None else users) if pod.pods]
+        fitting = (n for n in self.view.nodes if any(may_run(pod, n) for pod in pods))
+        return sorted(node["metadata"]["name"] for node in fitting)
+
+    def neighbours(self, one: Attachment) -> list[Attachment]:
+        """Return the cluster's other attachments on the same interface."""
+        return [
+            other
+            for other in self.view.attachments.values()
+            if other.key != one.key
+            and one.on_an_interface
+            and other.on_an_interface
+            and other.master == one.master
+        ]
+
+    def rivals(self, one: Attachment) -> list[Attachment]:
+        """Return those of them that may give out its addresses.
+
+        Two of whereabouts do not: it keeps addresses unique over all of its ranges.
+        """
+        return [other for other in self.neighbours(one) if not _both_whereabouts(one, other)]
+
+    def machines(self, one: Attachment) -> Iterator[tuple[str, MachineFacts]]:
+        """Yield the machines that an attachment's pods may run on, as far as they were seen."""
+        for node in self.nodes(self.users(one)):
+            if node in self.view.machines:
+                yield node, self.view.machines[node]
+
+    def ranges(self, one: Attachment) -> tuple[Range, ...]:
+        """Return which addresses an attachment gives out; of static ones the Rigelfile tells."""
+        if one.ranges or one.ipam != "static":
+            return one.ranges
+        whole = subnet(self.network.subnet) if self.network.subnet else None
+        if whole is None:
+            return ()
+        first, last = usable(whole)
+        exclude = tuple(s for s in map(subnet, self.network.exclude) if s is not None)
+        first = address(self.network.range_start) or first
+        return (Range(whole, first, address(self.network.range_end) or last, exclude),)
+
+    def asked_addresses(self, one: Attachment) -> dict[Address, str]:
+        """Return the addresses that workloads ask for by name."""
+        return {
+            given: pod.workload
+            for pod in self.users(one)
+            for request in pod.requests
+            if request.key == one.key
+            for given in request.addresses
+        }
+
+    def is_own(self, pod: str) -> bool:
+        """Return whether NAMESPACE/POD is one of the release's."""
+        namespace, _, name = pod.partition("/")
+        return any(
+            namespace == w.namespace and name.startswith(f"{w.workload}-") for w in self.wanted
+        )
+
+
+def _is_ready(node: Manifest) -> bool:
+    conditions = (node.get("status") or {}).get("conditions") or []
+    return any(one["type"] == "Ready" and one["status"] == "True" for one in conditions)
+
+
+def _both_whereabouts(one: Attachment, other: Attachment) -> bool:
+    return one.ipam == other.ipam == "whereabouts" and one.exclusive and other.exclusive
+
+
+def addresses_of(node: Manifest) -> dict[Address, str]:
+    """Return the addresses that Kubernetes knows a machine by, with the machine's name."""
+    told = (node.get("status") or {}).get("addresses") or []
+    found = (address(one.get("address")) for one in told)
+    return {one: node["metadata"]["name"] for one in found if one is not None}
+
+
+def pool(manifest: Manifest) -> Pool | None:
+    """Return an IPPool of whereabouts: its allocations are offsets into the range."""
+    spec = manifest.get("spec") or {}
+    whole = subnet(spec.get("range"))
+    if whole is None:
+        return None
+    return Pool(
+        whole,
+        tuple(
+            Taken(whole.network_address + int(offset), str(one.get("podref", "")))
+            for offset, one in (spec.get("allocations") or {}).items()
+        ),
+    )
+
+
+def taken(pods: Sequence[Manifest]) -> Iterator[Taken]:
+    """Yield the second addresses that pods have, as Multus tells it on them, or were given."""
+    for pod in (p for p in pods if (p.get("status") or {}).get("phase") not in ENDED):
+        meta, node = pod["metadata"], (pod.get("spec") or {}).get("nodeName", "")
+        notes, namespace = meta.get("annotations") or {}, meta["namespace"]
+        for key, given in _attached(notes, namespace):
+            yield Taken(given, f"{namespace}/{meta['name']}", key, node)
+
+
+def _attached(notes: Mapping[str, str], namespace: str) -> Iterator[tuple[str, Address]]:
+    """Yield (attachment, address) as Multus tells it, else as the pod asks for it."""
+    if NETWORK_STATUS not in notes:
+        for request in requests(notes, namespace):
+            for given in request.addresses:
+                yield request.key, given
+        return
+    for one in _status(notes):
+        name = str(one.get("name", ""))
+        key = name if "/" in name else f"{namespace}/{name}"
+        for found in map(address, one.get("ips") or []):
+            if found is not None:
+                yield key, found
+
+
+def _status(notes: Mapping[str, str]) -> list[Manifest]:
+    """Return a pod's second networks, without its first."""
+    try:
+        read = json.loads(notes.get(NETWORK_STATUS) or "[]")
+    except ValueError:
+        return []
+    return [one for one in read if isinstance(one, dict) and not one.get("default")]

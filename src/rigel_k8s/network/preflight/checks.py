@@ -1,0 +1,31 @@
+"""All checks of preflight, in the order in which their findings are told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from rigel_k8s.network.preflight.case import Case
+from rigel_k8s.network.preflight.finding import Finding
+from rigel_k8s.network.preflight.interfaces import interfaces
+from rigel_k8s.network.preflight.limits import buffers, neighbours, policies
+from rigel_k8s.network.preflight.presence import clouds, presence, programs
+from rigel_k8s.network.preflight.ranges import ranges, room
+
+__all__ = ["findings"]
+
+CHECKS: Sequence[Callable[[Case], Iterator[Finding]]] = (
+    presence,
+    programs,
+    interfaces,
+    ranges,
+    room,
+    buffers,
+    neighbours,
+    policies,
+    clouds,
+)
+
+
+def findings(case: Case) -> list[Finding]:
+    """Return everything that keeps a release's network from working, each once."""
+    return list(dict.fromkeys(finding for check in CHECKS for finding in check(case)))

@@ -1,0 +1,94 @@
+"""Whether a release's network can work on its cluster, told before anything is applied.
+
+It asks the cluster (preflight_look) and passes what it heard to the pure checks of
+this package. Nothing is installed, written or changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.plan import network_of
+from rigel_k8s.network.preflight.attachments import KIND, attachment
+from rigel_k8s.network.preflight.case import Case
+from rigel_k8s.network.preflight.checks import findings
+from rigel_k8s.network.preflight.finding import Finding
+from rigel_k8s.network.preflight.wanted import wanted
+from rigel_k8s.report import Reporter
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
+__all__ = ["check", "examine", "failure", "tell"]
+
+#: Modes with which a pod leaves the pod network; the others have nothing that a machine may lack.
+LOOKED_AT = ("macvlan", "ipvlan", "attachment", "host")
+
+
+def check(
+    objects: Iterable[Mapping[str, Any]],
+    network: Network | str | None,
+    cluster: Cluster,
+    report: Reporter,
+) -> None:
+    """Tell what may go wrong, and raise where the network cannot work; see docs/preflight.md.
+
+    Args:
+        objects: all manifests of the release.
+        network: the job's `network`.
+
+    Raises:
+        UserError: at least one finding is for the Rigelfile to change; all of them are in it.
+        ClusterError: the cluster lacks something.
+    """
+    tell(examine(objects, network, cluster), report)
+
+
+def tell(found: Sequence[Finding], report: Reporter) -> None:
+    """Tell what was found, and raise as `check` does."""
+    for one in found:
+        if one.severity == "warning":
+            report.warn(f"{one.message}: {one.remedy}")
+    error = failure([one for one in found if one.severity == "error"])
+    if error:
+        raise error
+
+
+def examine(
+    objects: Iterable[Mapping[str, Any]], network: Network | str | None, cluster: Cluster
+) -> list[Finding]:
+    """Return everything that keeps a release's network from working, or may."""
+    options = network_of(network)
+    if options is None or options.mode not in LOOKED_AT:
+        return []
+    manifests = list(objects)
+    pods = list(wanted(manifests))
+    if not pods:
+        return []
+    from rigel_k8s.network.preflight.look import look
+
+    brought = (attachment(item) for item in manifests if item.get("kind") == KIND)
+    own = {one.key: one for one in brought}
+    case, unseen = look(Case(options, pods, own), cluster)
+    return [*findings(case), *unseen]
+
+
+def failure(errors: Sequence[Finding]) -> RigelK8sError | None:
+    """Return one error that tells all findings, None where there is none."""
+    if not errors:
+        return None
+    kind = UserError if any(one.fault == "rigelfile" for one in errors) else ClusterError
+    if len(errors) == 1:
+        return kind(f"{errors[0].message} [{errors[0].kind}]", hint=errors[0].remedy)
+    return kind(
+        f"{len(errors)} things keep the network of this release from working",
+        details=[line for one in errors for line in _lines(one)],
+        hint="nothing was applied; docs/preflight.md tells how each is found out",
+    )
+
+
+def _lines(one: Finding) -> tuple[str, str]:
+    return f"{one.message} [{one.kind}]", f"    {one.remedy}"

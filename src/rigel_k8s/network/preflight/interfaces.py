@@ -1,0 +1,176 @@
+"""Is the interface that an attachment sits on there on each machine, and can it carry it?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from rigel_k8s.network.preflight.attachments import Attachment
+from rigel_k8s.network.preflight.case import Case
+from rigel_k8s.network.preflight.finding import Finding, by_text, listed
+from rigel_k8s.network.preflight.machine import Interface, MachineFacts
+
+__all__ = ["interfaces"]
+
+#: Interfaces that networks of pods and engines have made: nobody means these.
+OTHERS = ("lo", "veth", "cali", "lxc", "cni", "flannel", "docker", "kube-", "br-", "cilium", "tunl")
+#: What takes all that arrives at its ports: on a port there is no place for anything else.
+TAKES_ALL = ("bridge", "bond", "team", "openvswitch")
+OPPOSITE = {"macvlan": "ipvlan", "ipvlan": "macvlan"}
+
+
+def interfaces(case: Case) -> Iterator[Finding]:
+    """Yield what is wrong with the interfaces that attachments, or pods themselves, use."""
+    if case.network.mode == "host" and case.network.interface:
+        seen = {n: f for n, f in case.view.machines.items() if n in case.nodes()}
+        name = case.network.interface
+        yield from _missing({node: (name, facts) for node, facts in seen.items()})
+    for one in case.attachments:
+        if one.on_an_interface:
+            found = {node: (_master(one, facts), facts) for node, facts in case.machines(one)}
+            yield from _missing(found)
+            there = {n: f.interfaces[m] for n, (m, f) in found.items() if m in f.interfaces}
+            yield from _unfit(one, there)
+            yield from _carries_other(one, found)
+            yield from _used_by_other(case, one, there)
+
+
+def _master(one: Attachment, facts: MachineFacts) -> str:
+    return one.master or facts.default_interface or ""
+
+
+Found = Mapping[str, tuple[str, MachineFacts]]
+
+
+def _missing(found: Found) -> Iterator[Finding]:
+    nameless = [node for node, (master, _) in found.items() if not master]
+    if nameless:
+        yield Finding(
+            "interface-unsaid",
+            f"no interface is named, and {listed(nameless)} has no default route to take it from",
+            "name it in `network.interface`",
+            fault="rigelfile",
+        )
+    lacking = {
+        node: f"{master} (there: {_usable(facts) or 'none'})"
+        for node, (master, facts) in found.items()
+        if master and master not in facts.interfaces
+    }
+    for text, nodes in by_text(lacking).items():
+        verb = "has" if len(nodes) == 1 else "have"
+        yield Finding(
+            "interface-missing",
+            f"{listed(nodes)} {verb} no interface {text}",
+            "`network.interface` must be there on every machine that pods may run on; `placement`"
+            " keeps them away from the others",
+            fault="rigelfile",
+        )
+
+
+def _usable(facts: MachineFacts) -> str:
+    names = sorted(name for name in facts.interfaces if not name.startswith(OTHERS))
+    return listed((f"{n} (wireless)" if facts.interfaces[n].wireless else n for n in names), most=8)
+
+
+def _unfit(one: Attachment, there: Mapping[str, Interface]) -> Iterator[Finding]:
+    for rule in (_wireless, _not_ethernet, _down, _no_carrier, _mtu):
+        said: dict[Finding, None] = {}
+        for i in dict.fromkeys(there.values()):
+            nodes = listed(node for node, other in there.items() if other == i)
+            said |= dict.fromkeys(rule(one, i, f"{i.name} of {nodes}"))
+        yield from said
+
+
+def _wireless(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+    if i.wireless and one.program == "macvlan":
+        yield Finding(
+            "interface-wireless",
+            f"{which} is wireless: access points drop what comes from macvlan's further MAC"
+            " addresses",
+            "`mode: ipvlan` keeps the machine's MAC address (not with `ipam: dhcp`); or `mode:"
+            " peers` or `discovery-server`, which need no second network",
+            fault="rigelfile",
+        )
+
+
+def _not_ethernet(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+    if not i.ethernet and one.program == "macvlan":
+        yield Finding(
+            "interface-not-ethernet",
+            f"{which} is no Ethernet interface, so it carries no macvlan",
+            "name another in `network.interface`, or take `mode: peers` or `discovery-server`",
+            fault="rigelfile",
+        )
+
+
+def _down(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+    if not i.up:
+        yield Finding(
+            "interface-down",
+            f"{which} is down: pods would start and hear nobody",
+            f"`ip link set {i.name} up` there, and in the machine's network configuration",
+        )
+
+
+def _no_carrier(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+    if i.up and i.state in ("down", "lowerlayerdown", "dormant"):
+        yield Finding(
+            "interface-no-carrier",
+            f"{which} has no link ({i.state}): is its cable plugged in?",
+            "pods start, and hear nobody until it has",
+            severity="warning",
+        )
+
+
+def _mtu(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+    if one.mtu > i.mtu:
+        yield Finding(
+            "mtu",
+            f"an MTU of {one.mtu} does not fit into the {i.mtu} of {which}",
+            f"`network.mtu` of at most {i.mtu}, or none",
+            fault="rigelfile",
+        )
+
+
+def _carries_other(one: Attachment, found: Found) -> Iterator[Finding]:
+    """Yield interfaces with something on top, in the machine's own network, that wants them alone.
+
+    The kernel says no more than "Device or resource busy" when a pod starts.
+    """
+    for node, (master, facts) in found.items():
+        uppers = facts.interfaces[master].uppers if master in facts.interfaces else ()
+        for upper in (facts.interfaces[name] for name in uppers if name in facts.interfaces):
+            if upper.kind == OPPOSITE[one.program]:
+                what = f"{master} of {node} carries {upper.kind} already ({upper.name})"
+                yield _collision(one, what)
+            elif upper.kind in TAKES_ALL:
+                yield Finding(
+                    "interface-port",
+                    f"{master} of {node} is a port of {upper.kind} {upper.name}, so it carries no"
+                    f" {one.program}",
+                    f"`interface: {upper.name}`",
+                    fault="rigelfile",
+                )
+
+
+def _used_by_other(
+    case: Case, one: Attachment, there: Mapping[str, Interface]
+) -> Iterator[Finding]:
+    """Yield interfaces that pods of other attachments use the other way, on machines of ours."""
+    for other in case.neighbours(one):
+        if other.program == one.program:
+            continue
+        pods = sorted(
+            {t.pod for t in case.view.taken if t.attachment == other.key and t.node in there}
+        )
+        if pods:
+            what = f"{other.master or 'the default interface'} carries {other.program} already"
+            yield _collision(one, f"{what}, by {other.key} (used by {listed(pods, most=3)})")
+
+
+def _collision(one: Attachment, what: str) -> Finding:
+    return Finding(
+        "interface-shared",
+        f"{what}: one interface carries macvlan or ipvlan, never both",
+        f"`mode: {OPPOSITE[one.program]}` as well, or another `network.interface`",
+        fault="rigelfile",
+    )

@@ -1,0 +1,115 @@
+"""What lets messages be lost, and what a second network does not obey: warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from rigel_k8s.network.preflight.case import Case
+from rigel_k8s.network.preflight.finding import Finding, listed
+from rigel_k8s.network.preflight.wanted import selected
+
+__all__ = ["buffers", "neighbours", "policies"]
+
+#: A message of 1 MB that arrives at once in fragments of 64 KB is lost in a buffer of 416 KiB and
+#: fits into one of 1 MiB (docs/preflight.md: how it was measured).
+LEAST = 1024 * 1024
+ADVISED = 8 * 1024 * 1024
+BUFFERS = ("net.core.rmem_max", "net.core.wmem_max")
+FILE = "/etc/sysctl.d/60-ros.conf"
+ROOM = 4  # times what is needed
+#: The kernel's table of neighbours, which all pods of a machine share, has so many entries at most.
+NEIGHBOURS = "net.ipv4.neigh.default.gc_thresh3"
+
+
+def buffers(case: Case) -> Iterator[Finding]:
+    """Yield machines whose socket buffers, or fragments' memory, are small for large messages."""
+    users = case.nodes()
+    seen = {node: facts for node, facts in case.view.machines.items() if node in users}
+    small = {
+        node: ", ".join(f"{n} {facts.settings[n]}" for n in BUFFERS if _small(facts.settings, n))
+        for node, facts in seen.items()
+    }
+    nodes = [node for node, text in small.items() if text]
+    if nodes:
+        settings = " ".join(f"{name}={ADVISED}" for name in BUFFERS)
+        yield Finding(
+            "small-buffers",
+            f"messages of 1 MB and more may be lost on {listed(nodes)}: {small[nodes[0]]}",
+            f"`sysctl -w {settings}` on the machine (on k3s too: the machine's own, not a pod's),"
+            f" and in {FILE}",
+            severity="warning",
+        )
+    yield from _fragments(case)
+
+
+def _small(settings: Mapping[str, int], name: str) -> bool:
+    return settings.get(name, LEAST) < LEAST
+
+
+def _fragments(case: Case) -> Iterator[Finding]:
+    """Yield machines whose own network, by radio, keeps lost fragments for half a minute.
+
+    Pods with a network of their own have the kernel's defaults, whatever the machine says.
+    """
+    if not any(pod.spec.get("hostNetwork") for pod in case.wanted):
+        return
+    nodes = [
+        node
+        for node in case.nodes()
+        if node in case.view.machines
+        and any(i.wireless and i.up for i in case.view.machines[node].interfaces.values())
+        and case.view.machines[node].settings.get("net.ipv4.ipfrag_time", 0) >= 30
+        and case.view.machines[node].settings.get("net.ipv4.ipfrag_high_thresh", 0) <= 4 * LEAST
+    ]
+    if nodes:
+        yield Finding(
+            "fragments",
+            f"by radio, fragments that get lost may block large messages for 30 s on"
+            f" {listed(nodes)}",
+            "`sysctl -w net.ipv4.ipfrag_time=3 net.ipv4.ipfrag_high_thresh=134217728` on the"
+            f" machine, and in {FILE}",
+            severity="warning",
+        )
+
+
+def neighbours(case: Case) -> Iterator[Finding]:
+    """Yield machines whose table of neighbours is small for pods that all talk with each other."""
+    for one in case.attachments:
+        pods, nodes = case.pods(one), case.nodes(case.users(one))
+        needed = -(-pods // max(1, len(nodes))) * (pods - 1)  # spread evenly
+        small = {
+            node: facts.settings[NEIGHBOURS]
+            for node, facts in case.machines(one)
+            if facts.settings.get(NEIGHBOURS, needed) < needed
+        }
+        if small:
+            yield Finding(
+                "neighbours",
+                f"{pods} pods on {len(nodes)} machines that talk with each other need about"
+                f" {needed} neighbours on each, and {listed(small)} can keep {min(small.values())}"
+                f" ({NEIGHBOURS}) for all pods together: what goes to others is dropped without a"
+                " word",
+                f"`sysctl -w {NEIGHBOURS}={ROOM * needed}` on the machine, and in {FILE}",
+                severity="warning",
+            )
+
+
+def policies(case: Case) -> Iterator[Finding]:
+    """Yield NetworkPolicies that select our pods: they do not reach a second network."""
+    found: dict[str, None] = {}
+    for policy in case.view.policies:
+        selector = (policy.get("spec") or {}).get("podSelector") or {}
+        for pod in case.wanted:
+            if pod.pods and selected(selector, pod.labels):
+                found[policy["metadata"]["name"]] = None
+    if not found:
+        return
+    host = not case.keys
+    where = "the machine's network (`mode: host`)" if host else "the second interface"
+    yield Finding(
+        "network-policy",
+        f"NetworkPolicy {listed(found)} selects pods of this release and does not cover {where}",
+        "whoever is on that network reaches all their ports: keep it apart by a VLAN or a firewall"
+        " of the machines" + ("" if host else ", or use MultiNetworkPolicy"),
+        severity="warning",
+    )

@@ -1,0 +1,190 @@
+"""What preflight asks the cluster, and its machines through Multus' daemons; only reading.
+
+What may not be read, or does not answer, is told as one warning and is no reason to fail.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import attrs
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.network.preflight.attachments import (
+    API,
+    KIND,
+    POOL_API,
+    POOL_KIND,
+    Attachment,
+    attachment,
+)
+from rigel_k8s.network.preflight.case import Case, Pool, Taken, View, pool, taken
+from rigel_k8s.network.preflight.daemon import Daemon, daemon, is_multus
+from rigel_k8s.network.preflight.finding import Finding, by_text
+from rigel_k8s.network.preflight.machine import PROBE, MachineFacts, parse
+from rigel_k8s.network.preflight.services import service_ranges
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.causes import owner
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
+__all__ = ["look"]
+
+T = TypeVar("T")
+Manifest = Mapping[str, Any]
+
+NOTHING: Sequence[Manifest] = ()
+NO_POOLS: Sequence[Pool] = ()
+FORBIDDEN = 403
+PATIENCE = 10.0  # seconds for the script on one machine, which takes a tenth of one
+
+
+def look(case: Case, cluster: Cluster) -> tuple[Case, list[Finding]]:
+    """Return the case with what was seen of the cluster, and what could not be looked at."""
+    eyes = _Eyes(cluster)
+    case = attrs.evolve(case, view=eyes.cluster_view(case))
+    view = attrs.evolve(case.view, machines=eyes.machines(case), taken=eyes.taken(case))
+    # The machine's own network lacks nothing that a machine could tell: no warning without need.
+    return attrs.evolve(case, view=view), eyes.told() if case.keys else []
+
+
+class _Eyes:
+    """Asks a cluster and keeps what could not be seen."""
+
+    def __init__(self, cluster: Cluster):
+        self._cluster = cluster
+        self._unseen: dict[str, str] = {}  # what -> why not
+
+    def told(self) -> list[Finding]:
+        """Return the warning that tells what could not be looked at."""
+        if not self._unseen:
+            return []
+        parts = "; ".join(
+            f"{', '.join(sorted(what))} ({why})" for why, what in by_text(self._unseen).items()
+        )
+        return [
+            Finding(
+                "unseen",
+                f"before the deploy could not be looked at: {parts}",
+                "what is wrong there shows when pods start",
+                severity="warning",
+            )
+        ]
+
+    def cluster_view(self, case: Case) -> View:
+        """Return all but the machines; the questions are asked at once."""
+        cluster, attaching = self._cluster, bool(case.keys)
+        questions: dict[str, Callable[[], Any]] = {
+            "nodes": lambda: self._asked("nodes", cluster.nodes, NOTHING),
+            "daemons": self._daemons,
+            "policies": lambda: self._asked(
+                "NetworkPolicies", lambda: self._policies(case), NOTHING
+            ),
+        }
+        if attaching:
+            questions |= {
+                "multus": lambda: self._serves(API, KIND),
+                "whereabouts": lambda: self._serves(POOL_API, POOL_KIND),
+                "attachments": lambda: self._attachments(case),
+                "services": lambda: service_ranges(cluster),
+                "pools": lambda: self._asked("whereabouts' IPPools", self._pools, NO_POOLS),
+            }
+        answers = cluster.parallel(lambda ask: ask(), questions.values())
+        known = dict(zip(questions, answers, strict=True))
+        attachments, unread = known.pop("attachments", ({}, frozenset()))
+        return View(**known, attachments=attachments, unread=unread)
+
+    def machines(self, case: Case) -> dict[str, MachineFacts]:
+        """Return what the machines say that pods may run on, asked at once."""
+        daemons = case.view.daemons or {}
+        nodes = [node for node in case.nodes() if node in daemons]
+        for node in (node for node in nodes if node not in case.ready):
+            self._unseen[node] = "not ready"
+        asked = [daemons[n] for n in nodes if n in case.ready and not daemons[n].state]
+        answers = self._cluster.parallel(self._machine, asked)
+        return {one.node: facts for one, facts in zip(asked, answers, strict=True) if facts}
+
+    def taken(self, case: Case) -> Sequence[Taken]:
+        """Return which second addresses pods have; asked only where some may collide with ours."""
+        pairs = [(one, other) for one in case.attachments for other in case.neighbours(one)]
+        if not any(p.program != q.program or q in case.rivals(p) for p, q in pairs):
+            return ()
+        return self._asked(
+            "other pods' second addresses", lambda: list(taken(self._cluster.list("v1", "Pod"))), ()
+        )
+
+    def _asked(self, what: str, question: Callable[[], T], otherwise: T) -> T:
+        try:
+            return question()
+        except ClusterError as error:
+            self._unseen[what] = _why(error)
+            return otherwise
+
+    def _serves(self, api: str, kind: str) -> bool:
+        return self._asked(f"kinds of {api}", lambda: self._cluster.serves(api, kind), True)
+
+    def _daemons(self) -> Mapping[str, Daemon] | None:
+        """Return Multus' pods by node, whoever installed them and under whatever name."""
+        return self._asked("Multus' daemons", self._found_daemons, None)
+
+    def _found_daemons(self) -> Mapping[str, Daemon] | None:
+        sets = self._cluster.list("apps/v1", "DaemonSet")
+        pods = [pod for one in sets if is_multus(one) for pod in self._pods_of(one)]
+        return {pod["spec"].get("nodeName", ""): daemon(pod) for pod in pods}
+
+    def _pods_of(self, daemon_set: Manifest) -> Iterable[Manifest]:
+        labels = daemon_set["spec"]["selector"].get("matchLabels") or {}
+        meta = daemon_set["metadata"]
+        for pod in self._cluster.list("v1", "Pod", meta["namespace"], labels=labels):
+            if owner(pod) == meta["uid"] and not pod["metadata"].get("deletionTimestamp"):
+                yield pod
+
+    def _policies(self, case: Case) -> Sequence[Manifest]:
+        namespace = case.wanted[0].namespace
+        return self._cluster.list("networking.k8s.io/v1", "NetworkPolicy", namespace)
+
+    def _pools(self) -> Sequence[Pool]:
+        items = self._cluster.list(POOL_API, POOL_KIND)
+        return [one for one in map(pool, items) if one is not None]
+
+    def _attachments(self, case: Case) -> tuple[dict[str, Attachment], frozenset[str]]:
+        """Return the cluster's attachments, at least those that pods ask for."""
+        try:
+            items = self._cluster.list(API, KIND)
+        except ClusterError as error:
+            self._unseen["NetworkAttachmentDefinitions of other namespaces"] = _why(error)
+            return self._named([key for key in case.keys if key not in case.own])
+        return {one.key: one for one in map(attachment, items)}, frozenset()
+
+    def _named(self, keys: Sequence[str]) -> tuple[dict[str, Attachment], frozenset[str]]:
+        found: dict[str, Attachment] = {}
+        unread = []
+        for key in keys:
+            namespace, _, name = key.partition("/")
+            try:
+                item = self._cluster.get(ObjectRef(API, KIND, namespace, name))
+            except ClusterError:
+                unread.append(key)
+            else:
+                found |= {key: attachment(item)} if item else {}
+        return found, frozenset(unread)
+
+    def _machine(self, one: Daemon) -> MachineFacts | None:
+        """Run the script on a machine."""
+        command = ["/bin/sh", "-c", PROBE, "preflight", one.root.rstrip("/"), *one.directories]
+        try:
+            done = self._cluster.run(
+                one.namespace, one.pod, command, container=one.container, timeout=PATIENCE
+            )
+            return parse(done.stdout.decode("utf-8", "replace"))
+        except (ClusterError, ValueError) as error:
+            self._unseen[f"interfaces and CNI programs of {one.node}"] = _why(error)
+            return None
+
+
+def _why(error: Exception) -> str:
+    """Return why something could not be seen; of what is forbidden the word is enough."""
+    return "forbidden" if isinstance(error, Refusal) and error.status == FORBIDDEN else str(error)

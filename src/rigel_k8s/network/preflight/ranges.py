@@ -1,0 +1,224 @@
+"""Do a second network's addresses collide with others, and are there enough of them?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from rigel_k8s.network.preflight.attachments import Attachment, Range, subnet
+from rigel_k8s.network.preflight.case import Case, Taken, addresses_of
+from rigel_k8s.network.preflight.finding import Finding, listed
+from rigel_k8s.network.preflight.machine import Address, Subnet
+
+__all__ = ["ranges", "room"]
+
+KEEP_OFF = "leave them out by `network.range_start`, `range_end` or `exclude`"
+
+
+def ranges(case: Case) -> Iterator[Finding]:
+    """Yield what an attachment's addresses collide with."""
+    for one in case.attachments:
+        for given in case.ranges(one):
+            yield from _cluster_networks(case, given)
+            yield from _other_interfaces(case, one, given)
+            yield from _machines(case, one, given)
+            yield from _other_ranges(case, one, given)
+        yield from _other_pods(case, one)
+        yield from _asked_in_vain(case, one)
+
+
+def _asked_in_vain(case: Case, one: Attachment) -> Iterator[Finding]:
+    """Yield attachments that do not give pods the addresses that they ask for."""
+    if not case.asked_addresses(one) or (one.ipam == "static" and one.passes):
+        return
+    if one.ipam != "static":
+        why = f"its addresses come from {one.ipam or 'nobody'}"
+    else:
+        why = 'its configuration lacks `"capabilities": {"ips": true}`'
+    yield Finding(
+        "attachment-addresses",
+        f"NetworkAttachmentDefinition {one.key} gives no pod the address that it asks for: {why}",
+        'an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips": true}`, or no'
+        " `ipam: static` in the Rigelfile",
+        fault="rigelfile",
+    )
+
+
+def _cluster_networks(case: Case, given: Range) -> Iterator[Finding]:
+    pods = [f"{text} ({node})" for node, text in _pod_networks(case) if _overlap(given, text)]
+    if pods:
+        yield _overlapping("pod-network", given, f"the pod network: {listed(pods)}")
+    services = [str(text) for text in case.view.services if _overlap(given, text)]
+    if services:
+        yield _overlapping("service-network", given, f"the Services' network: {listed(services)}")
+
+
+def _overlapping(kind: str, given: Range, what: str) -> Finding:
+    return Finding(
+        kind,
+        f"subnet {given.subnet} overlaps {what}: pods would look for those at the second network",
+        "`network.subnet` must be a range that nothing in the cluster uses",
+        fault="rigelfile",
+    )
+
+
+def _pod_networks(case: Case) -> Iterator[tuple[str, Subnet]]:
+    for node in case.view.nodes:
+        spec = node.get("spec") or {}
+        for text in spec.get("podCIDRs") or [spec.get("podCIDR")]:
+            found = subnet(text) if text else None
+            if found is not None:
+                yield node["metadata"]["name"], found
+
+
+def _overlap(given: Range, other: Subnet) -> bool:
+    return given.subnet.version == other.version and given.subnet.overlaps(other)
+
+
+def _other_interfaces(case: Case, one: Attachment, given: Range) -> Iterator[Finding]:
+    """Yield ranges that machines reach elsewhere: pods would look for them at the second network.
+
+    Routes to pods are left out: they are told as the pod network.
+    """
+    pods = [found for _, found in _pod_networks(case)]
+    for node, facts in case.machines(one):
+        master = one.master or facts.default_interface
+        for route in facts.routes:
+            length = route.subnet.prefixlen
+            if route.interface == master or length in (0, route.subnet.max_prefixlen):
+                continue
+            if _overlap(given, route.subnet) and not any(_within(route.subnet, p) for p in pods):
+                yield Finding(
+                    "route",
+                    f"{node} reaches {route.subnet} by {route.interface}, and subnet"
+                    f" {given.subnet} overlaps it: pods would look for it at {master}",
+                    "another `network.subnet`, unless both interfaces are on one segment",
+                    severity="warning",
+                )
+
+
+def _within(inner: Subnet, outer: Subnet) -> bool:
+    return inner.version == outer.version and inner.subnet_of(outer)  # type: ignore[arg-type]
+
+
+def _machines(case: Case, one: Attachment, given: Range) -> Iterator[Finding]:
+    """Yield addresses of machines and of the gateway that pods would get."""
+    asked = case.asked_addresses(one)
+    owners = _owners(case)
+    if one.ipam == "static":
+        stolen = [f"{a} ({owners[a]})" for a in sorted(asked, key=int) if a in owners]
+    else:
+        stolen = [f"{a} ({owners[a]})" for a in sorted(owners, key=int) if given.gives(a)]
+    if stolen:
+        yield Finding(
+            "machine-address",
+            f"pods would be given addresses that machines have: {listed(stolen)}",
+            KEEP_OFF,
+            fault="rigelfile",
+        )
+    if one.gateway and (given.gives(one.gateway) if one.ipam != "static" else one.gateway in asked):
+        yield Finding(
+            "gateway-address",
+            f"a pod would be given the gateway's address, {one.gateway}",
+            KEEP_OFF,
+            fault="rigelfile",
+        )
+
+
+def _owners(case: Case) -> dict[Address, str]:
+    """Return the addresses of machines, with the machine's name; those towards pods left out."""
+    found: dict[Address, str] = {}
+    for node, facts in case.view.machines.items():
+        found |= dict.fromkeys(facts.addresses, node)
+    for manifest in case.view.nodes:
+        found |= addresses_of(manifest)
+    pods = [network for _, network in _pod_networks(case)]
+    return {one: node for one, node in found.items() if not any(one in n for n in pods)}
+
+
+def _other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[Finding]:
+    """Yield attachments on the same interface that give out the same addresses unknowingly."""
+    for other in case.rivals(one):
+        for theirs in other.ranges:
+            if given.overlaps(theirs):
+                yield Finding(
+                    "other-attachment",
+                    f"NetworkAttachmentDefinition {other.key} ({other.ipam}) gives out {theirs} on"
+                    f" {one.master or 'the same interface'} as well, and knows nothing of {given}"
+                    f" ({one.ipam})",
+                    "ranges that do not overlap, by `network.range_start` and `range_end`; or"
+                    " whereabouts for both",
+                    fault="rigelfile",
+                )
+
+
+def _other_pods(case: Case, one: Attachment) -> Iterator[Finding]:
+    """Yield addresses that pods of other attachments on the same interface have."""
+    asked, given = case.asked_addresses(one), case.ranges(one)
+    others = {other.key for other in case.rivals(one)}
+    clashing = [
+        f"{taken.address} ({taken.pod})"
+        for taken in case.view.taken
+        if taken.attachment in others
+        and (
+            taken.address in asked
+            if one.ipam == "static"
+            else any(one_range.gives(taken.address) for one_range in given)
+        )
+    ]
+    if clashing:
+        yield Finding(
+            "address-taken",
+            f"pods would be given addresses that other pods have: {listed(clashing)}",
+            KEEP_OFF,
+            fault="rigelfile",
+        )
+
+
+def room(case: Case) -> Iterator[Finding]:
+    """Yield where addresses run out, and where two pods would get the same one."""
+    for one in case.attachments:
+        pods = case.pods(one)
+        nodes = case.nodes(case.users(one))
+        if one.ipam == "host-local" and pods > 1 and len(nodes) > 1:
+            yield _host_local(nodes)
+        given = case.ranges(one)
+        if given and one.ipam in ("whereabouts", "static", "host-local"):
+            yield from _too_few(case, one, given, pods)
+
+
+def _host_local(nodes: list[str]) -> Finding:
+    return Finding(
+        "host-local",
+        f"host-local counts on each machine for itself, and pods may run on {listed(nodes)}: two"
+        " of them would get one address",
+        "`ipam: whereabouts`, or `placement.node` to keep all pods on one machine",
+        fault="rigelfile",
+    )
+
+
+def _too_few(case: Case, one: Attachment, given: tuple[Range, ...], pods: int) -> Iterator[Finding]:
+    # Of several ranges a pod gets one address each, so the smallest decides.
+    least = min(given, key=lambda r: r.size)
+    if pods > least.size:
+        yield Finding(
+            "too-few-addresses",
+            f"{pods} pods want an address, and {least.subnet} has {least.size} to give out"
+            f" ({least})",
+            "a larger `network.subnet`, or a wider `range_start` and `range_end`",
+            fault="rigelfile",
+        )
+        return
+    others = _held_by_others(case, least) if one.ipam == "whereabouts" else []
+    if pods > least.size - len(others):
+        yield Finding(
+            "addresses-run-out",
+            f"{pods} pods want an address, and of the {least.size} from {least} others have"
+            f" {len(others)}: {listed((t.pod for t in others), most=3)}",
+            "a larger `network.subnet`, or end some of those; `kubectl get ippools -A -o yaml`"
+            " shows who has which",
+        )
+
+
+def _held_by_others(case: Case, given: Range) -> list[Taken]:
+    found = {t.address: t for pool in case.view.pools for t in pool.taken if given.gives(t.address)}
+    return [taken for _, taken in sorted(found.items()) if not case.is_own(taken.pod)]

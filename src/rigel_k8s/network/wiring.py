@@ -1,0 +1,103 @@
+"""What a network mode adds to one pod, as parts that any workload lays into its pod template."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.network.options import Network
+from rigel_k8s.objects.naming import Ros
+
+__all__ = ["NETWORK_ANNOTATION", "NetworkPlan", "PodIdentity", "Wiring", "network_note"]
+
+Object = dict[str, Any]
+
+#: On pods: how they are networked, as JSON, so that a pod can be looked at without its Rigelfile.
+NETWORK_ANNOTATION = "rigel-k8s/network"
+
+
+@attrs.frozen
+class PodIdentity:
+    """One workload of the release whose pods are wired.
+
+    Attributes:
+        name: the workload's Kubernetes name, also that of its Service in mode `peers`.
+        image: its container's image, from which init containers are made.
+        ros_name: the full ROS name where it is fixed.
+        replicas: how many pods, None for one.
+        like: fields of its container that init containers share: imagePullPolicy, resources, and
+            of securityContext whom it runs as.
+    """
+
+    name: str
+    image: str
+    ros_name: str | None = None
+    replicas: int | None = None
+    like: Mapping[str, Any] = attrs.field(factory=dict)
+
+
+@attrs.frozen
+class NetworkPlan:
+    """A release's network with everything resolved; the same for all its pods.
+
+    Attributes:
+        options: as written; None where the Rigelfile has no `network`.
+        ros: which ROS, "none" for plain DDS.
+        distro: application.distro.
+        middleware: fastdds, cyclonedds or zenoh; None where nobody said.
+        domain_id: the DDS domain; None where only the images know it.
+        pods: all workloads of the release that take part.
+        addresses: workload name -> its address with prefix length, for `ipam: static`.
+        pull_secrets: Secrets with registry credentials, for pods that a mode adds.
+    """
+
+    namespace: str
+    release: str
+    options: Network | None
+    ros: Ros
+    distro: str
+    middleware: str | None = None
+    domain_id: int | None = None
+    pods: Sequence[PodIdentity] = ()
+    addresses: Mapping[str, str] = attrs.field(factory=dict)
+    pull_secrets: Sequence[str] = ()
+
+    @property
+    def mode(self) -> str:
+        """The mode, "none" where nothing is wired."""
+        return self.options.mode if self.options else "none"
+
+
+@attrs.frozen
+class Wiring:
+    """What is laid into a pod template.
+
+    Attributes:
+        env: variable -> its source, {"value": ...} or {"valueFrom": ...}; what a user says wins.
+        annotations: of the pod.
+        volumes: of the pod; mounts: of the ROS container.
+        pod: further fields of the pod's spec (hostNetwork, dnsPolicy ...).
+    """
+
+    env: Mapping[str, Object] = attrs.field(factory=dict)
+    annotations: Mapping[str, str] = attrs.field(factory=dict)
+    init_containers: Sequence[Object] = ()
+    volumes: Sequence[Object] = ()
+    mounts: Sequence[Object] = ()
+    pod: Mapping[str, Any] = attrs.field(factory=dict)
+
+
+def network_note(plan: NetworkPlan, **more: Any) -> dict[str, str]:
+    """Return the annotation that tells how a pod is networked."""
+    told = {
+        "mode": plan.mode,
+        "ros": plan.ros,
+        "middleware": plan.middleware,
+        "domain": plan.domain_id,
+        **more,
+    }
+    known = {key: value for key, value in told.items() if value is not None}
+    return {NETWORK_ANNOTATION: json.dumps(known, sort_keys=True)}

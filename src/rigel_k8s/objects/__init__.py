@@ -1,0 +1,1 @@
+"""The vocabulary of Kubernetes objects: names, labels, values, pod and workload frames; pure."""

@@ -1,0 +1,24 @@
+"""Labels and annotations by which a release is found on a cluster, and how its workloads differ."""
+
+from __future__ import annotations
+
+__all__ = [
+    "FIELD_MANAGER",
+    "FIRST_ANNOTATION",
+    "OPTIONAL_ANNOTATION",
+    "RELEASE_LABEL",
+    "REMEDY_ANNOTATION",
+    "SINGLETON_ANNOTATION",
+]
+
+FIELD_MANAGER = "rigel"
+#: On every object of a release: the release's name (the deployment_name), as a label value.
+RELEASE_LABEL = "rigel-k8s/release"
+#: On a workload: an identity that only one workload of a namespace may have at a time (a ROS name).
+SINGLETON_ANNOTATION = "rigel-k8s/singleton"
+#: On a workload, "true": the release's other workloads start when it is ready (a ROS master).
+FIRST_ANNOTATION = "rigel-k8s/first"
+#: On a workload, "true": the release is good without it, and says so.
+OPTIONAL_ANNOTATION = "rigel-k8s/optional"
+#: On such a workload: what to do where it does not become ready, for people.
+REMEDY_ANNOTATION = "rigel-k8s/remedy"

@@ -1,0 +1,70 @@
+"""ROS names to Kubernetes names, and the labels that every object of a release carries."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from typing import Literal
+
+from rigel_k8s.objects.marks import RELEASE_LABEL
+
+__all__ = [
+    "LONGEST",
+    "NAME_LABEL",
+    "NODE_ANNOTATION",
+    "ROS_NAME_ANNOTATION",
+    "Ros",
+    "labels",
+    "object_name",
+    "ros_name",
+    "selector",
+]
+
+#: Which ROS an application is of; "none" is a plain DDS application.
+Ros = Literal["1", "2", "none"]
+
+#: The selector's label; it is the peer's and cannot change, since selectors cannot.
+NAME_LABEL = "app.kubernetes.io/name"
+#: On a Deployment and its pods: the name of the ROS node in them.
+ROS_NAME_ANNOTATION = "rigel-k8s/ros-name"
+#: On a Deployment and its pods: the key in `nodes` that they were made from.
+NODE_ANNOTATION = "rigel-k8s/node"
+#: What a label's value, and so a Kubernetes name here, may have.
+LONGEST = 63
+
+
+def ros_name(name: str, namespace: str | None = None) -> str:
+    """Return the full ROS name, /NAMESPACE/NAME; one that begins with / is full already."""
+    if name.startswith("/"):
+        return name
+    return "/" + "/".join(part for part in ((namespace or "").strip("/"), name) if part)
+
+
+def object_name(name: str) -> str:
+    """Return the Kubernetes name of a ROS name: lower case, "-" for "/" and "_".
+
+    Two ROS names may give one Kubernetes name (`a_b` and `a/b`); whoever names many looks for that.
+    What would be too long keeps its beginning and gets a hash.
+    """
+    text = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "node"
+    if text[0].isdigit():
+        text = f"n{text}"  # a Service's name begins with a letter
+    if len(text) <= LONGEST:
+        return text
+    digest = hashlib.sha256(name.encode()).hexdigest()[:8]
+    return f"{text[: LONGEST - 9].rstrip('-')}-{digest}"
+
+
+def selector(name: str) -> dict[str, str]:
+    """Return the labels that select a workload's pods."""
+    return {NAME_LABEL: name}
+
+
+def labels(name: str, release: str) -> dict[str, str]:
+    """Return the labels of an object and of its pods."""
+    return {
+        **selector(name),
+        "app.kubernetes.io/part-of": release,
+        "app.kubernetes.io/managed-by": "rigel",
+        RELEASE_LABEL: release,
+    }

@@ -1,0 +1,176 @@
+"""The parts of a job's options that describe a pod: readiness, volumes, ports, devices, placement.
+
+They know no Kubernetes object; each field documents itself.
+"""
+
+# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import attrs
+
+from rigel_k8s.objects.fields import needed, option
+from rigel_k8s.objects.scalars import (
+    Count,
+    Delay,
+    EnvName,
+    LabelKey,
+    LabelValue,
+    MountPath,
+    ObjectName,
+    Port,
+    PortName,
+    Quantity,
+    Share,
+)
+
+__all__ = [
+    "Device",
+    "EnvVar",
+    "PersistentStorage",
+    "Placement",
+    "PortOptions",
+    "Readiness",
+    "RollingUpdate",
+    "Scalar",
+    "Toleration",
+    "Volume",
+    "VolumeMount",
+]
+
+Scalar = str | int | float | bool
+
+
+@attrs.frozen(kw_only=True)
+class Readiness:
+    """When a pod counts as ready."""
+
+    command: str | list[str] | None = option("a command that exits 0 when ready: words or a list")
+    file: MountPath | None = option("a file that is there when ready, /tmp/ready say")
+    initial_delay_seconds: Delay | None = option("seconds before the first probe")
+    period_seconds: Count | None = option("seconds between probes once ready (default 10)")
+    probe_timeout_seconds: Count | None = option("seconds that one probe may take (default 5)")
+    failure_threshold: Count | None = option(
+        "failures in a row that make a pod unready (default 2)"
+    )
+    timeout_seconds: Delay | None = option("seconds that the roll-out waits for it to become ready")
+
+
+@attrs.frozen(kw_only=True)
+class RollingUpdate:
+    """How pods of a new revision replace the old ones."""
+
+    strategy: (
+        Literal["Rolling", "RollingUpdate", "Recreate", "rolling", "rollingupdate", "recreate"]
+        | None
+    ) = option(
+        "Recreate: the old pod is gone before the new one starts, the default of nodes with a fixed"
+        " ROS name; Rolling: the new pod is ready before the old one stops"
+    )
+    max_surge: Share | None = option("pods more than wanted during an update (default 1)")
+    max_unavailable: Share | None = option("pods fewer than wanted during an update (default 0)")
+
+
+@attrs.frozen(kw_only=True)
+class Volume:
+    """A persistent volume: the claim NAME-pvc, and with host_path the static volume NAME-pv."""
+
+    name: ObjectName = needed("the volume's name")
+    size: Quantity = option("how much storage is asked for", Quantity("1Gi"))
+    storage_class: str | None = option("a StorageClass; left out: the cluster's default")
+    host_path: MountPath | None = option("a directory of a machine: a static volume on it is made")
+    mount_path: MountPath | None = option(
+        "where the application sees it (default /persistent/NAME)"
+    )
+    access_mode: Literal["ReadWriteOnce", "ReadWriteMany", "ReadOnlyMany", "ReadWriteOncePod"] = (
+        option("who may mount it at once", "ReadWriteOnce")
+    )
+
+
+@attrs.frozen(kw_only=True)
+class PersistentStorage:
+    """Volumes whose data outlives pods, updates and `rigel down`."""
+
+    volumes: list[Volume] = option("the volumes", [])
+
+
+@attrs.frozen(kw_only=True)
+class EnvVar:
+    """An environment variable as Kubernetes writes it."""
+
+    name: EnvName = needed("the variable's name")
+    value: Scalar | None = option("its value")
+    value_from: Mapping[str, Any] | None = attrs.field(
+        default=None,
+        metadata={
+            "key": "valueFrom",
+            "aliases": ("value_from",),
+            "doc": "where its value comes from: secretKeyRef, configMapKeyRef, fieldRef ...",
+        },
+    )
+
+
+@attrs.frozen(kw_only=True)
+class PortOptions:
+    """A port that others reach through a Service of the node's name."""
+
+    name: PortName | None = option("the port's name")
+    port: Port = needed("the port of the container")
+    service_port: Port | None = option("the Service's port where it differs")
+    protocol: Literal["TCP", "UDP"] = option("the protocol", "TCP")
+
+
+@attrs.frozen(kw_only=True)
+class VolumeMount:
+    """What a node sees of a volume; one of name, host_path, config_map, secret and memory."""
+
+    name: ObjectName | None = option("one of persistent_storage.volumes")
+    host_path: MountPath | None = option("a directory or file of the machine that the pod runs on")
+    config_map: ObjectName | None = option("a ConfigMap of the namespace")
+    secret: ObjectName | None = option("a Secret of the namespace")
+    memory: Quantity | None = option("memory of this size, for /dev/shm say")
+    mount_path: MountPath | None = option("where the container sees it; only `name` has a default")
+    sub_path: str | None = option("a path inside the volume")
+    read_only: bool = option("refuse writes", default=False)
+
+
+@attrs.frozen(kw_only=True)
+class Device:
+    """A device of the machine: a path, or a resource of a device plugin (squat.ai/serial)."""
+
+    path: MountPath | None = option("a device file; opening it wants a privileged security_context")
+    mount_path: MountPath | None = option("where the container sees it (default: the same path)")
+    resource: LabelKey | None = option("the resource name that a device plugin gives it")
+    count: Count = option("how many of the resource", Count(1))
+
+
+@attrs.frozen(kw_only=True)
+class Placement:
+    """Where a pod runs."""
+
+    node: ObjectName | None = option("the Kubernetes node's name (kubernetes.io/hostname)")
+    labels: Mapping[LabelKey, LabelValue] = option("labels that the Kubernetes node must have", {})
+    apart_from: list[str] = option("keys of `nodes` whose pods must be on other machines", [])
+
+
+@attrs.frozen(kw_only=True)
+class Toleration:
+    """A taint that the pod tolerates, as Kubernetes has it."""
+
+    key: LabelKey | None = option("the taint's key; left out: all")
+    operator: Literal["Exists", "Equal"] | None = option(
+        "Equal where `value` is given, else Exists"
+    )
+    value: LabelValue | None = option("the taint's value for Equal")
+    effect: Literal["NoSchedule", "PreferNoSchedule", "NoExecute"] | None = option(
+        "left out: all effects"
+    )
+    seconds: Delay | None = attrs.field(
+        default=None,
+        metadata={
+            "aliases": ("tolerationSeconds",),
+            "doc": "how long, for NoExecute; left out: without limit",
+        },
+    )

@@ -1,0 +1,117 @@
+"""What every pod with ROS in it has: probes, the stop hook, in-pod scripts, a place for logs.
+
+The scripts' contract is docs/in-pod-scripts.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rigel_k8s.objects.podoptions import Readiness
+from rigel_k8s.objects.text import words
+
+__all__ = [
+    "LOG_PATH",
+    "MASTER_NAME",
+    "MASTER_PORT",
+    "MASTER_URI",
+    "SCRIPTS_PATH",
+    "Object",
+    "compact",
+    "inpod_volume",
+    "log_volume",
+    "probes",
+    "scripts_config",
+    "stop_hook",
+]
+
+Object = dict[str, Any]
+
+SCRIPTS_PATH = "/rigel-k8s"
+#: Where ROS 2 writes its log files: rcl wants a directory that every user can write to.
+LOG_PATH = "/rigel-k8s-logs"
+MASTER_NAME = "ros-master"
+MASTER_PORT = 11311
+MASTER_URI = f"http://{MASTER_NAME}:{MASTER_PORT}"
+
+#: A probe that never gives up: a node may wait long for its hardware or its master.
+FOR_EVER = 2**31 - 1
+#: Seconds that the startup probe's one process looks, and that the kubelet gives it.
+LOOK, LOOK_TIMEOUT = 8, 10
+
+
+def compact(fields: Mapping[str, Any]) -> Object:
+    """Return the fields that say something."""
+    return {key: value for key, value in fields.items() if value not in (None, {}, [])}
+
+
+def script(name: str, *arguments: str) -> Object:
+    """Return a call of an in-pod script."""
+    return {"exec": {"command": ["/bin/sh", f"{SCRIPTS_PATH}/{name}", *arguments]}}
+
+
+def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
+    """Return a container's probes: one that sees the start at once, a rare one afterwards.
+
+    Args:
+        readiness: a command or file of the user's, "none", or a word and None for ROS' own.
+        asked: what the in-pod script is asked then.
+    """
+    if readiness == "none":
+        return {}
+    own = readiness if isinstance(readiness, Readiness) else Readiness()
+    if own.command is None and own.file is None:
+        look = script("ready.sh", *asked, "--wait", str(LOOK))
+        start = {**look, "timeoutSeconds": LOOK_TIMEOUT}
+        check = script("ready.sh", *asked)
+    else:
+        check = {"exec": {"command": own_command(own)}}
+        start = {**check, "timeoutSeconds": int(own.probe_timeout_seconds or 5)}
+    start |= {"periodSeconds": 1, "failureThreshold": FOR_EVER}
+    if own.initial_delay_seconds:
+        start["initialDelaySeconds"] = int(own.initial_delay_seconds)
+    return {"startupProbe": start, "readinessProbe": {**check, **timing(own)}}
+
+
+def own_command(own: Readiness) -> list[str]:
+    """Return the user's own check."""
+    return words(own.command) if own.command is not None else ["test", "-e", str(own.file)]
+
+
+def timing(own: Readiness) -> Object:
+    """Return the readiness probe's numbers: unready within 30 s, one process start in 10 s."""
+    return {
+        "periodSeconds": int(own.period_seconds or 10),
+        "timeoutSeconds": int(own.probe_timeout_seconds or 5),
+        "failureThreshold": int(own.failure_threshold or 2),
+    }
+
+
+def stop_hook(grace: int | None = None) -> Object:
+    """Return the lifecycle that ends ROS processes with SIGINT: many of them ignore SIGTERM.
+
+    Args:
+        grace: seconds that the pod may take to end; the hook is done shortly before.
+    """
+    bound = [] if grace is None else [str(max(1, grace - 2))]
+    return {"preStop": script("stop.sh", *bound)}
+
+
+def scripts_config(release: str) -> str:
+    """Return the name of the ConfigMap with the in-pod scripts."""
+    return f"{release}-inpod"
+
+
+def inpod_volume(release: str) -> tuple[Object, Object]:
+    """Return (volume, mount) of the in-pod scripts."""
+    volume = {
+        "name": "rigel-inpod",
+        "configMap": {"name": scripts_config(release), "defaultMode": 0o555},
+    }
+    return volume, {"name": "rigel-inpod", "mountPath": SCRIPTS_PATH, "readOnly": True}
+
+
+def log_volume() -> tuple[Object, Object]:
+    """Return (volume, mount) of the directory for ROS 2's log files."""
+    return {"name": "rigel-logs", "emptyDir": {}}, {"name": "rigel-logs", "mountPath": LOG_PATH}

@@ -1,0 +1,36 @@
+"""How long a container that nobody probes must run before its pod counts.
+
+Without a probe a container is ready as soon as it runs, and the kubelet, which looks once a second,
+tells of a crash late. Kubernetes' own `minReadySeconds` waits for that, for everybody who looks; it
+is no part of the pods' template.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s.objects.overlay import plain
+
+__all__ = ["SECONDS", "steadied", "unprobed"]
+
+#: Kubernetes keeps in whole seconds when a pod became ready, so of N it may wait only N - 1: with 1
+#: each crash that was measured counted as ready, for the kubelet told it later.
+SECONDS = 2
+
+KINDS = ("Deployment", "DaemonSet")
+
+
+def steadied(item: Mapping[str, Any]) -> dict[str, Any]:
+    """Return an object as plain data, a workload with unprobed containers with its seconds."""
+    made: dict[str, Any] = plain(item)
+    if made["kind"] in KINDS and unprobed(made["spec"]["template"]["spec"]):
+        made["spec"] = {"minReadySeconds": SECONDS, **made["spec"]}
+    return made
+
+
+def unprobed(pod_spec: Mapping[str, Any]) -> list[str]:
+    """Return the names of a pod's containers that are ready as soon as they run."""
+    probes = ("readinessProbe", "startupProbe")
+    found = pod_spec.get("containers") or []
+    return [str(c["name"]) for c in found if not any(c.get(probe) for probe in probes)]

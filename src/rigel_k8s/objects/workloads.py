@@ -1,0 +1,132 @@
+"""The frame that all Deployments and Services of a release share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.objects.naming import Ros, labels, selector
+from rigel_k8s.objects.podoptions import Readiness
+from rigel_k8s.objects.pods import Object, compact, inpod_volume, log_volume
+
+__all__ = [
+    "Surroundings",
+    "config_map",
+    "deployment",
+    "pull_policy",
+    "readiness_of",
+    "ros_volumes",
+    "service",
+]
+
+
+@attrs.frozen
+class Surroundings:
+    """What is the same for all objects of a release.
+
+    Attributes:
+        master_uri: what all nodes get as ROS_MASTER_URI; None leaves it to the images.
+        distro: the ROS distribution, for images that nobody named.
+        ros: which ROS, "none" for a plain DDS application.
+        pull_secrets: names of Secrets with registry credentials.
+    """
+
+    namespace: str
+    release: str
+    master_uri: str | None
+    distro: str
+    ros: Ros = "1"
+    pull_secrets: Sequence[str] = ()
+
+    @property
+    def default_image(self) -> str:
+        """The image of roscore, and of an application that names none."""
+        return f"ros:{self.distro}-ros-core"
+
+    def metadata(
+        self, name: str, annotations: Mapping[str, str] | None = None, part_of: str | None = None
+    ) -> Object:
+        """Return an object's metadata; what is part of a workload has its label."""
+        return compact(
+            {
+                "name": name,
+                "namespace": self.namespace,
+                "labels": labels(part_of or name, self.release),
+                "annotations": dict(annotations or {}),
+            }
+        )
+
+
+def deployment(
+    around: Surroundings,
+    name: str,
+    pod: Mapping[str, Any],
+    *,
+    strategy: Object,
+    replicas: int | None = None,
+    annotations: Mapping[str, str] | None = None,
+    pod_annotations: Mapping[str, str] | None = None,
+    own_labels: Mapping[str, str] | None = None,
+) -> Object:
+    """Return a Deployment; `replicas` is left out unless somebody said it.
+
+    Args:
+        own_labels: the user's, on the Deployment and its pods; none selects.
+    """
+    secrets = [{"name": secret} for secret in around.pull_secrets]
+    both = labels(name, around.release) | dict(own_labels or {})
+    template = {
+        "metadata": compact({"labels": both, "annotations": dict(pod_annotations or {})}),
+        "spec": {
+            **compact({**pod, "imagePullSecrets": secrets}),
+            # Kubernetes' variables for Services would fill the environment with ROS_MASTER_PORT ...
+            "enableServiceLinks": False,
+        },
+    }
+    spec: Object = {"selector": {"matchLabels": selector(name)}, "strategy": strategy}
+    if replicas is not None:
+        spec["replicas"] = replicas
+    return {
+        "apiVersion": "apps/v1",
+        "kind": "Deployment",
+        "metadata": around.metadata(name, annotations) | {"labels": both},
+        "spec": {**spec, "template": template},
+    }
+
+
+def service(around: Surroundings, name: str, ports: Sequence[Object]) -> Object:
+    """Return the Service of a workload's name."""
+    return {
+        "apiVersion": "v1",
+        "kind": "Service",
+        "metadata": around.metadata(name),
+        "spec": {"selector": selector(name), "ports": list(ports)},
+    }
+
+
+def config_map(around: Surroundings, name: str, data: Mapping[str, str], *, part_of: str) -> Object:
+    """Return a ConfigMap of texts; its own name may be too long for a label."""
+    return {
+        "apiVersion": "v1",
+        "kind": "ConfigMap",
+        "metadata": around.metadata(name, part_of=part_of),
+        "data": dict(data),
+    }
+
+
+def pull_policy(asked: str | None, *, pinned: bool) -> str | None:
+    """Return imagePullPolicy: a robot without its network starts again from what it has."""
+    return asked or ("IfNotPresent" if pinned else None)
+
+
+def readiness_of(around: Surroundings, asked: Readiness | str | None) -> Readiness | str | None:
+    """Return what makes a pod ready: a plain DDS program's image need not have Python to ask it."""
+    return asked or ("none" if around.ros == "none" else None)
+
+
+def ros_volumes(around: Surroundings) -> list[tuple[Object, Object]]:
+    """Return (volume, mount) of what is ours in each pod."""
+    logs = [log_volume()] if around.ros == "2" else []
+    return [inpod_volume(around.release), *logs]

@@ -1,0 +1,159 @@
+"""The dashboard of log lines, with the metrics that explain them beside them."""
+
+from __future__ import annotations
+
+from rigel_k8s.observability.boards.applications import by_ros_node
+from rigel_k8s.observability.boards.board import APPLICATION, NAMESPACE, ROS_NODE, Board, Row
+from rigel_k8s.observability.boards.panels import Json, Panel, Query, curves, lines, table
+from rigel_k8s.observability.boards.selectors import NODE, graph_link, to_graph
+
+__all__ = ["board"]
+
+SILENT = "no line in this time and choice"
+#: The chosen lines: level "" is a line in which none was found.
+STREAM = f'{{{NODE}, level=~"$level"}}'
+SEARCHED = f'{STREAM} |~ "(?i)$search"'
+GRAPH = [graph_link("namespace", "application", "ros_node")]
+#: For pods without a ROS name.
+WHOLE_GRAPH = [graph_link("namespace", "application")]
+
+
+def board() -> Board:
+    """Return the dashboard."""
+    return Board(
+        "rigel-logs",
+        "Logs beside metrics",
+        "Log lines by application, ROS node and level, with CPU, memory and topics of the same "
+        "nodes.",
+        [
+            Row("How much is logged", [(12, by_level()), (12, loudest())]),
+            Row(
+                "Lines",
+                [
+                    (
+                        24,
+                        lines(
+                            "Lines",
+                            "The newest first; click on a line for its labels, and on a label to "
+                            "narrow the "
+                            "choice. Tracebacks are one entry.",
+                            Query(SEARCHED, source="logs"),
+                        ),
+                    )
+                ],
+                height=16,
+            ),
+            Row("The same nodes' metrics", [(8, panel) for panel in metrics()]),
+        ],
+        [NAMESPACE, APPLICATION, ROS_NODE, level(), search()],
+    )
+
+
+def level() -> Json:
+    """Return the variable of levels."""
+    words = ["debug", "info", "warn", "error", "fatal"]
+    return {
+        "type": "custom",
+        "name": "level",
+        "label": "Level",
+        "query": ",".join(words),
+        "multi": True,
+        "includeAll": True,
+        "allValue": ".*",
+        "hide": 0,
+        "current": {"text": "All", "value": "$__all"},
+        "options": [],
+    }
+
+
+def search() -> Json:
+    """Return the variable of what a line shall have in it."""
+    return {
+        "type": "textbox",
+        "name": "search",
+        "label": "Line has (regular expression)",
+        "query": "",
+        "hide": 0,
+        "current": {"text": "", "value": ""},
+        "options": [],
+    }
+
+
+def by_level() -> Panel:
+    """Return lines over time by level."""
+    return curves(
+        "Lines a second, by level",
+        "From all chosen nodes; a line without a level that ROS writes is under no name.",
+        [Query(f"sum by (level) (rate({STREAM}[$__auto]))", "{{level}}", source="logs")],
+        unit="suffix: lines/s",
+        empty=SILENT,
+        stacked=True,
+    )
+
+
+def loudest() -> Panel:
+    """Return who logs most, and who logs errors."""
+    by = "namespace, application, workload, ros_node, level"
+    every = f"sum by ({by}) (count_over_time({STREAM}[$__range]))"
+    return table(
+        "Who logs what",
+        "Lines of the shown time by ROS node and level, the most first. Click on a ROS node for "
+        "its graph.",
+        [Query(every, source="logs", now=True)],
+        columns={
+            "ros_node": "ROS node",
+            "workload": "Workload",
+            "level": "Level",
+            "Value #A": "Lines",
+            "application": "Application",
+            "namespace": "Namespace",
+        },
+        empty=SILENT,
+        special={
+            "ROS node": {
+                "links": [
+                    to_graph(
+                        namespace='${__data.fields["Namespace"]}',
+                        application='${__data.fields["Application"]}',
+                        ros_node='${__data.fields["ROS node"]}',
+                    )
+                ]
+            }
+        },
+        sort="Lines",
+    )
+
+
+def metrics() -> list[Panel]:
+    """Return the metrics beside the lines."""
+    empty = "no pod of a rigel application in this choice"
+    up = f"max by (namespace, application, ros_node) (ros_node_up{{{NODE}}})"
+    return [
+        curves(
+            "CPU",
+            "Cores that each ROS node uses, mean of two minutes.",
+            by_ros_node("ros_node:container_cpu_usage_seconds:rate2m"),
+            unit="suffix: cores",
+            empty=empty,
+            links=GRAPH,
+            special={"B": WHOLE_GRAPH},
+        ),
+        curves(
+            "Memory",
+            "The working set: what counts against the container's limit.",
+            by_ros_node("ros_node:container_memory_working_set_bytes:sum"),
+            unit="bytes",
+            empty=empty,
+            links=GRAPH,
+            special={"B": WHOLE_GRAPH},
+        ),
+        curves(
+            "In the ROS graph",
+            "1: the node answers. 0: it does not.",
+            [Query(up, "{{ros_node}}")],
+            unit="none",
+            most=1,
+            empty="no ROS metrics (ros_metrics is off)",
+            links=GRAPH,
+        ),
+    ]

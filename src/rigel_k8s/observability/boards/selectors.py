@@ -1,0 +1,63 @@
+"""What the dashboards' queries have in common: the variables as selectors, and links between them.
+
+The names of labels and recorded series come from docs/observability.md and the rule files.
+"""
+
+from __future__ import annotations
+
+from rigel_k8s.observability.boards.panels import Json, link
+
+__all__ = [
+    "APP",
+    "HOST_NETWORK",
+    "NODE",
+    "OURS",
+    "graph_link",
+    "logs_link",
+    "per_pod",
+    "to_graph",
+    "to_logs",
+]
+
+#: The chosen applications, and the chosen ROS nodes of them.
+APP = 'namespace=~"$namespace", application=~"$application"'
+NODE = f'{APP}, ros_node=~"$ros_node"'
+#: The chosen pods, each 1.
+OURS = f"pod:rigel_identity:info{{{NODE}}}"
+
+#: Pods on the machine's own network: what is counted of them is the whole machine's traffic.
+HOST_NETWORK = 'kube_pod_info{host_network="true"}'
+
+
+def per_pod(expr: str) -> str:
+    """Return `expr`, a value by namespace and pod, with all that a pod of ours is labelled with."""
+    return (
+        f"max by (namespace, pod) ({expr}) * on (namespace, pod) "
+        f"group_left (application, workload, ros_node, node) {OURS}"
+    )
+
+
+def to_logs(**values: str) -> Json:
+    """Return a link to the logs of what was clicked, in the same time; values by variable."""
+    return link("Logs of this", address("rigel-logs", values))
+
+
+def to_graph(**values: str) -> Json:
+    """Return a link to the ROS graph around what was clicked, in the same time."""
+    return link("ROS graph and topics", address("rigel-ros-graph", values))
+
+
+def address(uid: str, values: dict[str, str]) -> str:
+    """Return a dashboard's address, relative to Grafana's own; the sources stay as chosen."""
+    asked = "".join(f"&var-{name}={value}" for name, value in values.items())
+    return f"/d/{uid}?${{__url_time_range}}&${{metrics:queryparam}}&${{logs:queryparam}}{asked}"
+
+
+def logs_link(*names: str) -> Json:
+    """Return a link to logs that takes these labels of the series clicked on."""
+    return to_logs(**{name: f"${{__field.labels.{name}}}" for name in names})
+
+
+def graph_link(*names: str) -> Json:
+    """Return a link to the ROS graph that takes these labels of the series clicked on."""
+    return to_graph(**{name: f"${{__field.labels.{name}}}" for name in names})

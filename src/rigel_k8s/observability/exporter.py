@@ -1,0 +1,200 @@
+"""The ROS exporter of an application: a Deployment wired to its ROS as a node is, and no ROS node.
+
+Its release is good without it: a robot does not stand still because nobody counts its messages. It
+is found by annotations on its pod, and knows by its ConfigMap what the Rigelfile expects.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s import __version__
+from rigel_k8s.network.modes import wiring
+from rigel_k8s.network.options import INTERFACE
+from rigel_k8s.network.peers import peer_name
+from rigel_k8s.network.plan import ATTACHED
+from rigel_k8s.network.servers import DISCOVERY_PORT, server_names
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
+from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
+from rigel_k8s.objects.pods import MASTER_URI, Object, compact
+from rigel_k8s.objects.workloads import Surroundings, config_map, deployment
+from rigel_k8s.observability.manifests.frame import COMPONENT, CONFIG_ANNOTATION, container, nobody
+from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
+from rigel_k8s.observability.options import Part, RosMetrics
+
+__all__ = ["EXPORTER_IMAGE", "Graph", "exporter_identity", "exporter_objects"]
+
+#: What `rigel image ros-exporter` builds.
+EXPORTER_IMAGE = f"ghcr.io/rigel-k8s/ros-exporter:{__version__}"
+
+#: That image is in a registry only where somebody has put it there.
+REMEDY = {
+    REMEDY_ANNOTATION: "`rigel image ros-exporter --push REF` puts its image into a registry of"
+    " yours and `ros_metrics: {image: REF}` names it; `ros_metrics: false` leaves it out"
+}
+
+FILE, DIRECTORY, VOLUME = "config.json", "/etc/ros-exporter", "configuration"
+USER = 65532
+#: Measured: docs/ros-metrics.md.
+RESOURCES = {
+    "requests": {"cpu": "20m", "memory": "48Mi"},
+    "limits": {"memory": "192Mi"},
+}
+
+
+@attrs.frozen
+class Graph:
+    """What the exporter shall see.
+
+    Attributes:
+        expected: the full ROS names of nodes that there must be, and the workload of each.
+        known: names that nodes may have, whose programs name themselves.
+        domain: the DDS domain of the nodes.
+        placement: fields of the pod's spec that keep it where all the nodes are.
+    """
+
+    expected: Mapping[str, str]
+    known: Mapping[str, str] = attrs.field(factory=dict)
+    domain: int = 0
+    placement: Mapping[str, Any] = attrs.field(factory=dict)
+
+
+def exporter_identity(options: RosMetrics) -> PodIdentity:
+    """Return what the network knows the exporter by."""
+    return PodIdentity(EXPORTER, str(options.image or EXPORTER_IMAGE))
+
+
+def exporter_objects(
+    around: Surroundings, options: RosMetrics, graph: Graph, plan: NetworkPlan
+) -> Iterator[Object]:
+    """Yield the exporter's configuration and its Deployment."""
+    wired = wiring(plan, exporter_identity(options))
+    text = json.dumps(configuration(around, options, graph, plan, wired), indent=2, sort_keys=True)
+    name = f"{around.release}-{EXPORTER}"
+    yield config_map(around, name, {FILE: text + "\n"}, part_of=EXPORTER)
+    yield deployment(
+        around,
+        EXPORTER,
+        pod(around, options, graph, wired, name),
+        strategy={"type": "Recreate"},
+        annotations={OPTIONAL_ANNOTATION: "true", **({} if options.image else REMEDY)},
+        pod_annotations={
+            "prometheus.io/scrape": "true",
+            "prometheus.io/port": str(EXPORTER_PORT),
+            CONFIG_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:20],
+            **wired.annotations,
+        },
+        own_labels=COMPONENT,
+    )
+
+
+def pod(
+    around: Surroundings, options: RosMetrics, graph: Graph, wired: Wiring, config: str
+) -> Object:
+    """Return the pod's spec.
+
+    What init containers make is for ROS' own programs: this one waits for its interface by itself.
+    """
+    made = {
+        **graph.placement,
+        "containers": [exporter_container(around, options, wired)],
+        "volumes": [{"name": VOLUME, "configMap": {"name": config}}],
+        "securityContext": nobody(USER),
+        "automountServiceAccountToken": False,
+        "terminationGracePeriodSeconds": 20,
+    }
+    # ROS 1's nodes on their machines' own networks are reached from anywhere; multicast is not.
+    return made | (dict(wired.pod) if around.ros != "1" else {})
+
+
+def exporter_container(around: Surroundings, options: RosMetrics, wired: Wiring) -> Object:
+    """Return the exporter's container."""
+    part = Part(image=options.image, resources=options.resources)
+    return container(
+        EXPORTER,
+        part,
+        EXPORTER_IMAGE,
+        RESOURCES,
+        **({"env": [{"name": "ROS_IP", **address(wired)}]} if around.ros == "1" else {}),
+        ports=[{"name": "metrics", "containerPort": EXPORTER_PORT}],
+        volumeMounts=[{"name": VOLUME, "mountPath": DIRECTORY, "readOnly": True}],
+        **probes(),
+    )
+
+
+def address(wired: Wiring) -> Object:
+    """Return the exporter's own address for ROS 1: that on the second network, else the pod's."""
+    found = wired.env.get("ROS_IP", {})
+    own = {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.podIP"}}}
+    return dict(found) if "value" in found else own
+
+
+def probes() -> Object:
+    """Return probes; one whose looks have stopped for a minute is started anew."""
+    get = {"httpGet": {"path": "/healthz", "port": "metrics"}, "timeoutSeconds": 5}
+    return {
+        "startupProbe": {**get, "periodSeconds": 1, "failureThreshold": 90},
+        "readinessProbe": {**get, "periodSeconds": 10},
+        "livenessProbe": {**get, "periodSeconds": 30},
+    }
+
+
+def configuration(
+    around: Surroundings, options: RosMetrics, graph: Graph, plan: NetworkPlan, wired: Wiring
+) -> Object:
+    """Return what the exporter is told; src/rigel_k8s/exporter/config.py reads it."""
+    interval = options.interval.seconds if options.interval else None
+    said = {
+        "ros": around.ros,
+        "expected": dict(graph.expected),
+        "known": dict(graph.known),
+        "topics": [absolute(str(topic)) for topic in options.topics],
+        "diagnostics": options.diagnostics or None,
+        "clock": options.clock or None,
+        "tf": options.tf or None,
+        "interval": interval,
+    }
+    own = of_ros1(around, wired) if around.ros == "1" else of_dds(graph, plan)
+    return compact(said | own)
+
+
+def of_ros1(around: Surroundings, wired: Wiring) -> Object:
+    """Return where the master is; one that others use too must tell two exporters apart."""
+    uri = wired.env.get("ROS_MASTER_URI", {}).get("value") or around.master_uri
+    name = None
+    if around.master_uri != MASTER_URI:
+        name = "/" + re.sub(r"\W", "_", f"ros_exporter_{around.namespace}_{around.release}")
+    return {"master_uri": uri, "name": name}
+
+
+def of_dds(graph: Graph, plan: NetworkPlan) -> Object:
+    """Return how the exporter finds participants."""
+    found: Object = {"domain": graph.domain, "middleware": plan.middleware}
+    network = plan.options
+    if network is None:
+        return found
+    if plan.mode == "peers":
+        names = [*(peer_name(one.name) for one in plan.pods), *network.peers]
+        return found | {"mode": "peers", "peers": names}
+    if plan.mode == "discovery-server":
+        servers = [f"{name}:{DISCOVERY_PORT}" for name in server_names(plan.release, network)]
+        return found | {"mode": plan.mode, "servers": servers}
+    return found | {"interface": interface_of(plan)}
+
+
+def interface_of(plan: NetworkPlan) -> str | None:
+    """Return the only interface that DDS uses, as the pods' network annotation has it."""
+    if plan.mode in ATTACHED:
+        return INTERFACE
+    return plan.options.interface if plan.options and plan.mode == "host" else None
+
+
+def absolute(topic: str) -> str:
+    """Return a topic's full name."""
+    return f"/{topic.lstrip('/')}"

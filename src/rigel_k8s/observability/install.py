@@ -1,0 +1,193 @@
+"""The stack put onto a cluster, or brought up to date; nothing is written where nothing changed."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.multus.installation import is_up
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.desired import Wanted, wanted
+from rigel_k8s.observability.manifests.operator import GROUP_VERSION, KINDS
+from rigel_k8s.observability.password import ensure_administrator
+from rigel_k8s.release import revisions
+from rigel_k8s.release.deploy import deploy, diff, last_good
+from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
+from rigel_k8s.report import Reporter
+
+__all__ = ["Installed", "ensure", "install", "told"]
+
+#: Seconds for all images of the stack to be pulled by a machine that has none of them.
+PATIENT = 600.0
+#: Seconds where a machine is away: its pods cannot come, and the others' are quick.
+WITHOUT_ALL = 120.0
+
+
+@attrs.frozen
+class Installed:
+    """What was done.
+
+    Attributes:
+        changed: whether anything was written.
+        away: machines that are not up, and were not waited for.
+    """
+
+    wanted: Wanted
+    revision: Revision
+    changed: bool
+    away: tuple[str, ...] = ()
+
+
+def ensure(
+    cluster: Cluster,
+    raw: Mapping[str, Any],
+    options: DeployOptions,
+    *,
+    password: str | None = None,
+) -> None:
+    """Have the stack there that an application's job asks for.
+
+    Who may only deploy applications does so: the stack is left to those who may look at it.
+
+    Args and raises: as install.
+    """
+    try:
+        done = install(cluster, raw, options, password=password)
+    except ClusterError as error:
+        if getattr(error, "status", 0) != 403:
+            raise
+        options.report.warn(
+            f"{error.message}: the observability stack is left as it is; {error.hint}"
+        )
+        return
+    if done.changed:
+        options.report.line(told(done))
+
+
+def install(
+    cluster: Cluster,
+    raw: Mapping[str, Any],
+    options: DeployOptions,
+    *,
+    password: str | None = None,
+) -> Installed:
+    """Install the stack, or bring it up to date, and wait until it is ready.
+
+    Args:
+        raw: the job's `observability` as plain data.
+        password: Grafana's, where the Rigelfile tells it.
+
+    Raises:
+        UserError: it contradicts what others have said, or wants an operator that is not there.
+        RolloutFailed, ConflictError, Refused: as deploy.
+        ClusterError: we may not do it.
+        Interrupted: the job was cancelled.
+    """
+    try:
+        asked = wanted(raw, cluster)
+        _check_operator(asked, cluster)
+        return _installed(asked, cluster, options, password)
+    except ClusterError as error:
+        if getattr(error, "status", 0) == 403:
+            error.hint = "an administrator installs it once, for all, with a job `observability`"
+        raise
+
+
+def told(done: Installed) -> str:
+    """Return what was done as one line."""
+    release = done.wanted.release
+    away = f"; not waited for, since away: {', '.join(done.away)}" if done.away else ""
+    state = f"is at revision {done.revision.number}" if done.changed else "is unchanged"
+    return f"{release.name} in {release.namespace} {state}{away}"
+
+
+def _check_operator(asked: Wanted, cluster: Cluster) -> None:
+    """Refuse PodMonitors that nobody would know."""
+    if asked.stack.operator is None:
+        return
+    missing = [kind for kind in KINDS if not cluster.serves(GROUP_VERSION, kind)]
+    if missing:
+        raise UserError(
+            f"observability.existing.prometheus: the cluster knows no {' and no '.join(missing)}"
+            f" ({GROUP_VERSION}), so no prometheus-operator is there",
+            hint="install the operator first, or leave existing.prometheus out: a Prometheus of"
+            " ours comes then",
+        )
+
+
+def _installed(
+    asked: Wanted, cluster: Cluster, options: DeployOptions, password: str | None
+) -> Installed:
+    _warn_of_lost_data(asked, options.report)
+    last = last_good(cluster, asked.release)
+    plan = diff(asked.desired, cluster, adopt=options.adopt)
+    if asked.stack.has_grafana:
+        _make_namespace(cluster, asked.release)
+        ensure_administrator(cluster, asked.release.namespace, password)
+    if last is not None and not plan.changes and last.options == asked.desired.options:
+        return Installed(asked, last, changed=False)
+    away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_up(n))
+    for name in away:
+        options.report.warn(f"node {name} is not ready: it is not waited for")
+    revision = _deployed(asked, cluster, options, away=bool(away))
+    return Installed(asked, revision, changed=True, away=away)
+
+
+def _deployed(asked: Wanted, cluster: Cluster, options: DeployOptions, *, away: bool) -> Revision:
+    bound = options.timeout or PATIENT
+    try:
+        return deploy(
+            asked.desired,
+            cluster,
+            report=options.report,
+            cancel=options.cancel,
+            timeout=min(bound, WITHOUT_ALL) if away else bound,
+            adopt=options.adopt,
+            description=options.description,
+        )
+    except RolloutFailed:
+        if not away or list(_unready(cluster, asked.release, options.cancel)):
+            raise
+        newest = revisions.records(cluster, asked.release)[-1].revision()
+        good = attrs.evolve(newest, status="good")
+        revisions.update(cluster, good)
+        return good
+
+
+def _unready(cluster: Cluster, release: ReleaseId, cancel: threading.Event | None) -> Iterator[str]:
+    """Yield the names of the stack's pods that are not ready on machines that are up."""
+    up = {node["metadata"]["name"] for node in cluster.nodes() if is_up(node)}
+    pods = cluster.list("v1", "Pod", release.namespace, labels={RELEASE_LABEL: release.name})
+    for pod in pods:
+        conditions = pod.get("status", {}).get("conditions", [])
+        ready = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
+        if not ready and pod["spec"].get("nodeName") in {*up, None}:
+            yield str(pod["metadata"]["name"])
+
+
+def _make_namespace(cluster: Cluster, release: ReleaseId) -> None:
+    ref = ObjectRef("v1", "Namespace", "", release.namespace)
+    if cluster.get(ref) is None:
+        cluster.apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": ref.name}})
+
+
+def _warn_of_lost_data(asked: Wanted, report: Reporter) -> None:
+    """Say that data are gone with their pod, where nobody asked for that."""
+    stack = asked.stack
+    if stack.claims:
+        return
+    for name, ours, persistence in (
+        ("loki", stack.has_loki, stack.options.loki.persistence),
+        ("prometheus", stack.has_prometheus, stack.options.prometheus.persistence),
+    ):
+        if ours and persistence.enabled is None and persistence.storage_class is None:
+            report.warn(
+                f"{name} keeps its data no longer than its pod: the cluster has no default"
+                f" StorageClass, and {name}.persistence names none"
+            )

@@ -1,0 +1,1 @@
+"""The observability stack as objects, one module a program; pure."""

@@ -1,0 +1,193 @@
+"""Grafana Alloy, Promtail's successor: one pod that asks the API server for all pods' lines.
+
+It needs neither root nor the machines' directories, so it works with any container runtime; the
+API server carries every line instead.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+
+from rigel_k8s.observability.manifests import lines
+from rigel_k8s.observability.manifests.frame import (
+    Object,
+    container,
+    http_probes,
+    mount,
+    nobody,
+    part_of,
+    rule,
+)
+from rigel_k8s.observability.manifests.images import ALLOY_IMAGE
+from rigel_k8s.observability.manifests.relabelling import contract, of_releases
+from rigel_k8s.observability.manifests.stack import Stack
+from rigel_k8s.observability.manifests.storage import data_volume
+from rigel_k8s.observability.names import LABELS
+from rigel_k8s.observability.options import Persistence
+
+__all__ = ["ALLOY", "ALLOY_PORT", "alloy", "configuration"]
+
+ALLOY, ALLOY_PORT = "alloy", 12345
+CONFIG, DATA, SECRET = "/etc/alloy", "/var/lib/alloy/data", "/etc/alloy-loki"
+SIZE = "1Gi"
+USER = 473
+DEFAULTS = {
+    "requests": {"cpu": "50m", "memory": "128Mi"},
+    "limits": {"memory": "512Mi"},
+}
+#: Weeks of a Loki that does not answer.
+RETRIES = 1_000_000
+
+
+def alloy(stack: Stack) -> Iterator[Object]:
+    """Yield Alloy's objects; its claim keeps how far it has read."""
+    frame = stack.frame
+    config = frame.config_map(ALLOY, {"config.alloy": configuration(stack)}, ALLOY)
+    yield frame.account(ALLOY)
+    yield from frame.rights(
+        ALLOY,
+        [rule("", ["pods"], ["get", "list", "watch"]), rule("", ["pods/log"], ["get"])],
+    )
+    yield config
+    if stack.claims:
+        yield frame.claim(ALLOY, Persistence(), SIZE)
+    yield frame.deployment(ALLOY, _pod(stack), [config])
+
+
+def configuration(stack: Stack) -> str:
+    """Return config.alloy: pods found, labelled, their lines read, joined, levelled and sent."""
+    return "\n\n".join(
+        [
+            block("logging", {"level": "warn"}),
+            block("discovery.kubernetes", {"role": "pod"}, "pods", _selectors(stack)),
+            block(
+                "discovery.relabel",
+                {"targets": Name("discovery.kubernetes.pods.targets")},
+                "pods",
+                [block("rule", one) for one in contract()],
+            ),
+            block(
+                "loki.source.kubernetes",
+                {
+                    "targets": Name("discovery.relabel.pods.output"),
+                    "forward_to": [Name("loki.process.pods.receiver")],
+                },
+                "pods",
+            ),
+            block(
+                "loki.process",
+                {"forward_to": [Name("loki.write.loki.receiver")]},
+                "pods",
+                list(_stages()),
+            ),
+            block("loki.write", {}, "loki", [_endpoint(stack)]),
+        ]
+    )
+
+
+class Name(str):
+    """A name of Alloy's, which is written without quotes."""
+
+
+def block(
+    kind: str, values: Mapping[str, object], label: str = "", inner: Sequence[str] = ()
+) -> str:
+    """Return a block of Alloy's language."""
+    head = f'{kind} "{label}"' if label else kind
+    body = [f"{key} = {literal(value)}" for key, value in values.items()] + list(inner)
+    text = "\n".join(body).replace("\n", "\n  ")
+    return f"{head} {{\n  {text}\n}}" if body else f"{head} {{ }}"
+
+
+def literal(value: object) -> str:
+    """Return a value as Alloy writes it: as JSON, but for names and the equals signs of objects."""
+    if isinstance(value, Name):
+        return str(value)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {literal(v)}" for key, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(literal(item) for item in value) + "]"
+    return json.dumps(value)
+
+
+def _selectors(stack: Stack) -> list[str]:
+    if stack.collects_all:
+        return []
+    return [block("selectors", {"role": "pod", "label": of_releases()})]
+
+
+def _stages() -> Iterator[str]:
+    yield block("stage.replace", {"expression": lines.GOES_ON, "replace": lines.MARKED})
+    yield block(
+        "stage.multiline",
+        {
+            "firstline": lines.FIRST_LINE,
+            "max_wait_time": lines.WAIT,
+            "max_lines": lines.LONGEST,
+        },
+    )
+    yield block("stage.replace", {"expression": f"({lines.MARK})", "replace": ""})
+    for form in (*lines.LEVEL_FORMS, lines.TRACEBACK):
+        yield block("stage.regex", {"expression": form})
+    yield block("stage.template", {"source": "level", "template": lines.LEVEL_TEMPLATE})
+    yield block("stage.labels", {"values": {"level": ""}})
+    yield block("stage.label_keep", {"values": [*LABELS, "level"]})
+
+
+def _endpoint(stack: Stack) -> str:
+    loki = stack.other_loki
+    values: dict[str, object] = {
+        "url": f"{stack.loki_url}/loki/api/v1/push",
+        "max_backoff_period": "5s",
+        "max_backoff_retries": RETRIES,
+    }
+    inner = []
+    if loki and loki.tenant:
+        values["tenant_id"] = loki.tenant
+    if loki and loki.secret:
+        # Its language takes a user's name from no file: the environment has it.
+        user = {"username": Name('sys.env("LOKI_USER")'), "password_file": f"{SECRET}/password"}
+        inner.append(block("basic_auth", user))
+    return block("endpoint", values, inner=inner)
+
+
+def _pod(stack: Stack) -> Object:
+    loki = stack.other_loki
+    secret = str(loki.secret) if loki and loki.secret else None
+    user = {"secretKeyRef": {"name": secret, "key": "username"}}
+    main = container(
+        ALLOY,
+        part_of(stack.options.alloy),
+        ALLOY_IMAGE,
+        DEFAULTS,
+        args=[
+            "run",
+            f"{CONFIG}/config.alloy",
+            f"--storage.path={DATA}",
+            f"--server.http.listen-addr=0.0.0.0:{ALLOY_PORT}",
+            "--disable-reporting",
+        ],
+        **({"env": [{"name": "LOKI_USER", "valueFrom": user}]} if secret else {}),
+        ports=[{"name": "http", "containerPort": ALLOY_PORT}],
+        volumeMounts=[
+            mount("config", CONFIG, read_only=True),
+            mount("data", DATA),
+            *([mount("loki", SECRET, read_only=True)] if secret else []),
+        ],
+        **http_probes("/-/ready"),
+    )
+    volumes: list[Object] = [
+        {"name": "config", "configMap": {"name": ALLOY}},
+        data_volume(ALLOY, kept=stack.claims),
+    ]
+    if secret:
+        volumes.append({"name": "loki", "secret": {"secretName": secret}})
+    return {
+        "serviceAccountName": ALLOY,
+        "automountServiceAccountToken": True,
+        "securityContext": nobody(USER),
+        "terminationGracePeriodSeconds": 120,
+        "containers": [main],
+        "volumes": volumes,
+    }

@@ -1,0 +1,253 @@
+"""What all parts of the stack share: names, labels, pods without rights, claims, accounts."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
+from rigel_k8s.objects.naming import labels, selector
+from rigel_k8s.objects.resources import Resources
+from rigel_k8s.observability.options import Part, Persistence
+
+__all__ = [
+    "COMPONENT",
+    "CONFIG_ANNOTATION",
+    "FOR_EVER",
+    "Frame",
+    "Object",
+    "container",
+    "http_probes",
+    "mount",
+    "nobody",
+    "part_of",
+    "resources",
+    "rule",
+]
+
+Object = dict[str, Any]
+
+#: On all pods that watch ROS and are none of its nodes.
+COMPONENT = {"app.kubernetes.io/component": "observability"}
+#: On pods: a hash of the configuration that they were started with.
+CONFIG_ANNOTATION = "rigel-k8s/configuration"
+RBAC = "rbac.authorization.k8s.io"
+#: A log of hours may be replayed at a start; a probe that gives up would start it all over.
+FOR_EVER = 2**31 - 1
+
+
+@attrs.frozen
+class Frame:
+    """A release in a namespace, and the objects that any part of it is made of."""
+
+    namespace: str
+    release: str
+
+    def metadata(self, name: str, part: str | None = None) -> Object:
+        """Return an object's metadata; what belongs to a part has its label."""
+        return {"name": name, "namespace": self.namespace, "labels": self.labels(part or name)}
+
+    def labels(self, part: str) -> dict[str, str]:
+        """Return the labels of a part."""
+        return {**labels(part, self.release), **COMPONENT, RELEASE_LABEL: self.release}
+
+    def config_map(
+        self,
+        name: str,
+        data: Mapping[str, str],
+        part: str,
+        *,
+        own_labels: Mapping[str, str] | None = None,
+        annotations: Mapping[str, str] | None = None,
+    ) -> Object:
+        """Return a ConfigMap of texts."""
+        metadata = self.metadata(name, part)
+        metadata["labels"] |= dict(own_labels or {})
+        if annotations:
+            metadata["annotations"] = dict(annotations)
+        return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": metadata, "data": dict(data)}
+
+    def deployment(
+        self,
+        name: str,
+        pod: Object,
+        configuration: Sequence[Object] = (),
+        *,
+        remedy: str = "",
+    ) -> Object:
+        """Return a Deployment of one pod, never two at once: both would want the same data.
+
+        Args:
+            remedy: the stack is good without it, and this is what to do then.
+        """
+        spec = {"replicas": 1, "strategy": {"type": "Recreate"}}
+        made = self._workload("Deployment", name, spec, pod, configuration)
+        if remedy:
+            notes = {OPTIONAL_ANNOTATION: "true", REMEDY_ANNOTATION: remedy}
+            made["metadata"]["annotations"] = notes
+        return made
+
+    def daemon_set(self, name: str, pod: Object, configuration: Sequence[Object] = ()) -> Object:
+        """Return a DaemonSet on every Linux machine; one that is away keeps no other waiting."""
+        spec = {"updateStrategy": {"type": "RollingUpdate", "rollingUpdate": ALL_AT_ONCE}}
+        everywhere = {
+            "nodeSelector": {"kubernetes.io/os": "linux"},
+            "tolerations": [{"operator": "Exists"}],
+        }
+        return self._workload("DaemonSet", name, spec, {**everywhere, **pod}, configuration)
+
+    def _workload(
+        self, kind: str, name: str, spec: Object, pod: Object, configuration: Sequence[Object]
+    ) -> Object:
+        metadata: Object = {"labels": self.labels(name)}
+        if configuration:
+            metadata["annotations"] = {CONFIG_ANNOTATION: digest(configuration)}
+        # Kubernetes' variables for Services (LOKI_PORT ...) are options to some of these programs.
+        plain = {"enableServiceLinks": False, "automountServiceAccountToken": False}
+        return {
+            "apiVersion": "apps/v1",
+            "kind": kind,
+            "metadata": self.metadata(name),
+            "spec": {
+                **spec,
+                "selector": {"matchLabels": selector(name)},
+                "template": {"metadata": metadata, "spec": {**plain, **pod}},
+            },
+        }
+
+    def service(self, name: str, port: int, service_type: str | None = None) -> Object:
+        """Return the Service of a part's name."""
+        spec: Object = {
+            "selector": selector(name),
+            "ports": [{"name": "http", "port": port, "targetPort": "http"}],
+        }
+        if service_type:
+            spec["type"] = service_type
+        return {
+            "apiVersion": "v1",
+            "kind": "Service",
+            "metadata": self.metadata(name),
+            "spec": spec,
+        }
+
+    def claim(self, part: str, persistence: Persistence, size: str) -> Object:
+        """Return the claim that a part's data are on; `down` leaves it."""
+        spec: Object = {
+            "accessModes": ["ReadWriteOnce"],
+            "resources": {"requests": {"storage": str(persistence.size or size)}},
+        }
+        if persistence.storage_class is not None:
+            spec["storageClassName"] = persistence.storage_class
+        return {
+            "apiVersion": "v1",
+            "kind": "PersistentVolumeClaim",
+            "metadata": self.metadata(f"{part}-data", part),
+            "spec": spec,
+        }
+
+    def account(self, name: str) -> Object:
+        """Return a part's account, which has no rights by itself."""
+        return {
+            "apiVersion": "v1",
+            "kind": "ServiceAccount",
+            "metadata": self.metadata(name),
+            "automountServiceAccountToken": False,
+        }
+
+    def rights(self, name: str, rules: Sequence[Object]) -> tuple[Object, Object]:
+        """Return what a part's account may do in the whole cluster."""
+        metadata = {"name": f"{self.release}-{name}", "labels": self.labels(name)}
+        role = {
+            "apiVersion": f"{RBAC}/v1",
+            "kind": "ClusterRole",
+            "metadata": metadata,
+            "rules": list(rules),
+        }
+        binding = {
+            "apiVersion": f"{RBAC}/v1",
+            "kind": "ClusterRoleBinding",
+            "metadata": metadata,
+            "roleRef": {"apiGroup": RBAC, "kind": "ClusterRole", "name": metadata["name"]},
+            "subjects": [
+                {"kind": "ServiceAccount", "name": name, "namespace": self.namespace},
+            ],
+        }
+        return role, binding
+
+
+#: A roll-out of what only reads need not go from machine to machine, and some may be away.
+ALL_AT_ONCE = {"maxUnavailable": "100%"}
+
+
+def part_of(said: bool | Part | None) -> Part:  # noqa: FBT001 - as the option is written
+    """Return a part that may be written as true or false."""
+    return said if isinstance(said, Part) else Part(enabled=bool(said))
+
+
+def digest(configuration: Sequence[Object]) -> str:
+    """Return a hash of the texts that a program reads once, when it starts."""
+    texts = [item["data"] for item in configuration]
+    return hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()[:20]
+
+
+def container(
+    name: str, part: Part, image: str, defaults: Mapping[str, Mapping[str, str]], **more: Any
+) -> Object:
+    """Return a container that writes nothing but its volumes and can become nobody else."""
+    return {
+        "name": name,
+        "image": str(part.image or image),
+        "imagePullPolicy": "IfNotPresent",
+        **more,
+        "resources": resources(part.resources, defaults),
+        "securityContext": {
+            "allowPrivilegeEscalation": False,
+            "readOnlyRootFilesystem": True,
+            "capabilities": {"drop": ["ALL"]},
+        },
+        "terminationMessagePolicy": "FallbackToLogsOnError",
+    }
+
+
+def resources(said: Resources, defaults: Mapping[str, Mapping[str, str]]) -> Object:
+    """Return requests and limits: those that were said, laid over the defaults."""
+    return {
+        kind: {**defaults[kind], **{str(name): str(value) for name, value in own.items()}}
+        for kind, own in (("requests", said.requests), ("limits", said.limits))
+    }
+
+
+def nobody(user: int) -> Object:
+    """Return a pod's securityContext: one user, never root, who owns the volumes."""
+    return {
+        "runAsNonRoot": True,
+        "runAsUser": user,
+        "runAsGroup": user,
+        "fsGroup": user,
+        "fsGroupChangePolicy": "OnRootMismatch",
+        "seccompProfile": {"type": "RuntimeDefault"},
+    }
+
+
+def http_probes(path: str, port: str | int = "http") -> Object:
+    """Return probes: one that sees the start soon, and a rare one afterwards."""
+    get = {"httpGet": {"path": path, "port": port}, "timeoutSeconds": 5}
+    return {
+        "startupProbe": {**get, "periodSeconds": 2, "failureThreshold": FOR_EVER},
+        "readinessProbe": {**get, "periodSeconds": 10},
+    }
+
+
+def mount(name: str, path: str, *, read_only: bool = False) -> Object:
+    """Return a volume's mount."""
+    made: Object = {"name": name, "mountPath": path}
+    return {**made, "readOnly": True} if read_only else made
+
+
+def rule(group: str, kinds: Sequence[str], verbs: Sequence[str]) -> Object:
+    """Return a rule of a role."""
+    return {"apiGroups": [group], "resources": list(kinds), "verbs": list(verbs)}

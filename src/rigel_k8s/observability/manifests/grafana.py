@@ -1,0 +1,187 @@
+"""Grafana: provisioned datasources and dashboards; its administrator stands in a Secret."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import yaml
+
+from rigel_k8s.observability.manifests.dashboards import DIRECTORY, config_name, dashboards
+from rigel_k8s.observability.manifests.frame import Object, container, http_probes, mount, nobody
+from rigel_k8s.observability.manifests.images import GRAFANA_IMAGE
+from rigel_k8s.observability.manifests.stack import Stack
+from rigel_k8s.observability.manifests.storage import data_volume
+from rigel_k8s.observability.names import GRAFANA, GRAFANA_PORT
+
+__all__ = ["ADMIN_SECRET", "PASSWORD", "USER_NAME", "grafana"]
+
+#: The Secret with the administrator, and its keys.
+ADMIN_SECRET, USER_NAME, PASSWORD = "grafana-admin", "admin-user", "admin-password"
+SIZE = "1Gi"
+USER = 472
+PROVISIONING = "/etc/grafana/provisioning"
+DATA = "/var/lib/grafana"
+DEFAULTS = {
+    "requests": {"cpu": "50m", "memory": "128Mi"},
+    "limits": {"memory": "512Mi"},
+}
+REMEDY = (
+    "its image is large; where the machines cannot pull it, grafana.image names it in a registry of"
+    " your own, and grafana: {enabled: false} does without"
+)
+SETTINGS = {
+    "GF_PATHS_PROVISIONING": PROVISIONING,
+    "GF_LOG_MODE": "console",
+    "GF_LOG_LEVEL": "warn",
+    "GF_USERS_ALLOW_SIGN_UP": "false",
+    # A robot's network may lead nowhere: nothing is asked of the Internet.
+    "GF_ANALYTICS_REPORTING_ENABLED": "false",
+    "GF_ANALYTICS_CHECK_FOR_UPDATES": "false",
+    "GF_ANALYTICS_CHECK_FOR_PLUGIN_UPDATES": "false",
+    "GF_NEWS_NEWS_FEED_ENABLED": "false",
+    "GF_PLUGINS_PREINSTALL_DISABLED": "true",
+    "GF_SECURITY_DISABLE_GRAVATAR": "true",
+}
+
+
+def grafana(stack: Stack) -> Iterator[Object]:
+    """Yield Grafana's objects; its Secret stands in no manifest."""
+    frame, said = stack.frame, stack.options.grafana
+    config = frame.config_map(
+        GRAFANA, {"datasources.yaml": _datasources(stack), "dashboards.yaml": _provider()}, GRAFANA
+    )
+    yield frame.account(GRAFANA)
+    yield config
+    yield from dashboards(stack)
+    if stack.keeps(said.persistence, default=False):
+        yield frame.claim(GRAFANA, said.persistence, SIZE)
+    yield frame.service(GRAFANA, GRAFANA_PORT, said.service_type)
+    # Its image is large, and robots do not wait for dashboards.
+    yield frame.deployment(GRAFANA, _pod(stack), [config], remedy=REMEDY)
+
+
+def _datasources(stack: Stack) -> str:
+    """Return the datasources; each is found by its UID, which dashboards and links name."""
+    found = []
+    if stack.prometheus_url:
+        found.append(
+            {
+                "name": "Prometheus",
+                "uid": "prometheus",
+                "type": "prometheus",
+                "access": "proxy",
+                "url": stack.prometheus_url,
+                "isDefault": True,
+                "jsonData": {
+                    "httpMethod": "POST",
+                    "timeInterval": str(stack.options.prometheus.scrape_interval or "15s"),
+                },
+            }
+        )
+    if stack.loki_url:
+        found.append(_loki(stack))
+    return yaml.safe_dump({"apiVersion": 1, "datasources": found}, sort_keys=False)
+
+
+def _loki(stack: Stack) -> Object:
+    more: Object = {
+        "maxLines": 1000,
+        # From a ROS node that is named in a line to what is known of it.
+        "derivedFields": [
+            {
+                "name": "ROS graph",
+                "matcherType": "label",
+                "matcherRegex": "ros_node",
+                "url": "/d/rigel-ros-graph?var-ros_node=$${__value.raw}",
+                "urlDisplayLabel": "Its part of the ROS graph",
+            }
+        ],
+    }
+    made: Object = {
+        "name": "Loki",
+        "uid": "loki",
+        "type": "loki",
+        "access": "proxy",
+        "url": stack.loki_url,
+        "jsonData": more,
+    }
+    loki = stack.other_loki
+    if loki and loki.tenant:
+        more["httpHeaderName1"] = "X-Scope-OrgID"
+        made["secureJsonData"] = {"httpHeaderValue1": loki.tenant}
+    if loki and loki.secret:
+        made |= {"basicAuth": True, "basicAuthUser": "$LOKI_USER"}
+        made.setdefault("secureJsonData", {})["basicAuthPassword"] = "$LOKI_PASSWORD"
+    return made
+
+
+def _provider() -> str:
+    """Return where dashboards are: in files, which nobody changes from inside Grafana."""
+    provider = {
+        "name": "rigel",
+        "folder": "ROS",
+        "type": "file",
+        "disableDeletion": True,
+        "allowUiUpdates": False,
+        "options": {"path": DIRECTORY},
+    }
+    return yaml.safe_dump({"apiVersion": 1, "providers": [provider]}, sort_keys=False)
+
+
+def _pod(stack: Stack) -> Object:
+    said = stack.options.grafana
+    names = sorted(stack.boards.dashboards) if said.default_dashboards else []
+    shown = [
+        {"configMap": {"name": config_name(name), "items": [{"key": name, "path": name}]}}
+        for name in names
+    ]
+    main = container(
+        GRAFANA,
+        said,
+        GRAFANA_IMAGE,
+        DEFAULTS,
+        env=[
+            *({"name": name, "value": value} for name, value in SETTINGS.items()),
+            _secret("GF_SECURITY_ADMIN_USER", ADMIN_SECRET, USER_NAME),
+            _secret("GF_SECURITY_ADMIN_PASSWORD", ADMIN_SECRET, PASSWORD),
+            *_loki_user(stack),
+        ],
+        ports=[{"name": "http", "containerPort": GRAFANA_PORT}],
+        volumeMounts=[
+            {**mount("config", f"{PROVISIONING}/{kind}/{kind}.yaml", read_only=True)}
+            | {"subPath": f"{kind}.yaml"}
+            for kind in ("datasources", "dashboards")
+        ]
+        + [
+            mount("dashboards", DIRECTORY, read_only=True),
+            mount("data", DATA),
+            mount("tmp", "/tmp"),
+        ],
+        **http_probes("/api/health"),
+    )
+    return {
+        "serviceAccountName": GRAFANA,
+        "securityContext": nobody(USER),
+        "containers": [main],
+        "volumes": [
+            {"name": "config", "configMap": {"name": GRAFANA}},
+            {"name": "dashboards", "projected": {"sources": shown}},
+            data_volume(GRAFANA, kept=stack.keeps(said.persistence, default=False)),
+            {"name": "tmp", "emptyDir": {}},
+        ],
+    }
+
+
+def _loki_user(stack: Stack) -> list[Object]:
+    """Return the variables that a Loki's datasource names, where it asks who we are."""
+    secret = stack.other_loki.secret if stack.other_loki else None
+    if not secret:
+        return []
+    return [
+        _secret("LOKI_USER", secret, "username"),
+        _secret("LOKI_PASSWORD", secret, "password"),
+    ]
+
+
+def _secret(variable: str, name: str, key: str) -> Object:
+    return {"name": variable, "valueFrom": {"secretKeyRef": {"name": str(name), "key": key}}}

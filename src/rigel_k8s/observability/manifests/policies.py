@@ -1,0 +1,78 @@
+"""Who may reach the stack: its own parts, and the API server for people with its rights."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import selector
+from rigel_k8s.observability.manifests.frame import Object
+from rigel_k8s.observability.manifests.scraping import KUBE_STATE_METRICS
+from rigel_k8s.observability.manifests.stack import Stack
+from rigel_k8s.observability.names import GRAFANA, LOKI, PROMETHEUS, RELEASE
+from rigel_k8s.observability.options import Component
+
+__all__ = ["policies"]
+
+#: Where a cloud's API server comes from, whose machines are none of the cluster's.
+SYSTEM = {"namespaceSelector": {"matchLabels": {"kubernetes.io/metadata.name": "kube-system"}}}
+
+
+def policies(stack: Stack) -> Iterator[Object]:
+    """Yield the NetworkPolicies; what runs in the machine's network is not subject to any."""
+    yield _policy(stack, f"{RELEASE}-closed", {RELEASE_LABEL: RELEASE}, None)
+    for part, sources in _sources(stack):
+        yield _policy(stack, part, selector(part), sources)
+
+
+def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
+    """Yield who may reach which part; an empty source is everybody."""
+    options, outside = stack.options, _outside(stack)
+    if stack.has_loki:
+        writers = [stack.collector] if stack.collector else []
+        inside = _parts([*writers, GRAFANA, PROMETHEUS])
+        yield LOKI, _open(options.loki, [*inside, *outside])
+    if stack.has_prometheus:
+        inside = _parts([GRAFANA, PROMETHEUS])
+        yield PROMETHEUS, _open(options.prometheus, [*inside, *outside])
+    if stack.has_grafana:
+        yield GRAFANA, _open(options.grafana, outside)
+    scraper = _parts([PROMETHEUS]) if stack.has_prometheus else [{"namespaceSelector": {}}]
+    if stack.collector:
+        yield stack.collector, scraper
+    if stack.kube_state_metrics.enabled:
+        yield KUBE_STATE_METRICS, scraper
+
+
+def _open(part: Component, sources: list[Object]) -> list[Object]:
+    """Return the sources of a part that may have been asked to be reached from outside."""
+    return [] if part.service_type in ("NodePort", "LoadBalancer") else sources
+
+
+def _outside(stack: Stack) -> list[Object]:
+    hosts = [
+        {"ipBlock": {"cidr": f"{address}/{128 if ':' in address else 32}"}}
+        for address in stack.api_servers
+    ]
+    return [*hosts, SYSTEM]
+
+
+def _parts(names: Sequence[str]) -> list[Object]:
+    return [{"podSelector": {"matchLabels": selector(name)}} for name in names]
+
+
+def _policy(stack: Stack, name: str, pods: dict[str, str], sources: list[Object] | None) -> Object:
+    """Return a policy; None lets nobody in, an empty list everybody."""
+    allowed: Object = {"ports": [{"port": "http", "protocol": "TCP"}]}
+    if sources:
+        allowed["from"] = sources
+    return {
+        "apiVersion": "networking.k8s.io/v1",
+        "kind": "NetworkPolicy",
+        "metadata": stack.frame.metadata(name, RELEASE if sources is None else name),
+        "spec": {
+            "podSelector": {"matchLabels": pods},
+            "policyTypes": ["Ingress"],
+            "ingress": [] if sources is None else [allowed],
+        },
+    }

@@ -1,0 +1,129 @@
+"""What Prometheus scrapes: prometheus.yml with the jobs of the contract."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import yaml
+
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.observability.manifests.frame import Object
+from rigel_k8s.observability.manifests.relabelling import SOURCES, by_annotation, contract
+from rigel_k8s.observability.manifests.stack import Stack
+from rigel_k8s.observability.names import LOKI, PROMETHEUS, RELEASE
+
+__all__ = ["INTERVAL", "KUBE_STATE_METRICS", "NODE_EXPORTER", "configuration"]
+
+KUBE_STATE_METRICS = "kube-state-metrics"
+NODE_EXPORTER = "node-exporter"
+INTERVAL = "15s"
+TOKEN = "/var/run/secrets/kubernetes.io/serviceaccount/token"
+#: Of cAdvisor's: what is of a container, of a pod's network, or of the whole machine.
+SLICES = {
+    "source_labels": ["__name__", "id", "container", "pod"],
+    "regex": r"(container_network_.+;.*;.*;.+|.+;/;.*;.*|.+;.*;.+;.*|machine_.+;.*;.*;.*)",
+    "action": "keep",
+}
+#: What the kubelet tells and nothing here asks for: most of its series.
+UNASKED = {
+    "source_labels": ["__name__"],
+    "regex": "container_(tasks_state|memory_failures_total|blkio_device_usage_total|"
+    "ulimits_soft|sockets|file_descriptors|threads_max|processes)",
+    "action": "drop",
+}
+VOLUMES = {
+    "source_labels": ["__name__"],
+    "regex": "kubelet_volume_stats_.+",
+    "action": "keep",
+}
+NODE_NAME = {"source_labels": ["__meta_kubernetes_node_name"], "target_label": "node"}
+
+
+def configuration(stack: Stack, rules: str) -> str:
+    """Return prometheus.yml.
+
+    Args:
+        rules: the directory with rule files.
+    """
+    said = stack.options.prometheus
+    made: Object = {
+        "global": {
+            "scrape_interval": str(said.scrape_interval or INTERVAL),
+            "evaluation_interval": str(said.evaluation_interval or INTERVAL),
+        },
+        "rule_files": [f"{rules}/*.yaml"],
+        "scrape_configs": list(_jobs(stack)),
+    }
+    if said.alertmanagers:
+        made["alerting"] = {
+            "alertmanagers": [{"static_configs": [{"targets": list(said.alertmanagers)}]}]
+        }
+    return yaml.safe_dump(made, sort_keys=False, width=100_000)
+
+
+def _jobs(stack: Stack) -> Iterator[Object]:
+    yield _own(PROMETHEUS, stack)
+    if stack.has_loki:
+        yield _own(LOKI, stack)
+    if stack.collector:
+        yield _own(stack.collector, stack)
+    if stack.kube_state_metrics.enabled:
+        yield {**_own(KUBE_STATE_METRICS, stack), "honor_labels": True}
+    if stack.node_exporter.enabled:
+        yield _own(NODE_EXPORTER, stack)
+    yield _kubelet("cadvisor", "/metrics/cadvisor", [SLICES, UNASKED])
+    yield _kubelet("kubelet", "/metrics", [VOLUMES])
+    yield {
+        "job_name": "pods",
+        # The exporter tells of nodes: whose pod it is itself says nothing of them.
+        "honor_labels": True,
+        "kubernetes_sd_configs": [{"role": "pod"}],
+        "relabel_configs": [*by_annotation(), *contract()],
+    }
+
+
+def _own(part: str, stack: Stack) -> Object:
+    """Return the job of one of the stack's own parts."""
+    selector = f"{NAME_LABEL}={part},{RELEASE_LABEL}={RELEASE}"
+    return {
+        "job_name": part,
+        "kubernetes_sd_configs": [
+            {
+                "role": "pod",
+                "namespaces": {"names": [stack.namespace]},
+                "selectors": [{"role": "pod", "label": selector}],
+            }
+        ],
+        "relabel_configs": [
+            {
+                "source_labels": ["__meta_kubernetes_pod_container_port_name"],
+                "action": "keep",
+                "regex": "http",
+            },
+            *_labels(part),
+        ],
+    }
+
+
+def _labels(part: str) -> list[Object]:
+    """Return the labels of a part's own metrics; who tells of others says only where it is."""
+    if part == KUBE_STATE_METRICS:
+        return []
+    if part == NODE_EXPORTER:
+        return [{"source_labels": [SOURCES["node"]], "target_label": "node"}]
+    return contract()
+
+
+def _kubelet(job: str, path: str, kept: list[Object]) -> Object:
+    """Return a job on all kubelets, whose certificates are of their own making."""
+    return {
+        "job_name": job,
+        "scheme": "https",
+        "metrics_path": path,
+        "authorization": {"credentials_file": TOKEN},
+        "tls_config": {"insecure_skip_verify": True},
+        "kubernetes_sd_configs": [{"role": "node"}],
+        "relabel_configs": [NODE_NAME],
+        "metric_relabel_configs": kept,
+    }

@@ -1,0 +1,135 @@
+"""What the options come to on one cluster: which parts are ours, and what they keep data on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import attrs
+
+from rigel_k8s.observability.manifests.frame import Frame, part_of
+from rigel_k8s.observability.names import LOKI, LOKI_PORT, PROMETHEUS, PROMETHEUS_PORT, RELEASE
+from rigel_k8s.observability.options import (
+    Existing,
+    ExistingGrafana,
+    ExistingLoki,
+    ExistingPrometheus,
+    Observability,
+    Part,
+    Persistence,
+)
+
+__all__ = ["Boards", "Stack"]
+
+
+@attrs.frozen
+class Boards:
+    """What Grafana shows and Prometheus evaluates, as texts by file name."""
+
+    dashboards: Mapping[str, str] = attrs.field(factory=dict)
+    rules: Mapping[str, str] = attrs.field(factory=dict)
+
+
+@attrs.frozen
+class Stack:
+    """The stack of one cluster.
+
+    Attributes:
+        options: of all applications together; what is of one of them only does not count here.
+        claims: whether the cluster gives storage to claims that name no class.
+        api_servers: addresses that the API server's proxy comes from, as far as they are known.
+    """
+
+    options: Observability
+    namespace: str
+    boards: Boards = attrs.field(factory=Boards)
+    claims: bool = True
+    api_servers: tuple[str, ...] = ()
+
+    @property
+    def frame(self) -> Frame:
+        """What its objects are made with."""
+        return Frame(self.namespace, RELEASE)
+
+    @property
+    def existing(self) -> Existing:
+        """What the cluster has already."""
+        return self.options.existing or Existing()
+
+    @property
+    def operator(self) -> ExistingPrometheus | None:
+        """A prometheus-operator that is used, None for none."""
+        said = self.existing.prometheus
+        if isinstance(said, ExistingPrometheus):
+            return said
+        return ExistingPrometheus() if said else None
+
+    @property
+    def other_grafana(self) -> ExistingGrafana | None:
+        """A Grafana of others that is used, None for none."""
+        said = self.existing.grafana
+        if isinstance(said, ExistingGrafana):
+            return said
+        return ExistingGrafana() if said else None
+
+    @property
+    def other_loki(self) -> ExistingLoki | None:
+        """A Loki of others that is used, None for none."""
+        return self.existing.loki
+
+    @property
+    def has_prometheus(self) -> bool:
+        """Whether there is a Prometheus of ours."""
+        return self.options.prometheus.enabled and self.operator is None
+
+    @property
+    def has_loki(self) -> bool:
+        """Whether there is a Loki of ours."""
+        return self.options.loki.enabled and self.other_loki is None
+
+    @property
+    def has_grafana(self) -> bool:
+        """Whether there is a Grafana of ours."""
+        return self.options.grafana.enabled and self.other_grafana is None
+
+    @property
+    def loki_url(self) -> str | None:
+        """Where log lines go, None where they go nowhere."""
+        if self.other_loki is not None:
+            return self.other_loki.url.rstrip("/")
+        return f"http://{LOKI}:{LOKI_PORT}" if self.has_loki else None
+
+    @property
+    def prometheus_url(self) -> str | None:
+        """Where Grafana asks for metrics, None where it cannot."""
+        if self.operator is not None:
+            return self.operator.url
+        return f"http://{PROMETHEUS}:{PROMETHEUS_PORT}" if self.has_prometheus else None
+
+    @property
+    def collector(self) -> str | None:
+        """The name of what reads log lines, None where nothing does."""
+        name = self.options.collector or "promtail"
+        return name if self.loki_url and part_of(getattr(self.options, name)).enabled else None
+
+    @property
+    def collects_all(self) -> bool:
+        """Whether all pods' lines are collected, and not only those of releases."""
+        return self.options.collect == "all"
+
+    @property
+    def kube_state_metrics(self) -> Part:
+        """What Kubernetes knows; where a Prometheus is there already, it has one too."""
+        said = self.options.kube_state_metrics
+        return part_of(self.has_prometheus if said is None else said)
+
+    @property
+    def node_exporter(self) -> Part:
+        """The machines' metrics."""
+        return part_of(self.options.node_exporter)
+
+    def keeps(self, persistence: Persistence, *, default: bool) -> bool:
+        """Return whether a part's data are on a claim."""
+        if persistence.enabled is not None:
+            return persistence.enabled
+        asked = default or persistence.size is not None
+        return persistence.storage_class is not None or (asked and self.claims)

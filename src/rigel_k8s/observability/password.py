@@ -1,0 +1,71 @@
+"""Grafana's administrator: a Secret that is made once, and stands in no revision and no render."""
+
+from __future__ import annotations
+
+import base64
+import secrets
+from typing import TYPE_CHECKING, Any
+
+from rigel_k8s.errors import ConflictError
+from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.manifests.grafana import ADMIN_SECRET, PASSWORD, USER_NAME
+from rigel_k8s.observability.names import GRAFANA
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
+__all__ = ["administrator_ref", "ensure_administrator"]
+
+USER = "admin"
+#: Bytes of a random password: 24 letters.
+LENGTH = 18
+
+
+def administrator_ref(namespace: str) -> ObjectRef:
+    """Return the Secret's reference."""
+    return ObjectRef("v1", "Secret", namespace, ADMIN_SECRET)
+
+
+def ensure_administrator(cluster: Cluster, namespace: str, said: str | None) -> None:
+    """Have the Secret there before Grafana wants it; one that is there stays, unless told.
+
+    Args:
+        said: the password that the Rigelfile tells, None for a random one.
+    """
+    live = cluster.get(administrator_ref(namespace))
+    if live is None:
+        _create(cluster, namespace, said or secrets.token_urlsafe(LENGTH))
+    elif said is not None and _password(live) != said:
+        cluster.patch(administrator_ref(namespace), {"data": {PASSWORD: _encoded(said)}})
+        _start_anew(cluster, namespace)
+
+
+def _create(cluster: Cluster, namespace: str, password: str) -> None:
+    """Create it: not applied, so that `down` leaves it beside the data that it opens."""
+    try:
+        cluster.create(
+            {
+                "apiVersion": "v1",
+                "kind": "Secret",
+                "type": "Opaque",
+                "metadata": {"name": ADMIN_SECRET, "namespace": namespace},
+                "data": {USER_NAME: _encoded(USER), PASSWORD: _encoded(password)},
+            }
+        )
+    except ConflictError:  # another deploy was quicker, and its password counts
+        return
+
+
+def _start_anew(cluster: Cluster, namespace: str) -> None:
+    """Let Grafana read a changed password."""
+    for pod in cluster.list("v1", "Pod", namespace, labels={NAME_LABEL: GRAFANA}):
+        cluster.delete(ObjectRef("v1", "Pod", namespace, pod["metadata"]["name"]))
+
+
+def _password(secret: Any) -> str:
+    return base64.b64decode(secret.get("data", {}).get(PASSWORD, "")).decode()
+
+
+def _encoded(text: str) -> str:
+    return base64.b64encode(text.encode()).decode()

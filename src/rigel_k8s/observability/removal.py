@@ -1,0 +1,85 @@
+"""The stack taken off a cluster; its data stay, and the password that opens them."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.naming import selector
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.desired import NAMESPACE
+from rigel_k8s.observability.installation import installed_in
+from rigel_k8s.observability.manifests.alloy import ALLOY
+from rigel_k8s.observability.manifests.promtail import PROMTAIL
+from rigel_k8s.observability.names import RELEASE
+from rigel_k8s.observability.password import administrator_ref
+from rigel_k8s.release.deploy import down
+from rigel_k8s.release.survey import belongs
+from rigel_k8s.release.types import Plan, ReleaseId
+from rigel_k8s.report import Reporter
+
+__all__ = ["remove"]
+
+LOOK = 0.5
+#: Seconds for a collector to hand over what it has read.
+HAND_OVER = 30.0
+COLLECTORS = (("DaemonSet", PROMTAIL), ("Deployment", ALLOY))
+
+
+def remove(
+    cluster: Cluster,
+    report: Reporter,
+    cancel: threading.Event | None = None,
+    *,
+    volumes: bool,
+    namespace: str | None = None,
+    timeout: float | None = None,
+) -> Plan:
+    """Delete the stack's objects and its history; its namespace stays.
+
+    Args:
+        volumes: its data go too, and Grafana's password.
+        namespace: where it was, for data of a stack that is gone; None looks for the stack.
+        timeout: seconds that the end of its pods may take.
+
+    Raises:
+        UserError: there is no stack.
+    """
+    where = namespace or installed_in(cluster) or NAMESPACE
+    _stop_collecting(cluster, where, report, cancel or threading.Event())
+    plan = down(
+        cluster,
+        ReleaseId(where, RELEASE),
+        volumes=volumes,
+        report=report,
+        cancel=cancel,
+        timeout=timeout,
+    )
+    if volumes:
+        cluster.delete(administrator_ref(where))
+    if not plan.steps:
+        raise UserError(
+            f"there is no observability stack in the namespace {where}",
+            hint="-n NAMESPACE, if its data are elsewhere; --context NAME, if it is",
+        )
+    return plan
+
+
+def _stop_collecting(
+    cluster: Cluster, namespace: str, report: Reporter, cancel: threading.Event
+) -> None:
+    """End the collector while Loki is still there to take its last lines."""
+    for kind, name in COLLECTORS:
+        ref = ObjectRef("apps/v1", kind, namespace, name)
+        live = cluster.get(ref)
+        if live is None or not belongs(live, ReleaseId(namespace, RELEASE)):
+            continue
+        cluster.delete(ref, uid=live["metadata"]["uid"])
+        report.progress(name, "hands over its last lines")
+        end = time.monotonic() + HAND_OVER
+        while cluster.list("v1", "Pod", namespace, labels=selector(name)):
+            if time.monotonic() > end or cancel.wait(LOOK):
+                break
+        report.progress(name, "is gone", done=True)

@@ -1,0 +1,262 @@
+"""The steps of a plan, done: the only module that writes a release's objects."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.marks import FIRST_ANNOTATION
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.order import WORKLOADS, rank, wave
+from rigel_k8s.release.ownership import managers, taken_over
+from rigel_k8s.release.plan import predecessors
+from rigel_k8s.release.types import Plan, Step
+from rigel_k8s.report import Reporter
+
+__all__ = ["CLAIMS", "GONE_TIMEOUT", "Applier"]
+
+Live = dict[str, Any]
+GONE_TIMEOUT = 120.0  # seconds that what is being deleted may take
+DEFINED_TIMEOUT = 30.0
+LOOK = 0.2
+TAKE_OVER_TRIES = 10
+SLICE = 2.0  # seconds of one watch for the end of pods
+CLAIMS = frozenset({"PersistentVolumeClaim", "PersistentVolume"})
+
+
+@attrs.frozen
+class Applier:
+    """Carries out a plan.
+
+    Attributes:
+        adopt: take over what other managers own.
+        until_ready: waits for live objects; called between those that come first and the rest.
+        gone_timeout: seconds that the end of what is deleted may take.
+    """
+
+    cluster: Cluster
+    report: Reporter
+    cancel: threading.Event
+    adopt: bool = False
+    until_ready: Callable[[Sequence[Manifest]], None] = lambda _: None
+    gone_timeout: float = GONE_TIMEOUT
+
+    def apply(self, plan: Plan) -> dict[ObjectRef, Live]:
+        """Create and change what the plan says; return the live objects, also of what is kept."""
+        steps = [step for step in plan.steps if step.manifest is not None]
+        applied = {s.ref: dict(s.live) for s in steps if s.action == "keep" and s.live}
+        self.end(predecessors(plan))
+        writes = [step for step in steps if step.action in ("create", "change")]
+        ordered = groups(writes)
+        for chosen in ordered:
+            self.go_on()
+            done = self.cluster.parallel(self.write, chosen)
+            applied |= {s.ref: live for s, live in zip(chosen, done, strict=True)}
+            self.until_defined(chosen)
+            if comes_first(chosen[0]) and chosen is not ordered[-1]:
+                self.until_ready(done)
+        return applied
+
+    def write(self, step: Step) -> Live:
+        """Apply one manifest."""
+        if step.manifest is None:
+            raise AssertionError("only steps with a manifest write")
+        live = step.live
+        if live is not None and live["metadata"].get("deletionTimestamp"):
+            self.until_gone([step.ref])
+            live = None
+        if live is not None and keeps_rolling(step.manifest, live):
+            live = self.end_rolling(step.ref)
+        if live is not None and self.adopt and managers(live):
+            self.take_over(step.ref, live)
+        return self.cluster.apply(step.manifest, force=self.adopt)
+
+    def end_rolling(self, ref: ObjectRef) -> Live:
+        """Make a rolling Deployment a Recreate one; its pods stay as they are.
+
+        Server-side apply cannot: what Kubernetes had filled in of the old strategy would stay, and
+        Kubernetes refuses it beside the new one.
+        """
+        strategy = {"type": "Recreate", "rollingUpdate": None}
+        return self.cluster.patch(ref, {"spec": {"strategy": strategy}})
+
+    def take_over(self, ref: ObjectRef, live: Manifest) -> None:
+        """Make what other tools had set ours, so that what nobody says any more goes away.
+
+        Controllers write an object's status at any time: who owns what is then read again.
+        """
+        for again in range(TAKE_OVER_TRIES):
+            meta = {
+                "managedFields": taken_over(live),
+                "resourceVersion": live["metadata"]["resourceVersion"],
+            }
+            try:
+                self.cluster.patch(ref, {"metadata": meta})
+                return
+            except ConflictError:
+                newer = self.cluster.get(ref)
+                if newer is None or again == TAKE_OVER_TRIES - 1:
+                    raise
+                live = newer
+
+    def prune(self, steps: Iterable[Step]) -> None:
+        """Delete what the plan prunes: workloads first, then what they used, data last.
+
+        What came first goes last of the workloads: ROS nodes take leave of their master, and hang
+        where nobody answers any more.
+        """
+        todo = [step for step in steps if step.action == "prune"]
+        workloads = [step for step in todo if step.ref.kind in WORKLOADS]
+        others = [step for step in todo if step.ref.kind not in WORKLOADS]
+        last = [step for step in workloads if comes_first(step)]
+        before = [step for step in workloads if step not in last]
+        self.cluster.parallel(self.delete, before)
+        if last or any(step.ref.kind in CLAIMS for step in others):
+            self.until_no_pods(before)
+        self.cluster.parallel(self.delete, last)
+        if any(step.ref.kind in CLAIMS for step in others):
+            self.until_no_pods(last)
+        for number in sorted({rank(step.ref.kind) for step in others}, reverse=True):
+            self.cluster.parallel(self.delete, [s for s in others if rank(s.ref.kind) == number])
+
+    def end(self, steps: Sequence[Step]) -> None:
+        """Delete workloads and wait for the end of their pods."""
+        self.cluster.parallel(self.delete, steps)
+        for step in steps:
+            self.report.progress(step.ref.name, "ends before its successor starts")
+        self.until_no_pods(steps)
+        for step in steps:
+            self.report.progress(step.ref.name, "gone", done=True)
+
+    def delete(self, step: Step) -> None:
+        """Delete the very object that the plan saw."""
+        uid = step.live["metadata"]["uid"] if step.live else None
+        try:
+            self.cluster.delete(step.ref, uid=uid)
+        except ConflictError:
+            self.report.warn(f"{step.ref} was made anew by somebody else meanwhile: left alone")
+
+    def until_no_pods(self, steps: Iterable[Step]) -> None:
+        """Wait until no pod of some workloads is left."""
+        ended = list(steps)
+        self.until_gone([step.ref for step in ended if step.ref.kind == "Pod"])
+        for step in ended:
+            if labels := selector(step.live):
+                self.until_no_pods_of(step.ref, labels)
+
+    def until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
+        """Wait until no pod has some labels."""
+        end = time.monotonic() + self.gone_timeout
+        while time.monotonic() < end:
+            self.go_on()
+            found = self.cluster.list("v1", "Pod", ref.namespace, labels=labels, metadata_only=True)
+            left = {pod["metadata"]["name"] for pod in found}
+            if not left:
+                return
+            self.drain(ref, labels, left)
+        raise ClusterError(
+            f"pods of {ref} did not end within {self.gone_timeout:g} s: {', '.join(sorted(left))}",
+            hint=f"is their node reachable? kubectl -n {ref.namespace} get pods -o wide",
+        )
+
+    def drain(self, ref: ObjectRef, labels: Mapping[str, str], left: set[str]) -> None:
+        """Watch pods for a while, or until none is left."""
+        for event in self.cluster.watch(
+            "v1", "Pod", ref.namespace, labels=labels, seconds=SLICE, cancel=self.cancel
+        ):
+            name = event.object["metadata"]["name"]
+            if event.type == "DELETED":
+                left.discard(name)
+                if not left:
+                    return
+            else:
+                left.add(name)
+
+    def until_gone(self, refs: Sequence[ObjectRef]) -> None:
+        """Wait until objects that are being deleted are gone, for all of them at once."""
+        end, left = time.monotonic() + self.gone_timeout, self.ending(refs)
+        while left:
+            if time.monotonic() > end:
+                held = [f"{ref_of(live)}: {holders(live)} holds it" for live in left]
+                raise ClusterError(
+                    f"{len(left)} object(s) not gone after {self.gone_timeout:g} s",
+                    hint="something still uses them; see kubectl describe",
+                    details=held,
+                )
+            self.go_on()
+            self.cancel.wait(LOOK)
+            left = self.ending([ref_of(live) for live in left])
+
+    def ending(self, refs: Sequence[ObjectRef]) -> list[Live]:
+        """Return those objects that are there and being deleted."""
+        found = filter(None, self.cluster.parallel(self.cluster.get, refs))
+        return [live for live in found if live["metadata"].get("deletionTimestamp")]
+
+    def until_defined(self, steps: Iterable[Step]) -> None:
+        """Wait until the kinds that were just defined are served."""
+        end = time.monotonic() + DEFINED_TIMEOUT
+        for step in steps:
+            for api_version, kind in defined(step.manifest):
+                while not self.cluster.serves(api_version, kind):
+                    if time.monotonic() > end:
+                        raise ClusterError(f"{step.ref} is not served after {DEFINED_TIMEOUT:g} s")
+                    self.go_on()
+                    self.cancel.wait(LOOK)
+
+    def go_on(self) -> None:
+        """Raise Interrupted where the user asked to stop."""
+        if self.cancel.is_set():
+            raise Interrupted(
+                "interrupted while objects were being applied: some are new, some old",
+                hint="run it again to see it through, or `rigel rollback`",
+            )
+
+
+def holders(live: Manifest) -> str:
+    """Return what keeps an object that is being deleted."""
+    return ", ".join(live["metadata"].get("finalizers") or []) or "nothing known"
+
+
+def selector(live: Manifest | None) -> Mapping[str, str]:
+    """Return the labels that a workload selects its pods by."""
+    spec = (live or {}).get("spec") or {}
+    labels: Mapping[str, str] = (spec.get("selector") or {}).get("matchLabels") or {}
+    return labels
+
+
+def defined(manifest: Manifest | None) -> list[tuple[str, str]]:
+    """Return the API versions and kinds that a CustomResourceDefinition brings."""
+    if manifest is None or manifest["kind"] != "CustomResourceDefinition":
+        return []
+    spec = manifest["spec"]
+    served = [version["name"] for version in spec["versions"] if version.get("served")]
+    return [(f"{spec['group']}/{version}", spec["names"]["kind"]) for version in served]
+
+
+def comes_first(step: Step) -> bool:
+    """Whether the other workloads of the release start only when this one is ready."""
+    meta = (step.manifest or step.live or {}).get("metadata", {})
+    return bool((meta.get("annotations") or {}).get(FIRST_ANNOTATION) == "true")
+
+
+def keeps_rolling(manifest: Manifest, live: Manifest) -> bool:
+    """Whether a live Deployment has parts of a strategy that a manifest gives up."""
+    if manifest["kind"] != "Deployment":
+        return False
+    wanted, there = (item.get("spec", {}).get("strategy") or {} for item in (manifest, live))
+    return bool(wanted.get("type") == "Recreate" and there.get("rollingUpdate"))
+
+
+def groups(writes: Sequence[Step]) -> list[list[Step]]:
+    """Return steps in the order of apply: those of a group go side by side."""
+
+    def place(step: Step) -> tuple[int, bool]:
+        return wave(step.ref.kind), not comes_first(step)
+
+    return [[step for step in writes if place(step) == p] for p in sorted(set(map(place, writes)))]

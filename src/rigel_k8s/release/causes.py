@@ -1,0 +1,234 @@
+"""Why a workload is not ready: from its pods, its owner's conditions and the events; pure.
+
+Every cause has a kind; wait.py knows how much patience each kind deserves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.objects.refs import Manifest
+
+__all__ = ["Cause", "causes", "owner", "pods_of", "probe_failure"]
+
+IMAGE = ("ErrImagePull", "ImagePullBackOff", "RegistryUnavailable", "ErrImageNeverPull")
+BAD_NAME = "InvalidImageName"
+START = ("CreateContainerConfigError", "CreateContainerError", "RunContainerError")
+EVENTS = {
+    "FailedMount": "mount",
+    "FailedAttachVolume": "mount",
+    "FailedMapVolume": "mount",
+    "FailedCreatePodSandBox": "sandbox",
+    "NetworkNotReady": "sandbox",
+}
+
+
+@attrs.frozen
+class Cause:
+    """One reason why a workload is not ready.
+
+    Attributes:
+        kind: image, image-name, start, crash, restarted, unschedulable, claim, quota, mount,
+            sandbox, evicted or failed.
+        pod: the pod that shows it, "" where no pod is to blame.
+        previous: its log is that of the container's life before the last restart.
+    """
+
+    kind: str
+    message: str
+    pod: str = ""
+    container: str = ""
+    previous: bool = False
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What makes it the same cause when it is seen again, maybe on another pod."""
+        return ("crash" if self.kind == "restarted" else self.kind, self.container)
+
+
+def pods_of(
+    workload: Manifest, replica_sets: Iterable[Manifest], pods: Iterable[Manifest]
+) -> list[Manifest]:
+    """Return the pods of a workload's newest template, as far as its kind tells them."""
+    uid = workload["metadata"]["uid"]
+    if workload["kind"] == "Pod":
+        return [pod for pod in pods if pod["metadata"]["uid"] == uid]
+    owners = {uid}
+    if workload["kind"] == "Deployment":
+        owners = {rs["metadata"]["uid"] for rs in newest(workload, replica_sets)}
+    found = [pod for pod in pods if owner(pod) in owners]
+    revision = (workload.get("status") or {}).get("updateRevision")
+    if workload["kind"] == "StatefulSet" and revision:
+        label = "controller-revision-hash"
+        found = [p for p in found if (p["metadata"].get("labels") or {}).get(label) == revision]
+    return found
+
+
+def newest(deployment: Manifest, replica_sets: Iterable[Manifest]) -> Iterator[Manifest]:
+    """Yield the ReplicaSet of a Deployment's newest template."""
+    note = "deployment.kubernetes.io/revision"
+    number = (deployment["metadata"].get("annotations") or {}).get(note)
+    for replica_set in replica_sets:
+        notes = replica_set["metadata"].get("annotations") or {}
+        if owner(replica_set) == deployment["metadata"]["uid"] and notes.get(note) == number:
+            yield replica_set
+
+
+def owner(live: Manifest) -> str:
+    """Return the UID of the controller that owns an object, "" for none."""
+    for reference in live["metadata"].get("ownerReferences") or []:
+        if reference.get("controller"):
+            return str(reference["uid"])
+    return ""
+
+
+def causes(
+    workload: Manifest,
+    pods: Sequence[Manifest],
+    events: Iterable[Manifest],
+    owners: Sequence[Manifest] = (),
+) -> list[Cause]:
+    """Return why a workload is not ready, the plainest reason first.
+
+    Args:
+        pods: those of its newest template.
+        events: warnings about anything.
+        owners: the workload's ReplicaSets, whose events count as its own.
+    """
+    warnings = list(events)
+    found = [*of_owner(workload, owners, warnings)]
+    for pod in pods:
+        if not pod["metadata"].get("deletionTimestamp"):
+            found += of_pod(pod, warnings)
+    return list({cause.key: cause for cause in reversed(found)}.values())[::-1]
+
+
+def of_owner(
+    workload: Manifest, owners: Sequence[Manifest], events: Sequence[Manifest]
+) -> Iterator[Cause]:
+    """Yield why a workload's controller cannot make pods (a quota, an admission)."""
+    for condition in (workload.get("status") or {}).get("conditions") or []:
+        if condition.get("type") == "ReplicaFailure" and condition.get("status") == "True":
+            yield Cause("quota", f"no pod can be made: {condition.get('message', '')}")
+            return
+    made_by = {live["metadata"]["uid"] for live in (workload, *owners)}
+    if workload["kind"] not in ("Deployment", "Pod"):
+        for event in events:
+            if event["involvedObject"].get("uid") in made_by and event["reason"] == "FailedCreate":
+                yield Cause("quota", f"no pod can be made: {event.get('message', '')}")
+
+
+def of_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
+    """Yield what is wrong with one pod."""
+    name, status = pod["metadata"]["name"], pod.get("status") or {}
+    for condition in status.get("conditions") or []:
+        if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
+            yield unscheduled(str(condition.get("message", "")), name)
+    if status.get("phase") == "Failed":
+        told = status.get("message") or status.get("reason") or "see its log"
+        evicted = status.get("reason") == "Evicted"
+        yield Cause("evicted" if evicted else "failed", f"pod {name} failed: {told}", name)
+    for container in containers(status):
+        yield from of_container(pod, container)
+    yield from of_events(pod, events)
+
+
+def unscheduled(message: str, pod: str) -> Cause:
+    """Return why the scheduler finds no node."""
+    lowered = message.lower()
+    if "persistentvolumeclaim" in lowered:
+        return Cause("claim", f"a claim has no volume: {message}", pod)
+    return Cause("unschedulable", f"no node takes the pod: {message}", pod)
+
+
+def of_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[Cause]:
+    """Yield why one container does not run."""
+    name, own = pod["metadata"]["name"], container["name"]
+    waiting = (container.get("state") or {}).get("waiting") or {}
+    reason, message = waiting.get("reason", ""), waiting.get("message") or ""
+    image = container.get("image", "")
+    if reason == BAD_NAME:
+        yield Cause("image-name", f"image {image!r} is no image name: {message}", name, own)
+    elif reason in IMAGE:
+        yield Cause(
+            "image", f"image {image} cannot be pulled: {core(message) or reason}", name, own
+        )
+    elif reason in START:
+        yield Cause("start", f"container {own} cannot be started: {message or reason}", name, own)
+    elif not container.get("ready"):
+        yield from of_exit(name, container)
+
+
+def core(message: str) -> str:
+    """Return the part of a runtime's message that says something: its layers repeat the image."""
+    return message.rpartition('": ')[2] or message
+
+
+def of_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
+    """Yield how a container ended, where it did."""
+    state, last = container.get("state") or {}, container.get("lastState") or {}
+    ended = state.get("terminated") or last.get("terminated")
+    if not ended or (
+        ended.get("exitCode") == 0
+        and ended.get("reason") == "Completed"
+        and not container.get("restartCount")
+    ):
+        return
+    restarts, own = int(container.get("restartCount", 0)), container["name"]
+    times = f", restarted {restarts} time{'s' if restarts != 1 else ''}" if restarts else ""
+    told = f"container {own} {exit_words(ended)}{times}"
+    up = "running" in state
+    yield Cause(
+        "restarted" if up else "crash", told, pod, own, previous=not state.get("terminated")
+    )
+
+
+def exit_words(ended: Mapping[str, Any]) -> str:
+    """Return how a container ended, in words."""
+    code = ended.get("exitCode")
+    if ended.get("reason") == "OOMKilled":
+        return (
+            f"was killed for lack of memory (OOMKilled, exit code {code}): raise its memory limit"
+        )
+    if ended.get("reason") == "StartError":
+        return f"could not be started: {ended.get('message', '')}"
+    signal = f", killed by signal {code - 128}" if code and code > 128 else ""
+    return f"exited with code {code}{signal}"
+
+
+def of_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
+    """Yield what the events say about a pod whose containers have not started."""
+    name, status = pod["metadata"]["name"], pod.get("status") or {}
+    started = any(map(is_past_mounts, containers(status)))
+    for event in about(pod, events):
+        kind = EVENTS.get(event["reason"], "")
+        if kind and not started:
+            yield Cause(kind, f"{event['reason']}: {event.get('message', '')}", name)
+
+
+def is_past_mounts(container: Mapping[str, Any]) -> bool:
+    """Whether a pod is there, with its volumes: a container has run, or waits for its image."""
+    waiting = (container.get("state") or {}).get("waiting") or {}
+    pulls = waiting.get("reason") in IMAGE
+    return bool(container.get("started") or container.get("lastState") or pulls)
+
+
+def probe_failure(pod: Manifest, events: Iterable[Manifest]) -> str:
+    """Return what the last failed probe of a pod said, "" where none failed."""
+    failed = [e for e in about(pod, events) if e["reason"] in ("Unhealthy", "ProbeWarning")]
+    failed.sort(key=lambda event: str(event.get("lastTimestamp") or event.get("eventTime") or ""))
+    return " ".join(str(failed[-1].get("message", "")).split()) if failed else ""
+
+
+def about(pod: Manifest, events: Iterable[Manifest]) -> Iterator[Manifest]:
+    """Yield the events about a pod."""
+    uid = pod["metadata"]["uid"]
+    return (event for event in events if event["involvedObject"].get("uid") == uid)
+
+
+def containers(status: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the states of all containers, those of init containers first."""
+    return [*(status.get("initContainerStatuses") or []), *(status.get("containerStatuses") or [])]

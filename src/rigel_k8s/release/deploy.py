@@ -1,0 +1,344 @@
+"""A release's life: deploy, diff, rollback, history (and down, in removal.py).
+
+Look (survey), refuse what cannot be, take the Lease, write a *pending* revision that names old and
+new objects together, apply, wait, prune, mark the revision good. Whoever finds a pending revision
+has all that an interrupted run may have left, and ends what it began.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from datetime import datetime, timezone
+from typing import Any
+
+import attrs
+
+from rigel_k8s import __version__
+from rigel_k8s.errors import ClusterError, ConflictError, RigelK8sError, UserError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release import refusals, revisions
+from rigel_k8s.release.apply import Applier
+from rigel_k8s.release.lease import Held, held
+from rigel_k8s.release.patience import Patience
+from rigel_k8s.release.plan import compare, predecessors
+from rigel_k8s.release.removal import down
+from rigel_k8s.release.survey import Survey, namespace_ref, survey
+from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision
+from rigel_k8s.release.wait import Waiter
+from rigel_k8s.report import Reporter
+
+__all__ = ["DEFAULT_TIMEOUT", "deploy", "diff", "down", "history", "last_good", "rollback"]
+
+DEFAULT_TIMEOUT = 300.0
+ATTEMPTS = 3  # looks at the cluster when other deploys end while we wait for the Lease
+
+
+@attrs.frozen
+class Run:
+    """What one deploy needs all the way."""
+
+    cluster: Cluster
+    desired: Desired
+    report: Reporter
+    cancel: threading.Event
+    timeout: float
+    adopt: bool
+    description: str
+    patience: Patience
+    keep: frozenset[ObjectRef] = frozenset()
+
+    @property
+    def release(self) -> ReleaseId:
+        """The release."""
+        return self.desired.release
+
+
+def deploy(
+    desired: Desired,
+    cluster: Cluster,
+    *,
+    report: Reporter,
+    cancel: threading.Event | None = None,
+    timeout: float | None = None,
+    adopt: bool = False,
+    description: str = "",
+    patience: Patience | None = None,
+) -> Revision:
+    """Make a release what it shall be, wait until it is, and return its revision.
+
+    Nothing is written where nothing has changed and the last revision is good.
+
+    Args:
+        cancel: ends the deploy soon after it is set.
+        timeout: seconds that the roll-out may take; None is DEFAULT_TIMEOUT.
+        adopt: take over what other field managers own.
+
+    Raises:
+        Refused: immutable fields, or objects of another release; nothing was changed.
+        ConflictError: other managers' fields or objects; nothing was changed.
+        RolloutFailed: it was applied and does not become ready.
+        Interrupted: `cancel` was set.
+        ClusterError: the cluster refused, does not answer, or another deploy is under way.
+    """
+    return carry_out(
+        Run(
+            cluster,
+            desired,
+            report,
+            cancel or threading.Event(),
+            DEFAULT_TIMEOUT if timeout is None else timeout,
+            adopt,
+            description,
+            patience or Patience(),
+        )
+    )
+
+
+def diff(desired: Desired, cluster: Cluster, *, adopt: bool = False) -> Plan:
+    """Return what a deploy would do; nothing is written. Raises like deploy."""
+    found = survey(cluster, desired, adopt=adopt)
+    refusals.check(found, adopt=adopt)
+    return compare(found)
+
+
+def history(cluster: Cluster, release: ReleaseId) -> list[Revision]:
+    """Return a release's revisions, the oldest first."""
+    found = [record.revision() for record in revisions.records(cluster, release)]
+    good = [revision.number for revision in found if revision.status == "good"]
+    return [
+        attrs.evolve(revision, status="superseded") if revision.number in good[:-1] else revision
+        for revision in found
+    ]
+
+
+def last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
+    """Return the newest revision that became ready, None where none has."""
+    good = [r for r in revisions.records(cluster, release) if r.status == "good"]
+    return good[-1].revision() if good else None
+
+
+def rollback(
+    cluster: Cluster,
+    release: ReleaseId,
+    number: int | None = None,
+    *,
+    report: Reporter,
+    cancel: threading.Event | None = None,
+    timeout: float | None = None,
+    adopt: bool = False,
+    patience: Patience | None = None,
+) -> Revision:
+    """Deploy an older revision's objects again, as a new revision.
+
+    Args:
+        number: None is the last good one before the present.
+
+    Raises:
+        UserError: there is no such revision.
+    """
+    target = chosen(revisions.records(cluster, release), release, number).revision()
+    keep = frozenset(item.ref for item in target.inventory if item.ref.kind == "Secret")
+    desired = Desired(release, target.objects, options=target.options)
+    return carry_out(
+        Run(
+            cluster,
+            desired,
+            report,
+            cancel or threading.Event(),
+            DEFAULT_TIMEOUT if timeout is None else timeout,
+            adopt,
+            f"rollback to revision {target.number}",
+            patience or Patience(),
+            keep,
+        )
+    )
+
+
+def chosen(
+    records: list[revisions.Record], release: ReleaseId, number: int | None
+) -> revisions.Record:
+    """Return the record to roll back to."""
+    good = [record for record in records[:-1] if record.status == "good"]
+    if number is None and good:
+        return good[-1]
+    found = [record for record in records if record.number == number]
+    if found:
+        return found[0]
+    numbers = ", ".join(str(record.number) for record in records) or "none"
+    what = f"no revision {number}" if number is not None else "no good revision before the last"
+    raise UserError(f"{release.name} has {what}", hint=f"`rigel history` tells; kept: {numbers}")
+
+
+def carry_out(run: Run) -> Revision:
+    """Deploy."""
+    found = survey(run.cluster, run.desired, adopt=run.adopt)
+    refusals.check(found, adopt=run.adopt)
+    plan = compare(found, keep=run.keep)
+    if found.last is not None and is_settled(found, plan):
+        live = [step.live for step in plan.steps if step.action == "keep" and step.live]
+        waiter(run, found, Held()).wait(live)
+        return found.last
+    make_namespace(run, found)
+    with held(run.cluster, run.release, run.report, run.cancel) as lease:
+        found, plan = again(run, found, plan)
+        return written(run, found, plan, lease)
+
+
+def is_settled(found: Survey, plan: Plan) -> bool:
+    """Whether the last revision is good and is what is wanted, and so is the cluster."""
+    if found.last is None or found.last.status != "good" or plan.changes:
+        return False
+    wanted = revisions.recordable(found.manifests)
+    before = (found.last.objects, found.last.options)
+    return json.dumps(before, sort_keys=True) == json.dumps(
+        (wanted, found.desired.options), sort_keys=True
+    )
+
+
+def make_namespace(run: Run, found: Survey) -> None:
+    """Create the release's namespace where it is missing: the Lease must be somewhere."""
+    if found.namespace is None and run.desired.create_namespace:
+        ref = namespace_ref(run.release)
+        made = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": ref.name}}
+        with suppress(ConflictError):  # another deploy was quicker
+            run.cluster.create(made)
+
+
+def again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
+    """Return what was found, looked at anew where another deploy has ended since."""
+    for _ in range(ATTEMPTS):
+        newest = revisions.records(run.cluster, run.release)
+        if versions(newest) == versions(found.history):
+            return found, plan
+        found = survey(run.cluster, run.desired, adopt=run.adopt)
+        refusals.check(found, adopt=run.adopt)
+        plan = compare(found, keep=run.keep)
+    return found, plan
+
+
+def versions(records: Collection[revisions.Record]) -> list[str]:
+    """Return what changes when any record does."""
+    return [str(record.secret["metadata"]["resourceVersion"]) for record in records]
+
+
+def written(run: Run, found: Survey, plan: Plan, lease: Held) -> Revision:
+    """Apply, wait, prune and record, with the Lease held."""
+    tell_plan(run, plan)
+    pending = new_revision(run, found, plan)
+    revisions.create(run.cluster, pending)
+    applier = Applier(
+        run.cluster,
+        run.report,
+        run.cancel,
+        run.adopt,
+        until_ready=lambda live: waiter(run, found, lease).wait(live),
+    )
+    try:
+        applied = applier.apply(plan)
+        pending = attrs.evolve(pending, inventory=with_uids(pending.inventory, applied))
+        lease.check()
+        waiter(run, found, lease).wait(list(applied.values()))
+        early = {step.ref for step in predecessors(plan)}
+        applier.prune(step for step in plan.steps if step.ref not in early)
+    except RigelK8sError as error:
+        mark_failed(run, pending, error)
+        raise
+    kept = {step.ref for step in plan.steps if step.action in ("create", "change", "keep")}
+    mine = tuple(item for item in pending.inventory if item.ref in kept and item.uid)
+    good = attrs.evolve(pending, status="good", inventory=mine)
+    revisions.update(run.cluster, good)
+    clean_up(run, found, good)
+    return good
+
+
+def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
+    """Return the pending revision: its inventory is what was there and what shall be."""
+    namespace = namespace_ref(run.release)
+    known = {item.ref: item.uid for item in found.inventory}
+    for step in plan.steps:
+        if step.ref != namespace:
+            known[step.ref] = str(step.live["metadata"]["uid"]) if step.live else ""
+    return Revision(
+        release=run.release,
+        number=found.next_number,
+        status="pending",
+        created=datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        objects=revisions.recordable(found.manifests),
+        inventory=tuple(InventoryItem(ref, uid) for ref, uid in sorted(known.items())),
+        options=run.desired.options,
+        description=run.description,
+        tool_version=__version__,
+    )
+
+
+def with_uids(
+    inventory: Collection[InventoryItem], applied: Mapping[ObjectRef, Mapping[str, Any]]
+) -> tuple[InventoryItem, ...]:
+    """Return an inventory that knows the UIDs of what was just applied."""
+    return tuple(
+        InventoryItem(item.ref, str(applied[item.ref]["metadata"]["uid"]))
+        if item.ref in applied
+        else item
+        for item in inventory
+    )
+
+
+def mark_failed(run: Run, pending: Revision, error: RigelK8sError) -> None:
+    """Mark a revision failed; one that was interrupted stays pending and can be gone on with."""
+    if error.exit_code == 130:
+        return
+    with suppress(ClusterError):  # the first error matters more
+        revisions.update(run.cluster, attrs.evolve(pending, status="failed"))
+
+
+def clean_up(run: Run, found: Survey, good: Revision) -> None:
+    """Close what earlier runs left open, and forget the oldest revisions."""
+    kept = list(found.history)
+    for record in kept:
+        if record.status == "pending":
+            revisions.update(run.cluster, attrs.evolve(record.revision(), status="failed"))
+    revisions.forget_old(run.cluster, [*kept, revisions.record(good)])
+
+
+def tell_plan(run: Run, plan: Plan) -> None:
+    """Tell what will be done, and what data is left where it is."""
+    words = {"create": "to create", "change": "to change", "prune": "to delete"}
+    counts = [
+        f"{sum(1 for step in plan.steps if step.action == action)} {word}"
+        for action, word in words.items()
+        if any(step.action == action for step in plan.steps)
+    ]
+    name = f"{run.release.namespace}/{run.release.name}"
+    run.report.line(f"{name}: {', '.join(counts) or 'nothing to change'}")
+    for step in plan.steps:
+        if step.action == "forget":
+            run.report.warn(
+                f"{step.ref} is not in the Rigelfile any more; it holds data and is kept "
+                f"(kubectl delete {step.ref.kind.lower()} {step.ref.name} removes it)"
+            )
+    for ref in sorted(run.keep - {step.ref for step in plan.steps}):
+        run.report.warn(f"{ref} is gone and stands in no revision: deploy from the Rigelfile")
+
+
+def waiter(run: Run, found: Survey, lease: Held) -> Waiter:
+    """Return what waits for the release."""
+    good = [record.number for record in found.history if record.status == "good"]
+    way_out = (
+        f"`rigel rollback` goes back to revision {good[-1]}"
+        if good
+        else "`rigel status` tells how far it is"
+    )
+    return Waiter(
+        run.cluster,
+        run.release,
+        run.report,
+        run.cancel,
+        run.timeout,
+        run.patience,
+        way_out,
+        lease.check,
+    )

@@ -1,0 +1,52 @@
+"""A plan as text, as `diff -u` shows it; pure."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from typing import Any
+
+import yaml
+
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.release.plan import substance
+from rigel_k8s.release.prepare import HASH_ANNOTATION
+from rigel_k8s.release.types import Plan, Step
+
+__all__ = ["difference", "step_difference"]
+
+HIDDEN_NOTES = (HASH_ANNOTATION, "deployment.kubernetes.io/revision")
+
+
+def difference(plan: Plan) -> str:
+    """Return what a plan changes as a unified diff, "" where it changes nothing."""
+    return "".join(step_difference(step) for step in plan.changes)
+
+
+def step_difference(step: Step) -> str:
+    """Return what one step changes."""
+    old = lines(step.live if step.action != "create" else None, step.result, "as it is")
+    new = lines(step.result if step.action != "prune" else None, step.live, "changed")
+    name = str(step.ref)
+    return "".join(difflib.unified_diff(old, new, f"{name} (cluster)", f"{name} (Rigelfile)"))
+
+
+def lines(shown: Manifest | None, other: Manifest | None, word: str) -> list[str]:
+    """Return an object as lines of YAML; hidden values that differ from `other` get a word."""
+    if shown is None:
+        return []
+    content = substance(shown)
+    notes = content["metadata"].get("annotations") or {}
+    notes = {key: value for key, value in notes.items() if key not in HIDDEN_NOTES}
+    content["metadata"] = {**content["metadata"], "annotations": notes}
+    if content["kind"] == "Secret":
+        content["data"] = dict(hidden(content.get("data") or {}, other, word))
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return str(yaml.dump(content, Dumper=dumper, width=1000)).splitlines(keepends=True)
+
+
+def hidden(data: dict[str, Any], other: Manifest | None, word: str) -> Iterator[tuple[str, str]]:
+    """Yield a Secret's keys; values only tell whether they are the other side's."""
+    there = (other or {}).get("data") or {}
+    for key, value in data.items():
+        yield key, "(hidden)" if there.get(key) == value else f"(hidden, {word})"

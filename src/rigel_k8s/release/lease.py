@@ -1,0 +1,202 @@
+"""One deploy of a release at a time: a Lease that its holder renews and that expires without it.
+
+No clock is compared with another machine's: a Lease counts as dead when it is not renewed while we
+watch it for its whole duration, or at once when its holder was a process of this machine that is
+gone.
+"""
+
+from __future__ import annotations
+
+import getpass
+import os
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError, ConflictError, Interrupted, NotFoundError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.report import Reporter
+
+__all__ = ["Held", "held"]
+
+DURATION = 15  # seconds without renewal after which a Lease is dead
+RENEW = 5.0
+LOOK = 0.5
+PROCESS = "rigel-k8s/process"
+
+
+@attrs.frozen
+class Held:
+    """A Lease that we hold; `lost` is set when it turns out that we do not any more."""
+
+    lost: threading.Event = attrs.field(factory=threading.Event)
+
+    def check(self) -> None:
+        """Raise ClusterError where the Lease is lost."""
+        if self.lost.is_set():
+            raise ClusterError(
+                "this deploy lost its Lease: another one may be under way",
+                hint="see `rigel history`, then run it again",
+            )
+
+
+@contextmanager
+def held(
+    cluster: Cluster, release: ReleaseId, report: Reporter, cancel: threading.Event
+) -> Iterator[Held]:
+    """Hold a release's Lease.
+
+    Raises:
+        ClusterError: another deploy of the release is under way; tells whose it is.
+    """
+    ref = lease_ref(release)
+    lease = acquired(cluster, ref, report, cancel)
+    mine, over = Held(), threading.Event()
+    thread = threading.Thread(target=renew, args=(cluster, lease, mine, over), daemon=True)
+    thread.start()
+    try:
+        yield mine
+    finally:
+        over.set()
+        thread.join()
+        if not mine.lost.is_set():
+            with suppress(ClusterError):  # it expires by itself
+                cluster.delete(ref, uid=lease["metadata"]["uid"])
+
+
+def lease_ref(release: ReleaseId) -> ObjectRef:
+    """Return the name of a release's Lease."""
+    name = f"rigel.{release.name}"
+    return ObjectRef("coordination.k8s.io/v1", "Lease", release.namespace, name)
+
+
+def acquired(
+    cluster: Cluster, ref: ObjectRef, report: Reporter, cancel: threading.Event
+) -> dict[str, Any]:
+    """Return the Lease when it is ours."""
+    while not cancel.is_set():
+        try:
+            return cluster.create(manifest(ref))
+        except ConflictError:
+            other = cluster.get(ref)
+        if other is None:
+            continue
+        if not dead(cluster, ref, other, report, cancel):
+            raise taken(ref, other)
+        with suppress(ConflictError, NotFoundError):  # somebody else was quicker: look again
+            version = {"resourceVersion": other["metadata"]["resourceVersion"]}
+            return cluster.replace(manifest(ref, version))
+    raise Interrupted("interrupted before anything was changed")
+
+
+def dead(
+    cluster: Cluster,
+    ref: ObjectRef,
+    other: dict[str, Any],
+    report: Reporter,
+    cancel: threading.Event,
+) -> bool:
+    """Whether the holder of a Lease is gone; may take as long as a Lease lasts to find out."""
+    alive = same_machine(other)
+    if alive is not None:
+        return not alive
+    report.line(f"waiting up to {DURATION} s for the Lease of {holder(other)} to expire")
+    version = other["metadata"]["resourceVersion"]
+    end = time.monotonic() + DURATION
+    while time.monotonic() < end and not cancel.wait(LOOK):
+        now = cluster.get(ref)
+        if now is None or now["metadata"]["uid"] != other["metadata"]["uid"]:
+            return now is None
+        if now["metadata"]["resourceVersion"] != version:
+            return False
+    return True
+
+
+def taken(ref: ObjectRef, other: dict[str, Any]) -> ClusterError:
+    """Return the error for a Lease that somebody else holds."""
+    release = ref.name.removeprefix("rigel.")
+    since = other["spec"].get("acquireTime", "an unknown time")
+    return ClusterError(
+        f"release {release} is being deployed by {holder(other)} since {since}",
+        hint="wait until that has ended, then run it again",
+    )
+
+
+def holder(lease: dict[str, Any]) -> str:
+    """Return who holds a Lease."""
+    return str(lease["spec"].get("holderIdentity") or "nobody")
+
+
+def manifest(ref: ObjectRef, meta: dict[str, str] | None = None) -> dict[str, Any]:
+    """Return the Lease that says that we hold it."""
+    own = {"name": ref.name, "namespace": ref.namespace, "annotations": {PROCESS: process()}}
+    return {
+        "apiVersion": ref.api_version,
+        "kind": ref.kind,
+        "metadata": {**own, **(meta or {})},
+        "spec": {
+            "holderIdentity": f"{getpass.getuser()}@{socket.gethostname()}, process {os.getpid()}",
+            "leaseDurationSeconds": DURATION,
+            "acquireTime": timestamp(),
+            "renewTime": timestamp(),
+        },
+    }
+
+
+def renew(cluster: Cluster, lease: dict[str, Any], mine: Held, over: threading.Event) -> None:
+    """Renew a Lease until it is given back; say so when it is lost."""
+    meta = lease["metadata"]
+    ref = ObjectRef(lease["apiVersion"], lease["kind"], meta["namespace"], meta["name"])
+    version, renewed = meta["resourceVersion"], time.monotonic()
+    while not over.wait(RENEW):
+        body = {"metadata": {"resourceVersion": version}, "spec": {"renewTime": timestamp()}}
+        try:
+            version = cluster.patch(ref, body)["metadata"]["resourceVersion"]
+            renewed = time.monotonic()
+        except (ConflictError, NotFoundError):
+            mine.lost.set()
+            return
+        except ClusterError:
+            if time.monotonic() - renewed > DURATION:
+                mine.lost.set()
+                return
+
+
+def timestamp() -> str:
+    """Return the present time as Kubernetes' MicroTime."""
+    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def process() -> str:
+    """Return what names this very process among all of this machine, "" where it cannot be told."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        return f"{boot} {Path('/proc/self/ns/pid').readlink()} {os.getpid()} {started(os.getpid())}"
+    except OSError:
+        return ""
+
+
+def started(pid: int) -> str:
+    """Return when a process was started, in ticks since the machine was."""
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+
+
+def same_machine(lease: dict[str, Any]) -> bool | None:
+    """Whether a Lease's holder lives, None where it is not a process of this machine."""
+    words = str((lease["metadata"].get("annotations") or {}).get(PROCESS, "")).split()
+    own = process().split()
+    if len(words) != 4 or words[:2] != own[:2]:
+        return None
+    try:
+        return started(int(words[2])) == words[3]
+    except OSError:
+        return False

@@ -1,0 +1,123 @@
+"""Who owns which fields of a live object, as server-side apply records it; pure.
+
+Kubernetes keeps for each manager a tree of the fields that it set: `f:name` is a field, `k:{...}`
+the item of a list with these keys, `v:...` an item by value, an empty tree is owned as a whole.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s.objects.marks import FIELD_MANAGER
+from rigel_k8s.objects.refs import Manifest
+
+__all__ = ["covers", "is_applied", "managers", "owned_fields", "taken_over"]
+
+#: Managers that are part of Kubernetes: what they set is no other tool's wish.
+CONTROLLERS = ("kube-", "kubelet", "k3s", "cloud-controller")
+
+
+def owned_fields(live: Manifest) -> Mapping[str, Any] | None:
+    """Return the tree of the fields that we applied, None where we did not."""
+    for entry in live["metadata"].get("managedFields") or []:
+        if is_ours(entry):
+            fields: Mapping[str, Any] = entry.get("fieldsV1") or {}
+            return fields
+    return None
+
+
+def is_applied(live: Manifest) -> bool:
+    """Whether we have applied an object (and no controller has made it)."""
+    return owned_fields(live) is not None
+
+
+def covers(manifest: Manifest, live: Manifest) -> bool:
+    """Whether every field of a manifest is still owned by us: nobody has changed it since."""
+    fields = owned_fields(live)
+    if fields is None:
+        return False
+    said = {k: v for k, v in manifest.items() if k not in ("apiVersion", "kind", "metadata")}
+    meta = {k: v for k, v in manifest["metadata"].items() if k not in ("name", "namespace")}
+    return owns({**said, "metadata": meta}, fields)
+
+
+def owns(value: object, fields: Mapping[str, Any]) -> bool:
+    """Whether a tree of fields has all of a value in it."""
+    if not fields or not isinstance(value, (dict, list)):
+        return True
+    if isinstance(value, list):
+        return all(owns_item(item, fields) for item in value)
+    return all(
+        f"f:{key}" in fields and owns(part, fields[f"f:{key}"])
+        for key, part in value.items()
+        if part not in (None, {}, [])
+    )
+
+
+def owns_item(item: object, fields: Mapping[str, Any]) -> bool:
+    """Whether a tree of fields has one item of a list in it."""
+    if not isinstance(item, dict):
+        return any(k.startswith("v:") and json.loads(k[2:]) == item for k in fields)
+    for key, tree in fields.items():
+        if key.startswith("k:"):
+            names = json.loads(key[2:])  # may have defaults that the item leaves out
+            if all(item.get(name, value) == value for name, value in names.items()):
+                return owns(item, tree)
+    return False
+
+
+def managers(live: Manifest) -> tuple[str, ...]:
+    """Return the names of the other tools that have set fields of an object."""
+    entries = live["metadata"].get("managedFields") or []
+    return tuple(dict.fromkeys(entry["manager"] for entry in entries if is_other_tool(entry)))
+
+
+def taken_over(live: Manifest) -> list[dict[str, Any]]:
+    """Return the records of ownership with all that other tools had set as ours.
+
+    The next apply then removes what they had set and we do not say.
+    """
+    entries = live["metadata"].get("managedFields") or []
+    kept = [entry for entry in entries if not is_other_tool(entry) and not is_ours(entry)]
+    mine = [entry for entry in entries if is_other_tool(entry) or is_ours(entry)]
+    fields: dict[str, Any] = {}
+    for entry in mine:
+        fields = union(fields, entry.get("fieldsV1") or {})
+    if not fields:
+        return kept
+    ours = {
+        "manager": FIELD_MANAGER,
+        "operation": "Apply",
+        "apiVersion": mine[0]["apiVersion"],
+        "fieldsType": "FieldsV1",
+        "fieldsV1": fields,
+    }
+    return [*kept, ours]
+
+
+def union(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a tree with the fields of both."""
+    both = dict(one)
+    for key, tree in other.items():
+        both[key] = union(both[key], tree) if key in both else tree
+    return both
+
+
+def is_ours(entry: Mapping[str, Any]) -> bool:
+    """Whether a record of ownership is of our applies."""
+    return (
+        entry.get("manager") == FIELD_MANAGER
+        and entry.get("operation") == "Apply"
+        and not entry.get("subresource")
+    )
+
+
+def is_other_tool(entry: Mapping[str, Any]) -> bool:
+    """Whether a record of ownership is of another tool (or of a person with kubectl)."""
+    return (
+        not is_ours(entry)
+        and not entry.get("subresource")
+        and not str(entry.get("manager", "")).startswith(CONTROLLERS)
+    )

@@ -1,0 +1,106 @@
+"""How long a cause may last before a roll-out is given up; pure: the time is passed in.
+
+A cause is told when it is seen. Giving up takes longer, since registries hiccup, autoscalers add
+nodes, and a ROS node that ends while there is no master yet is started again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator
+
+import attrs
+
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.causes import Cause
+
+__all__ = ["Ledger", "Patience", "Seen"]
+
+
+@attrs.frozen
+class Patience:
+    """Seconds that each kind of cause may last.
+
+    Attributes:
+        crash: counted while nothing else of the release is still on its way up.
+        crash_limit: counted from the first crash, whatever else happens.
+    """
+
+    image: float = 15.0
+    image_name: float = 0.0
+    start: float = 15.0
+    crash: float = 20.0
+    crash_limit: float = 120.0
+    unschedulable: float = 90.0
+    claim: float = 60.0
+    quota: float = 15.0
+    mount: float = 45.0
+    sandbox: float = 60.0
+    evicted: float = 30.0
+    failed: float = 0.0
+
+    def of(self, kind: str) -> float:
+        """Return the seconds for a kind of cause."""
+        return float(getattr(self, kind.replace("-", "_")))
+
+
+@attrs.define
+class Seen:
+    """A cause of a workload since it was first seen."""
+
+    ref: ObjectRef
+    cause: Cause
+    since: float
+
+
+@attrs.define
+class Ledger:
+    """The causes that hold now, and since when."""
+
+    patience: Patience
+    seen: dict[tuple[ObjectRef, tuple[str, str]], Seen] = attrs.field(factory=dict)
+    busy: float = 0.0
+
+    def note(
+        self,
+        now: float,
+        current: Iterable[tuple[ObjectRef, Cause]],
+        *,
+        others_coming: bool,
+        unsteady: Collection[ObjectRef] = (),
+    ) -> list[Seen]:
+        """Take in what holds now; return what is new.
+
+        Args:
+            unsteady: workloads that are up at the moment and have crashed before: what was wrong
+                with them still counts.
+            others_coming: some workload is not ready and nothing is wrong with it.
+        """
+        if others_coming:
+            self.busy = now
+        found = {(ref, cause.key): (ref, cause) for ref, cause in current}
+        fresh = []
+        for key, (ref, cause) in found.items():
+            if key in self.seen:
+                self.seen[key].cause = cause
+            else:
+                self.seen[key] = Seen(ref, cause, now)
+                fresh.append(self.seen[key])
+        for key, seen in list(self.seen.items()):
+            if key not in found and seen.ref not in unsteady:
+                del self.seen[key]
+            elif key not in found:
+                seen.cause = attrs.evolve(seen.cause, kind="restarted")
+        return fresh
+
+    def hopeless(self, now: float) -> Iterator[Seen]:
+        """Yield the causes that have lasted too long."""
+        for seen in self.seen.values():
+            if seen.cause.kind == "restarted":  # it runs at the moment, and may get ready
+                continue
+            if seen.cause.kind == "crash":
+                limit = seen.since + self.patience.crash_limit
+                over = now >= min(limit, max(seen.since, self.busy) + self.patience.crash)
+            else:
+                over = now >= seen.since + self.patience.of(seen.cause.kind)
+            if over:
+                yield seen

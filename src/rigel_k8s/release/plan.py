@@ -1,0 +1,104 @@
+"""What a deploy will do, from what shall be and what is there; pure."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any
+
+from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.order import PROTECTED, rank
+from rigel_k8s.release.survey import Live, Survey, belongs, unchanged
+from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId, Step
+
+__all__ = ["compare", "predecessors", "prunes", "same", "singleton"]
+
+#: What changes by itself, and what says nothing about the object.
+NOISE = ("managedFields", "resourceVersion", "generation", "uid", "creationTimestamp", "selfLink")
+
+
+def compare(survey: Survey, *, keep: Collection[ObjectRef] = ()) -> Plan:
+    """Return the steps of a deploy, in the order of apply; prunes come last.
+
+    Args:
+        keep: objects that stay though no manifest of them is there (a rollback's Secrets).
+    """
+    steps = [step_of(manifest, survey) for manifest in survey.manifests]
+    if survey.namespace is None and survey.desired.create_namespace:
+        steps.insert(0, namespace_step(survey))
+    wanted = {step.ref for step in steps}
+    steps += [Step("keep", ref, live=survey.live.get(ref)) for ref in keep if ref in survey.live]
+    gone = [i for i in survey.inventory if i.ref not in wanted and i.ref not in keep]
+    steps += prunes(gone, survey.live, survey.desired.protected, survey.desired.release)
+    return Plan(survey.desired.release, tuple(steps))
+
+
+def namespace_step(survey: Survey) -> Step:
+    """Return the step that creates the release's namespace."""
+    name = survey.desired.release.namespace
+    made: Manifest = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}}
+    return Step("create", ref_of(made), made, result=made)
+
+
+def step_of(manifest: Manifest, survey: Survey) -> Step:
+    """Return what is to be done for one manifest."""
+    ref = ref_of(manifest)
+    live, result = survey.live.get(ref), survey.results.get(ref)
+    if isinstance(result, Refusal):
+        raise result  # refusals.check comes first and explains it
+    if live is None or live["metadata"].get("deletionTimestamp"):
+        return Step("create", ref, manifest, live, result or manifest)
+    if unchanged(manifest, live) or (result is not None and same(live, result)):
+        return Step("keep", ref, manifest, live, live)
+    return Step("change", ref, manifest, live, result)
+
+
+def same(live: Manifest, result: Manifest) -> bool:
+    """Whether two states of an object differ in nothing that anybody wrote."""
+    return substance(live) == substance(result)
+
+
+def substance(live: Manifest) -> dict[str, Any]:
+    """Return an object without what changes by itself."""
+    meta = {k: v for k, v in live["metadata"].items() if k not in NOISE}
+    return {**{k: v for k, v in live.items() if k != "status"}, "metadata": meta}
+
+
+def prunes(
+    items: Collection[InventoryItem],
+    live: Mapping[ObjectRef, Live],
+    protected: Collection[ObjectRef],
+    release: ReleaseId,
+    *,
+    volumes: bool = False,
+) -> Iterator[Step]:
+    """Yield what becomes of objects that nobody wants any more: what others need goes last.
+
+    Args:
+        volumes: whether what holds data goes too.
+    """
+    for item in sorted(items, key=lambda item: -rank(item.ref.kind)):
+        there = live.get(item.ref)
+        if there is None:
+            continue
+        ours = item.uid == there["metadata"]["uid"] or belongs(there, release)
+        holds_data = item.ref.kind in PROTECTED or item.ref in protected
+        if not ours or (holds_data and not volumes):
+            yield Step("forget", item.ref, live=there)
+        else:
+            yield Step("prune", item.ref, live=there)
+
+
+def predecessors(plan: Plan) -> list[Step]:
+    """Return the prunes that must be over before the workloads that follow them may start."""
+    coming = {singleton(step.manifest) for step in plan.steps if step.action == "create"} - {""}
+    return [s for s in plan.steps if s.action == "prune" and singleton(s.live) in coming]
+
+
+def singleton(manifest: Manifest | None) -> str:
+    """Return the identity that only one workload may have at a time, "" for none."""
+    if manifest is None:
+        return ""
+    annotations = manifest["metadata"].get("annotations") or {}
+    return str(annotations.get(SINGLETON_ANNOTATION, ""))

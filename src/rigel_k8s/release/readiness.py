@@ -1,0 +1,202 @@
+"""Whether an object is what its manifest asks for: object -> (done, ok, message); pure.
+
+One function for each kind, as Kubernetes' own controllers report it. `done` without `ok` is an end
+that will not get better by waiting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.objects.refs import Manifest
+
+__all__ = ["UNSEEN", "Readiness", "readiness"]
+
+UNSEEN = "its controller has not seen the change yet"
+
+
+@attrs.frozen
+class Readiness:
+    """How far an object is; `ready` and `wanted` count pods where the kind has some."""
+
+    done: bool
+    ok: bool
+    message: str
+    ready: int = 0
+    wanted: int = 0
+
+
+def going(message: str, ready: int = 0, wanted: int = 0) -> Readiness:
+    """Return: not there yet."""
+    return Readiness(False, True, message, ready, wanted)
+
+
+def good(message: str, ready: int = 0, wanted: int = 0) -> Readiness:
+    """Return: done."""
+    return Readiness(True, True, message, ready, wanted)
+
+
+def bad(message: str) -> Readiness:
+    """Return: ended, and will not get better."""
+    return Readiness(True, False, message)
+
+
+def readiness(live: Manifest) -> Readiness:
+    """Return how far a live object is."""
+    if live["metadata"].get("deletionTimestamp"):
+        return going("is being deleted")
+    status = live.get("status") or {}
+    if status.get("observedGeneration", 0) < expected_generation(live):
+        return going(UNSEEN)
+    return KINDS.get(live["kind"], by_conditions)(live.get("spec") or {}, status)
+
+
+def expected_generation(live: Manifest) -> int:
+    """Return the generation that its controller must have seen, 0 where none says."""
+    seen = "observedGeneration" in (live.get("status") or {})
+    tracked = seen or live["kind"] in ("Deployment", "StatefulSet", "DaemonSet")
+    return int(live["metadata"].get("generation", 0)) if tracked else 0
+
+
+def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return how far a Deployment is: all pods are of the new template and available."""
+    wanted = int(spec.get("replicas", 1))
+    updated = int(status.get("updatedReplicas", 0))
+    ready = min(int(status.get("availableReplicas", 0)), wanted)
+    if updated < wanted:
+        return going(f"{updated} of {wanted} pods are new", 0, wanted)
+    if int(status.get("replicas", 0)) > updated:
+        return going(f"{status['replicas'] - updated} old pods have yet to end", ready, wanted)
+    if int(status.get("terminatingReplicas") or 0) and wanted == 0:
+        return going("its pods have yet to end", 0, 0)
+    if ready < wanted:
+        return going(f"{ready} of {wanted} ready", ready, wanted)
+    return good(f"{ready} of {wanted} ready", ready, wanted)
+
+
+def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return how far a StatefulSet is."""
+    wanted = int(spec.get("replicas", 1))
+    strategy = spec.get("updateStrategy") or {}
+    partition = int((strategy.get("rollingUpdate") or {}).get("partition") or 0)
+    counted = "availableReplicas" if spec.get("minReadySeconds") else "readyReplicas"
+    updated, ready = int(status.get("updatedReplicas", 0)), int(status.get(counted, 0))
+    if strategy.get("type") != "OnDelete" and updated < max(wanted - partition, 0):
+        return going(f"{updated} of {wanted - partition} pods are new", ready, wanted)
+    if ready < wanted:
+        return going(f"{ready} of {wanted} ready", ready, wanted)
+    return good(f"{ready} of {wanted} ready", ready, wanted)
+
+
+def daemon_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return how far a DaemonSet is on the nodes that shall have it."""
+    wanted = int(status.get("desiredNumberScheduled", 0))
+    on_delete = (spec.get("updateStrategy") or {}).get("type") == "OnDelete"
+    updated = int(status.get("updatedNumberScheduled", 0))
+    ready = int(status.get("numberAvailable", 0))
+    if not on_delete and updated < wanted:
+        return going(f"{updated} of {wanted} pods are new", ready, wanted)
+    if ready < wanted:
+        return going(f"{ready} of {wanted} ready", ready, wanted)
+    return good(f"{ready} of {wanted} ready", ready, wanted)
+
+
+def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return how far a Job is."""
+    wanted = int(spec.get("completions") or 1)
+    done = int(status.get("succeeded", 0))
+    if met(status, "Failed"):
+        return bad(f"failed: {condition(status, 'Failed').get('message', '')}")
+    if met(status, "Complete"):
+        return good("complete", done, wanted)
+    if spec.get("suspend"):
+        return good("suspended", 0, 0)
+    return going(f"{done} of {wanted} complete", done, wanted)
+
+
+def pod(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return how far a bare pod is."""
+    phase = status.get("phase", "Pending")
+    if phase == "Failed":
+        return bad(f"failed: {status.get('message') or status.get('reason') or 'see its log'}")
+    if phase == "Succeeded":
+        return good("ended well", 1, 1)
+    if met(status, "Ready"):
+        return good("ready", 1, 1)
+    return going(f"{phase}, not ready", 0, 1)
+
+
+def claim(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return whether a claim has its volume."""
+    phase = status.get("phase", "Pending")
+    if phase == "Bound":
+        return good("bound")
+    if phase == "Lost":
+        return bad(f"its volume {spec.get('volumeName', '')} is gone")
+    return going("not bound to a volume")
+
+
+def volume(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return whether a volume can be claimed, or is."""
+    phase = status.get("phase", "Pending")
+    if phase == "Failed":
+        return bad(f"failed: {status.get('message', '')}")
+    if phase == "Released":
+        return bad("its claim was deleted; it takes no other until its claimRef is removed")
+    return good(phase) if phase in ("Available", "Bound") else going(phase)
+
+
+def definition(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return whether a CustomResourceDefinition is served."""
+    return good("served") if met(status, "Established") else going("not served yet")
+
+
+def namespace(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return whether a namespace can be used."""
+    return going("is being deleted") if status.get("phase") == "Terminating" else good("active")
+
+
+def at_once(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return done: a Service and its like are what they are when they are stored."""
+    return good("there")
+
+
+def by_conditions(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+    """Return what the conditions of a kind that we do not know say; none say nothing."""
+    for kind in ("Ready", "Available"):
+        found = condition(status, kind)
+        if found.get("status") == "False":
+            return going(f"not {kind.lower()}: {found.get('message') or found.get('reason', '')}")
+    return good("there")
+
+
+def condition(status: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
+    """Return a status condition, empty where there is none."""
+    for entry in status.get("conditions") or []:
+        if entry.get("type") == kind:
+            found: Mapping[str, Any] = entry
+            return found
+    return {}
+
+
+def met(status: Mapping[str, Any], kind: str) -> bool:
+    """Whether a condition is true."""
+    return condition(status, kind).get("status") == "True"
+
+
+KINDS: Mapping[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Readiness]] = {
+    "Deployment": deployment,
+    "StatefulSet": stateful_set,
+    "DaemonSet": daemon_set,
+    "Job": job,
+    "Pod": pod,
+    "PersistentVolumeClaim": claim,
+    "PersistentVolume": volume,
+    "CustomResourceDefinition": definition,
+    "Namespace": namespace,
+    "Service": at_once,
+    "CronJob": at_once,
+}

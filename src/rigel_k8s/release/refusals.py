@@ -1,0 +1,165 @@
+"""Why a deploy is refused before anything is applied, and the way out; pure.
+
+All reasons are told at once: another release's objects, other managers' fields, what Kubernetes
+never lets anybody change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rigel_k8s.errors import ConflictError, UserError
+from rigel_k8s.kube.failures import Conflict, Missing, Refusal
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.problems import Problem
+from rigel_k8s.release.ownership import managers
+from rigel_k8s.release.survey import Survey, belongs
+
+__all__ = ["Refused", "check"]
+
+ADOPT = "to take them over, run it again with --adopt; they become what the Rigelfile says"
+DELETE = "kubectl {where}delete {kind} {name}"
+SELECTOR = (
+    "Kubernetes never changes which pods a {kind} selects; "
+    "give it another name, or delete it first: {delete}"
+)
+JOB = "Kubernetes never changes a Job's pods; give it another name, or delete it first: {delete}"
+SIZE = (
+    "a claim cannot go from {old} to {new}: it never shrinks, and grows only when it is bound and "
+    "its storage class allows it; keep {old}, or delete it with its data first: {delete}"
+)
+CLAIM = (
+    "Kubernetes never changes {fields} of a claim; keep what it has, give the volume another name, "
+    "or delete it with its data first: {delete}"
+)
+VOLUME = (
+    "Kubernetes never changes where a volume's data are; keep the path, give the volume another "
+    "name, or delete volume and claim first (its files stay on the node): {delete}"
+)
+
+
+class Refused(UserError):
+    """What the Rigelfile wants cannot be done to what is on the cluster.
+
+    Attributes:
+        problems: one for each object, with the path of the options that it came from.
+    """
+
+    problems: tuple[Problem, ...] = ()
+
+
+def check(survey: Survey, *, adopt: bool) -> None:
+    """Raise where a deploy cannot go on.
+
+    Raises:
+        Refused: immutable fields, or objects of another release.
+        ConflictError: objects or fields of another manager, and nobody said to adopt them.
+    """
+    problems = [*foreign(survey), *invalid(survey)]
+    if problems:
+        error = Refused(
+            f"{survey.desired.release.name} cannot become what the Rigelfile says; "
+            "nothing was changed",
+            details=[problem.message for problem in problems],
+        )
+        error.problems = tuple(problems)
+        raise error
+    if lines := [] if adopt else [*unowned(survey), *conflicts(survey)]:
+        raise ConflictError(
+            f"{len(lines)} object(s) of {survey.desired.release.name} are managed by others; "
+            "nothing was changed",
+            hint=ADOPT,
+            details=lines,
+        )
+
+
+def foreign(survey: Survey) -> Iterator[Problem]:
+    """Yield a problem for each object that another release owns."""
+    for ref, live in wanted_live(survey):
+        owner = (live["metadata"].get("labels") or {}).get(RELEASE_LABEL)
+        if owner and not belongs(live, survey.desired.release):
+            text = f"{ref} belongs to another release ({owner}): choose another name"
+            yield Problem(survey.desired.origins.get(ref, ()), text, "other-release")
+
+
+def unowned(survey: Survey) -> Iterator[str]:
+    """Yield a line for each object that is there and that we have not made."""
+    known = {item.uid for item in survey.inventory if item.uid}
+    for ref, live in wanted_live(survey):
+        labels = live["metadata"].get("labels") or {}
+        if RELEASE_LABEL not in labels and live["metadata"].get("uid") not in known:
+            made_by = ", ".join(managers(live)) or "another program"
+            yield f"{ref} is there already, made by {made_by}"
+
+
+def conflicts(survey: Survey) -> Iterator[str]:
+    """Yield a line for each object of which another manager owns fields that we want to write."""
+    for ref, result in survey.results.items():
+        if isinstance(result, Conflict) and result.fields:
+            owners: dict[str, list[str]] = {}
+            for field in result.fields:
+                owners.setdefault(field.manager, []).append(field.field)
+            told = "; ".join(f"{manager} owns {', '.join(f)}" for manager, f in owners.items())
+            yield f"{ref}: {told}"
+
+
+def wanted_live(survey: Survey) -> Iterator[tuple[ObjectRef, Manifest]]:
+    """Yield the objects that are there and that we are about to write."""
+    for ref in survey.results:
+        if ref in survey.live:
+            yield ref, survey.live[ref]
+
+
+def invalid(survey: Survey) -> Iterator[Problem]:
+    """Yield a problem for each object that Kubernetes would refuse."""
+    manifests = {(m["kind"], m["metadata"]["name"]): m for m in survey.manifests}
+    for ref, result in survey.results.items():
+        if not isinstance(result, Refusal) or (isinstance(result, Conflict) and result.fields):
+            continue
+        path = survey.desired.origins.get(ref, ())
+        manifest = manifests[ref.kind, ref.name]
+        text = explained(ref, result, survey.live.get(ref), manifest)
+        kind = "unknown-kind" if isinstance(result, Missing) else "refused"
+        yield Problem(path, f"{ref}: {text}", "immutable" if ref in survey.live else kind)
+
+
+def explained(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: Manifest) -> str:
+    """Return what a refusal means and the way out; Kubernetes' words where we know no better."""
+    where = f"-n {ref.namespace} " if ref.namespace else ""
+    delete = DELETE.format(where=where, kind=ref.kind.lower(), name=ref.name)
+    text = " ".join(cause.message for cause in error.causes)
+    if live is not None:
+        if ref.kind == "PersistentVolumeClaim":
+            return claim(live, manifest, delete) or plain(error)
+        if ref.kind == "PersistentVolume" and "immutable" in text:
+            return VOLUME.format(delete=delete)
+        if ref.kind == "Job" and "immutable" in text:
+            return JOB.format(delete=delete)
+        if "immutable" in text and any(c.field.startswith("spec.selector") for c in error.causes):
+            return SELECTOR.format(kind=ref.kind, delete=delete)
+        if ref.kind == "StatefulSet" and "Forbidden: updates to" in text:
+            return f"{text}; or delete it first: {delete}"
+    return plain(error)
+
+
+def claim(live: Manifest, manifest: Manifest, delete: str) -> str | None:
+    """Return what is wrong with a changed claim."""
+    asked: Mapping[str, Any] = manifest["spec"]
+    old, new = (spec["resources"]["requests"]["storage"] for spec in (live["spec"], asked))
+    if old != new:
+        return SIZE.format(old=old, new=new, delete=delete)
+    names = ("storageClassName", "accessModes", "volumeName", "selector", "volumeMode")
+    changed = [
+        f"{name} ({live['spec'].get(name)} to {asked[name]})"
+        for name in names
+        if name in asked and asked[name] != live["spec"].get(name)
+    ]
+    return CLAIM.format(fields=", ".join(changed), delete=delete) if changed else None
+
+
+def plain(error: Refusal) -> str:
+    """Return a refusal in Kubernetes' own words."""
+    causes = [f"{c.field}: {c.message}" if c.field else c.message for c in error.causes]
+    return "; ".join(causes) or error.message

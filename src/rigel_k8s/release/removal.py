@@ -1,0 +1,101 @@
+"""The end of a release: everything it owns is deleted, except what holds data.
+
+What it owns is in its last revision; what carries its label and our ownership counts too, so that
+claims which an earlier `down` has kept can still be deleted.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.release import revisions
+from rigel_k8s.release.apply import CLAIMS, GONE_TIMEOUT, Applier
+from rigel_k8s.release.lease import held
+from rigel_k8s.release.ownership import is_applied
+from rigel_k8s.release.plan import prunes
+from rigel_k8s.release.survey import belongs, namespace_ref
+from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId
+from rigel_k8s.report import Reporter
+
+__all__ = ["down"]
+
+Live = dict[str, Any]
+#: Kinds that are looked through for the release's label, beside those of its last revision.
+KINDS = (
+    ("apps/v1", "Deployment"),
+    ("apps/v1", "DaemonSet"),
+    ("apps/v1", "StatefulSet"),
+    ("batch/v1", "Job"),
+    ("v1", "Service"),
+    ("v1", "ConfigMap"),
+    ("v1", "Secret"),
+    ("v1", "PersistentVolumeClaim"),
+    ("v1", "PersistentVolume"),
+)
+
+
+def down(
+    cluster: Cluster,
+    release: ReleaseId,
+    *,
+    volumes: bool,
+    report: Reporter,
+    cancel: threading.Event | None = None,
+    timeout: float | None = None,
+) -> Plan:
+    """Delete a release's objects and its history; its namespace stays.
+
+    Args:
+        volumes: claims and volumes go too, with their data.
+        timeout: seconds that the end of the pods may take; None is GONE_TIMEOUT.
+
+    Returns:
+        What was deleted and what was left; without steps where there was nothing.
+    """
+    if cluster.get(namespace_ref(release)) is None:
+        return Plan(release, ())
+    cancel = cancel or threading.Event()
+    if not find(cluster, release) and not revisions.records(cluster, release):
+        return Plan(release, ())
+    with held(cluster, release, report, cancel):
+        live = find(cluster, release)
+        items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
+        plan = Plan(release, tuple(prunes(items, live, (), release, volumes=volumes)))
+        applier = Applier(cluster, report, cancel, gone_timeout=timeout or GONE_TIMEOUT)
+        applier.prune(plan.steps)
+        pruned = [step for step in plan.steps if step.action == "prune"]
+        applier.until_no_pods(pruned)
+        # Who deploys anew at once must not meet the old data.
+        applier.until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
+        revisions.forget(cluster, revisions.records(cluster, release))
+    return plan
+
+
+def find(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:
+    """Return all that is there of a release."""
+    records = revisions.records(cluster, release)
+    inventory = records[-1].revision().inventory if records else ()
+    found: dict[ObjectRef, Live] = {}
+
+    def listed(kind: tuple[str, str]) -> None:
+        try:
+            there = cluster.list(*kind, release.namespace, labels={RELEASE_LABEL: release.name})
+        except Refusal as error:
+            if error.status != 403:  # what we may not see we have not made
+                raise
+            return
+        found.update({ref_of(o): o for o in there if belongs(o, release) and is_applied(o)})
+
+    cluster.parallel(listed, KINDS)
+    refs = [item.ref for item in inventory if item.ref not in found]
+    uids = {item.ref: item.uid for item in inventory}
+    for ref, live in zip(refs, cluster.parallel(cluster.get, refs), strict=True):
+        if live is not None and (live["metadata"]["uid"] == uids[ref] or belongs(live, release)):
+            found[ref] = live
+    return found

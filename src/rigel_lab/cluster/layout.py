@@ -1,0 +1,123 @@
+"""Everything that the machines of one cluster share: names, addresses, keys, programs."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from rigel_lab.cluster.addresses import Addresses
+from rigel_lab.cluster.certificates import Authority
+from rigel_lab.cluster.components import Components
+from rigel_lab.cluster.nodepaths import NodePaths, plain_paths
+
+__all__ = ["API_PORT", "CONTROL_PLANE", "REGISTRY_PORT", "SERVER", "Layout", "number"]
+
+API_PORT = 6443
+REGISTRY_PORT = 5000
+CONTROL_PLANE = "control-plane"
+#: The node that plays the server where nodes are like k3s'.
+SERVER = "node1"
+
+#: Each machine's number is the last part of its address.
+CONTROL_PLANE_NUMBER = 2
+FIRST_NODE_NUMBER = 11
+
+
+def number(machine: str) -> int:
+    """Return a machine's number on the segment: node1 is 11."""
+    if machine == CONTROL_PLANE:
+        return CONTROL_PLANE_NUMBER
+    return FIRST_NODE_NUMBER - 1 + int(machine.removeprefix("node"))
+
+
+@attrs.frozen
+class Layout:
+    """Everything that the machines of one cluster share."""
+
+    name: str
+    directory: Path
+    addresses: Addresses
+    components: Components
+    nodes: NodePaths = attrs.field(factory=plain_paths)
+
+    @property
+    def pki(self) -> Path:
+        """The directory of keys and certificates."""
+        return self.directory / "pki"
+
+    @property
+    def control_plane(self) -> str:
+        """The control plane's address."""
+        return self.addresses.machine(CONTROL_PLANE_NUMBER)
+
+    @property
+    def server(self) -> str:
+        """The API server's URL."""
+        return f"https://{self.control_plane}:{API_PORT}"
+
+    @property
+    def registry(self) -> str:
+        """The image registry, HOST:PORT."""
+        return f"{self.control_plane}:{REGISTRY_PORT}"
+
+    def namespace(self, machine: str) -> str:
+        """Return the network namespace of a machine."""
+        return f"rigel-{self.name}-{machine}"
+
+    def address(self, machine: str) -> str:
+        """Return a machine's address on the segment."""
+        return self.addresses.machine(number(machine))
+
+    def authority(self) -> Authority:
+        """The cluster's certificate authority."""
+        return Authority(self.pki)
+
+    def kubeconfig(self, user: str, common_name: str, organization: str | None = None) -> Path:
+        """Write (once) and return the kubeconfig of a component or an administrator."""
+        path = self.directory / "kubeconfigs" / f"{user}.yaml"
+        if not path.exists():
+            ca = self.authority()
+            certificate, key = ca.issue(user, common_name, organization=organization)
+            path.parent.mkdir(mode=0o700, exist_ok=True)
+            content = kubeconfig(self.server, ca.certificate, certificate, key)
+            path.write_text(json.dumps(content))
+        return path
+
+    def program(self, name: str) -> str:
+        """Return the path of a program."""
+        return self.components.program(name)
+
+    def environment(self, given: Mapping[str, str] = os.environ) -> dict[str, str]:
+        """Return the variables of machines: none of the user's but those that lead to the Internet.
+
+        The cluster's own addresses are reached without a proxy.
+        """
+        path = [*self.components.path, "/usr/sbin", "/usr/bin", "/sbin", "/bin"]
+        result = {"PATH": ":".join(path), "HOME": "/root", "LANG": "C.UTF-8"}
+        kept = ("SSL_CERT_FILE", "SSL_CERT_DIR", "HTTP_PROXY", "HTTPS_PROXY")
+        result |= {k: v for k, v in given.items() if k.upper() in kept}
+        if any(key.upper().endswith("_PROXY") for key in result):
+            direct = ["localhost", "127.0.0.1", self.addresses.block, ".svc", ".cluster.local"]
+            outside = given.get("NO_PROXY") or given.get("no_proxy")
+            result["NO_PROXY"] = ",".join([*direct, *filter(None, [outside])])
+        return result
+
+
+def kubeconfig(server: str, ca: Path, certificate: Path, key: Path) -> dict[str, Any]:
+    """Return a kubeconfig (JSON is YAML) that names its files."""
+    user = {"client-certificate": str(certificate), "client-key": str(key)}
+    return {
+        "apiVersion": "v1",
+        "kind": "Config",
+        "clusters": [
+            {"name": "c", "cluster": {"server": server, "certificate-authority": str(ca)}}
+        ],
+        "users": [{"name": "u", "user": user}],
+        "contexts": [{"name": "x", "context": {"cluster": "c", "user": "u"}}],
+        "current-context": "x",
+    }

@@ -1,0 +1,228 @@
+"""The life of a local cluster: up and down; each may be said again at any time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+
+from rigel_k8s.cache import locked
+from rigel_k8s.errors import LocalClusterError
+from rigel_lab.cluster import (
+    addons,
+    addresses,
+    api,
+    cgroups,
+    components,
+    kubeconfig,
+    machine,
+    network,
+    paths,
+    removal,
+    shared,
+)
+from rigel_lab.cluster.commands import Report
+from rigel_lab.cluster.control_plane import control_plane
+from rigel_lab.cluster.layout import CONTROL_PLANE, Layout
+from rigel_lab.cluster.machine import Machine
+from rigel_lab.cluster.node import node, write_resolv_conf
+from rigel_lab.cluster.registry import Made, offer, push_images
+from rigel_lab.cluster.requirements import check_name, require_host, require_root
+from rigel_lab.cluster.state import State
+from rigel_lab.cluster.status import ClusterStatus, status_of
+from rigel_lab.cluster.wish import DEFAULT_NODES, Wish
+
+__all__ = ["DEFAULT_NAME", "down", "up"]
+
+DEFAULT_NAME = "local"
+NOTHING_MADE: Made = MappingProxyType({})
+
+
+def up(
+    name: str = DEFAULT_NAME,
+    nodes: int | None = None,
+    *,
+    extras: Sequence[str] = (),
+    layout: str | None = None,
+    data_dir: str | None = None,
+    made: Made = NOTHING_MADE,
+    report: Report = lambda _: None,
+) -> ClusterStatus:
+    """Start a cluster, or what of it does not run, and return it.
+
+    A cluster of an earlier boot is made anew as it was: its etcd does not sync to disk.
+
+    Args:
+        name: of the cluster; its context is rigel-NAME.
+        nodes: how many; None leaves it to the cluster that is there, else two.
+        extras: what its registry offers besides ("multus"); a running cluster gains them.
+        layout: "plain" or "k3s": where its nodes have CNI and containerd; None as with `nodes`.
+        data_dir: k3s' data directory.
+        made: images that others make for extras; asked for only where the extra is.
+        report: takes one line for each step.
+
+    Raises:
+        UserError: this machine cannot, or a running cluster is another.
+        LocalClusterError, CommandFailed: a part did not start; what was started stays for a look
+            at its logs and is removed by `down`.
+    """
+    require_host()
+    check_name(name)
+    wish = Wish(nodes, extras, layout, data_dir)
+    wish.check()
+    file = kubeconfig.user_kubeconfig().absolute()
+    kubeconfig.load(file)  # one that cannot be changed is told before anything is started
+    with working_on(name):
+        state = remembered(name, wish, report)
+        shared.acquire(name, state.node_paths.binds)
+        started = start_machines(state, report)
+        # Those of a cluster that was made anew, or whose `up` was broken off, are missing.
+        offer(state, wish.extras or (() if state.offers else state.extras), made, report)
+        if started or not state.furnished:
+            furnish(state, report)
+        else:
+            report(f"Cluster {name} is running already")
+        merge_kubeconfig(state, file)
+        return status_of(state)
+
+
+def down(name: str = DEFAULT_NAME, *, report: Report = lambda _: None) -> bool:
+    """End a cluster and remove everything of it; return whether there was one."""
+    require_root()
+    check_name(name)
+    with working_on(name):
+        state = State.load(name)
+        if state:
+            state.require_known()
+            report(f"Removing cluster {name}")
+            removal.remove(state, report)
+        return state is not None
+
+
+@contextmanager
+def working_on(name: str) -> Iterator[None]:
+    """Let one command at a time work on a cluster."""
+    with locked(paths.LOCKS / f"cluster {name}.lock", wait=False):
+        yield
+
+
+def remembered(name: str, wish: Wish, report: Report) -> State:
+    """Return the state of a cluster that can go on, or of a new one."""
+    state = State.load(name)
+    if not state:
+        return create(name, wish, report)
+    state.require_known()
+    if state.boot != paths.boot_id():
+        report(f"Cluster {name} was lost when this machine restarted; making it anew")
+        removal.remove(state, report)
+        return create(name, wish.or_as(state), report)
+    wish.compare(state)
+    if not state.components.complete:
+        components.obtain(report, state.builds)
+    return state
+
+
+def create(name: str, wish: Wish, report: Report) -> State:
+    """Return the state of a cluster to be, with address ranges that nobody uses."""
+    parts = components.obtain(report, wish.builds)
+    with shared.exclusive():
+        others = [State.load(other) for other in paths.names()]
+        state = State(
+            name=name,
+            nodes=wish.nodes or DEFAULT_NODES,
+            block=addresses.choose([other.block for other in others if other]).block,
+            boot=paths.boot_id(),
+            kubernetes=components.KUBERNETES_VERSION,
+            components=parts,
+            extras=list(wish.extras),
+            data_dir=wish.new_data_dir,
+        )
+        state.save()
+    return state
+
+
+def start_machines(state: State, report: Report) -> bool:
+    """Start every machine that does not run; return whether there was one."""
+    missing = [name for name in state.machine_names if not state.process(name)]
+    for name in state.node_names:
+        if name not in missing:
+            write_resolv_conf(state.directory / name)
+    if not missing:
+        return False
+    layout = state.layout
+    network.create(state.name, layout.addresses)
+    for name in missing:
+        again = " again: it had ended" if state.furnished else ""
+        report(f"Starting {name}{again}")
+        if state.furnished and name != CONTROL_PLANE:
+            api.mark_lost(layout, name)
+        start(state, layout, name)
+        if name == CONTROL_PLANE:
+            report("Filling the registry and waiting for the API server")
+            push_images(layout, addons.images(layout.components))
+            api.wait_until_ready(layout)
+            api.create_nodes(layout, state.node_names)
+    return True
+
+
+def start(state: State, layout: Layout, name: str) -> None:
+    """Start one machine, in a namespace of its own that is plugged into the segment."""
+    machine.end(state.directory / name, layout.namespace(name))
+    if name != CONTROL_PLANE:  # a kubelet takes 3 s for each cgroup of a container that is no more
+        cgroups.remove(state.name, name)
+    network.wire(layout, name)
+    network.route(layout, name, state.node_names)
+    what_is(layout, name).start()
+
+
+def what_is(layout: Layout, name: str) -> Machine:
+    """Return what a machine is."""
+    if name == CONTROL_PLANE:
+        return control_plane(layout)
+    return node(layout, name, cgroup=cgroups.create(layout.name, name), mtu=network.mtu())
+
+
+def furnish(state: State, report: Report) -> None:
+    """Install DNS and storage, and wait until nodes and both are ready."""
+    layout = state.layout
+    report("Installing DNS and storage")
+    path = addons.write(layout)
+    api.kubectl(layout, "apply", "--server-side", "--force-conflicts", "-f", str(path))
+    report("Waiting for the nodes to be Ready")
+    wait_for_nodes(layout, state.node_names)
+    report("Waiting for DNS and storage")
+    for space, name in addons.DEPLOYMENTS:
+        words = ["rollout", "status", f"deployment/{name}", "--timeout=120s"]
+        api.kubectl(layout, "-n", space, *words)
+    state.furnished = True
+    state.save()
+
+
+def wait_for_nodes(layout: Layout, nodes: list[str], seconds: float = 120) -> None:
+    """Wait until every node is Ready.
+
+    Raises:
+        LocalClusterError: one is not within the time; the details are its kubelet's last lines.
+    """
+    deadline = time.monotonic() + seconds
+    while late := set(nodes) - api.ready_nodes(layout):
+        if time.monotonic() > deadline:
+            name = min(late)
+            log = layout.directory / name / "logs/kubelet.log"
+            raise LocalClusterError(
+                f"{name} was not Ready after {seconds:.0f} s",
+                details=log.read_text().splitlines()[-10:] if log.exists() else (),
+                hint=f"its logs: {log.parent}",
+            )
+        time.sleep(0.2)
+
+
+def merge_kubeconfig(state: State, file: Path) -> None:
+    """Put the context into the user's kubeconfig and make it current, as kind does."""
+    with shared.exclusive():
+        before = kubeconfig.merge(file, state.context, api.access(state.layout, state.context))
+    if before or str(file) not in state.kubeconfigs:
+        state.kubeconfigs[str(file)] = before
+        state.save()

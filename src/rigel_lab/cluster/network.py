@@ -1,0 +1,137 @@
+"""A cluster's Ethernet segment: a bridge, and a network namespace for each of its machines."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from rigel_k8s.errors import CommandFailed
+from rigel_lab.cluster import forwarding
+from rigel_lab.cluster.addresses import Addresses
+from rigel_lab.cluster.commands import run, succeeds
+from rigel_lab.cluster.layout import Layout, number
+
+__all__ = ["create", "mtu", "remove", "route", "wire"]
+
+
+def prefix(cluster: str) -> str:
+    """Return how a cluster's interfaces begin; their names have 15 characters at most."""
+    return f"rk{hashlib.sha256(cluster.encode()).hexdigest()[:6]}"
+
+
+def bridge_name(cluster: str) -> str:
+    """Return the name of a cluster's bridge."""
+    return f"{prefix(cluster)}br"
+
+
+def link_name(cluster: str, machine: str) -> str:
+    """Return the name of the bridge's end of a machine's cable."""
+    return f"{prefix(cluster)}m{number(machine)}"
+
+
+def table_name(cluster: str) -> str:
+    """Return the name of a cluster's nft table."""
+    return f"rigel_{cluster.replace('-', '_')}"
+
+
+def mtu() -> int:
+    """Return the largest packet that leaves this machine whole, at most Ethernet's."""
+    routes = json.loads(run(["ip", "-j", "-4", "route", "show", "default"]) or "[]")
+    ways_out = {route["dev"] for route in routes if "dev" in route}
+    links = json.loads(run(["ip", "-j", "link", "show"]))
+    return min([1500, *(int(link["mtu"]) for link in links if link["ifname"] in ways_out)])
+
+
+def exists(link: str) -> bool:
+    """Return whether there is an interface; /sys may show another namespace's."""
+    return succeeds(["ip", "link", "show", "dev", link])
+
+
+def create(cluster: str, addresses: Addresses) -> None:
+    """Make the segment of a cluster, and its way out."""
+    bridge = bridge_name(cluster)
+    if not exists(bridge):
+        run(["ip", "link", "add", bridge, "type", "bridge"])
+    run(["ip", "link", "set", bridge, "mtu", str(mtu()), "up"])
+    address = f"{addresses.machine(1)}/{addresses.machines.prefixlen}"
+    run(["ip", "addr", "replace", address, "dev", bridge])
+    masquerade(cluster, addresses.block)
+    forwarding.allow(bridge)
+
+
+def masquerade(cluster: str, block: str) -> None:
+    """Hide the cluster behind the machine for what leaves both.
+
+    Where br_netfilter is at work the rule meets frames between two nodes as well: their multicast
+    would come from the machine, and no node would know the sender.
+    """
+    table = f"table ip {table_name(cluster)}"
+    run(
+        ["nft", f"{table} {{}}; delete {table}; {table} {{ chain out {{"]
+        + ["type nat hook postrouting priority srcnat;"]
+        + [f"ip saddr {block} ip daddr != {block} oifname != {bridge_name(cluster)} masquerade;"]
+        + ["}; };"]
+    )
+
+
+def wire(layout: Layout, machine: str) -> None:
+    """Make a machine's network namespace anew and plug its eth0 into the segment."""
+    unwire(layout, machine)
+    namespace, link = layout.namespace(machine), link_name(layout.name, machine)
+    run(["ip", "netns", "add", namespace])
+    size = ["mtu", str(mtu())]
+    run(
+        ["ip", "link", "add", link, *size, "type", "veth"]
+        + ["peer", "name", "eth0", "address", hardware_address(layout.address(machine))]
+        + [*size, "netns", namespace]
+    )
+    run(["ip", "link", "set", link, "master", bridge_name(layout.name), "up"])
+    inside = ["ip", "-n", namespace]
+    address = f"{layout.address(machine)}/{layout.addresses.machines.prefixlen}"
+    run([*inside, "link", "set", "lo", "up"])
+    run([*inside, "addr", "add", address, "dev", "eth0"])
+    run([*inside, "link", "set", "eth0", "up"])
+    run([*inside, "route", "add", "default", "via", layout.addresses.machine(1)])
+
+
+def hardware_address(address: str) -> str:
+    """Return the MAC address that belongs to an IP address.
+
+    A machine that is started again keeps it; with a new one the others would go on sending to the
+    old one, until their neighbour tables forget it.
+    """
+    return "02:52:" + ":".join(f"{int(part):02x}" for part in address.split("."))
+
+
+def route(layout: Layout, machine: str, nodes: Iterable[str]) -> None:
+    """Give a machine a route to every other node's pods."""
+    for node in nodes:
+        if node != machine:
+            run(
+                ["ip", "-n", layout.namespace(machine), "route", "replace"]
+                + [layout.addresses.pod_range(node), "via", layout.address(node)]
+            )
+
+
+def unwire(layout: Layout, machine: str) -> None:
+    """Remove a machine's cable and namespace, whose processes have ended."""
+    link = link_name(layout.name, machine)
+    if exists(link):
+        run(["ip", "link", "del", link])
+    if Path("/run/netns", layout.namespace(machine)).exists():
+        run(["ip", "netns", "del", layout.namespace(machine)])
+
+
+def remove(layout: Layout, machines: Iterable[str]) -> None:
+    """Remove a cluster's namespaces, bridge, table and rules; what is not there is no error."""
+    for machine in machines:
+        unwire(layout, machine)
+    bridge = bridge_name(layout.name)
+    if exists(bridge):
+        run(["ip", "link", "del", bridge])
+    with suppress(CommandFailed):
+        run(["nft", "delete", "table", "ip", table_name(layout.name)])
+    forwarding.forget(bridge)

@@ -1,0 +1,175 @@
+"""A node's machine: containerd, kubelet and kube-proxy, each on its default paths."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+from rigel_lab.cluster import k3snode
+from rigel_lab.cluster.containerd import configure_containerd
+from rigel_lab.cluster.layout import Layout
+from rigel_lab.cluster.machine import Machine
+
+__all__ = ["node", "write_resolv_conf"]
+
+
+def node(layout: Layout, name: str, *, cgroup: str, mtu: int) -> Machine:
+    """Return the machine of one node.
+
+    Args:
+        layout: what the machines of the cluster share.
+        name: which node.
+        cgroup: the node's cgroup from the root; pods go below it.
+        mtu: of the pods' interfaces.
+    """
+    directory = layout.directory / name
+    directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+    configure_containerd(layout, directory)
+    configure_kubelet(layout, directory, cgroup)
+    configure_cni(layout, directory, mtu)
+    install_cni(layout, directory)
+    return Machine(
+        name=name,
+        namespace=layout.namespace(name),
+        directory=directory,
+        environment=layout.environment(),
+        init=layout.program("catatonit"),
+        binds={directory / own: path for path, own in layout.nodes.binds.items()},
+        setup=setup(layout, directory),
+        services={
+            "containerd": [
+                layout.program("containerd"),
+                f"--config={directory / 'containerd.toml'}",
+            ],
+            "kubelet": kubelet(layout, name, directory),
+            "kube-proxy": kube_proxy(layout, name),
+        },
+    )
+
+
+def setup(layout: Layout, directory: Path) -> list[str]:
+    """Return the shell lines before the services: forwarding, a way out, name servers.
+
+    Pods are hidden behind their node for what leaves the cluster, and only for that. Where the
+    machine's resolv.conf was in /run, there is nothing now; else it is covered.
+    """
+    block = layout.addresses.block
+    rule = f"POSTROUTING -s {block} ! -d {block} -j MASQUERADE"
+    return [
+        "echo 1 >/proc/sys/net/ipv4/ip_forward",
+        f"iptables -w -t nat -A {rule}",
+        "target=$(readlink -m /etc/resolv.conf)",
+        'case "$target" in /run/*) mkdir -p "${target%/*}"; : >"$target";; esac',
+        f'[ ! -e "$target" ] || mount --bind "{directory}/resolv.conf" "$target"',
+        *k3snode.setup(layout, directory.name),
+    ]
+
+
+def kubelet(layout: Layout, name: str, directory: Path) -> list[str]:
+    """Return the kubelet's command line."""
+    return [
+        layout.program("kubelet"),
+        f"--config={directory / 'kubelet.yaml'}",
+        f"--kubeconfig={layout.kubeconfig(name, f'system:node:{name}', 'system:nodes')}",
+        f"--hostname-override={name}",
+        f"--node-ip={layout.address(name)}",
+    ]
+
+
+def kube_proxy(layout: Layout, name: str) -> list[str]:
+    """Return kube-proxy's command line; conntrack's limits belong to the whole machine."""
+    return [
+        layout.program("kube-proxy"),
+        f"--kubeconfig={layout.kubeconfig('kube-proxy', 'system:kube-proxy')}",
+        f"--hostname-override={name}",
+        "--proxy-mode=iptables",
+        f"--cluster-cidr={layout.addresses.pods}",
+        "--conntrack-max-per-core=0",
+        "--conntrack-min=0",
+        "--conntrack-tcp-timeout-established=0s",
+        "--conntrack-tcp-timeout-close-wait=0s",
+    ]
+
+
+def configure_kubelet(layout: Layout, directory: Path, cgroup: str) -> None:
+    """Write the kubelet's configuration."""
+    write_resolv_conf(directory)
+    config = {
+        "apiVersion": "kubelet.config.k8s.io/v1beta1",
+        "kind": "KubeletConfiguration",
+        "authentication": {
+            "anonymous": {"enabled": False},
+            "webhook": {"enabled": True},
+            "x509": {"clientCAFile": str(layout.authority().certificate)},
+        },
+        "authorization": {"mode": "Webhook"},
+        "clusterDNS": [layout.addresses.dns_service],
+        "clusterDomain": "cluster.local",
+        "containerRuntimeEndpoint": f"unix://{layout.nodes.socket}",
+        "cgroupDriver": "cgroupfs",
+        "cgroupRoot": cgroup,
+        "cgroupsPerQOS": True,
+        "enforceNodeAllocatable": ["pods"],
+        "failSwapOn": False,
+        "maxPods": 200,
+        "serializeImagePulls": False,
+        "resolvConf": str(directory / "resolv.conf"),
+        "volumePluginDir": "/var/lib/kubelet/volume-plugins",
+        # The disk belongs to the machine: a full one must not evict pods or collect images here.
+        "imageGCHighThresholdPercent": 100,
+        "evictionHard": {
+            "nodefs.available": "0%",
+            "nodefs.inodesFree": "0%",
+            "imagefs.available": "0%",
+        },
+    }
+    (directory / "kubelet.yaml").write_text(json.dumps(config))
+
+
+def write_resolv_conf(directory: Path) -> None:
+    """Write the machine's name servers for a node and its pods, into the file that they have."""
+    (directory / "resolv.conf").write_text(resolv_conf())
+
+
+def resolv_conf(
+    files: tuple[Path, ...] = (Path("/run/systemd/resolve/resolv.conf"), Path("/etc/resolv.conf")),
+) -> str:
+    """Return the name servers, without those on loopback, which a node cannot reach."""
+    for path in filter(Path.exists, files):
+        words = [line.split() for line in path.read_text().splitlines()]
+        servers = [w[1] for w in words if w[:1] == ["nameserver"] and len(w) > 1]
+        if reachable := [s for s in servers if not s.startswith("127.") and s != "::1"]:
+            return "".join(f"nameserver {server}\n" for server in reachable)
+    return ""
+
+
+def configure_cni(layout: Layout, directory: Path, mtu: int) -> None:
+    """Write the CNI configuration."""
+    # ptp, not bridge: Services on the same node need no br_netfilter, and pods hear no multicast
+    # of each other, as on most real clusters.
+    link = {
+        "type": "ptp",
+        "ipMasq": False,
+        "mtu": mtu,
+        "ipam": {
+            "type": "host-local",
+            "ranges": [[{"subnet": layout.addresses.pod_range(directory.name)}]],
+            "routes": [{"dst": "0.0.0.0/0"}],
+        },
+    }
+    ports = {"type": "portmap", "capabilities": {"portMappings": True}}
+    config = {"cniVersion": "0.4.0", "name": "rigel", "plugins": [link, ports]}
+    place = layout.nodes.own(directory, layout.nodes.cni_config)
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "10-rigel.conflist").write_text(json.dumps(config))
+
+
+def install_cni(layout: Layout, directory: Path) -> None:
+    """Put the standard CNI programs in place; a node of k3s has those of k3s alone."""
+    if data_dir := layout.nodes.data_dir:
+        k3snode.furnish(layout, directory, data_dir)
+        return
+    place = layout.nodes.own(directory, layout.nodes.cni_programs)
+    if not place.exists():
+        shutil.copytree(layout.components.cni_plugins, place)

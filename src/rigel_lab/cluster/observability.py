@@ -1,0 +1,93 @@
+"""The programs that watch a cluster, as `--with observability` builds them.
+
+What they are put into is another matter (`observability_images`). All are built as upstream builds
+them but without C libraries: Promtail reads no systemd journal, Prometheus has no pages of its own.
+"""
+
+from __future__ import annotations
+
+from rigel_lab.cluster.gobuild import GoBuild
+
+__all__ = [
+    "KUBE_STATE_METRICS",
+    "LOKI",
+    "NODE_EXPORTER",
+    "OBSERVABILITY",
+    "OPERATOR",
+    "PROMETHEUS",
+    "PROMTAIL",
+]
+
+#: Where programs of Prometheus' family keep their version.
+VERSION = "github.com/prometheus/common/version.Version"
+#: Where Loki's do.
+LOKI_MODULE = "github.com/grafana/loki/v3"
+LOKI_VERSION = f"{LOKI_MODULE}/pkg/util/build.Version"
+
+LOKI = GoBuild(
+    "loki",
+    "3.7.8",
+    (f"{LOKI_MODULE}/cmd/loki",),
+    stamps=(f"{LOKI_VERSION}=3.7.8",),
+    files={"loki-license": "LICENSE", "loki.yaml": "cmd/loki/loki-docker-config.yaml"},
+    module=LOKI_MODULE,
+    minutes=4,
+)
+#: The newest of the last line that has Promtail.
+PROMTAIL = GoBuild(
+    "promtail",
+    "3.6.15",
+    (f"{LOKI_MODULE}/clients/cmd/promtail",),
+    stamps=(f"{LOKI_VERSION}=3.6.15",),
+    files={
+        "promtail-license": "LICENSE",
+        "promtail.yaml": "clients/cmd/promtail/promtail-docker-config.yaml",
+    },
+    module=LOKI_MODULE,
+    minutes=3,
+)
+PROMETHEUS_MODULE = "github.com/prometheus/prometheus"
+PROMETHEUS = GoBuild(
+    "prometheus",
+    "3.13.3",
+    (f"{PROMETHEUS_MODULE}/cmd/prometheus", f"{PROMETHEUS_MODULE}/cmd/promtool"),
+    stamps=(f"{VERSION}=3.13.3",),
+    files={
+        "prometheus-license": "LICENSE",
+        "prometheus-notice": "NOTICE",
+        "prometheus.yml": "documentation/examples/prometheus.yml",
+    },
+    module_version="0.313.3",
+    minutes=3,
+)
+NODE_EXPORTER = GoBuild(
+    "node-exporter",
+    "1.12.1",
+    ("github.com/prometheus/node_exporter",),
+    stamps=(f"{VERSION}=1.12.1",),
+    files={"node-exporter-license": "LICENSE", "node-exporter-notice": "NOTICE"},
+)
+KUBE_STATE_METRICS = GoBuild(
+    "kube-state-metrics",
+    "2.18.0",
+    ("k8s.io/kube-state-metrics/v2",),
+    stamps=(f"{VERSION}=v2.18.0",),
+    files={"kube-state-metrics-license": "LICENSE"},
+)
+OPERATOR_MODULE = "github.com/prometheus-operator/prometheus-operator"
+#: Of many clusters Prometheus is this program's; it is offered for trying that out.
+OPERATOR = GoBuild(
+    "prometheus-operator",
+    "0.92.1",
+    (f"{OPERATOR_MODULE}/cmd/operator", f"{OPERATOR_MODULE}/cmd/prometheus-config-reloader"),
+    stamps=(f"{VERSION}=0.92.1",),
+    renamed={"operator": "prometheus-operator"},
+    files={
+        "prometheus-operator-license": "LICENSE",
+        "prometheus-operator-notice": "NOTICE",
+        "prometheus-operator.yaml": "bundle.yaml",
+    },
+)
+
+#: The longest first: what it shares with the others is compiled once.
+OBSERVABILITY = (LOKI, PROMTAIL, PROMETHEUS, KUBE_STATE_METRICS, NODE_EXPORTER)

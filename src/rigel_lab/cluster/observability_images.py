@@ -1,0 +1,161 @@
+"""The images of what watches a cluster: users, paths and start are those of upstream's images.
+
+Where upstream's has a shell there is busybox; where it has none there is none, so that what works
+here works there. Certificate authorities and time zones are left out of all.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rigel_lab.cluster.components import Components
+from rigel_lab.cluster.observability import (
+    KUBE_STATE_METRICS,
+    LOKI,
+    NODE_EXPORTER,
+    OPERATOR,
+    PROMETHEUS,
+)
+from rigel_lab.cluster.oci import Image
+from rigel_lab.cluster.upstream import found, shell, short, text, tools, users
+
+__all__ = ["OBSERVABILITY_IMAGES", "OPERATOR_IMAGES"]
+
+LOKI_IMAGE = f"docker.io/grafana/loki:{LOKI.version}"
+#: Upstream's last one. The module of its version cannot be had; that of a later one is in it.
+PROMTAIL_IMAGE = "docker.io/grafana/promtail:3.6.11"
+PROMETHEUS_IMAGE = f"docker.io/prom/prometheus:v{PROMETHEUS.version}"
+KUBE_STATE_METRICS_IMAGE = (
+    f"registry.k8s.io/kube-state-metrics/kube-state-metrics:v{KUBE_STATE_METRICS.version}"
+)
+NODE_EXPORTER_IMAGE = f"quay.io/prometheus/node-exporter:v{NODE_EXPORTER.version}"
+OPERATOR_IMAGE = f"quay.io/prometheus-operator/prometheus-operator:v{OPERATOR.version}"
+RELOADER_IMAGE = f"quay.io/prometheus-operator/prometheus-config-reloader:v{OPERATOR.version}"
+
+#: Who runs what needs no rights, in all images that have a name for them.
+NOBODY = 65534
+#: Loki's own user.
+LOKI_USER = 10001
+
+
+def loki(components: Components) -> Image:
+    """Return Loki's image, which has no shell."""
+    return Image(
+        short(LOKI_IMAGE),
+        {
+            **users(nobody=NOBODY, loki=LOKI_USER),
+            "usr/bin/loki": found(components, "loki"),
+            "etc/loki/local-config.yaml": text(components, "loki.yaml"),
+            "LICENSE": text(components, "loki-license"),
+        },
+        ["/usr/bin/loki"],
+        command=["-config.file=/etc/loki/local-config.yaml"],
+        user=str(LOKI_USER),
+        owned=dict.fromkeys(("etc/loki", "loki", "loki/rules", "loki/rules-temp"), LOKI_USER),
+    )
+
+
+def promtail(components: Components) -> Image:
+    """Return Promtail's image, which root runs, since only root may read all pods' logs."""
+    return Image(
+        short(PROMTAIL_IMAGE),
+        {
+            **users(nobody=NOBODY),
+            **shell(components),
+            "usr/bin/promtail": found(components, "promtail"),
+            "etc/promtail/config.yml": text(components, "promtail.yaml"),
+            "LICENSE": text(components, "promtail-license"),
+        },
+        ["/usr/bin/promtail"],
+        links=tools(components),
+        command=["-config.file=/etc/promtail/config.yml"],
+    )
+
+
+def prometheus(components: Components) -> Image:
+    """Return Prometheus' image; its data are in a volume."""
+    return Image(
+        short(PROMETHEUS_IMAGE),
+        {
+            **users(nobody=NOBODY),
+            **shell(components),
+            "bin/prometheus": found(components, "prometheus"),
+            "bin/promtool": found(components, "promtool"),
+            "etc/prometheus/prometheus.yml": text(components, "prometheus.yml"),
+            "LICENSE": text(components, "prometheus-license"),
+            "NOTICE": text(components, "prometheus-notice"),
+        },
+        ["/bin/prometheus"],
+        links=tools(components),
+        command=["--config.file=/etc/prometheus/prometheus.yml", "--storage.tsdb.path=/prometheus"],
+        user="nobody",
+        owned={"etc/prometheus": NOBODY, "prometheus": NOBODY},
+        volume="/prometheus",
+    )
+
+
+def kube_state_metrics(components: Components) -> Image:
+    """Return kube-state-metrics' image, which has no shell."""
+    return Image(
+        short(KUBE_STATE_METRICS_IMAGE),
+        {
+            **users(nobody=NOBODY),
+            "kube-state-metrics": found(components, "kube-state-metrics"),
+            "LICENSE": text(components, "kube-state-metrics-license"),
+        },
+        ["/kube-state-metrics", "--port=8080", "--telemetry-port=8081"],
+        user="nobody",
+    )
+
+
+def node_exporter(components: Components) -> Image:
+    """Return node_exporter's image."""
+    names = {"program": "node_exporter", "user": "nobody", "texts": "node-exporter"}
+    return plain(components, NODE_EXPORTER_IMAGE, **names)
+
+
+def operator(components: Components) -> Image:
+    """Return the image of the Prometheus operator."""
+    names = {"program": "prometheus-operator", "inside": "operator", "user": str(NOBODY)}
+    return plain(components, OPERATOR_IMAGE, **names)
+
+
+def reloader(components: Components) -> Image:
+    """Return the image of what tells the operator's Prometheus of a changed configuration."""
+    return plain(components, RELOADER_IMAGE, program="prometheus-config-reloader", user="nobody")
+
+
+def plain(
+    components: Components,
+    name: str,
+    *,
+    program: str,
+    user: str,
+    inside: str = "",
+    texts: str = "prometheus-operator",
+) -> Image:
+    """Return an image of one program in /bin beside a shell, with its licence."""
+    path = f"bin/{inside or program}"
+    files: dict[str, Path | str] = {
+        path: found(components, program),
+        "LICENSE": text(components, f"{texts}-license"),
+        "NOTICE": text(components, f"{texts}-notice"),
+    }
+    return Image(
+        short(name),
+        {**users(nobody=NOBODY), **shell(components), **files},
+        [f"/{path}"],
+        links=tools(components),
+        user=user,
+    )
+
+
+#: What nodes pull -> what makes it.
+OBSERVABILITY_IMAGES = {
+    LOKI_IMAGE: loki,
+    PROMTAIL_IMAGE: promtail,
+    PROMETHEUS_IMAGE: prometheus,
+    KUBE_STATE_METRICS_IMAGE: kube_state_metrics,
+    NODE_EXPORTER_IMAGE: node_exporter,
+}
+OPERATOR_IMAGES = {OPERATOR_IMAGE: operator, RELOADER_IMAGE: reloader}

@@ -1,0 +1,139 @@
+"""What is remembered of a cluster between two commands: one JSON file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import LocalClusterError, UserError
+from rigel_lab.cluster.addresses import Addresses
+from rigel_lab.cluster.components import Components
+from rigel_lab.cluster.layout import CONTROL_PLANE, Layout
+from rigel_lab.cluster.machine import Process, recorded
+from rigel_lab.cluster.nodepaths import NodePaths, k3s_paths, plain_paths
+from rigel_lab.cluster.paths import directory_of, names
+
+__all__ = ["State", "find"]
+
+
+@attrs.define
+class State:
+    """What is remembered of a cluster.
+
+    Attributes:
+        block: its address ranges.
+        boot: the boot of this machine in which it was made.
+        components: the programs it was made with; a newer rigel does not mix versions.
+        kubeconfigs: each file that has its context -> the context that was current there before.
+        furnished: whether all that belongs to a new cluster is in it.
+        extras: what was asked for besides (`--with`).
+        offers: the images that its registry has for it, as nodes name them.
+        data_dir: of nodes laid out as k3s does; None where they are plain.
+        newer: what a newer rigel remembers of it and this one knows nothing of.
+    """
+
+    name: str
+    nodes: int
+    block: str
+    boot: str
+    kubernetes: str
+    components: Components
+    kubeconfigs: dict[str, str | None] = attrs.field(factory=dict)
+    furnished: bool = False
+    extras: list[str] = attrs.field(factory=list)
+    offers: list[str] = attrs.field(factory=list)
+    data_dir: str | None = None
+    newer: dict[str, Any] = attrs.field(factory=dict)
+
+    @property
+    def directory(self) -> Path:
+        """The cluster's directory."""
+        return directory_of(self.name)
+
+    @property
+    def context(self) -> str:
+        """The cluster's context in a kubeconfig."""
+        return f"rigel-{self.name}"
+
+    @property
+    def node_names(self) -> list[str]:
+        """All nodes."""
+        return [f"node{index}" for index in range(1, self.nodes + 1)]
+
+    @property
+    def machine_names(self) -> list[str]:
+        """All machines, the control plane first."""
+        return [CONTROL_PLANE, *self.node_names]
+
+    @property
+    def layout(self) -> Layout:
+        """What its machines share."""
+        return Layout(
+            self.name, self.directory, Addresses(self.block), self.components, self.node_paths
+        )
+
+    @property
+    def node_paths(self) -> NodePaths:
+        """Where its nodes have what other programs look for."""
+        return k3s_paths(self.data_dir) if self.data_dir else plain_paths()
+
+    @property
+    def builds(self) -> list[str]:
+        """What it needs of components.ON_REQUEST."""
+        return [*self.extras, *(["k3s"] if self.data_dir else [])]
+
+    def process(self, machine: str) -> Process | None:
+        """Return a machine's process where it still runs."""
+        process = recorded(self.directory / machine)
+        return process if process and process.alive else None
+
+    def save(self) -> None:
+        """Write it, all or nothing."""
+        self.directory.mkdir(parents=True, exist_ok=True)
+        path = self.directory / "cluster.json"
+        new = path.with_suffix(".new")
+        content = attrs.asdict(self)
+        content |= content.pop("newer")
+        new.write_text(json.dumps(content, indent=2))
+        new.replace(path)
+
+    @classmethod
+    def load(cls, name: str) -> State | None:
+        """Return what is remembered of a cluster, None where there is none."""
+        path = directory_of(name) / "cluster.json"
+        if not path.exists():
+            return None
+        content = json.loads(path.read_text())
+        content["components"] = Components(**content["components"])
+        newer = {key: content.pop(key) for key in content.keys() - attrs.fields_dict(cls).keys()}
+        return cls(**content, newer=newer)
+
+    def require_known(self) -> None:
+        """Refuse to start or remove what this rigel knows in part only.
+
+        Raises:
+            LocalClusterError: a newer rigel made the cluster.
+        """
+        if self.newer:
+            raise LocalClusterError(
+                f"cluster {self.name} was made by a newer rigel-k8s, which notes of it also"
+                f" {', '.join(sorted(self.newer))}",
+                hint="use that one to start it or to take it down",
+            )
+
+
+def find(name: str) -> State:
+    """Return a cluster that is there.
+
+    Raises:
+        UserError: there is none of that name.
+    """
+    if state := State.load(name):
+        return state
+    others = f"; there is {', '.join(names())}" if names() else ""
+    raise UserError(
+        f"there is no local cluster {name}{others}", hint=f"rigel cluster up --name {name}"
+    )

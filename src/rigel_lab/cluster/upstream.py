@@ -1,0 +1,47 @@
+"""What images under upstream's names are made of, whatever their programs are for."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+from rigel_lab.cluster.components import Components
+
+__all__ = ["found", "shell", "short", "text", "tools", "users"]
+
+
+def short(name: str) -> str:
+    """Return an image's name in the cluster's registry, which stands for every registry."""
+    return name.partition("/")[2]
+
+
+def shell(components: Components) -> dict[str, Path | str]:
+    """Return the file that is the shell and all its tools."""
+    return {"bin/busybox": found(components, "busybox")}
+
+
+def tools(components: Components) -> dict[str, str]:
+    """Return the links by whose names the shell and its tools are started."""
+    program = components.program("busybox")
+    listed = subprocess.run([program, "--list"], capture_output=True, text=True, check=True)
+    return {f"bin/{tool}": "busybox" for tool in listed.stdout.split() if tool != "busybox"}
+
+
+def users(**numbers: int) -> dict[str, Path | str]:
+    """Return /etc/passwd and /etc/group with root, and with others by name and number."""
+    others = [f"{name}:x:{number}:{number}::/:/sbin/nologin\n" for name, number in numbers.items()]
+    groups = [f"{name}:x:{number}:\n" for name, number in numbers.items()]
+    return {
+        "etc/passwd": "".join(["root:x:0:0:root:/root:/bin/sh\n", *others]),
+        "etc/group": "".join(["root:x:0:\n", *groups]),
+    }
+
+
+def found(components: Components, name: str) -> Path:
+    """Return where a program is."""
+    return Path(components.program(name))
+
+
+def text(components: Components, name: str) -> str:
+    """Return a text that goes with the programs."""
+    return found(components, name).read_text()

@@ -1,0 +1,1 @@
+"""Images that this project builds from packages, for machines that cannot pull them."""

@@ -1,0 +1,80 @@
+"""The archive into podman or docker, whichever is here, and from there into a registry."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+from rigel_k8s.errors import CommandFailed, RigelK8sError
+from rigel_k8s.report import Reporter
+from rigel_lab.images.base.build import BaseImage
+
+__all__ = ["load", "push"]
+
+
+def load(image: BaseImage, report: Reporter, *, engine: str | None = None) -> str:
+    """Load the image into a container engine and return that engine's name.
+
+    Args:
+        image: what to load.
+        report: where to tell what happens.
+        engine: `podman` or `docker`; None takes the first that is installed, podman before docker.
+
+    Raises:
+        RigelK8sError: neither is installed.
+        CommandFailed: the engine refused the archive.
+    """
+    program = engine or _installed()
+    report.progress(image.reference, f"loading into {program}")
+    _run([program, "load", "--input", str(image.archive)])
+    report.progress(image.reference, f"loaded into {program}", done=True)
+    return program
+
+
+def push(
+    image: BaseImage,
+    reference: str,
+    report: Reporter,
+    *,
+    engine: str | None = None,
+    plain_http: bool = False,
+) -> None:
+    """Load the image, name it `reference` and push it there.
+
+    Args:
+        image: what to push.
+        reference: registry, path and tag.
+        report: where to tell what happens.
+        engine: as in `load`.
+        plain_http: the registry has no certificate; docker asks its own configuration instead.
+
+    Raises:
+        RigelK8sError: no engine is installed.
+        CommandFailed: the registry or the engine refused.
+    """
+    program = load(image, report, engine=engine)
+    report.progress(reference, "pushing")
+    _run([program, "tag", image.reference, reference])
+    options = ["--tls-verify=false"] if plain_http and program == "podman" else []
+    _run([program, "push", *options, reference])
+    report.progress(reference, "pushed", done=True)
+
+
+def _run(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise CommandFailed(
+            f"`{' '.join(command)}` failed (exit code {done.returncode})",
+            hint="run it by hand to see all of its output",
+            details=tuple((done.stdout + done.stderr).splitlines()[-15:]),
+        )
+
+
+def _installed() -> str:
+    for program in ("podman", "docker"):
+        if shutil.which(program):
+            return program
+    raise RigelK8sError(
+        "neither podman nor docker is installed, so the base image cannot be loaded",
+        hint="install one (Debian: sudo apt-get install podman) and retry",
+    )

@@ -1,0 +1,37 @@
+"""The exporter's files as they lie in its image, and the few of /etc that Debian's setup makes."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from rigel_lab.images.base.layer import Entry
+
+__all__ = ["PREFIX", "entries"]
+
+#: Where Python finds them.
+PREFIX = "opt/rigel-k8s"
+
+#: In-pod scripts that the exporter imports.
+_SCRIPTS = ("__init__.py", "rosrpc.py", "rtps.py")
+
+#: For programs that ask who they are; nobody logs in.
+_ETC = (
+    Entry("etc/group", b"root:x:0:\nnonroot:x:65532:\n"),
+    Entry("etc/nsswitch.conf", b"hosts: files dns\n"),
+    Entry(
+        "etc/passwd",
+        b"root:x:0:0:root:/:/sbin/nologin\nnonroot:x:65532:65532:nonroot:/tmp:/sbin/nologin\n",
+    ),
+)
+
+
+def entries() -> tuple[Entry, ...]:
+    """Return all files, sorted by path."""
+    own = files("rigel_k8s")
+    parts = ["__init__.py", *(f"inpod/{name}" for name in _SCRIPTS)]
+    parts += [f"exporter/{p.name}" for p in (own / "exporter").iterdir() if p.name.endswith(".py")]
+    program = (
+        Entry(f"{PREFIX}/rigel_k8s/{part}", own.joinpath(*part.split("/")).read_bytes())
+        for part in sorted(parts)
+    )
+    return (*_ETC, *program)

@@ -1,0 +1,20 @@
+"""A ROS 1 base image for machines that cannot pull `ros:noetic`, from Debian's ROS packages.
+
+It exists because ROS 1 ended and its images and packages vanish from more and more mirrors, while
+Debian ships ROS 1 in its own archive. The image is used exactly as the official one is: the same
+entry point, /opt/ros/noetic/setup.bash, ROS_DISTRO, `python`, the same commands. It knows nothing
+of Kubernetes, Rigelfiles or what is built on it.
+
+packages.py   which Debian packages make a ROS 1
+overlay.py    what Debian's file layout lacks to look like the official image
+build.py      both as a recipe; images/base does the rest
+"""
+
+from __future__ import annotations
+
+from rigel_lab.images.base.build import BaseImage
+from rigel_lab.images.base.engine import load, push
+from rigel_lab.images.ros1base.build import build
+from rigel_lab.images.ros1base.packages import REFERENCES, Variant
+
+__all__ = ["REFERENCES", "BaseImage", "Variant", "build", "load", "push"]

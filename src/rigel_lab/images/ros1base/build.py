@@ -1,0 +1,36 @@
+"""The recipe of the ROS 1 base image: Debian's packages and the official image's paths."""
+
+from __future__ import annotations
+
+from rigel_k8s.report import Reporter
+from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
+from rigel_lab.images.base.build import build as build_recipe
+from rigel_lab.images.ros1base import overlay
+from rigel_lab.images.ros1base.packages import PACKAGES, REFERENCES, SUITE, Variant
+
+__all__ = ["build"]
+
+
+def build(report: Reporter, *, variant: Variant = "core", force: bool = False) -> BaseImage:
+    """Return the base image's archive; build it where the cache lacks it.
+
+    Args:
+        report: where to tell what happens.
+        variant: `core` runs ROS 1 nodes, `devel` also compiles C++ workspaces.
+        force: build again, to get Debian's latest security updates.
+
+    Raises:
+        RigelK8sError: mmdebstrap is missing and cannot be installed here.
+        CommandFailed: mmdebstrap failed.
+    """
+    recipe = Recipe(
+        title="ROS 1 base image",
+        family="ros1-base",
+        name=variant,
+        reference=REFERENCES[variant],
+        suite=SUITE,
+        packages=PACKAGES[variant],
+        config=overlay.CONFIG,
+        overlay=overlay.layer(variant, mtime=EPOCH),
+    )
+    return build_recipe(recipe, report, force=force)

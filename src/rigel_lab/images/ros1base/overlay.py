@@ -1,0 +1,103 @@
+"""What Debian's file layout lacks to look like the official ROS image: one small layer, pure.
+
+Debian has ROS in /usr; the official image has it in /opt/ros/noetic. Links make both true, so that
+Dockerfiles, launch files and Rigelfiles which name the official paths work.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+from rigel_lab.images.base.layer import ENTRYPOINT, Entry, config
+from rigel_lab.images.base.layer import layer as base_layer
+from rigel_lab.images.ros1base.packages import UNDESCRIBED, Variant
+
+__all__ = ["CONFIG", "entries", "layer"]
+
+PREFIX = "opt/ros/noetic"
+_HOOKS = "etc/catkin/profile.d"
+
+CONFIG = config("noetic")
+
+_COMMANDS = (
+    "catkin_find",
+    "catkin_init_workspace",
+    "catkin_make",
+    "catkin_make_isolated",
+    "catkin_test_results",
+    "catkin_topological_order",
+    "rosbag",
+    "rosclean",
+    "roscore",
+    "rosgraph",
+    "roslaunch",
+    "rosmaster",
+    "rosmsg",
+    "rosnode",
+    "rospack",
+    "rosparam",
+    "rosrun",
+    "rosservice",
+    "rossrv",
+    "rosstack",
+    "rostopic",
+    "rosversion",
+)
+
+
+def entries(variant: Variant) -> tuple[Entry, ...]:
+    """Return all files and links of the layer, sorted by path."""
+    described = _descriptions() if variant == "core" else ()
+    return tuple(sorted((*_scripts(), *_links(), *described), key=lambda e: e.path))
+
+
+def layer(variant: Variant, *, mtime: int) -> bytes:
+    """Return the layer as an uncompressed tar; the same input gives the same bytes."""
+    return base_layer(entries(variant), mtime=mtime)
+
+
+def _scripts() -> tuple[Entry, ...]:
+    own = files("rigel_lab.images.ros1base") / "files"
+    return (
+        # Debian's own say that the distribution is "Debian"; catkin_make runs them and stumbles.
+        Entry(f"{_HOOKS}/1.ros_distro.sh", b"export ROS_DISTRO=noetic\n"),
+        Entry(f"{_HOOKS}/1.ros_etc_dir.sh", b"export ROS_ETC_DIR=/opt/ros/noetic/etc/ros\n"),
+        ENTRYPOINT,
+        Entry(f"{PREFIX}/.catkin"),
+        Entry(f"{PREFIX}/env.sh", (own / "env.sh").read_bytes(), mode=0o755),
+        *(
+            Entry(f"{PREFIX}/setup.{shell}", (own / f"setup.{shell}").read_bytes())
+            for shell in ("bash", "sh", "zsh")
+        ),
+    )
+
+
+def _links() -> tuple[Entry, ...]:
+    """Only ROS's commands go to bin: all of /usr/bin would come before /usr/local/bin in PATH."""
+    return (
+        Entry(f"{PREFIX}/etc/ros", link="/etc/ros"),
+        Entry(f"{PREFIX}/include", link="/usr/include"),
+        Entry(f"{PREFIX}/lib", link="/usr/lib"),
+        Entry(f"{PREFIX}/share", link="/usr/share"),
+        *(Entry(f"{PREFIX}/bin/{name}", link=f"/usr/bin/{name}") for name in _COMMANDS),
+    )
+
+
+def _descriptions() -> tuple[Entry, ...]:
+    return tuple(
+        Entry(f"usr/share/{name}/package.xml", _package_xml(name, text).encode())
+        for name, text in UNDESCRIBED.items()
+    )
+
+
+def _package_xml(name: str, description: str) -> str:
+    return (
+        '<package format="2">\n'
+        f"  <name>{name}</name>\n"
+        "  <version>1.15.15</version>\n"
+        f"  <description>{description} (Debian's build).</description>\n"
+        '  <maintainer email="debian-science-maintainers@lists.alioth.debian.org">'
+        "Debian Science Maintainers</maintainer>\n"
+        "  <license>BSD</license>\n"
+        "</package>\n"
+    )

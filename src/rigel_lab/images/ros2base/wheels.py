@@ -1,0 +1,149 @@
+"""ROS 2's wheels to the tree that the official image has in /opt/ros/DISTRO.
+
+The wheels hold what a ROS installation holds, below `NAME.data/data`. So they are unpacked, not
+installed: pip's own place for them needs each program started twice, with an LD_LIBRARY_PATH of a
+dozen directories. What only compilers read is left out.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s.errors import CommandFailed, RigelK8sError
+from rigel_k8s.report import Reporter
+from rigel_lab.images.ros2base.packages import PLATFORM, PYTHON
+
+__all__ = ["SITE", "fetch", "tree"]
+
+#: Where Python looks below the prefix.
+SITE = f"lib/python{PYTHON}/site-packages"
+
+_KEY = "ROS 2 wheels"
+#: Where wheels keep the libraries of others that they need; their names end in a digest.
+_BUNDLED = re.compile(r"ros_\w+\.libs/(?P<name>.+)")
+_DATA = re.compile(r"[^/]+\.data/data/(?P<path>.+)")
+_LEFT_OUT = re.compile(r"(^|/)include/|(^|/)cmake/|\.a$|(^|/)_dummy\.[^/]+\.so$|^bin/nodesize_dbg$")
+_LIBRARY = re.compile(r"lib/lib[^/]+\.so[.0-9]*")
+
+
+@attrs.frozen
+class _Part:
+    """One file of the tree; `link` is the name beside it that holds the same."""
+
+    wheel: Path
+    member: str
+    size: int
+    crc: int
+    link: str = ""
+
+
+def fetch(lock: str, directory: Path, report: Reporter) -> list[Path]:
+    """Download the wheels of a requirements file with digests, from where pip is set up to look.
+
+    Raises:
+        RigelK8sError: there is no pip here.
+        CommandFailed: pip failed, or a wheel is not what the digests say.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    requirements = directory / "requirements.txt"
+    requirements.write_text(lock, "utf-8")
+    report.progress(_KEY, "downloading")
+    command = [*_pip(), "download", "--quiet", "--no-deps", "--require-hashes"]
+    command += ["--only-binary=:all:", "--python-version", PYTHON, "--platform", PLATFORM]
+    command += ["--requirement", str(requirements), "--dest", str(directory)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise CommandFailed(
+            f"pip could not download ROS 2's wheels (exit code {done.returncode})",
+            hint="check that PyPI, or the index that pip is set up with, can be reached",
+            details=tuple((done.stdout + done.stderr).splitlines()[-15:]),
+        )
+    report.progress(_KEY, "downloaded", done=True)
+    return sorted(directory.glob("*.whl"))
+
+
+def tree(wheels: Iterable[Path], prefix: str, target: Path, *, mtime: int) -> None:
+    """Write the wheels' content below `prefix` to an uncompressed tar.
+
+    Raises:
+        RigelK8sError: two wheels disagree about a file.
+    """
+    parts = _with_links(_parts(wheels))
+    with tarfile.open(target, "w", format=tarfile.PAX_FORMAT) as tar:
+        for path, part in sorted(parts.items()):
+            info = tarfile.TarInfo(f"{prefix}/{path}")
+            info.mtime = mtime
+            if part.link:
+                info.type, info.linkname, info.mode = tarfile.SYMTYPE, part.link, 0o777
+                tar.addfile(info)
+                continue
+            info.size, info.mode = part.size, 0o755 if path.startswith("bin/") else 0o644
+            with zipfile.ZipFile(part.wheel) as wheel:
+                tar.addfile(info, io.BytesIO(wheel.read(part.member)))
+
+
+def _pip() -> list[str]:
+    """Return a pip: that of this Python, or the first on PATH."""
+    own = [sys.executable, "-m", "pip"]
+    if subprocess.run([*own, "--version"], capture_output=True, check=False).returncode == 0:
+        return own
+    if other := shutil.which("pip3") or shutil.which("pip"):
+        return [other]
+    raise RigelK8sError(
+        "pip, which downloads ROS 2's wheels, is not installed",
+        hint=f"install it for {sys.executable}, or put one on PATH "
+        "(Debian: sudo apt-get install python3-pip), and retry",
+    )
+
+
+def _parts(wheels: Iterable[Path]) -> dict[str, _Part]:
+    found: dict[str, _Part] = {}
+    for path, part in (both for wheel in wheels for both in _members(wheel)):
+        other = found.setdefault(path, part)
+        if (other.crc, other.size) != (part.crc, part.size):
+            raise RigelK8sError(
+                f"{part.wheel.name} and {other.wheel.name} have different files {path}",
+                hint="the wheels' versions do not belong together: renew the lock file",
+            )
+    return found
+
+
+def _members(wheel: Path) -> Iterator[tuple[str, _Part]]:
+    """Yield where each file of a wheel goes below the prefix."""
+    with zipfile.ZipFile(wheel) as opened:
+        for info in opened.infolist():
+            path = _place(info.filename)
+            if not info.is_dir() and not _LEFT_OUT.search(path):
+                yield path, _Part(wheel, info.filename, info.file_size, info.CRC)
+
+
+def _place(member: str) -> str:
+    """Return a member's path below the prefix; bundled libraries join ROS's own."""
+    if found := _DATA.fullmatch(member):
+        return found["path"]
+    if found := _BUNDLED.fullmatch(member):
+        return f"lib/{found['name']}"
+    return f"{SITE}/{member}"
+
+
+def _with_links(parts: Mapping[str, _Part]) -> dict[str, _Part]:
+    """Return the parts with a library's shorter names as links, which wheels cannot hold."""
+    longest: dict[tuple[int, int], str] = {}
+    for path in sorted(filter(_LIBRARY.fullmatch, parts), key=len):
+        longest[parts[path].crc, parts[path].size] = path
+    made = dict(parts)
+    for path, part in parts.items():
+        real = longest.get((part.crc, part.size), path)
+        if _LIBRARY.fullmatch(path) and real != path and real.startswith(path):
+            made[path] = attrs.evolve(part, link=real.rpartition("/")[2])
+    return made

@@ -1,0 +1,334 @@
+"""The local cluster keeps its promises, and leaves nothing behind.
+
+The machine is one of namespaces (see conftest.py), so what `down` leaves can be compared exactly.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+import yaml
+
+from rigel_lab.cluster import paths
+
+from .conftest import WITHIN
+
+pytestmark = [
+    pytest.mark.cluster,
+    pytest.mark.skipif(os.geteuid() != 0, reason="the local cluster needs root"),
+]
+
+#: The components of a cluster, each on one machine or on every node.
+PROGRAMS = (
+    *("etcd", "kube-apiserver", "kube-controller-manager", "kube-scheduler", "docker-registry"),
+    *("containerd", "kubelet", "kube-proxy"),
+)
+
+
+@pytest.fixture(scope="module")
+def one(host: Any, before: dict[str, list[str]]) -> str:
+    """A cluster of two nodes."""
+    host.run("mount", "-t", "tmpfs", "tmpfs", "/run/somebody")
+    host.rigel("up", "--name", "t-one", "--nodes", "2")
+    host.run("umount", "/run/somebody")
+    return "t-one"
+
+
+@pytest.fixture(scope="module")
+def registry(host: Any, one: str) -> str:
+    """Its registry."""
+    return str(host.status(one)["registry"])
+
+
+def test_ranges_in_use_are_left_alone(host: Any, one: str) -> None:
+    """The machine uses 10.64.3.0/24, so the cluster takes none of 10.64.0.0/14."""
+    server = host.status(one)["server"]
+    assert re.fullmatch(r"https://10\.70\.0\.2:6443", server)
+    assert host.status(one)["running"]
+    assert [node["ready"] for node in host.status(one)["nodes"]] == [True, True]
+
+
+def test_up_again_changes_nothing(host: Any, one: str) -> None:
+    """A second up finds everything and starts nothing."""
+    before = components_of(host)
+    assert "is running already" in host.rigel("up", "--name", one)
+    assert before == components_of(host)
+    assert len(before) == 5 + 2 * 3
+
+
+def components_of(host: Any) -> dict[str, str]:
+    """Return the processes of components; others come and go, as those that CNI starts.
+
+    So do copies of a component that are about to become another program.
+    """
+    found = {
+        pid: text
+        for pid, text in host.processes().items()
+        if any(f"/{program} " in text for program in PROGRAMS)
+    }
+    lines = host.run("ps", "-e", "-o", "pid=,ppid=").splitlines()
+    parents = dict(line.split() for line in lines)
+    return {pid: text for pid, text in found.items() if found.get(parents.get(pid, "")) != text}
+
+
+def test_another_number_of_nodes_is_refused(host: Any, one: str) -> None:
+    """A running cluster keeps its nodes; that is told, with the way out."""
+    told = host.rigel("up", "--name", one, "--nodes", "3", check=False)
+    assert "cluster t-one has 2 nodes, not 3" in told
+    assert "rigel cluster down --name t-one" in told
+
+
+def test_kubernetes_is_unmodified_upstream(host: Any, one: str) -> None:
+    """Server and nodes are the released version, a clean tree."""
+    version = json.loads(host.kubectl(one, "version", "-o", "json"))["serverVersion"]
+    assert (version["gitVersion"], version["gitTreeState"]) == ("v1.34.4", "clean")
+    nodes = json.loads(host.kubectl(one, "get", "nodes", "-o", "json"))["items"]
+    assert {n["status"]["nodeInfo"]["kubeletVersion"] for n in nodes} == {"v1.34.4"}
+
+
+def test_pods_on_two_nodes_reach_each_other(host: Any, one: str, registry: str) -> None:
+    """A pod reaches one on another node by its address, and by a Service and its name."""
+    image = f"{registry}/rigel-k8s/busybox:1"
+    serve = "echo served >/tmp/index.html; exec busybox httpd -f -p 80 -h /tmp"
+    host.kubectl(one, "apply", "-f", "-", text=host.pod("web", image, serve, nodeName="node1"))
+    host.kubectl(one, "expose", "pod", "web", "--port=80")
+    host.kubectl(one, "wait", "pod/web", "--for=condition=Ready", WITHIN)
+    address = host.kubectl(one, "get", "pod/web", "-o", "jsonpath={.status.podIP}")
+    service = host.kubectl(one, "get", "service/web", "-o", "jsonpath={.spec.clusterIP}")
+    # The image's static busybox can only ask DNS itself: its C library loads no resolver.
+    fetch = (
+        "set -e; ask() { busybox nslookup web.default.svc.cluster.local; }\n"
+        "named=$(ask | busybox awk '/^Address: / { print $2 }')\n"
+        f"for h in {address} {service} $named; do busybox wget -q -O - http://$h/; done"
+    )
+    for node in ("node2", "node1"):  # node1: a Service that leads back to the own node
+        text = host.pod(f"fetch-{node}", image, fetch, nodeName=node, restartPolicy="OnFailure")
+        host.kubectl(one, "apply", "-f", "-", text=text)
+        assert host.finished(one, f"fetch-{node}") == "served\n" * 3
+
+
+def test_pods_reach_what_is_outside(host: Any, one: str, registry: str) -> None:
+    """Where the machine drops what it forwards, as Docker's does, pods still get out."""
+    assert "DROP" in host.run("iptables", "-S", "FORWARD")
+    fetch = f"busybox wget -q -O - http://{host.outside}:8000/hello"
+    text = host.pod("out", f"{registry}/rigel-k8s/busybox:1", fetch, restartPolicy="OnFailure")
+    host.kubectl(one, "apply", "-f", "-", text=text)
+    assert host.finished(one, "out") == "hello from outside\n"
+
+
+def test_a_claim_keeps_its_data(host: Any, one: str, registry: str) -> None:
+    """A claim without a class binds, and a second pod reads what the first one wrote."""
+    spec = {"accessModes": ["ReadWriteOnce"], "resources": {"requests": {"storage": "1Mi"}}}
+    claim = {"apiVersion": "v1", "kind": "PersistentVolumeClaim", "metadata": {"name": "data"}}
+    host.kubectl(one, "apply", "-f", "-", text=json.dumps({**claim, "spec": spec}))
+    volumes = {
+        "volumes": [{"name": "v", "persistentVolumeClaim": {"claimName": "data"}}],
+        "container": {"volumeMounts": [{"name": "v", "mountPath": "/data"}]},
+        "restartPolicy": "OnFailure",
+    }
+    image = f"{registry}/rigel-k8s/busybox:1"
+    for name, script in (("write", "echo kept >/data/file"), ("read", "cat /data/file")):
+        host.kubectl(one, "apply", "-f", "-", text=host.pod(name, image, script, **volumes))
+        told = host.finished(one, name)
+        host.kubectl(one, "delete", "pod", name)
+    assert told == "kept\n"
+
+
+def test_a_loaded_archive_runs_on_every_node(host: Any, one: str) -> None:
+    """After `load` of an archive, pods on all nodes run the image, which no registry has."""
+    host.rigel("load", "--name", one, str(host.archive("docker.io/library/loaded:7")))
+    for node in ("node1", "node2"):
+        text = host.pod(f"l-{node}", "loaded:7", "echo runs", nodeName=node, restartPolicy="Never")
+        host.kubectl(one, "apply", "-f", "-", text=text)
+        assert host.finished(one, f"l-{node}") == "runs\n"
+
+
+@pytest.mark.skipif(not shutil.which("podman"), reason="needs podman")
+def test_an_image_of_podman_runs(host: Any, one: str) -> None:
+    """After `load` of an image by its name in podman, a pod runs it."""
+    host.run("podman", "import", "-q", str(host.layer()), "localhost/mine:3")
+    host.rigel("load", "--name", one, "localhost/mine:3")
+    text = host.pod("mine", "localhost/mine:3", "echo runs", restartPolicy="Never")
+    host.kubectl(one, "apply", "-f", "-", text=text)
+    assert host.finished(one, "mine") == "runs\n"
+
+
+def test_load_says_which_image_nobody_has(host: Any, one: str) -> None:
+    """Neither a file nor an image: both are told, exit code 2."""
+    told = host.rigel("load", "--name", one, "nobody/has:this", check=False)
+    assert "no file" in told
+    assert "nobody/has:this" in told
+
+
+def test_a_pushed_image_has_its_upstream_name(host: Any, one: str, registry: str) -> None:
+    """What is pushed as REGISTRY/library/NAME is what pods call NAME; so with other registries."""
+    push = (
+        "import attrs, sys\n"
+        "from rigel_lab.cluster import addons, components, oci\n"
+        "shell = addons.images(components.obtain(print))[3]\n"
+        "for name in sys.argv[2:]: oci.push(attrs.evolve(shell, name=name), sys.argv[1])\n"
+    )
+    host.run(sys.executable, "-c", push, registry, "library/pushed:1", "team/robot:2")
+    for name, image in (("hub", "pushed:1"), ("quay", "quay.io/team/robot:2")):
+        text = host.pod(name, image, "echo runs", restartPolicy="Never")
+        host.kubectl(one, "apply", "-f", "-", text=text)
+        assert host.finished(one, name) == "runs\n"
+
+
+def test_the_registry_is_told_to_tools(host: Any, one: str, registry: str) -> None:
+    """kube-public/local-registry-hosting names the registry."""
+    words = ["-n", "kube-public", "get", "configmap", "local-registry-hosting", "-o", "json"]
+    data = json.loads(host.kubectl(one, *words))["data"]
+    assert json.loads(data["localRegistryHosting.v1"])["host"] == registry
+
+
+def test_the_kubeconfig_gains_a_context(host: Any, one: str) -> None:
+    """The context is there and current; kubectl still reads all that was there before."""
+    shown = json.loads(host.kubectl(one, "config", "view", "-o", "json"))
+    assert {c["name"] for c in shown["contexts"]} == {"robots", "rigel-t-one"}
+    assert "1e3" in {u["name"] for u in shown["users"]}
+    assert host.run("stat", "-c", "%a", str(host.kubeconfig)).strip() == "644"
+    alone = yaml.safe_load(host.rigel("kubeconfig", "--name", one))
+    assert alone["current-context"] == "rigel-t-one"
+
+
+def test_nothing_of_others_is_held(host: Any, one: str) -> None:
+    """What somebody had mounted before the cluster, and unmounted since, no node holds."""
+    held = "cat /proc/[0-9]*/mountinfo 2>/dev/null | grep -c somebody || true"
+    assert host.run("sh", "-c", held).strip() == "0"
+
+
+def test_metrics_of_pods_are_counted(host: Any, one: str) -> None:
+    """The kubelets know each pod's memory, as the cgroups are the nodes' own."""
+    stats = json.loads(host.kubectl(one, "get", "--raw", "/api/v1/nodes/node1/proxy/stats/summary"))
+    assert any(p.get("memory", {}).get("workingSetBytes") for p in stats["pods"])
+
+
+def kill(host: Any, words: Sequence[str]) -> None:
+    """Kill -9 each process inside whose command line has one of the words."""
+    hit = [pid for pid, text in host.processes().items() if any(word in text for word in words)]
+    assert hit
+    host.run("sh", "-c", f"kill -9 {' '.join(hit)}", check=False)  # one may take others with it
+
+
+def test_what_ends_is_started_again(host: Any, one: str) -> None:
+    """Each component that is killed comes back by itself; one log has both lives."""
+    kill(host, [f"/{program} " for program in PROGRAMS])
+    host.until(lambda: host.status(one)["running"], "API server")
+    ready = ["wait", "node", "--all", "--for=condition=Ready", WITHIN]
+    host.until(lambda: "condition met" in host.kubectl(one, *ready, check=False), "nodes")
+    log = host.directory / "state/clusters/t-one/node1/logs/kubelet.log"
+    assert "starting again" in log.read_text()
+
+
+def test_a_lost_node_is_started_again(host: Any, one: str, registry: str) -> None:
+    """`status` tells of a machine that ended, `up` starts it again, and its pods run again."""
+    image = f"{registry}/rigel-k8s/busybox:1"
+    text = host.pod("stays", image, "exec busybox sleep 1000", nodeName="node2")
+    host.kubectl(one, "apply", "-f", "-", text=text)
+    host.kubectl(one, "wait", "pod/stays", "--for=condition=Ready", WITHIN)
+    kill(host, ["node2/init.sh"])
+    host.until(lambda: not host.status(one)["running"], "end of node2")
+    assert host.status(one)["problems"] == ["node2 has ended"]
+    told = host.rigel("up", "--name", one)
+    assert "Starting node2 again" in told
+    assert "Starting node1" not in told
+
+    def restarted() -> bool:
+        shown = json.loads(host.kubectl(one, "get", "pod", "stays", "-o", "json"))["status"]
+        states = shown.get("containerStatuses", [])
+        return any(s["restartCount"] and s["ready"] for s in states)
+
+    host.until(restarted, "second life of the pod")
+
+
+def test_two_clusters_side_by_side(host: Any, one: str) -> None:
+    """A second one has ranges of its own; the end of either does not touch the other."""
+    host.rigel("up", "--name", "t-one-2", "--nodes", "1")
+    assert host.status("t-one-2")["server"] != host.status(one)["server"]
+    assert host.status(one)["running"]
+    sleeper = host.command("nsenter", "--net=/run/netns/rigel-t-one-node1", "sleep", "1000")
+    with subprocess.Popen(sleeper) as stranger:
+        host.until(lambda: "sleep 1000" in host.processes().values(), "stranger")
+        host.rigel("down", "--name", one)
+        assert stranger.poll() is None, "down killed what it had not started"
+        host.run("pkill", "-f", "sleep 1000")
+    after = host.snapshot()
+    assert "t-one/" not in json.dumps(after["processes"])
+    assert host.status("t-one-2")["running"]
+    assert host.kubectl("t-one-2", "get", "nodes", "-o", "name") == "node/node1\n"
+    host.rigel("down", "--name", "t-one-2")
+
+
+@pytest.mark.parametrize("life", ["normal", "killed", "interrupted", "restarted"])
+def test_down_leaves_nothing(host: Any, before: dict[str, list[str]], life: str) -> None:
+    """Everything is as before the cluster: after a normal life, a kill -9 of every component, an
+    `up` killed half way, and a restart of the machine."""
+    for name in ("t-one", "t-one-2"):
+        host.rigel("down", "--name", name)
+    {"normal": live, "killed": be_killed, "interrupted": be_interrupted, "restarted": restart}[
+        life
+    ](host)
+    host.rigel("down", "--name", "t-gone")
+    assert host.changes(before) == {}
+
+
+def live(host: Any) -> None:
+    """A cluster of one node, on which a pod with a volume runs."""
+    host.rigel("up", "--name", "t-gone", "--nodes", "1")
+    host.kubectl(
+        "t-gone", "run", "p", f"--image={host.status('t-gone')['registry']}/rigel-k8s/pause:1"
+    )
+    host.kubectl("t-gone", "wait", "pod/p", "--for=condition=Ready", WITHIN)
+
+
+def be_killed(host: Any) -> None:
+    """All processes of the cluster are killed at once; after `up` the pod runs again; once more."""
+    live(host)
+    kill_all(host)
+    told = host.rigel("up", "--name", "t-gone")
+    assert all(f"Starting {name} again" in told for name in ("control-plane", "node1"))
+    ready = ["wait", "pod/p", "--for=condition=Ready", WITHIN]
+    assert "condition met" in host.kubectl("t-gone", *ready)
+    kill_all(host)
+
+
+def kill_all(host: Any) -> None:
+    """Kill -9 everything on the machine."""
+    host.run("sh", "-c", "kill -9 -1", check=False)
+    host.until(lambda: not host.processes(), "end of all")
+
+
+def be_interrupted(host: Any) -> None:
+    """`up` is killed while it starts the nodes."""
+    words = host.command(sys.executable, "-m", "rigel_k8s", "cluster", "up", "--name", "t-gone")
+    with subprocess.Popen(
+        words, stderr=subprocess.PIPE, text=True, env=host.environment
+    ) as process:
+        assert process.stderr is not None
+        assert any("Starting node1" in line for line in process.stderr)
+        host.run("pkill", "-KILL", "-f", "rigel_k8s cluster up")
+
+
+def restart(host: Any) -> None:
+    """The machine restarts: what is not on disk is gone. `up` says so and makes it as it was."""
+    live(host)
+    state = host.directory / "state"
+    kept = {path: path.read_text() for path in [*state.glob("*.json"), *state.glob("*/*/*.json")]}
+    host.rigel("down", "--name", "t-gone")
+    boot = paths.boot_id()
+    for path, text in kept.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text.replace(boot, "an-earlier-boot"))
+    assert host.status("t-gone")["problems"] == ["this machine was restarted"]
+    told = host.rigel("up", "--name", "t-gone")
+    assert "lost when this machine restarted" in told
+    assert len(host.status("t-gone")["nodes"]) == 1

@@ -1,0 +1,135 @@
+"""Small releases for the tests of deploys, and a reporter that remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
+from rigel_k8s.release.deploy import down
+from rigel_k8s.release.types import Desired, ReleaseId
+
+FOREVER = "trap 'exit 0' TERM; while true; do sleep 0.1; done"
+
+
+@attrs.define
+class Recorder:
+    """A reporter that remembers what it was told."""
+
+    lines: list[str] = attrs.field(factory=list)
+    warnings: list[str] = attrs.field(factory=list)
+    states: list[tuple[str, str, bool]] = attrs.field(factory=list)
+
+    def line(self, text: str) -> None:
+        self.lines.append(text)
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        self.states.append((key, state, done))
+
+
+@attrs.frozen
+class Maker:
+    """Makes manifests in one namespace, and releases of them."""
+
+    namespace: str
+    image: str
+
+    @property
+    def release(self) -> ReleaseId:
+        return ReleaseId(self.namespace, "demo")
+
+    def desired(self, *objects: dict[str, Any], **more: Any) -> Desired:
+        return Desired(self.release, objects, **more)
+
+    def config(self, name: str = "config", **data: str) -> dict[str, Any]:
+        meta = {"name": name, "namespace": self.namespace}
+        return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": data}
+
+    def secret(self, name: str = "secret", **texts: str) -> dict[str, Any]:
+        meta = {"name": name, "namespace": self.namespace}
+        return {"apiVersion": "v1", "kind": "Secret", "metadata": meta, "stringData": texts}
+
+    def deployment(
+        self,
+        name: str = "talker",
+        command: str = FOREVER,
+        *,
+        image: str = "",
+        replicas: int = 1,
+        singleton: str = "",
+        pod: dict[str, Any] | None = None,
+        **container: Any,
+    ) -> dict[str, Any]:
+        labels = {"app.kubernetes.io/name": name, RELEASE_LABEL: "demo"}
+        meta: dict[str, Any] = {"name": name, "namespace": self.namespace}
+        if singleton:
+            meta["annotations"] = {SINGLETON_ANNOTATION: singleton}
+            labels["test/singleton"] = singleton.strip("/")
+        own = {
+            "name": "node",
+            "image": image or self.image,
+            "command": ["sh", "-c", command],
+            **container,
+        }
+        spec = {"terminationGracePeriodSeconds": 1, "containers": [own], **(pod or {})}
+        return {
+            "apiVersion": "apps/v1",
+            "kind": "Deployment",
+            "metadata": meta,
+            "spec": {
+                "replicas": replicas,
+                "strategy": {"type": "Recreate"},
+                "selector": {"matchLabels": {"app.kubernetes.io/name": name}},
+                "template": {"metadata": {"labels": labels}, "spec": spec},
+            },
+        }
+
+    def claim(
+        self, name: str = "data", size: str = "32Mi", storage_class: str | None = None
+    ) -> dict[str, Any]:
+        spec: dict[str, Any] = {
+            "accessModes": ["ReadWriteOnce"],
+            "resources": {"requests": {"storage": size}},
+        }
+        if storage_class is not None:
+            spec["storageClassName"] = storage_class
+        return {
+            "apiVersion": "v1",
+            "kind": "PersistentVolumeClaim",
+            "metadata": {"name": name, "namespace": self.namespace},
+            "spec": spec,
+        }
+
+    def volume(self, name: str, path: str) -> dict[str, Any]:
+        return {
+            "apiVersion": "v1",
+            "kind": "PersistentVolume",
+            "metadata": {"name": name},
+            "spec": {
+                "capacity": {"storage": "32Mi"},
+                "accessModes": ["ReadWriteOnce"],
+                "persistentVolumeReclaimPolicy": "Retain",
+                "storageClassName": "",
+                "hostPath": {"path": path, "type": "DirectoryOrCreate"},
+            },
+        }
+
+
+@pytest.fixture
+def report() -> Recorder:
+    """A reporter that remembers."""
+    return Recorder()
+
+
+@pytest.fixture
+def make(cluster: Any, namespace: str, registry: str) -> Iterator[Maker]:
+    """A maker of manifests in the test's namespace; what is cluster-wide goes after the test."""
+    maker = Maker(namespace, f"{registry}/rigel-k8s/busybox:1")
+    yield maker
+    down(cluster, maker.release, volumes=True, report=Recorder())

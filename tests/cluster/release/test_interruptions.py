@@ -1,0 +1,185 @@
+"""A deploy that dies anywhere orphans nothing, and two deploys of one release never mix."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.errors import ClusterError, Interrupted
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.deploy import deploy, down, history
+from rigel_k8s.release.lease import held, lease_ref
+
+pytestmark = pytest.mark.cluster
+
+#: Deploys what a pickle says, and kills itself right after its n-th write.
+DYING = textwrap.dedent(
+    """
+    import os, pickle, signal, sys, threading
+    from rigel_k8s.release.deploy import deploy
+    from rigel_k8s.kube import connect
+    from rigel_k8s.settings import Settings
+
+    context, path, limit = sys.argv[1], sys.argv[2], int(sys.argv[3])
+    cluster = connect(Settings(context=context))
+    call, lock, writes = cluster.client.call, threading.Lock(), 0
+
+    def counted(method, url, *args, **more):
+        global writes
+        if method == "GET" or "dryRun" in url:
+            return call(method, url, *args, **more)
+        with lock:
+            answer = call(method, url, *args, **more)
+            writes += 1
+            if writes == limit:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return answer
+
+    cluster.client.call = counted
+
+    class Silent:
+        def line(self, text): pass
+        def warn(self, text): pass
+        def progress(self, key, state, *, done=False): pass
+
+    with open(path, "rb") as file:
+        deploy(pickle.load(file), cluster, report=Silent())
+    """
+)
+
+
+def die(context: str, wanted: Any, tmp_path: Path, limit: int) -> int:
+    """Deploy in a process that dies after its n-th write; return its exit code."""
+    import pickle
+
+    path = tmp_path / "desired.pickle"
+    path.write_bytes(pickle.dumps(wanted))
+    words = [sys.executable, "-c", DYING, context, str(path), str(limit)]
+    return subprocess.run(words, check=False, timeout=120).returncode
+
+
+def there(cluster: Any, make: Any) -> set[tuple[str, str]]:
+    """Return all that is there of the release, its own records included."""
+    kinds = [("v1", "ConfigMap"), ("apps/v1", "Deployment"), ("v1", "Secret")]
+    kinds.append(("coordination.k8s.io/v1", "Lease"))
+    return {
+        (kind, live["metadata"]["name"])
+        for version, kind in kinds
+        for live in cluster.list(version, kind, make.namespace)
+        if live["metadata"]["name"] != "kube-root-ca.crt"
+    }
+
+
+@pytest.mark.parametrize("then", ["deploy", "down"])
+def test_a_kill_after_any_write_orphans_nothing(
+    cluster: Any, make: Any, report: Any, context: str, tmp_path: Path, then: str
+) -> None:
+    """After a kill -9 at each write in turn, the next deploy or down leaves just what it shall."""
+    old = make.desired(make.config("a", k="1"), make.config("b"), make.deployment("x", replicas=0))
+    new = make.desired(make.config("a", k="2"), make.config("c"), make.deployment("y", replicas=0))
+    third = make.desired(make.config("d"))
+    killed = 0
+    for limit in range(1, 30):
+        deploy(old, cluster, report=report)
+        code = die(context, new, tmp_path, limit)
+        if code == 0:
+            break
+        killed += 1
+        assert code == -9
+        if then == "down":
+            down(cluster, make.release, volumes=True, report=report)
+            assert there(cluster, make) == set(), f"killed after write {limit}"
+        else:
+            deploy(third, cluster, report=report)
+            left = {found for found in there(cluster, make) if found[0] != "Secret"}
+            assert left == {("ConfigMap", "d")}, f"killed after write {limit}"
+            assert "pending" not in {r.status for r in history(cluster, make.release)}
+    assert killed >= 8, "Lease, revision, three objects, two prunes, the revision again"
+
+
+def test_a_second_deploy_is_told_who_holds_the_release(
+    cluster: Any, make: Any, report: Any
+) -> None:
+    """While one deploy is under way another one writes nothing."""
+    deploy(make.desired(make.config(a="1")), cluster, report=report)
+    wanted = make.desired(make.config(a="2"))
+    with (
+        held(cluster, make.release, report, threading.Event()),
+        pytest.raises(ClusterError, match=f"process {os.getpid()}") as caught,
+    ):
+        deploy(wanted, cluster, report=report)
+    assert "is being deployed by" in caught.value.message
+    assert len(history(cluster, make.release)) == 1
+    deploy(wanted, cluster, report=report)
+
+
+def test_a_lease_of_another_machine_is_taken_over_when_it_expires(
+    cluster: Any, make: Any, report: Any
+) -> None:
+    """A holder that does not renew is dead; one that does is not."""
+    ref = lease_ref(make.release)
+    lease = {
+        "apiVersion": ref.api_version,
+        "kind": ref.kind,
+        "metadata": {"name": ref.name, "namespace": ref.namespace},
+        "spec": {"holderIdentity": "ann@far, process 7", "leaseDurationSeconds": 15},
+    }
+    cluster.create(lease)
+    over = threading.Event()
+
+    def renew() -> None:
+        while not over.wait(1):
+            stamp = time.strftime("%Y-%m-%dT%H:%M:%S.000000Z", time.gmtime())
+            cluster.patch(ref, {"spec": {"renewTime": stamp}})
+
+    renewing = threading.Thread(target=renew)
+    renewing.start()
+    try:
+        with pytest.raises(ClusterError, match="being deployed by ann@far"):
+            deploy(make.desired(make.config(a="1")), cluster, report=report)
+    finally:
+        over.set()
+        renewing.join()
+    revision = deploy(make.desired(make.config(a="1")), cluster, report=report)
+    assert revision.status == "good"
+    assert cluster.get(ref) is None
+
+
+def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
+    cluster: Any, make: Any, report: Any
+) -> None:
+    """Ctrl-C: the revision stays pending, the Lease is free, the next run sees it through."""
+    slow = {"exec": {"command": ["sh", "-c", "test -e /ready"]}, "periodSeconds": 1}
+    cancel = threading.Event()
+    timer = threading.Timer(3, cancel.set)
+    timer.start()
+    wanted = make.desired(make.deployment(readinessProbe=slow))
+    with pytest.raises(Interrupted, match="the cluster goes on with it"):
+        deploy(wanted, cluster, report=report, cancel=cancel)
+    assert [r.status for r in history(cluster, make.release)] == ["pending"]
+    assert cluster.get(lease_ref(make.release)) is None
+    pods = cluster.list("v1", "Pod", make.namespace, labels={RELEASE_LABEL: "demo"})
+    cluster.run(make.namespace, pods[0]["metadata"]["name"], ["sh", "-c", ": > /ready"])
+    deploy(wanted, cluster, report=report)
+    assert [r.status for r in history(cluster, make.release)] == ["failed", "good"]
+
+
+def test_an_object_made_anew_by_somebody_else_is_not_pruned(
+    cluster: Any, make: Any, report: Any
+) -> None:
+    """Prune deletes the very object that the revision knew, by its UID."""
+    deploy(make.desired(make.config("a"), make.config("b")), cluster, report=report)
+    ref = ObjectRef("v1", "ConfigMap", make.namespace, "b")
+    cluster.delete(ref)
+    cluster.create(make.config("b", theirs="1"))
+    deploy(make.desired(make.config("a")), cluster, report=report)
+    assert cluster.get(ref)["data"] == {"theirs": "1"}

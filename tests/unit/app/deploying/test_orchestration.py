@@ -1,0 +1,414 @@
+"""The orchestration job, up to what it wants on the cluster."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import tarfile
+import threading
+from collections.abc import Iterator, Mapping
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.app.deploying.digests import pins
+from rigel_k8s.app.deploying.places import check_places
+from rigel_k8s.app.deploying.prepare import prepare, timeout_of
+from rigel_k8s.app.deploying.results import extract
+from rigel_k8s.app.deploying.secrets import secret_of
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
+from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob, release_of
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release import deploy as deploys
+from rigel_k8s.release.types import ReleaseId, Revision
+from rigel_k8s.rigelfile.source import Node, Span, made
+from rigel_k8s.rigelfile.structure import structure
+from rigel_k8s.settings import Application, Settings
+
+NOETIC = Application("noetic")
+DIGEST = "sha256:" + "ab" * 32
+OTHER = "sha256:" + "cd" * 32
+
+
+def options(raw: Mapping[str, Any]) -> OrchestrationOptions:
+    """Return plain data as options."""
+    found = structure(made(dict(raw), Node({}, Span(1, 1, 1, 1))), OrchestrationOptions)
+    assert not found.problems
+    assert isinstance(found.draft, OrchestrationOptions)
+    return found.draft
+
+
+class Cluster:
+    """A cluster that knows its namespace and its nodes; nothing else may be asked of it."""
+
+    def __init__(self, namespace: str = "from-context", nodes: object = ()) -> None:
+        self.namespace = namespace
+        self._nodes = nodes
+        self.has_secret = False
+
+    def get(self, ref: ObjectRef) -> dict[str, Any] | None:
+        return {} if ref.kind == "Secret" and self.has_secret else None
+
+    def nodes(self) -> Any:
+        if isinstance(self._nodes, Exception):
+            raise self._nodes
+        return self._nodes
+
+
+def image_of(raw: Mapping[str, Any], name: str, **more: Any) -> str:
+    """Return the image of a Deployment that a job wants."""
+    made_of = prepare(options(raw), raw, NOETIC, Settings(), Cluster(), **more)  # type: ignore[arg-type]
+    found = [m for m in made_of.desired.objects if m["kind"] == "Deployment"]
+    named = {m["metadata"]["name"]: m["spec"]["template"]["spec"]["containers"][0] for m in found}
+    return str(named[name]["image"])
+
+
+@pytest.fixture
+def revision(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The options and objects of the release's last revision, to be filled in by the test."""
+    kept: dict[str, Any] = {"options": {}, "objects": ()}
+
+    def last_good(cluster: object, release: ReleaseId) -> Revision | None:
+        if not kept["options"] and not kept["objects"]:
+            return None
+        return Revision(release, 3, "good", "", kept["objects"], (), kept["options"])
+
+    monkeypatch.setattr(deploys, "last_good", last_good)
+    return kept
+
+
+# Namespaces
+
+
+@pytest.mark.parametrize(
+    ("given", "raw", "namespace", "create"),
+    [
+        ("flag", {"namespace": "file"}, "flag", False),
+        ("file", {"namespace": "file"}, "file", True),
+        (None, {"namespace": "file"}, "file", True),
+        (None, {}, "from-context", False),
+    ],
+)
+def test_the_namespace_is_the_flags_the_files_or_the_contexts(
+    given: str | None, raw: dict[str, Any], namespace: str, *, create: bool, revision: object
+) -> None:
+    """And only the one that the Rigelfile names is created."""
+    raw = {"application_image": "localhost:1/a", **raw}
+    settings = Settings(namespace=given)
+    found = prepare(options(raw), raw, NOETIC, settings, Cluster()).desired  # type: ignore[arg-type]
+    assert found.release == ReleaseId(namespace, "rigel-k8s-application")
+    assert found.create_namespace is create
+
+
+def test_without_any_cluster_the_namespace_is_default(tmp_path: Path) -> None:
+    """`render` works where no kubeconfig is."""
+    settings = Settings(kubeconfig=tmp_path / "none")
+    assert release_of(options({}), settings).namespace == "default"
+
+
+def test_two_branches_cannot_deploy_one_release() -> None:
+    """The key names the release; another namespace is another release."""
+    job = OrchestrationJob()
+    one = job.exclusive(options({"namespace": "a"}), NOETIC, Settings())
+    assert one == job.exclusive(options({"namespace": "b"}), NOETIC, Settings(namespace="a"))
+    assert one != job.exclusive(options({"namespace": "b"}), NOETIC, Settings())
+
+
+# Partial jobs
+
+
+def test_a_partial_job_keeps_what_it_does_not_name(revision: dict[str, Any]) -> None:
+    """The peer's update_k8s names no image, and resets none."""
+    revision["options"] = {"application_image": "localhost:1/app:1", "deploy_ros_master": False}
+    raw = {"orchestration": {"rolling_update": {"strategy": "Recreate"}}}
+    found = prepare(options(raw["orchestration"]), raw, NOETIC, Settings(), Cluster()).desired  # type: ignore[arg-type]
+    assert [m["kind"] for m in found.objects] == ["ConfigMap", "Deployment"]
+    assert found.options == {**revision["options"], "rolling_update": {"strategy": "Recreate"}}
+
+
+def test_a_part_of_nothing_is_refused(revision: object) -> None:
+    """Deploying a default image instead would surprise."""
+    raw = {"readiness": {"command": "x"}}
+    with pytest.raises(UserError, match="describes a part of a release"):
+        prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
+
+
+def test_a_part_that_does_not_fit_is_refused(revision: dict[str, Any]) -> None:
+    """What the two make together is checked like any job."""
+    volumes = {"volumes": [{"name": "v"}, {"name": "v"}]}
+    revision["options"] = {"application_image": "localhost:1/a", "persistent_storage": volumes}
+    raw = {"readiness": {"command": "x"}}
+    with pytest.raises(UserError, match="does not fit revision 3") as caught:
+        prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
+    assert caught.value.details == (
+        'persistent_storage.volumes.1.name: there is a volume "v" already [name-taken]',
+    )
+
+
+def test_observability_only_prunes_nothing() -> None:
+    """It describes no application, and must not end one."""
+    raw = {"observability_only": True}
+    with pytest.raises(UserError, match="describes no application"):
+        prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
+
+
+# Digests
+
+
+class Registry(BaseHTTPRequestHandler):
+    """A registry that knows one tag."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing."""
+
+    def do_HEAD(self) -> None:
+        known = self.path == "/v2/app/manifests/1"
+        self.send_response(200 if known else 404)
+        if known:
+            self.send_header("Docker-Content-Digest", DIGEST)
+        self.end_headers()
+
+
+@pytest.fixture
+def registry() -> Iterator[str]:
+    """HOST:PORT of a registry that answers."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Registry)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield f"127.0.0.1:{server.server_address[1]}"
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def test_digests_come_from_this_runs_push_first(registry: str, revision: object) -> None:
+    """What was just pushed is what is meant, whatever a registry's cache says."""
+    data = {"image_digests": {f"{registry}/app:1": OTHER}}
+    image = image_of({"application_image": f"{registry}/app:1"}, "rigel-k8s-application", data=data)
+    assert image == f"{registry}/app:1@{OTHER}"
+
+
+def test_a_tag_and_its_short_form_are_one_image() -> None:
+    """`app` is `docker.io/library/app:latest`, however it was pushed."""
+    data = {"image_digests": {"docker.io/team/app:latest": DIGEST}}
+    assert pins(["team/app"], data, [], lambda: ()) == {"team/app": f"team/app@{DIGEST}"}
+
+
+def test_digests_come_from_the_registry(registry: str, revision: object) -> None:
+    """The same tag built again elsewhere rolls out too."""
+    image = image_of({"application_image": f"{registry}/app:1"}, "rigel-k8s-application")
+    assert image == f"{registry}/app:1@{DIGEST}"
+
+
+def test_a_silent_registry_leaves_the_last_revisions_digest(
+    registry: str, revision: dict[str, Any]
+) -> None:
+    """A registry that is down must not change what runs; a new tag stays a tag."""
+    name = f"{registry}/app"
+    spec = {"template": {"spec": {"containers": [{"image": f"{name}:2@{OTHER}"}]}}}
+    revision["objects"] = ({"kind": "Deployment", "metadata": {"name": "x"}, "spec": spec},)
+    raw = {"nodes": {"a": {"image": f"{name}:2"}, "b": {"image": f"{name}:3"}}}
+    assert image_of(raw, "a") == f"{name}:2@{OTHER}"
+    assert image_of(raw, "b") == f"{name}:3"
+
+
+def test_an_image_with_a_digest_stays() -> None:
+    """Nobody is asked."""
+    assert pins([f"a@{DIGEST}"], {}, [], lambda: pytest.fail("asked")) == {}
+
+
+# Credentials
+
+
+def test_credentials_of_the_images_registries_become_a_pull_secret(revision: object) -> None:
+    """Pods name it; its content is in no object of the release."""
+    raw = {"application_image": "localhost:1/app", "deploy_ros_master": False}
+    providers = {
+        "here": Credentials("localhost:1", "me", "pa55word"),
+        "elsewhere": Credentials("ghcr.io", "you", "concealed"),
+        "ssh": object(),
+    }
+    found = prepare(
+        options(raw),
+        raw,
+        NOETIC,
+        Settings(),
+        Cluster(),
+        providers=providers,  # type: ignore[arg-type]
+    )
+    assert [c.username for c in found.credentials] == ["me"]
+    spec = found.desired.objects[-1]["spec"]["template"]["spec"]
+    assert spec["imagePullSecrets"] == [{"name": "rigel-k8s-application-registry"}]
+    assert "pa55word" not in json.dumps([found.desired.objects, found.desired.options])
+    secret = secret_of(found.desired.release, found.credentials)
+    config = json.loads(base64.b64decode(secret["data"][".dockerconfigjson"]))
+    auth = base64.b64decode(config["auths"]["localhost:1"]["auth"]).decode()
+    assert auth == "me:pa55word"
+
+
+def test_without_credentials_there_is_no_secret(revision: object) -> None:
+    """A name of a Secret that is not there would be a warning on every pod."""
+    raw = {"application_image": "localhost:1/app"}
+    found = prepare(options(raw), raw, NOETIC, Settings(), Cluster()).desired  # type: ignore[arg-type]
+    assert "imagePullSecrets" not in json.dumps(found.objects)
+
+
+def test_an_unconnected_provider_takes_no_secret_away(revision: object) -> None:
+    """`diff` connects no provider, and must not show what `run` would not do."""
+    raw = {"application_image": "localhost:1/app"}
+    cluster = Cluster()
+    cluster.has_secret = True
+    found = prepare(options(raw), raw, NOETIC, Settings(), cluster)  # type: ignore[arg-type]
+    assert "rigel-k8s-application-registry" in json.dumps(found.desired.objects)
+    found = prepare(options(raw), raw, NOETIC, Settings(), cluster, providers={})  # type: ignore[arg-type]
+    assert "imagePullSecrets" not in json.dumps(found.desired.objects)
+
+
+# Places
+
+
+def node(**labels: str) -> dict[str, Any]:
+    """Return a live node."""
+    own = {
+        key.replace("_", "/", 1).replace("kubernetes/", "kubernetes.io/"): value
+        for key, value in labels.items()
+    }
+    return {"metadata": {"name": "x", "labels": own}}
+
+
+def workload(name: str, **labels: str) -> dict[str, Any]:
+    """Return a Deployment whose pods want labels."""
+    selector = dict(node(**labels)["metadata"]["labels"])
+    spec = {"template": {"spec": {"nodeSelector": selector}}}
+    return {"kind": "Deployment", "metadata": {"name": name}, "spec": spec}
+
+
+NODES = (node(kubernetes_hostname="n1", robot="arm"), node(kubernetes_hostname="n2"))
+
+
+def test_labels_that_some_node_has_are_fine() -> None:
+    """All of them on one node."""
+    objects = [workload("a", robot="arm", kubernetes_hostname="n1"), {"kind": "Service"}]
+    check_places(objects, Cluster(nodes=NODES))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("objects", "message", "hint"),
+    [
+        (
+            [workload("a", robot="leg")],
+            "no node of the cluster has the labels that Deployment a wants: robot=leg",
+            "kubectl label node NODE robot=leg",
+        ),
+        (
+            [workload("a", robot="arm", kubernetes_hostname="n2")],
+            "no node of the cluster has the labels that Deployment a wants:"
+            " robot=arm, kubernetes.io/hostname=n2",
+            "kubectl label node n2 robot=arm",
+        ),
+        (
+            [workload("a", kubernetes_hostname="n3")],
+            "no node of the cluster has the labels that Deployment a wants:"
+            " kubernetes.io/hostname=n3",
+            "placement.node must be one of n1, n2",
+        ),
+        (
+            [workload("a", robot="leg"), workload("b", robot="leg")],
+            "2 workloads want machines that are not there",
+            "kubectl label node NODE robot=leg",
+        ),
+    ],
+)
+def test_labels_that_no_node_has_are_told_with_the_command(
+    objects: list[dict[str, Any]], message: str, hint: str
+) -> None:
+    """Before anything is applied: the scheduler would only leave the pod pending."""
+    with pytest.raises(UserError) as caught:
+        check_places(objects, Cluster(nodes=NODES))  # type: ignore[arg-type]
+    assert (caught.value.message, caught.value.hint) == (message, hint)
+
+
+def test_who_may_not_list_nodes_may_deploy() -> None:
+    """Rights in one namespace are enough."""
+    forbidden = Cluster(nodes=ClusterError("forbidden"))
+    check_places([workload("a", robot="leg")], forbidden)  # type: ignore[arg-type]
+
+
+# Timeouts
+
+
+@pytest.mark.parametrize(
+    ("raw", "given", "seconds"),
+    [
+        ({}, None, None),
+        ({"timeout": "2m"}, 7.0, 7.0),
+        ({"timeout": "2m", "readiness": {"timeout_seconds": 9}}, None, 120.0),
+        ({"readiness": {"command": "a", "timeout_seconds": 9}}, None, 9.0),
+        ({"nodes": {"a": {"readiness": {"timeout_seconds": 9}}}}, None, None),
+        ({"nodes": {"a": {"readiness": {"timeout_seconds": 900}}}}, None, 900.0),
+    ],
+)
+def test_who_bounds_the_roll_out(raw: dict[str, Any], given: float | None, seconds: float) -> None:
+    """The flag, the job, the peer's readiness.timeout_seconds; a node only gives more time."""
+    assert timeout_of(options(raw), Settings(timeout=given)) == seconds
+
+
+# Parameter files
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot be read: No such file or directory"),
+        ("a: [", "is no YAML"),
+        ("- a\n", "is no mapping"),
+    ],
+)
+def test_a_parameter_file_is_looked_at_before_anything_is_sent(
+    content: str | None, message: str, tmp_path: Path
+) -> None:
+    """Otherwise the node would try to load it for ever."""
+    if content is not None:
+        (tmp_path / "p.yaml").write_text(content)
+    raw = {"nodes": {"a": {"image": "localhost:1/a", "args": "x", "parameter_files": ["p.yaml"]}}}
+    with pytest.raises(UserError, match=f"nodes.a.parameter_files: .*{message}"):
+        prepare(options(raw), raw, Application("noetic", tmp_path), Settings(), Cluster())  # type: ignore[arg-type]
+
+
+# Results
+
+
+def archive(**files: str) -> io.BytesIO:
+    """Return a tar archive."""
+    stream = io.BytesIO()
+    with tarfile.open(fileobj=stream, mode="w") as opened:
+        for name, text in files.items():
+            info = tarfile.TarInfo(name.replace("__", "/").replace("UP", ".."))
+            info.size = len(text)
+            opened.addfile(info, io.BytesIO(text.encode()))
+    stream.seek(0)
+    return stream
+
+
+def test_results_are_unpacked_into_their_directory(tmp_path: Path) -> None:
+    """It is made where it is missing."""
+    extract(archive(data__one="1"), tmp_path / "results")
+    assert (tmp_path / "results" / "data" / "one").read_text() == "1"
+
+
+def test_a_pod_cannot_write_outside_the_results(tmp_path: Path) -> None:
+    """What comes out of a container is not trusted."""
+    with pytest.raises(RigelK8sError, match="cannot be unpacked"):
+        extract(archive(UP__evil="1"), tmp_path / "results")
+    assert not (tmp_path / "evil").exists()
+
+
+def test_a_cut_archive_is_told(tmp_path: Path) -> None:
+    """As it is when the pod ends meanwhile."""
+    with pytest.raises(RigelK8sError, match="cannot be unpacked"):
+        extract(io.BytesIO(archive(one="1" * 2000).getvalue()[:700]), tmp_path)

@@ -1,0 +1,58 @@
+"""Nodes start anew with their roscore, and only with their own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rigel_k8s.app.desired import MASTER_ANNOTATION, desired
+from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.objects.marks import FIRST_ANNOTATION
+from rigel_k8s.objects.scalars import ImageRef, RosUri
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.settings import Application
+
+
+def templates(**options: Any) -> dict[str, dict[str, Any]]:
+    """Return each Deployment's pod annotations."""
+    talker = NodeOptions(image=ImageRef("app:1"), args=["talker"])
+    made = desired(
+        OrchestrationOptions(nodes={"talker": talker}, **options),
+        ReleaseId("lab", "app"),
+        Application("noetic"),
+        {"ready.sh": ""},
+    )
+    return {
+        item["metadata"]["name"]: item["spec"]["template"]["metadata"].get("annotations", {})
+        for item in made.objects
+        if item["kind"] == "Deployment"
+    }
+
+
+def test_a_changed_master_changes_its_nodes_pods() -> None:
+    """Otherwise they would run on as orphans of a master that forgot them."""
+    one = templates(ros_master_image=ImageRef("ros:1"))["talker"][MASTER_ANNOTATION]
+    two = templates(ros_master_image=ImageRef("ros:2"))["talker"][MASTER_ANNOTATION]
+    assert one != two
+    assert one == templates(ros_master_image=ImageRef("ros:1"))["talker"][MASTER_ANNOTATION]
+
+
+def test_a_robots_own_master_binds_nothing() -> None:
+    """We do not know when it starts anew."""
+    found = templates(ros_master_uri=RosUri("http://robot:11311"))
+    assert MASTER_ANNOTATION not in found["talker"]
+
+
+def test_the_master_comes_first() -> None:
+    """Only roscore is marked as what the others wait for."""
+    made = desired(
+        OrchestrationOptions(nodes={"talker": NodeOptions(image=ImageRef("app:1"))}),
+        ReleaseId("lab", "app"),
+        Application("noetic"),
+        {"ready.sh": ""},
+    )
+    first = [
+        item["metadata"]["name"]
+        for item in made.objects
+        if FIRST_ANNOTATION in item["metadata"].get("annotations", {})
+    ]
+    assert first == ["ros-master"]

@@ -1,0 +1,30 @@
+"""`rigel check` finds what only a run would meet otherwise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rigel_k8s.commands import rigelfiles
+from rigel_k8s.settings import Settings
+
+TWO_AT_ONCE = """\
+application: { distro: noetic }
+jobs:
+  deploy: { plugin: rigel_k8s.OrchestrationPlugin, with: { application_image: "app:1" } }
+sequences:
+  both:
+    stages:
+      - matrix: { robot: [a, b] }
+        parallel: [{ jobs: [deploy] }]
+  one:
+    stages: [{ jobs: [deploy, deploy] }]
+"""
+
+
+def test_two_branches_that_deploy_one_release_are_told_with_the_sequence(tmp_path: Path) -> None:
+    """What cannot run side by side is found before it runs, at its sequence."""
+    path = tmp_path / "Rigelfile"
+    path.write_text(TWO_AT_ONCE)
+    result = rigelfiles.check(Settings(rigelfile=path))
+    assert [(f.span.line, f.kind) for f in result.findings] == [(5, "side-by-side")]
+    assert "deploy (robot=a) and job deploy (robot=b)" in result.findings[0].message

@@ -1,0 +1,157 @@
+"""Which job a command is about where it is not named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rigel_k8s.commands.targets import job_of, names, node_names, release
+from rigel_k8s.errors import ProblemsError, UserError
+from rigel_k8s.settings import Settings
+
+KUBECONFIG = """
+apiVersion: v1
+kind: Config
+current-context: lab
+contexts: [{name: lab, context: {cluster: lab, user: lab, namespace: from-context}}]
+clusters: [{name: lab, cluster: {server: "http://127.0.0.1:1"}}]
+users: [{name: lab, user: {}}]
+"""
+DEPLOY = """
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with: {nodes: {talker: {image: "a:1", args: [talker]}}}
+"""
+UPDATE = """
+  update:
+    plugin: src.plugin.OrchestrationPlugin
+    with: {orchestration: {rolling_update: {strategy: Recreate}}}
+"""
+OTHER = """
+  other:
+    plugin: orchestration
+    with: {deployment_name: other, nodes: {camera: {image: "b:1", args: [camera]}}}
+"""
+BUILD = """
+  build:
+    plugin: rigel_k8s.BuildXPlugin
+    with: {image: "a"}
+"""
+FOREIGN = """
+  foreign:
+    plugin: somebody.elses.Plugin
+"""
+
+
+@pytest.fixture
+def kubeconfig(tmp_path: Path) -> Path:
+    path = tmp_path / "kubeconfig"
+    path.write_text(KUBECONFIG)
+    return path
+
+
+def settings(tmp_path: Path, *jobs: str, namespace: str | None = None) -> Settings:
+    file = tmp_path / "Rigelfile"
+    file.write_text("application: {distro: noetic}\njobs:" + "".join(jobs))
+    return Settings(file, kubeconfig=tmp_path / "kubeconfig", namespace=namespace)
+
+
+def test_jobs_of_one_release_count_as_one(tmp_path: Path) -> None:
+    """The one that says what the release is is meant, wherever it stands."""
+    assert job_of(settings(tmp_path, BUILD, UPDATE, FOREIGN, DEPLOY), None).name == "deploy"
+    assert names(settings(tmp_path, BUILD, UPDATE, FOREIGN, DEPLOY)) == ["update", "deploy"]
+
+
+def test_a_partial_job_alone_is_meant_too(tmp_path: Path) -> None:
+    """Nothing else could be."""
+    assert job_of(settings(tmp_path, UPDATE), None).name == "update"
+
+
+def test_several_releases_need_a_name(tmp_path: Path) -> None:
+    """A command does not guess; it lists one job of each."""
+    found = settings(tmp_path, DEPLOY, OTHER)
+    with pytest.raises(UserError, match="several releases") as caught:
+        job_of(found, None)
+    assert caught.value.hint == "name a job, one of: deploy, other"
+    assert job_of(found, "other").name == "other"
+
+
+def test_a_wrong_name_tells_the_nearest(tmp_path: Path) -> None:
+    """A job that deploys nothing is told apart from one that is not there."""
+    found = settings(tmp_path, DEPLOY, BUILD)
+    with pytest.raises(UserError, match='no job "deplo", did you mean "deploy"'):
+        job_of(found, "deplo")
+    with pytest.raises(UserError, match='the job "build" deploys nothing'):
+        job_of(found, "build")
+    with pytest.raises(UserError, match="has no orchestration job"):
+        job_of(settings(tmp_path, BUILD), None)
+
+
+def test_render_and_diff_tell_what_a_run_would_tell(tmp_path: Path) -> None:
+    """Options that Kubernetes or ROS would refuse are refused with their place."""
+    twice = DEPLOY.replace("args: [talker]", "args: [talker], replicas: 2")
+    with pytest.raises(ProblemsError) as caught:
+        job_of(settings(tmp_path, twice), None)
+    assert "Rigelfile:5:" in "".join(caught.value.details)
+
+
+def test_data_of_other_jobs_is_asked_for_only_where_it_matters(
+    tmp_path: Path, kubeconfig: Path
+) -> None:
+    """`status` needs two names; `render` needs everything, and says what it lacks."""
+    hole = DEPLOY.replace('"a:1"', '"{{ data.image }}"')
+    found = release(settings(tmp_path, hole))
+    assert (found.id.namespace, found.id.name) == ("from-context", "rigel-k8s-application")
+    with pytest.raises(ProblemsError) as caught:
+        job_of(settings(tmp_path, hole), None)
+    assert "data.image" in "".join(caught.value.details)
+    unnamed = DEPLOY.replace("{nodes", '{deployment_name: "{{ data.robot }}", nodes')
+    with pytest.raises(ProblemsError) as caught:
+        release(settings(tmp_path, unnamed))
+    assert "data.robot" in "".join(caught.value.details)
+
+
+def test_the_namespace_of_the_command_line_wins(tmp_path: Path, kubeconfig: Path) -> None:
+    """-n, else the Rigelfile's, else the context's."""
+    own = DEPLOY.replace("{nodes", "{namespace: own, nodes")
+    assert release(settings(tmp_path, own, namespace="given")).id.namespace == "given"
+    assert release(settings(tmp_path, own)).id.namespace == "own"
+    assert release(settings(tmp_path, DEPLOY)).id.namespace == "from-context"
+    both = own.replace("deploy:", "elsewhere:").replace("own", "else")
+    with pytest.raises(UserError, match="several releases"):
+        release(settings(tmp_path, own, both))
+    assert release(settings(tmp_path, own, both, namespace="given")).id.namespace == "given"
+
+
+#: A registry and a tag that are said when it is deployed, plainly and in an expression.
+FROM_OUTSIDE = """
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with:
+      deployment_name: "{{ vars.NOWHERE_NAME | default('rover') }}"
+      image: "{{ vars.NOWHERE_REGISTRY }}/rover:{{ vars.NOWHERE_TAG | lower }}"
+      nodes: {talker: {args: [talker]}}
+"""
+
+
+def test_what_only_deploying_needs_may_be_unknown_to_status(
+    tmp_path: Path, kubeconfig: Path
+) -> None:
+    """`rigel status` in a new shell works without the variables that `rigel run` had."""
+    found = release(settings(tmp_path, FROM_OUTSIDE))
+    assert (found.id.namespace, found.id.name) == ("from-context", "rover")
+    assert "talker" in node_names(settings(tmp_path, FROM_OUTSIDE))
+    with pytest.raises(ProblemsError) as told:
+        job_of(settings(tmp_path, FROM_OUTSIDE), None)
+    assert "vars.NOWHERE_REGISTRY is neither in vars nor in the environment" in str(
+        told.value.details
+    )
+
+
+def test_a_name_that_comes_from_nowhere_is_told(tmp_path: Path, kubeconfig: Path) -> None:
+    """Without the release's name there is nothing to look for."""
+    job = FROM_OUTSIDE.replace(" | default('rover')", "")
+    with pytest.raises(ProblemsError) as told:
+        release(settings(tmp_path, job))
+    assert "vars.NOWHERE_NAME is neither in vars nor in the environment" in str(told.value.details)

@@ -1,0 +1,138 @@
+"""What Prometheus and a kubelet answer as rows; the answers have the form of real ones."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import pytest
+
+from rigel_k8s.cli.top import cells, rate, show, size_of, topic_cells
+from rigel_k8s.commands.pods import Pod
+from rigel_k8s.commands.top import TOPICS, Ros, Top, row_of, topics_of
+from rigel_k8s.commands.top_usage import Usage, amount, summarised
+from rigel_k8s.observability.reading.prometheus import Prometheus, Sample, matchers
+from rigel_k8s.release.types import ReleaseId
+
+SUMMARY = {
+    "pods": [
+        {
+            "podRef": {"name": "talker-1", "namespace": "lab", "uid": "00703f91"},
+            "containers": [
+                {
+                    "name": "ros-node",
+                    "cpu": {"usageNanoCores": 6264841, "usageCoreNanoSeconds": 7948880766},
+                    "memory": {"usageBytes": 24821760, "workingSetBytes": 24662016},
+                }
+            ],
+        },
+        {"podRef": {"name": "new-1", "namespace": "lab"}, "containers": [{"name": "c", "cpu": {}}]},
+        {"podRef": {"name": "talker-1", "namespace": "other"}, "containers": []},
+    ]
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [("250m", 0.25), ("6264841n", 0.006264841), ("64Ki", 65536), ("2", 2), ("1G", 1e9)],
+)
+def test_quantities_are_numbers(text: str, number: float) -> None:
+    """As the metrics-server writes them."""
+    assert amount(text) == pytest.approx(number)
+
+
+def test_a_kubelets_summary_tells_of_a_namespace() -> None:
+    """What has just begun has no rate yet, and is left out rather than told as nothing."""
+    assert summarised(SUMMARY, "lab") == {"talker-1": Usage(0.006264841, 24662016.0)}
+
+
+def test_a_query_leaves_out_what_is_no_number() -> None:
+    """Prometheus writes values as text, NaN among them."""
+    metrics = [({"topic": "/scan"}, "0.5"), ({"topic": "/none"}, "NaN")]
+    result = [{"metric": labels, "value": [1795266257.7, value]} for labels, value in metrics]
+    body = {"status": "success", "data": {"resultType": "vector", "result": result}}
+
+    def ask(path: str, query: Mapping[str, object]) -> bytes:
+        assert (path, query) == ("api/v1/query", {"query": "x"})
+        return json.dumps(body).encode()
+
+    assert Prometheus(ask).query("x") == [Sample({"topic": "/scan"}, 0.5)]
+    assert matchers(application='a"b') == 'application="a\\"b"'
+
+
+def pod(workload: str, ros_name: str) -> Pod:
+    return Pod(
+        name=f"{workload}-1",
+        namespace="lab",
+        workload=workload,
+        aliases=frozenset(),
+        container="c",
+        scripts=True,
+        phase="Running",
+        created="",
+        ready=True,
+        ros_name=ros_name,
+        machine="node2",
+        restarts=3,
+    )
+
+
+def test_a_row_says_nothing_that_nobody_told() -> None:
+    """And what was told in units that people read."""
+    told = Ros({"/talker": 1.0, "launch": 0.0}, {"/talker": 10.04}, {"/talker": 0.0})
+    row = row_of(pod("talker", "/talker"), Usage(0.00626, 24662016.0), told)
+    assert cells(row) == [
+        *("talker", "/talker", "yes", "6m", "24Mi", "10.0", "0", "3", "talker-1", "node2")
+    ]
+    assert cells(row_of(pod("launch", ""), None, told))[1:8] == ["-", "NO", *"----", "3"]
+    assert row_of(pod("other", "/other"), None, Ros()).up is None
+
+
+@pytest.mark.parametrize(
+    ("told", "heads"),
+    [
+        (Ros({"/talker": 1.0}, {"/talker": 10.0}, {"/talker": 0.0}), "UP CPU MEMORY OUT IN"),
+        (Ros({"/talker": 1.0}, {"/talker": 10.0}), "UP CPU MEMORY OUT IN"),
+        (Ros({"/talker": 1.0}), "UP CPU MEMORY"),
+        (Ros(), "CPU MEMORY"),
+    ],
+)
+def test_columns_that_nobody_tells_are_left_out(
+    told: Ros, heads: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """ROS 2's nodes count no messages, and without an exporter nobody knows who is up."""
+    row = row_of(pod("talker", "/talker"), None, told)
+    show(Top(ReleaseId("lab", "demo"), (row,), "prometheus", ()), "table")
+    shown = capsys.readouterr().out.splitlines()[0].split()
+    assert shown == ["NODE", "ROS", "NAME", *heads.split(), "RESTARTS", "POD", "ON"]
+
+
+def topic(name: str, value: float, **more: str) -> Sample:
+    return Sample({"topic": name, **more}, value)
+
+
+def test_topics_that_are_heard_tell_more() -> None:
+    """Of the others the nodes' own counts are told, and no age."""
+    string = "std_msgs/String"
+    answers: dict[str, list[Sample]] = {key: [] for key in TOPICS}
+    answers |= {
+        "publishers": [topic("/chatter", 1, type=string), topic("/rosout", 3, type="Log")],
+        "subscribers": [topic("/chatter", 2, type=string), topic("/lost", 1, type=string)],
+        "heard": [topic("/chatter", 5.0)],
+        "heard_bytes": [topic("/chatter", 2048.0)],
+        "counted": [topic("/chatter", 99.0), topic("/rosout", 120.4)],
+        "age": [topic("/chatter", 0.21)],
+        "delay": [topic("/chatter", 0.0012)],
+    }
+    chatter, lost, rosout = (topic_cells(row) for row in topics_of(answers))
+    assert chatter == [
+        *("/chatter", string, "1", "2", "5.0/s", "2.0Ki/s", "0.2s ago", "1.2ms")
+    ]  # fmt: skip
+    assert lost == ["/lost", string, "0", "1", "-", "-", "-", "-"]
+    assert rosout[2:] == ["3", "0", "120/s", "-", "-", "-"]
+
+
+def test_small_and_large_numbers_stay_short() -> None:
+    """Three digits say enough."""
+    assert [rate(value) for value in (0, 0.0333, 9.83, 120.4)] == ["0", "0.033", "9.8", "120"]
+    assert [size_of(v) for v in (12, 2048, 3 << 20, 5 << 30)] == ["12B", "2.0Ki", "3.0Mi", "5.0Gi"]

@@ -1,0 +1,102 @@
+"""Jobs whose work is a function of the test, and a reporter that remembers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.jobs.execution import Surroundings
+from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.steps import Branches, Job
+from rigel_k8s.problems import Problem
+from rigel_k8s.rigelfile.model import ComponentSpec
+from rigel_k8s.rigelfile.source import Node, Span
+from rigel_k8s.settings import Application, Settings
+
+HERE = Span(1, 1, 1, 1)
+Work = Callable[[JobContext], None]
+
+
+class Told:
+    """A reporter that keeps what it is told: (reporter's path, kind, text)."""
+
+    def __init__(self, path: str = "", told: list[tuple[str, str, str]] | None = None) -> None:
+        self.path = path
+        self.told = [] if told is None else told
+
+    def line(self, text: str) -> None:
+        self.told.append((self.path, "line", text))
+
+    def warn(self, text: str) -> None:
+        self.told.append((self.path, "warn", text))
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        self.told.append((self.path, "progress", f"{key} {state}{' .' if done else ''}"))
+
+    def child(self, name: str) -> Reporter:
+        return Told(f"{self.path}/{name}", self.told)
+
+    def of(self, kind: str) -> list[str]:
+        return [text for _, told, text in self.told if told == kind]
+
+
+@attrs.define
+class FunctionJob:
+    """A job type whose work is a function; `alone` is what `exclusive` answers."""
+
+    work: Work
+    alone: Callable[[Mapping[str, Any]], str | None] | None = None
+    options = dict
+
+    def check(self, options: Any, application: Application) -> Sequence[Problem]:
+        return ()
+
+    def run(self, options: Any, job: JobContext) -> None:
+        self.work(job)
+
+    def exclusive(self, options: Any, application: Application, settings: Settings) -> str | None:
+        return self.alone(options) if self.alone else None
+
+
+def make_job(
+    name: str, work: Work, *, alone: Callable[[Mapping[str, Any]], str | None] | None = None
+) -> Job:
+    spec = ComponentSpec(name, "test", Node({}, HERE), ("jobs", name))
+    return Job(spec, FunctionJob(work, alone))
+
+
+def make_branches(matrix: Mapping[str, list[Any]], body: Any) -> Branches:
+    """Branches whose matrix `around` reads as it is."""
+    return Branches(Node(dict(matrix), HERE), body)
+
+
+@pytest.fixture
+def told() -> Told:
+    return Told()
+
+
+@pytest.fixture
+def around(told: Told) -> Surroundings:
+    """Surroundings where a job's options are the data it sees, and a matrix is what it is."""
+    return Surroundings(
+        application=Application("noetic"),
+        settings=Settings(),
+        report=told,
+        realise=lambda job, data: (dict(data), {}),
+        matrix=lambda step, data: step.matrix.value if step.matrix else {},
+        grace=5,
+    )
+
+
+class Meeting:
+    """Proves that several threads are at one point at once: all must arrive, or it fails."""
+
+    def __init__(self, parties: int) -> None:
+        self._barrier = threading.Barrier(parties)
+
+    def __call__(self) -> None:
+        self._barrier.wait(timeout=20)

@@ -1,0 +1,230 @@
+"""Providers around a run, and Ctrl-C and SIGTERM in a real process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+from pathlib import Path
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.errors import JobFailed, RigelK8sError, UserError
+from rigel_k8s.jobs.execution import Surroundings
+from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.live import run_steps
+from rigel_k8s.jobs.providers import Declared
+from rigel_k8s.jobs.steps import Jobs
+from rigel_k8s.settings import Application
+
+from .conftest import Told, make_branches, make_job
+
+
+@attrs.define
+class NotingProvider:
+    """Notes what happens to it; `refuses` is what connect raises."""
+
+    events: list[str]
+    refuses: Exception | None = None
+    sulks: bool = False
+    options = dict
+
+    def check(self, options: Any, application: Application) -> tuple[()]:
+        return ()
+
+    def connect(self, options: Any, name: str, report: Reporter) -> str:
+        self.events.append(f"connect {name}")
+        if self.refuses:
+            raise self.refuses
+        return f"connection of {name}"
+
+    def disconnect(self, connection: Any) -> None:
+        self.events.append(f"disconnect {connection}")
+        if self.sulks:
+            raise RuntimeError("busy")
+
+
+def declare(name: str, provider: NotingProvider) -> Declared:
+    return Declared(name, provider, {})
+
+
+def test_providers_are_connected_before_and_disconnected_after(around: Surroundings) -> None:
+    """Jobs get the connections by name; the last connected is the first disconnected."""
+    events: list[str] = []
+
+    def work(job: JobContext) -> None:
+        events.append(f"job with {job.providers['two']}")
+
+    provider = NotingProvider(events)
+    run_steps(Jobs((make_job("j", work),)), around, [declare(n, provider) for n in ("one", "two")])
+    assert events == [
+        "connect one",
+        "connect two",
+        "job with connection of two",
+        "disconnect connection of two",
+        "disconnect connection of one",
+    ]
+
+
+def test_providers_are_disconnected_after_a_failure(around: Surroundings) -> None:
+    """A failed job leaves no connection open."""
+    events: list[str] = []
+
+    def work(job: JobContext) -> None:
+        raise RigelK8sError("no")
+
+    with pytest.raises(JobFailed):
+        run_steps(Jobs((make_job("j", work),)), around, [declare("one", NotingProvider(events))])
+    assert events[-1] == "disconnect connection of one"
+
+
+def test_a_provider_that_refuses_is_named_and_the_connected_are_let_go(
+    around: Surroundings,
+) -> None:
+    """No job runs; the error keeps whose fault it is."""
+    events: list[str] = []
+    good = declare("good", NotingProvider(events))
+    bad = declare("bad", NotingProvider(events, UserError("wrong password", hint="log in")))
+    job = make_job("j", lambda job: events.append("ran"))
+    with pytest.raises(UserError, match="provider bad could not connect: wrong password"):
+        run_steps(Jobs((job,)), around, [good, bad])
+    assert events == ["connect good", "connect bad", "disconnect connection of good"]
+
+
+def test_a_provider_that_does_not_disconnect_is_told(around: Surroundings, told: Told) -> None:
+    """What was done stays done; the rest is disconnected all the same."""
+    events: list[str] = []
+    sulky = declare("sulky", NotingProvider(events, sulks=True))
+    run_steps(
+        Jobs((make_job("j", lambda job: None),)),
+        around,
+        [declare("good", NotingProvider(events)), sulky],
+    )
+    assert told.of("warn") == ["provider sulky did not disconnect: busy"]
+    assert events[-1] == "disconnect connection of good"
+
+
+def test_a_job_that_ignores_cancel_is_left_and_told(around: Surroundings, told: Told) -> None:
+    """After a failure the others are waited for, for the grace and no longer."""
+    release, meet = threading.Event(), threading.Barrier(2)
+
+    def work(job: JobContext) -> None:
+        meet.wait(20)
+        if job.data["robot"] == 1:
+            raise RigelK8sError("no")
+        release.wait(20)
+
+    steps = Jobs((make_branches({"robot": [1, 2]}, Jobs((make_job("deaf", work),))),))
+    with pytest.raises(JobFailed):
+        run_steps(steps, attrs.evolve(around, grace=0.05))
+    assert told.of("warn") == ["job deaf (robot=2) did not stop within 0.05 s and was left"]
+    release.set()
+
+
+ROOT = Path(__file__).parents[3]
+
+PROGRAM = """
+import sys, threading
+from rigel_k8s.errors import Interrupted
+from rigel_k8s.jobs.execution import Surroundings
+from rigel_k8s.jobs.live import run_steps
+from rigel_k8s.jobs.providers import Declared
+from rigel_k8s.jobs.steps import Jobs
+from rigel_k8s.settings import Application, Settings
+from tests.unit.jobs.conftest import make_job
+
+def say(text):
+    print(text, flush=True)
+
+class Report:
+    def line(self, text): say(text)
+    def warn(self, text): say("warn " + text)
+    def progress(self, key, state, *, done=False): pass
+    def child(self, name): return self
+
+class Provider:
+    options = dict
+    def check(self, options, application): return ()
+    def connect(self, options, name, report): return name
+    def disconnect(self, connection): say("disconnected " + connection)
+
+def listens(job):
+    say("running")
+    job.cancel.wait()
+    say("cleaned up")
+
+def deaf(job):
+    say("running")
+    threading.Event().wait()
+
+around = Surroundings(Application("noetic"), Settings(), Report(), lambda j, d: ({}, {}),
+                      lambda s, d: {}, grace=float(sys.argv[2]))
+job = make_job("work", {"listens": listens, "deaf": deaf}[sys.argv[1]])
+try:
+    run_steps(Jobs((job,)), around, [Declared("robot", Provider(), {})])
+except Interrupted as error:
+    say(f"{error.message} {error.details}")
+    sys.exit(error.exit_code)
+"""
+
+
+def start(tmp_path: Path, *words: str) -> subprocess.Popen[str]:
+    program = tmp_path / "program.py"
+    program.write_text(textwrap.dedent(PROGRAM))
+    process = subprocess.Popen(
+        [sys.executable, str(program), *words],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "src")))},
+    )
+    assert process.stdout
+    assert process.stdout.readline() == "running\n"
+    return process
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_stops_its_jobs_and_disconnects(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    """Ctrl-C and SIGTERM: the job cleans up, then the provider is let go, exit code 130."""
+    process = start(tmp_path, "listens", "20")
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=20)
+    assert output.splitlines() == [
+        "warn stopping job work; Ctrl-C again ends at once",
+        "cleaned up",
+        "disconnected robot",
+        "interrupted ()",
+    ]
+    assert process.returncode == 130
+
+
+def test_a_second_interrupt_ends_at_once(tmp_path: Path) -> None:
+    """A job that does not listen cannot hold the terminal."""
+    process = start(tmp_path, "deaf", "600")
+    process.send_signal(signal.SIGINT)
+    assert process.stdout
+    assert process.stdout.readline().startswith("warn stopping job work")
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=20)
+    assert "interrupted twice" in output
+    assert "still running: job work" in output
+    assert process.returncode == 130
+
+
+def test_an_interrupted_job_that_does_not_listen_is_left_after_the_grace(tmp_path: Path) -> None:
+    """The provider is disconnected all the same, and what was left is named."""
+    process = start(tmp_path, "deaf", "0.1")
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=20)
+    assert output.splitlines()[1:] == [
+        "warn job work did not stop within 0.1 s and was left",
+        "disconnected robot",
+        "interrupted ('still running: job work',)",
+    ]
+    assert process.returncode == 130

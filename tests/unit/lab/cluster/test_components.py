@@ -1,0 +1,143 @@
+"""What is built, and from what."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import attrs
+import pytest
+
+from rigel_lab.cluster import components, gobuild
+from rigel_lab.cluster.components import (
+    COREDNS,
+    GO_BUILDS,
+    K3S_KUBELET,
+    KUBERNETES,
+    MULTUS,
+    ON_REQUEST,
+    WHEREABOUTS,
+    Components,
+)
+from rigel_lab.cluster.gobuild import GoBuild, Progress, go_version, toolchain
+
+BUILDS = [*GO_BUILDS, *(build for builds in ON_REQUEST.values() for build in builds)]
+
+
+@pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
+def test_the_lock_files_pin_the_version(build: GoBuild) -> None:
+    """The version that we tell is the one that go.mod requires; go.sum has its hash."""
+    required = f"{build.module} v{build.module_version}"
+    assert required in (build.lock / "go.mod").read_text()
+    assert required in (build.lock / "go.sum").read_text()
+
+
+@pytest.mark.parametrize("build", BUILDS, ids=lambda build: build.name)
+def test_the_toolchain_of_pypi_is_new_enough(build: GoBuild) -> None:
+    """No go.mod asks for a newer Go than the oldest that we accept."""
+    lines = (build.lock / "go.mod").read_text().splitlines()
+    wanted = next(line.split()[1] for line in lines if line.startswith("go "))
+    assert tuple(map(int, wanted.split("."))) <= gobuild.GO_VERSION
+    offered = gobuild.GO_PACKAGE.partition("==")[2]
+    assert tuple(map(int, offered.split("."))) >= gobuild.GO_VERSION
+
+
+def test_what_is_built_changes_where_it_is_kept() -> None:
+    """Another version, tag or package is another directory of the cache."""
+    builds = [
+        COREDNS,
+        attrs.evolve(COREDNS, version="1.15.1"),
+        attrs.evolve(COREDNS, tags="x"),
+        attrs.evolve(COREDNS, packages=("example.org/x",)),
+        attrs.evolve(COREDNS, renamed={"coredns": "dns"}),
+        attrs.evolve(COREDNS, files={"licence": "LICENSE"}),
+        attrs.evolve(COREDNS, stamps=("x.y=z",)),
+    ]
+    assert len({build.key() for build in builds}) == len(builds)
+
+
+def test_kubernetes_tells_its_version() -> None:
+    """The flags stamp the version into what `kubectl version` reads."""
+    flags = " ".join(KUBERNETES.flags())
+    assert "-X k8s.io/component-base/version.gitVersion=v1.34.4" in flags
+    assert "-X k8s.io/client-go/pkg/version.gitMinor=34" in flags
+
+
+def test_a_kubelet_of_k3s_says_so_and_is_the_same_program() -> None:
+    """Only the version that it tells differs; it takes the plain one's place."""
+    assert "gitVersion=v1.34.4+k3s1" in " ".join(K3S_KUBELET.flags())
+    assert (K3S_KUBELET.lock, K3S_KUBELET.version) == (KUBERNETES.lock, KUBERNETES.version)
+    assert set(K3S_KUBELET.programs()) == {"kubelet"}
+
+
+def test_programs_have_upstreams_names() -> None:
+    """What is built of a directory `cmd` is called as upstream's build calls it."""
+    assert WHEREABOUTS.program_names[:2] == ["whereabouts", "ip-control-loop"]
+    assert "passthru" in MULTUS.program_names
+    assert WHEREABOUTS.programs()["lib.sh"].endswith("/lib.sh")
+
+
+def fake_go(directory: Path, version: str) -> Path:
+    go = directory / "go"
+    go.write_text(f"#!/bin/sh\necho {version}\n")
+    go.chmod(0o755)
+    return go
+
+
+@pytest.mark.parametrize(
+    ("told", "version"),
+    [("go1.26.8", (1, 26, 8)), ("go1.27", (1, 27, 0)), ("go1.27rc1", (1, 27, 0)), ("devel", (0,))],
+)
+def test_go_versions(tmp_path: Path, told: str, version: tuple[int, ...]) -> None:
+    """A toolchain's version is what it says itself."""
+    assert go_version(str(fake_go(tmp_path, told))) == version
+
+
+def test_an_old_go_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the machine's Go is too old, PyPI's is, with caches of its own."""
+    fake_go(tmp_path, "go1.19.8")
+    monkeypatch.setenv("PATH", f"{tmp_path}:/bin")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(gobuild, "fetched", lambda report: "of PyPI")
+    go, environment = toolchain(print)
+    assert go == "of PyPI"
+    assert environment["GOCACHE"] == f"{tmp_path}/rigel-k8s/go-build"
+
+
+def test_progress_counts_packages(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long build tells how far it is; other lines of the build are not counted."""
+    monkeypatch.setattr(gobuild, "REPORT_EVERY", -1)
+    told: list[str] = []
+    progress = Progress("x", 9, told.append)
+    for line in ("k8s.io/api/core/v1", "go: downloading k8s.io/api v0.34.4", "runtime"):
+        progress.count(line)
+    assert told[-1] == "Building x: 2 of 9 packages"
+
+
+def test_a_cleared_cache_is_noticed(tmp_path: Path) -> None:
+    """Components whose programs were deleted are not complete."""
+    assert not Components({"kubelet": str(tmp_path / "kubelet")}, str(tmp_path)).complete
+
+
+@pytest.mark.parametrize(
+    ("requested", "more"),
+    [
+        ([], []),
+        (["multus"], ["multus", "whereabouts", "cni-plugins"]),
+        (
+            ["observability"],
+            ["loki", "promtail", "prometheus", "kube-state-metrics", "node-exporter"],
+        ),
+        (["prometheus-operator"], ["prometheus-operator"]),
+    ],
+)
+def test_only_what_is_asked_for_is_built(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, requested: list[str], more: list[str]
+) -> None:
+    """A cluster needs three builds; each extra adds its own, one after the other."""
+    built: list[str] = []
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(components, "unpack", lambda report: None)
+    monkeypatch.setattr(GoBuild, "build", lambda self, report: built.append(self.name))
+    found = components.obtain(print, requested)
+    assert built == ["kubernetes", "coredns", "local-path-provisioner", *more]
+    assert ("loki" in found.go) == (requested == ["observability"])

@@ -1,0 +1,135 @@
+"""What is installed on each kind of cluster; a change restarts the network of every node."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.commands.yaml_text import documents
+from rigel_k8s.network.multus.desired import Installation, network_release
+from rigel_k8s.network.multus.platform import Platform, platform
+from rigel_k8s.network.multus.recognition import Group
+from rigel_k8s.network.options import Install
+from rigel_k8s.objects.refs import ref_of
+
+GOLDEN = Path(__file__).parent / "golden"
+SCRIPT = "# machine.sh\n"
+
+
+def on(*platforms: Platform, options: Install | None = None, **how: Any) -> Installation:
+    """Return an installation on one node of each platform."""
+    groups = [Group(where, (f"robot{number}",)) for number, where in enumerate(platforms)]
+    return Installation(groups, options or Install(), **how)
+
+
+K3S = platform("k3s", version="v1.34.4+k3s1")
+OWN_IMAGES = Install(
+    multus_image="registry.lab/multus:1",
+    whereabouts_image="registry.lab/whereabouts:1",
+    plugins_image="registry.lab/plugins:1",
+)
+CASES = {
+    "plain": on(platform("plain")),
+    "k3s": on(K3S),
+    "k3s-leda": on(platform("k3s", version="v1.34.4+k3s1", data_dir="/data")),
+    "k3s-old": on(platform("k3s", version="v1.27.4+k3s1")),
+    "microk8s": on(platform("microk8s")),
+    "kind": on(platform("kind")),
+    "minikube": on(platform("minikube")),
+    "mixed": on(K3S, platform("k3s", version="v1.34.4+k3s1", data_dir="/data")),
+    "own-images": on(platform("plain"), options=OWN_IMAGES),
+    "dhcp": on(K3S, options=Install(dhcp=True)),
+    "others-multus": on(platform("plain"), multus=False),
+    "retired": on(platform("plain"), retired=True),
+}
+#: What does not depend on the kind of cluster stands in one file.
+SAME = ("CustomResourceDefinition", "ServiceAccount", "Role", "ClusterRole", "RoleBinding")
+ALIKE = (*SAME, "ClusterRoleBinding")
+
+
+def objects(installation: Installation) -> list[Any]:
+    """Return what depends on the kind of cluster."""
+    found = network_release(installation, SCRIPT).objects
+    return [item for item in found if item["kind"] not in ALIKE]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_installations_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
+    """Each kind of cluster gets what its golden file says."""
+    compare(case, objects(CASES[case]), update=update_golden)
+
+
+def test_kinds_and_rights_are_those_of_the_golden_file(*, update_golden: bool) -> None:
+    """Definitions and rights are the same everywhere."""
+    found = network_release(CASES["plain"], SCRIPT).objects
+    compare("alike", [i for i in found if i["kind"] in ALIKE], update=update_golden)
+    for case in ("k3s", "microk8s", "kind"):
+        there = network_release(CASES[case], SCRIPT).objects
+        assert [i for i in there if i["kind"] in ALIKE] == [i for i in found if i["kind"] in ALIKE]
+
+
+def compare(case: str, found: list[Any], *, update: bool) -> None:
+    golden, text = GOLDEN / f"{case}.yaml", documents(found)
+    if update:
+        golden.write_text(text, "utf-8")
+    assert text == golden.read_text("utf-8")
+
+
+def test_golden_files_have_their_case() -> None:
+    """No golden file outlives its case."""
+    assert {path.stem for path in GOLDEN.glob("*.yaml")} == {*CASES, "alike"}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_the_daemon_runs_is_where_the_machine_has_it(case: str) -> None:
+    """The directories are mounted at the machine's own paths, and hold configuration, programs."""
+    for item in objects(CASES[case]):
+        if item["kind"] != "DaemonSet":
+            continue
+        spec = item["spec"]["template"]["spec"]
+        hosts = {v["name"]: v["hostPath"]["path"] for v in spec["volumes"] if "hostPath" in v}
+        for container in spec["containers"]:
+            mounts = {m["name"]: m["mountPath"] for m in container["volumeMounts"]}
+            if container["name"] == "control-loop":
+                continue
+            roots = [name for name in hosts if name.startswith("root-")]
+            assert roots
+            assert [mounts[name] for name in roots] == [hosts[name] for name in roots]
+            said = {e["name"]: e.get("value") for e in container.get("env", [])}
+            for place in filter(None, (said.get("BIN_DIR"), said.get("CONF_DIR"))):
+                assert any(f"{place}/".startswith(f"{hosts[name]}/") for name in roots)
+
+
+def test_no_taint_keeps_the_network_away() -> None:
+    """Every node gets its pods, whatever it is tainted with, and before what else it runs."""
+    for item in objects(CASES["k3s"]):
+        if item["kind"] == "DaemonSet":
+            spec = item["spec"]["template"]["spec"]
+            assert spec["tolerations"] == [{"operator": "Exists"}]
+            assert spec["priorityClassName"] == "system-node-critical"
+
+
+def test_definitions_outlive_the_release() -> None:
+    """With a definition would go every attachment; others' definitions are not touched."""
+    found = network_release(CASES["plain"], SCRIPT)
+    definitions = [i for i in found.objects if i["kind"] == "CustomResourceDefinition"]
+    assert len(definitions) == 4
+    assert found.protected == {ref_of(item) for item in definitions}
+    name = definitions[0]["metadata"]["name"]
+    theirs = network_release(on(platform("plain"), there=frozenset({name})), SCRIPT)
+    assert name not in [item["metadata"]["name"] for item in theirs.objects]
+
+
+def test_a_change_of_the_script_rolls_the_pods() -> None:
+    """A new script, or a new configuration, reaches the machines."""
+
+    def marks(installation: Installation, script: str) -> list[str]:
+        found = network_release(installation, script).objects
+        sets = [i for i in found if i["kind"] == "DaemonSet"]
+        return [str(s["spec"]["template"]["metadata"]["annotations"]) for s in sets]
+
+    plain = CASES["plain"]
+    assert marks(plain, SCRIPT) == marks(plain, SCRIPT)
+    assert not set(marks(plain, SCRIPT)) & set(marks(plain, f"{SCRIPT}# new\n"))

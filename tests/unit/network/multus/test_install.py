@@ -1,0 +1,218 @@
+"""Installing Multus without a cluster: whose it is, what is wanted, what options contradict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from rigel_k8s.cli.network import options_of
+from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.jobs.types.network import NetworkJob
+from rigel_k8s.network.multus.install import installation_of, wanted
+from rigel_k8s.network.multus.installation import find
+from rigel_k8s.network.multus.proving import fingerprint
+from rigel_k8s.network.options import Install, Network
+from rigel_k8s.release.order import PROTECTED
+from rigel_k8s.settings import Application, Settings
+
+
+def node(name: str, *, up: bool = True) -> dict[str, Any]:
+    ready = {"type": "Ready", "status": "True" if up else "Unknown"}
+    return {
+        "metadata": {"name": name, "uid": name},
+        "status": {"conditions": [ready], "nodeInfo": {"kubeletVersion": "v1.34.4"}},
+    }
+
+
+def daemon_set(
+    name: str, image: str, *, namespace: str = "kube-system", ours: bool = False, cni: bool = True
+) -> dict[str, Any]:
+    path = "/etc/cni/net.d" if cni else "/data"
+    spec = {"containers": [{"image": image}], "volumes": [{"hostPath": {"path": path}}]}
+    labels = {"rigel-k8s/release": "rigel-network"} if ours else {}
+    return {
+        "metadata": {"name": name, "namespace": namespace, "labels": labels, "uid": name},
+        "spec": {"template": {"spec": spec}},
+    }
+
+
+class Cluster:
+    """The few answers that looking takes."""
+
+    def __init__(self, nodes: list[Any], sets: list[Any], definitions: Mapping[str, Any]) -> None:
+        self._nodes, self.sets, self.definitions = nodes, sets, definitions
+
+    def nodes(self) -> list[Any]:
+        return self._nodes
+
+    def list(self, api: str, kind: str, *_: Any, **__: Any) -> list[Any]:
+        return self.sets
+
+    def get(self, ref: Any) -> Any:
+        return self.definitions.get(ref.name)
+
+    def parallel(self, function: Any, items: Any) -> list[Any]:
+        return [function(item) for item in items]
+
+
+def found(*sets: Any, nodes: Any = None, **definitions: Any) -> Any:
+    """Return what is found on a cluster."""
+    cluster: Any = Cluster(nodes or [node("robot")], list(sets), definitions)
+    return find(cluster, Install())
+
+
+@pytest.mark.parametrize(
+    ("name", "image"),
+    [
+        ("kube-multus-ds", "registry.lab/anything:1"),
+        ("net", "ghcr.io/k8snetworkplumbingwg/multus-cni:snapshot-thick"),
+        ("net", "rancher/hardened-multus-cni:v4.2.1-build20250909"),
+        ("multus", "quay.io/openshift/origin@sha256:0123"),
+    ],
+)
+def test_others_multus_is_recognised(name: str, image: str) -> None:
+    """By its name or its image, from whatever registry; it is left to whoever has installed it."""
+    there = found(daemon_set(name, image, namespace="other"))
+    assert (there.multus.ours, there.multus.where) == (False, f"other/{name}")
+    made = installation_of(there, Install())
+    assert (made.multus, made.whereabouts) == (False, True)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        daemon_set("net", "ghcr.io/k8snetworkplumbingwg/multus-dynamic-networks-controller:1"),
+        daemon_set("net", "ghcr.io/lab/multus-cni:1", cni=False),
+        daemon_set("flannel", "flannel/flannel:1"),
+    ],
+)
+def test_what_is_no_multus(other: Any) -> None:
+    """Neither its companions nor pods that only use its image are Multus."""
+    there = found(other)
+    assert there.multus is None
+    assert installation_of(there, Install()).multus
+
+
+def test_ours_stays_ours() -> None:
+    """A second Multus that appears never makes us take ours away."""
+    ours = daemon_set("rigel-multus", "x/multus-cni:1", ours=True)
+    there = found(daemon_set("kube-multus-ds", "x/multus-cni:1"), ours)
+    assert (there.multus.ours, there.multus.where) == (True, "kube-system/rigel-multus")
+
+
+def test_our_second_platform_is_ours() -> None:
+    """The DaemonSet of a second platform counts with the first."""
+    sets = [daemon_set(n, "i", ours=True) for n in ("rigel-multus", "rigel-multus-k3s-0a1b2c")]
+    assert len(found(*sets).multus.sets) == 2
+
+
+def test_definitions_of_others_are_known() -> None:
+    """A definition that somebody else has made is left as it is."""
+    name = "network-attachment-definitions.k8s.cni.cncf.io"
+    assert found(**{name: {"metadata": {"name": name}}}).definitions == {name}
+    labels = {"rigel-k8s/release": "rigel-network"}
+    notes = {"rigel-k8s/namespace": "kube-system"}
+    ours = {"metadata": {"name": name, "labels": labels, "annotations": notes}}
+    assert found(**{name: ours}).definitions == frozenset()
+
+
+def test_nodes_that_are_away_are_told_apart() -> None:
+    """A robot that is off is neither asked nor waited for."""
+    there = found(nodes=[node("a"), node("b", up=False), node("c")])
+    assert (there.up, there.away) == (("a", "c"), ("b",))
+
+
+def test_a_cluster_without_linux() -> None:
+    """There is nothing to install it on, and that is said."""
+    windows = node("w")
+    windows["metadata"]["labels"] = {"kubernetes.io/os": "windows"}
+    with pytest.raises(ClusterError, match="no Linux node"):
+        found(nodes=[windows])
+
+
+@pytest.mark.parametrize(
+    ("network", "install"),
+    [
+        (None, None),
+        ("macvlan", None),
+        (Network(), None),
+        (Network(install=True), Install()),
+        (Network(mode="ipvlan", install=Install(data_dir="/data")), Install(data_dir="/data")),
+        (Network(ipam="dhcp", install=True), Install(dhcp=True)),
+        (Network(ipam="dhcp", install=Install(dhcp=False)), Install(dhcp=False)),
+        (Network(mode="peers", install=True), None),
+        (Network(mode="host", install=True), None),
+    ],
+)
+def test_what_a_job_wants_installed(network: Any, install: Install | None) -> None:
+    """Only a network that Multus attaches, and that says `install`."""
+    assert wanted(network) == install
+
+
+def test_a_data_directory_is_k3s() -> None:
+    """Where the platform is said to be another one, that is a mistake."""
+    jazzy = Application(distro="jazzy")
+    assert NetworkJob().check(Install(data_dir="/data"), jazzy) == ()
+    assert NetworkJob().check(Install(data_dir="/data", platform="k3s"), jazzy) == ()
+    (problem,) = NetworkJob().check(Install(data_dir="/data", platform="kind"), jazzy)
+    assert problem.path == ("data_dir",)
+
+
+def test_one_cluster_is_one_network() -> None:
+    """Two branches of a sequence do not install it at once."""
+    one, other = Install(), Install(platform="kind")
+    keys = {
+        NetworkJob().exclusive(options, Application(distro="jazzy"), Settings())
+        for options in (one, other)
+    }
+    assert len(keys) == 1
+
+
+def test_words_of_the_command_line() -> None:
+    """They are checked as a Rigelfile's options are."""
+    words: dict[str, str | None] = {"platform": "k3s", "data_dir": "/data", "multus_image": None}
+    assert options_of(words) == Install(platform="k3s", data_dir="/data")
+    with pytest.raises(UserError) as error:
+        options_of({"data_dir": "data"})
+    assert error.value.details[0].startswith("--data-dir: ")
+    with pytest.raises(UserError):
+        options_of({"data_dir": "/data", "platform": "plain"})
+
+
+def test_a_proof_holds_for_one_start_of_one_installation() -> None:
+    """A node that was started again, or whose Multus was changed, has to show it again."""
+    sets = [{"metadata": {"uid": "u", "generation": 1}}]
+    mark = fingerprint(node("a"), sets)
+    assert mark == fingerprint(node("a"), sets)
+    started = node("a")
+    started["status"]["nodeInfo"]["bootID"] = "other"
+    assert mark != fingerprint(started, sets)
+    assert mark != fingerprint(node("a"), [{"metadata": {"uid": "u", "generation": 2}}])
+
+
+def test_definitions_hold_data() -> None:
+    """With a definition goes every object of its kind: no release takes one away unasked."""
+    assert "CustomResourceDefinition" in PROTECTED
+
+
+def test_what_is_not_said_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second Rigelfile's `install: true` takes nothing back; what is said wins; a first
+    installation has nothing to keep."""
+    from rigel_k8s.network.multus import installation as network_found
+
+    before = {"multus_image": "registry.lab/multus:1", "data_dir": "/data"}
+
+    class Last:
+        options = before
+
+    monkeypatch.setattr(network_found, "last_good", lambda *_: Last)
+    cluster: Any = None
+    assert network_found.settled(cluster, Install()) == Install(**before)
+    said = Install(data_dir="/var/lib/rancher/k3s")
+    assert network_found.settled(cluster, said) == Install(
+        multus_image="registry.lab/multus:1", data_dir="/var/lib/rancher/k3s"
+    )
+    monkeypatch.setattr(network_found, "last_good", lambda *_: None)
+    assert network_found.settled(cluster, Install()) == Install()

@@ -1,0 +1,150 @@
+"""What the script says on real machines, and what is made of it."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+from ipaddress import ip_address, ip_network
+from pathlib import Path
+
+import pytest
+
+from rigel_k8s.network.preflight.machine import PROBE, Interface, Route, parse
+
+from .cases import MACHINES, machine
+
+SHELLS = [["sh"], ["dash"], ["bash", "--posix"], ["busybox", "sh"]]
+
+
+def run(*arguments: str, shell: list[str] | None = None) -> str:
+    done = subprocess.run(
+        [*(shell or ["sh"]), "-c", PROBE, "preflight", *arguments],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+    assert done.stderr == ""
+    return done.stdout
+
+
+def test_a_recorded_machine_is_read() -> None:
+    """Interfaces, routes, addresses, programs, limits and the kernel of a node of the local
+    cluster, recorded there."""
+    facts = machine()
+    assert facts.interfaces["eth0"] == Interface("eth0", mtu=1400)
+    assert not facts.interfaces["lo"].ethernet
+    assert facts.default_interface == "eth0"
+    assert Route("eth0", ip_network("10.66.0.0/24")) in facts.routes
+    assert ip_address("10.66.0.12") in facts.addresses
+    assert ip_address("127.0.0.1") not in facts.addresses
+    assert {"macvlan", "static", "whereabouts"} <= facts.programs["/opt/cni/bin"]
+    assert facts.settings["net.core.rmem_max"] == 4194304
+    assert facts.kernel == {"macvlan": True, "ipvlan": False}
+    assert facts.dhcp is False
+
+
+def test_half_an_answer_is_none() -> None:
+    """An answer that was cut short is refused, not taken for a machine without programs."""
+    text = (MACHINES / "node2.txt").read_text("utf-8")
+    with pytest.raises(ValueError, match="cut short"):
+        parse(text[: len(text) // 2])
+
+
+@pytest.mark.skipif(not Path("/proc/net/fib_trie").exists(), reason="needs Linux")
+@pytest.mark.parametrize("shell", SHELLS, ids=lambda shell: shell[0])
+def test_the_script_runs_in_any_shell(shell: list[str]) -> None:
+    """The script runs without a word of error in the shells that images have, on this machine."""
+    if not shutil.which(shell[0]):
+        pytest.skip(f"no {shell[0]} here")
+    facts = parse(run("", "/nowhere", shell=shell))
+    there = {path.name for path in Path("/sys/class/net").iterdir()}
+    assert set(facts.interfaces) == there - {"bonding_masters"}
+    rmem = int(Path("/proc/sys/net/core/rmem_max").read_text("ascii"))
+    assert facts.settings["net.core.rmem_max"] == rmem
+    assert facts.programs == {}
+
+
+@pytest.fixture
+def k3s(tmp_path: Path) -> Path:
+    """A root directory laid out as k3s does: absolute links into a directory with a hash."""
+    cni = tmp_path / "var/lib/rancher/k3s/data/cni"
+    hashed = tmp_path / "var/lib/rancher/k3s/data/0123/bin"
+    cni.mkdir(parents=True)
+    hashed.mkdir(parents=True)
+    (hashed / "cni").touch(mode=0o755)
+    (hashed / "bridge").symlink_to("cni")
+    (cni / "host-local").symlink_to("/var/lib/rancher/k3s/data/0123/bin/cni")
+    (cni / "bridge").symlink_to("/var/lib/rancher/k3s/data/0123/bin/bridge")
+    (cni / "gone").symlink_to("/var/lib/rancher/k3s/data/4567/bin/cni")
+    (cni / "macvlan").touch(mode=0o755)
+    (cni / "no-program").touch(mode=0o644)
+    return tmp_path
+
+
+def test_links_are_followed_below_the_machines_root(k3s: Path) -> None:
+    """Absolute links of k3s are followed below where its root directory is mounted."""
+    directory = "/var/lib/rancher/k3s/data/cni"
+    facts = parse(run(str(k3s), f"{k3s}{directory}"))
+    assert facts.programs == {directory: frozenset({"bridge", "host-local", "macvlan"})}
+
+
+def test_links_out_of_sight_are_believed(k3s: Path) -> None:
+    """Where the root directory is not mounted, a link that cannot be followed counts as there."""
+    directory = f"{k3s}/var/lib/rancher/k3s/data/cni"
+    facts = parse(run("", directory))
+    expected = {"bridge", "host-local", "macvlan", "gone"}
+    assert facts.programs == {directory: frozenset(expected)}
+
+
+def test_the_dhcp_daemon_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A socket at /run/cni/dhcp.sock is the dhcp daemon; a file there is not."""
+    directory = tmp_path / "run/cni"
+    directory.mkdir(parents=True)
+    (directory / "dhcp.sock").touch()
+    assert parse(run(str(tmp_path))).dhcp is False
+    (directory / "dhcp.sock").unlink()
+    monkeypatch.chdir(directory)  # a socket's path must be short
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("dhcp.sock")
+        assert parse(run(str(tmp_path))).dhcp is True
+
+
+def test_a_wireless_interface_is_recognised(tmp_path: Path) -> None:
+    """An interface is wireless where the kernel's directory of it has `wireless` or `phy80211`;
+    laid over /sys/class/net, since no radio is here. One that vanishes meanwhile is left out."""
+    unshare = ["unshare", "--mount", "--map-root-user"]
+    if subprocess.run([*unshare, "true"], check=False, capture_output=True).returncode:
+        pytest.skip("this machine lets nobody mount")
+    for name, extra in (("wlan0", "wireless"), ("wlp1s0", "phy80211"), ("eth0", "")):
+        directory = tmp_path / name
+        directory.mkdir()
+        if extra:
+            (directory / extra).mkdir()
+        for file, text in {
+            "flags": "0x1003",
+            "type": "1",
+            "operstate": "up",
+            "mtu": "1500",
+            "uevent": f"INTERFACE={name}\nIFINDEX=3",
+        }.items():
+            (directory / file).write_text(f"{text}\n", "ascii")
+    (tmp_path / "eth0/upper_pods").mkdir()
+    (tmp_path / "veth0").mkdir()
+    (tmp_path / "veth0/flags").write_text("0x1003\n", "ascii")  # and then a pod ended
+    script = f'mount --bind "$0" /sys/class/net && exec sh -c \'{_quoted(PROBE)}\' preflight ""'
+    done = subprocess.run(
+        [*unshare, "sh", "-c", script, str(tmp_path)], check=True, capture_output=True, text=True
+    )
+    interfaces = parse(done.stdout).interfaces
+    assert {name: i.wireless for name, i in interfaces.items()} == {
+        "eth0": False,
+        "wlan0": True,
+        "wlp1s0": True,
+    }
+    assert interfaces["eth0"].uppers == ("pods",)
+
+
+def _quoted(text: str) -> str:
+    return text.replace("'", "'\\''")

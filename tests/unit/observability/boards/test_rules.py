@@ -1,0 +1,103 @@
+"""The rules: whole, explained, and doing what they promise when Prometheus evaluates them."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from rigel_k8s.cli.main import cli
+from rigel_k8s.observability.boards import rules
+from rigel_k8s.observability.boards.applications import RUNBOOKS
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[3]
+PAGES = ROOT / "docs" / "runbooks"
+CASES = HERE / "rules"
+SOURCES = ROOT / "src" / "rigel_k8s"
+
+
+def run(*words: str) -> str:
+    """Run a program; what it says belongs to the failure."""
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_prometheus_takes_the_rules(promtool: str, tmp_path: Path) -> None:
+    """Prometheus' own checker finds nothing wrong, and no two rules record one name twice."""
+    for name, text in rules().items():
+        (tmp_path / name).write_text(text)
+    said = run(promtool, "check", "rules", *[str(tmp_path / name) for name in rules()])
+    assert "FAILED" not in said
+    assert "duplicate" not in said
+
+
+@pytest.mark.parametrize("case", sorted(CASES.glob("*.yaml")), ids=lambda path: path.stem)
+def test_a_rule_does_what_its_cases_say(case: Path, promtool: str) -> None:
+    """Each alert comes when it should, with these words, and not in a roll-out."""
+    run(promtool, "test", "rules", str(case))
+
+
+def test_each_alert_has_its_cases(alerts: dict[str, Any]) -> None:
+    """An alert without a unit test is none."""
+    assert {path.stem for path in CASES.glob("*.yaml")} - {"identity"} == set(alerts)
+
+
+def test_each_alert_has_its_runbook_and_each_runbook_its_alert(alerts: dict[str, Any]) -> None:
+    """Who is called at night finds a page, and no page tells of an alert that is gone."""
+    assert {path.stem for path in PAGES.glob("*.md")} - {"README"} == set(alerts)
+
+
+def test_alerts_say_what_is_wrong_and_where_to_look(alerts: dict[str, Any]) -> None:
+    """Severity, a summary, a description, the runbook's address, and some patience."""
+    for name, alert in alerts.items():
+        assert alert["labels"]["severity"] in ("critical", "warning", "info"), name
+        assert set(alert["annotations"]) == {"summary", "description", "runbook_url"}, name
+        assert alert["annotations"]["runbook_url"] == f"{RUNBOOKS}/{name}.md"
+        assert alert["for"] in ("1m", "2m", "5m", "10m"), name
+
+
+@pytest.mark.parametrize(
+    "heading", ["## What you see", "## What it means", "## Look", "## What to do"]
+)
+def test_runbooks_have_one_form(heading: str, alerts: dict[str, Any]) -> None:
+    """Each page: symptom, meaning, commands to look with, what to do."""
+    for name in alerts:
+        text = (PAGES / f"{name}.md").read_text()
+        assert text.startswith(f"# {name}\n"), name
+        assert heading in text, name
+
+
+def test_rules_ask_for_no_ros_metric_that_nobody_gives(alerts: dict[str, Any]) -> None:
+    """A metric's name that the exporter does not have would be an alert that never comes."""
+    given = "\n".join(path.read_text() for path in (SOURCES / "exporter").glob("*.py"))
+    expressions = re.sub(r"#.*", "", "\n".join(rules().values()))
+    asked = set(
+        re.findall(
+            r"(?<![:\w/-])ros_(?:node|topic|master|exporter|diagnostics)_\w+(?![:\w])", expressions
+        )
+    )
+    assert len(asked) > 8
+    assert {name for name in asked if f'"{name}"' not in given} == set()
+
+
+def test_no_rule_uses_a_recorded_name_that_is_not_recorded(recorded: set[str]) -> None:
+    """`level:metric:operations` in an expression is one of our own."""
+    used = set(re.findall(r"\b[a-z_]+:[a-z_]+:[a-z0-9_]+\b", "\n".join(rules().values())))
+    assert used == recorded
+
+
+def test_runbooks_say_only_commands_that_there_are() -> None:
+    """Each line with rigel in it is read by the command line: no option that is not there."""
+    pages = "\n".join(page.read_text() for page in PAGES.glob("*.md"))
+    said = re.findall(r"(?m)^rigel ([^#\n]*)", pages) + re.findall(r"`rigel ([^`]*)`", pages)
+    assert len(said) > 15
+    for line in said:
+        words = line.split(" -- ")[0].split()
+        result = CliRunner().invoke(cli, [*words, "--help"])
+        assert result.exit_code == 0, f"rigel {line}: {result.output}"

@@ -1,0 +1,89 @@
+"""What the options of observability may not say, and what works otherwise than it looks."""
+
+from __future__ import annotations
+
+import pytest
+
+from rigel_k8s.observability.checks import check
+
+from .shapes import options
+
+PROMTAIL = "collector: promtail"
+WRONG = [
+    ("bad-duration", "loki.retention", "{loki: {retention: 12h}}"),
+    ("bad-duration", "prometheus.retention", "{prometheus: {retention: 0s}}"),
+    ("bad-duration", "prometheus.scrape_interval", "{prometheus: {scrape_interval: 0s}}"),
+    ("bad-address", "prometheus.alertmanagers.0", "{prometheus: {alertmanagers: [nobody]}}"),
+    ("bad-url", "existing.loki.url", "{existing: {loki: {url: loki:3100}}}"),
+    (
+        "bad-url",
+        "existing.prometheus.url",
+        "{existing: {prometheus: {url: there}}}",
+    ),
+    ("missing-url", "existing.prometheus", "{existing: {prometheus: true}}"),
+    ("name-taken", "ros_metrics.topics.1", "{ros_metrics: {topics: [/scan, scan]}}"),
+]
+WARNINGS = [
+    ("not-used", "loki.chart", "{loki: {chart: grafana/loki}}"),
+    ("not-used", "grafana.values", "{grafana: {values: {a: 1}}}"),
+    ("clear-password", "grafana.admin_password", "{grafana: {admin_password: x}}"),
+    ("not-used", "alloy", "{alloy: {image: a}}"),
+    (
+        "not-used",
+        "loki",
+        "{loki: {retention: 7d}, existing: {loki: {url: 'http://loki.logging:3100'}}}",
+    ),
+    (
+        "not-used",
+        "existing.grafana",
+        "{grafana: {default_dashboards: false}, existing: {grafana: {folder: a}}}",
+    ),
+]
+RIGHT = [
+    "{}",
+    "{loki: {retention: 1d}}",
+    "{loki: {retention: 0}}",
+    "{existing: {prometheus: true, grafana: true}}",
+    "{existing: {prometheus: true}, grafana: {enabled: false}}",
+    "{existing: {prometheus: {url: 'http://prometheus.monitoring:9090'}}}",
+    "{prometheus: {alertmanagers: ['alertmanager.ops:9093']}}",
+]
+
+
+def told(text: str, severity: str) -> set[tuple[str, str]]:
+    """Return (kind, place) of all problems of a severity."""
+    chosen = (
+        text if "collector" in text else f"{text[:-1]}{', ' if text != '{}' else ''}{PROMTAIL}}}"
+    )
+    found = [p for p in check(options(chosen)) if p.severity == severity]
+    assert all(problem.message for problem in found)
+    return {(p.kind, ".".join(map(str, p.path))) for p in found}
+
+
+@pytest.mark.parametrize(("kind", "place", "text"), WRONG)
+def test_what_a_program_would_refuse_is_told_at_its_place(kind: str, place: str, text: str) -> None:
+    """One mistake is one problem."""
+    assert told(text, "error") == {(kind, place)}
+
+
+@pytest.mark.parametrize(("kind", "place", "text"), WARNINGS)
+def test_what_has_no_effect_is_a_warning(kind: str, place: str, text: str) -> None:
+    """A warning stops nothing."""
+    assert told(text, "warning") == {(kind, place)}
+    assert told(text, "error") == set()
+
+
+@pytest.mark.parametrize("text", RIGHT)
+def test_what_is_right_is_told_nothing_of(text: str) -> None:
+    """No word about what works."""
+    assert told(text, "error") | told(text, "warning") == set()
+
+
+def test_promtails_end_is_told_until_somebody_chooses() -> None:
+    """Once, for the default; who has chosen a collector knows."""
+    said = {p.kind: p for p in check(options("{}"))}
+    assert "alloy" in said["end-of-life"].message
+    assert said["end-of-life"].severity == "warning"
+    for chosen in ("collector: promtail", "collector: alloy", "loki: {enabled: false}"):
+        assert list(check(options(chosen))) == []
+    assert list(check(options("enabled: false"))) == []

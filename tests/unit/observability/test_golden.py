@@ -1,0 +1,116 @@
+"""Each variant of the stack has a golden file: a changed template restarts a part of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rigel_k8s.commands.yaml_text import documents
+from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.release.types import Desired
+
+from .shapes import GOLDEN, release
+
+EXISTING = """
+existing:
+  prometheus: {labels: {release: kube-prometheus-stack}}
+  loki: {url: "http://loki.logging:3100/", tenant: robots, secret: loki-user}
+  grafana: {labels: {shown: "yes"}, folder: Robots}
+kube_state_metrics: true
+node_exporter: true
+"""
+EVERYTHING = """
+collector: alloy
+collect: all
+node_exporter: {image: "registry.lab/node-exporter:1"}
+kube_state_metrics: {resources: {limits: {memory: 1Gi}}}
+alloy: {image: "registry.lab/alloy:1"}
+grafana: {service_type: NodePort, persistence: {enabled: true, size: 2Gi}}
+prometheus:
+  image: registry.lab/prometheus:1
+  scrape_interval: 10s
+  evaluation_interval: 20s
+  retention: 30d
+  alertmanagers: ["alertmanager.ops:9093"]
+  persistence: {size: 50Gi, storage_class: fast}
+loki:
+  retention: 14d
+  service_type: LoadBalancer
+  resources: {requests: {cpu: "1", memory: 1Gi}, limits: {memory: 4Gi}}
+  persistence: {size: 100Gi}
+"""
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "default": ("{}", {"api_servers": ("10.0.0.1", "fd00::1")}),
+    "everything": (EVERYTHING, {}),
+    "existing": (EXISTING, {}),
+    "alloy-existing": (f"collector: alloy\n{EXISTING}", {}),
+    "no-storage": ("{grafana: {enabled: false}, network_policies: false}", {"claims": False}),
+    "logs-only": ("{prometheus: {enabled: false}, grafana: {enabled: false}}", {}),
+    "metrics-only": ("{loki: {enabled: false}, ros_metrics: false}", {}),
+}
+
+
+def made(case: str) -> Desired:
+    """Return the release of a case."""
+    text, more = CASES[case]
+    return release(text, **more)
+
+
+@pytest.mark.parametrize("case", sorted(CASES))
+def test_manifests_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
+    """The same options give the same objects, to the last field."""
+    text = documents(made(case).objects)
+    golden = GOLDEN / f"{case}.yaml"
+    if update_golden:
+        golden.write_text(text, "utf-8")
+    assert text == golden.read_text("utf-8")
+
+
+@pytest.mark.parametrize("case", sorted(CASES))
+def test_no_two_objects_are_one(case: str) -> None:
+    """Each has a name of its own, and the release's label."""
+    objects = made(case).objects
+    refs = [ref_of(item) for item in objects]
+    assert len(set(refs)) == len(refs)
+    labels = {item["metadata"]["labels"]["rigel-k8s/release"] for item in objects}
+    assert labels == {"rigel-observability"}
+
+
+@pytest.mark.parametrize("case", sorted(CASES))
+def test_no_program_has_rights_on_its_machine(case: str) -> None:
+    """Nobody but Promtail is root, none keeps a capability, none writes where it is not told to."""
+    for item in made(case).objects:
+        if item["kind"] not in ("Deployment", "DaemonSet"):
+            continue
+        pod = item["spec"]["template"]["spec"]
+        root = item["metadata"]["name"] == "promtail"
+        assert pod["securityContext"].get("runAsNonRoot", False) is not root
+        assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
+        (container,) = pod["containers"]
+        assert container["securityContext"] == {
+            "allowPrivilegeEscalation": False,
+            "readOnlyRootFilesystem": True,
+            "capabilities": {"drop": ["ALL"]},
+        }
+        assert container["resources"]["limits"]["memory"]
+        assert ":" in container["image"].rpartition("/")[2]
+
+
+def test_claims_outlive_the_stack() -> None:
+    """`down` leaves what holds data."""
+    kept = {ref.name for ref in made("everything").protected}
+    assert kept == {"loki-data", "prometheus-data", "grafana-data", "alloy-data"}
+
+
+def test_golden_files_have_their_case() -> None:
+    """No golden file outlives its case."""
+    assert {path.stem for path in GOLDEN.glob("*.yaml")} == set(CASES)
+
+
+def test_each_dashboard_fits_into_a_config_map() -> None:
+    """The API server takes a mebibyte, with all that belongs to the object."""
+    from rigel_k8s.observability import boards
+
+    assert boards.dashboards()
+    assert max(len(text.encode()) for text in boards.dashboards().values()) < 900_000

@@ -1,0 +1,351 @@
+"""The stack without a cluster: what several applications make of it, and what it costs a robot."""
+
+from __future__ import annotations
+
+import base64
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.types import orchestration
+from rigel_k8s.jobs.types.observability import ObservabilityJob
+from rigel_k8s.observability import (
+    desired as observability_wanted,
+)
+from rigel_k8s.observability import (
+    install as observability_install,
+)
+from rigel_k8s.observability.desired import rendered, shared, wanted
+from rigel_k8s.observability.install import install
+from rigel_k8s.observability.installation import api_servers, gives_storage, installed_in
+from rigel_k8s.observability.options import Observability, ObservabilityOptions
+from rigel_k8s.observability.password import ensure_administrator
+from rigel_k8s.release.types import Desired, ReleaseId, Revision
+from rigel_k8s.settings import Application, Settings
+
+NOETIC = Application(distro="noetic")
+
+
+class Report:
+    """Keeps what was told."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.warnings: list[str] = []
+
+    def line(self, text: str) -> None:
+        self.lines.append(text)
+
+    def warn(self, text: str) -> None:
+        self.warnings.append(text)
+
+    def progress(self, key: str, state: str, *, done: bool = False) -> None:
+        """Not kept."""
+
+    def child(self, name: str) -> Report:
+        return self
+
+
+class Cluster:
+    """The few answers that looking takes; what is written is kept."""
+
+    def __init__(self, *objects: Mapping[str, Any], served: tuple[str, ...] = ()) -> None:
+        self.objects, self.served = list(objects), served
+        self.secret: dict[str, Any] | None = None
+        self.deleted: list[Any] = []
+        self.patches = 0
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing to close."""
+
+    def list(self, api: str, kind: str, *_: Any, **__: Any) -> list[Mapping[str, Any]]:
+        return [one for one in self.objects if one["kind"] == kind]
+
+    def nodes(self) -> list[Mapping[str, Any]]:
+        return self.list("v1", "Node")
+
+    def serves(self, api: str, kind: str) -> bool:
+        return kind in self.served
+
+    def get(self, ref: Any) -> Any:
+        return self.secret if ref.kind == "Secret" else {"metadata": {"name": ref.name}}
+
+    def create(self, manifest: dict[str, Any]) -> None:
+        self.secret = manifest
+
+    def patch(self, ref: Any, body: Any) -> None:
+        assert self.secret is not None
+        self.patches += 1
+        self.secret["data"] |= body["data"]
+
+    def delete(self, ref: Any) -> None:
+        self.deleted.append(ref)
+
+    def password(self) -> str:
+        assert self.secret is not None
+        return base64.b64decode(self.secret["data"]["admin-password"]).decode()
+
+
+def role(namespace: str) -> dict[str, Any]:
+    annotations = {"rigel-k8s/namespace": namespace}
+    return {"kind": "ClusterRole", "metadata": {"name": "r", "annotations": annotations}}
+
+
+def revision(options: Mapping[str, Any]) -> Revision:
+    release = ReleaseId("monitoring", "rigel-observability")
+    return Revision(release, 3, "good", "", (), (), options)
+
+
+@pytest.fixture
+def last(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The options of the last revision; none where it stays empty."""
+    options: dict[str, Any] = {}
+
+    def found(cluster: Any, release: ReleaseId) -> Revision | None:
+        return revision(options) if options else None
+
+    monkeypatch.setattr(observability_wanted, "last_good", found)
+    monkeypatch.setattr(observability_install, "last_good", found)
+    return options
+
+
+def asked(raw: Mapping[str, Any], *objects: Any) -> Any:
+    cluster: Any = Cluster(*objects)
+    return wanted(raw, cluster)
+
+
+def job(raw: Mapping[str, Any] | None = None) -> JobContext:
+    return JobContext("job", NOETIC, Report(), Settings(), raw=raw or {})
+
+
+def test_what_one_application_does_not_say_stays_as_another_said_it(last: dict[str, Any]) -> None:
+    """Lists and single values are replaced, and nothing is reset by silence."""
+    last |= {"loki": {"retention": "30d"}, "grafana": {"enabled": False}, "collector": "alloy"}
+    found = asked({"enabled": True, "loki": {"service_type": "NodePort"}})
+    options = found.stack.options
+    assert (options.loki.retention, options.loki.service_type) == ("30d", "NodePort")
+    assert (found.stack.has_grafana, found.stack.collector) == (False, "alloy")
+    assert found.desired.options == {
+        "loki": {"retention": "30d", "service_type": "NodePort"},
+        "grafana": {"enabled": False},
+        "collector": "alloy",
+    }
+
+
+def test_what_is_one_applications_own_is_not_the_stacks(last: dict[str, Any]) -> None:
+    """Its exporter, its switch, and a password, which stands in no revision."""
+    raw = {
+        "enabled": True,
+        "namespace": "watch",
+        "ros_metrics": {"topics": ["/scan"]},
+        "grafana": {"admin_password": "secret", "default_dashboards": False},
+    }
+    assert shared(raw) == {"grafana": {"default_dashboards": False}}
+    assert asked(raw).desired.options == {"grafana": {"default_dashboards": False}}
+
+
+def test_what_two_applications_say_together_may_be_wrong(last: dict[str, Any]) -> None:
+    """Each was right by itself: the message says so."""
+    last |= {"existing": {"prometheus": True}, "grafana": {"enabled": False}}
+    with pytest.raises(UserError, match="cannot be what this job and those before it say") as told:
+        asked({"enabled": True, "grafana": {"enabled": True}})
+    assert "existing.prometheus" in told.value.details[0]
+
+
+def test_the_stack_is_where_it_is(last: dict[str, Any]) -> None:
+    """A second one is refused, with the namespace of the first."""
+    assert asked({}, role("watch")).stack.namespace == "watch"
+    assert asked({"namespace": "watch"}, role("watch")).stack.namespace == "watch"
+    assert asked({"namespace": "watch"}).stack.namespace == "watch"
+    assert asked({}).stack.namespace == "monitoring"
+    with pytest.raises(UserError, match="namespace watch already"):
+        asked({"namespace": "other"}, role("watch"))
+
+
+def test_storage_and_api_servers_are_looked_for() -> None:
+    """A default class gives claims; a tunnel's address counts as the API server's."""
+    note = {"storageclass.kubernetes.io/is-default-class": "true"}
+    storage = {"kind": "StorageClass", "metadata": {"annotations": note}}
+    other = {"kind": "StorageClass", "metadata": {}}
+    ends = {"kind": "EndpointSlice", "metadata": {}, "endpoints": [{"addresses": ["10.0.0.1"]}]}
+    addresses = [{"type": "InternalIP", "address": "10.0.0.1"}]
+    server = {
+        "kind": "Node",
+        "metadata": {"name": "server"},
+        "spec": {"podCIDR": "10.42.0.0/24"},
+        "status": {"addresses": addresses},
+    }
+    robot = {**server, "spec": {"podCIDR": "10.42.1.0/24"}, "status": {"addresses": []}}
+    cluster: Any = Cluster(storage, other, ends, server, robot)
+    assert gives_storage(cluster)
+    assert not gives_storage(Cluster(other))  # type: ignore[arg-type]
+    assert api_servers(cluster) == ("10.0.0.1", "10.42.0.0")
+    assert installed_in(cluster) is None
+
+
+def test_without_an_operator_the_way_out_is_told(last: dict[str, Any]) -> None:
+    """And nothing is written."""
+    raw = {"existing": {"prometheus": True}, "grafana": {"enabled": False}}
+    cluster: Any = Cluster(served=("PodMonitor",))
+    with pytest.raises(UserError, match="knows no PrometheusRule") as told:
+        install(cluster, raw, job().deploy_options)
+    assert "install the operator first" in str(told.value.hint)
+    assert cluster.secret is None
+
+
+def test_who_may_only_deploy_applications_does_so(
+    last: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The stack is an administrator's: its job fails without the rights, theirs goes on."""
+    refused = ClusterError("cannot list ClusterRoles: forbidden")
+    refused.status = 403  # type: ignore[attr-defined]
+
+    def look(*_: Any) -> Any:
+        raise refused
+
+    monkeypatch.setattr(observability_install, "wanted", look)
+    context, cluster = job(), Cluster()
+    with pytest.raises(ClusterError) as told:
+        install(cluster, {}, context.deploy_options)  # type: ignore[arg-type]
+    assert "administrator" in str(told.value.hint)
+    observability_install.ensure(cluster, {}, context.deploy_options)  # type: ignore[arg-type]
+    assert "left as it is; an administrator" in context.report.warnings[0]  # type: ignore[attr-defined]
+    refused.status = 500  # type: ignore[attr-defined]
+    with pytest.raises(ClusterError):
+        observability_install.ensure(cluster, {}, context.deploy_options)  # type: ignore[arg-type]
+
+
+class Prepared:
+    """An application's job that asks for the stack."""
+
+    def __init__(self, said: Observability) -> None:
+        self.options = OrchestrationOptions(observability=said)
+        self.desired = Desired(ReleaseId("robots", "demo"), ())
+
+
+def test_a_password_is_random_and_made_once() -> None:
+    """Long enough, and not another one with every deploy."""
+    first, second = Cluster(), Cluster()
+    for cluster in (first, second, first):
+        ensure_administrator(cluster, "monitoring", None)  # type: ignore[arg-type]
+    assert first.password() != second.password()
+    assert len(first.password()) >= 24
+    assert first.patches == 0
+
+
+def test_a_password_that_is_told_counts() -> None:
+    """A changed one too: Grafana is started anew, since it reads it at its start."""
+    pod = {"kind": "Pod", "metadata": {"name": "grafana-1"}}
+    cluster: Any = Cluster(pod)
+    ensure_administrator(cluster, "monitoring", "first")
+    assert (cluster.password(), cluster.deleted) == ("first", [])
+    ensure_administrator(cluster, "monitoring", "second")
+    assert cluster.password() == "second"
+    assert [ref.name for ref in cluster.deleted] == ["grafana-1"]
+    ensure_administrator(cluster, "monitoring", None)
+    assert cluster.password() == "second"
+
+
+def test_no_render_has_a_password() -> None:
+    """Neither the Secret nor the Rigelfile's own word."""
+    made = rendered({"grafana": {"admin_password": "hunter2"}})
+    assert "hunter2" not in str(made.desired)
+    assert {item["kind"] for item in made.desired.objects}.isdisjoint({"Secret"})
+
+
+def test_data_that_nobody_keeps_are_told_of(
+    last: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cluster without a default StorageClass loses them with the pod."""
+    found = asked({"enabled": True, "prometheus": {"persistence": {"enabled": False}}})
+    report = Report()
+    observability_install._warn_of_lost_data(found, report)
+    assert [warning.split()[0] for warning in report.warnings] == ["loki"]
+
+
+ASKED = Prepared(Observability(enabled=True))
+
+
+def test_robots_do_not_wait_for_dashboards(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stack that does not become ready is told, and told again at the end."""
+    failed = RolloutFailed("loki is not ready")
+
+    def ensure(*_: Any, **__: Any) -> None:
+        raise failed
+
+    monkeypatch.setattr(observability_install, "ensure", ensure)
+    context = job()
+    assert orchestration._observe(ASKED, None, context) is failed  # type: ignore[arg-type]
+    assert "the application is deployed all the same" in context.report.warnings[0]  # type: ignore[attr-defined]
+
+
+def test_an_interruption_is_none_of_the_stacks_failures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the user wrote, and what the user stopped, ends the job."""
+
+    def ensure(*_: Any, **__: Any) -> None:
+        raise UserError("no such thing")
+
+    monkeypatch.setattr(observability_install, "ensure", ensure)
+    with pytest.raises(UserError):
+        orchestration._observe(ASKED, None, job())  # type: ignore[arg-type]
+
+
+def test_the_job_that_is_switched_off_does_nothing() -> None:
+    """`enabled: false` is what it says."""
+    context = job()
+    ObservabilityJob().run(ObservabilityOptions(enabled=False), context)
+    assert context.report.lines == ["observability.enabled is false: nothing to do"]  # type: ignore[attr-defined]
+
+
+def test_one_stack_at_a_time() -> None:
+    """Two branches of a sequence must not change it at once."""
+    exclusive = ObservabilityJob().exclusive
+    keys = {exclusive(ObservabilityOptions(), NOETIC, Settings(namespace=n)) for n in ("a", "b")}
+    assert len(keys) == 1
+
+
+@pytest.fixture
+def deployed(last: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What is given to deploy; the plan has a change where `last` is not what is wanted."""
+    calls: list[Any] = []
+
+    class Plan:
+        changes: tuple[str, ...] = ()
+
+    def deploy(desired: Any, cluster: Any, **words: Any) -> Revision:
+        calls.append(words)
+        return attrs.evolve(revision(desired.options), number=4)
+
+    monkeypatch.setattr(observability_install, "diff", lambda *_, **__: Plan())
+    monkeypatch.setattr(observability_install, "deploy", deploy)
+    return calls
+
+
+def test_a_stack_that_is_there_costs_no_wait(last: dict[str, Any], deployed: list[Any]) -> None:
+    """Though a machine is away whose collector nobody can wait for."""
+    last |= {"grafana": {"enabled": False}}
+    away = {"kind": "Node", "metadata": {"name": "robot"}, "spec": {}, "status": {}}
+    cluster: Any = Cluster(away)
+    done = install(cluster, {"enabled": True}, job().deploy_options)
+    assert (done.changed, done.revision.number, deployed) == (False, 3, [])
+    done = install(cluster, {"loki": {"retention": "3d"}}, job().deploy_options)
+    assert (done.changed, done.away) == (True, ("robot",))
+    assert deployed[0]["timeout"] == observability_install.WITHOUT_ALL
+
+
+def test_cancelling_reaches_the_deploy(last: dict[str, Any], deployed: list[Any]) -> None:
+    """Whoever presses Ctrl-C does not wait for the stack."""
+    cancel = threading.Event()
+    context = attrs.evolve(job(), cancel=cancel)
+    cluster: Any = Cluster()
+    install(cluster, {"grafana": {"enabled": False}}, context.deploy_options)
+    assert deployed[0]["cancel"] is cancel

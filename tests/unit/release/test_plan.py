@@ -1,0 +1,271 @@
+"""The pure part of a deploy: what is sent, what is unchanged, what is done, what is refused."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.errors import ClusterError, ConflictError
+from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
+from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.release import revisions
+from rigel_k8s.release.difference import difference
+from rigel_k8s.release.order import rank
+from rigel_k8s.release.ownership import covers, managers, taken_over
+from rigel_k8s.release.plan import compare, predecessors
+from rigel_k8s.release.prepare import hash_of, prepared
+from rigel_k8s.release.refusals import Refused, check
+from rigel_k8s.release.survey import Survey
+from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision, Step
+
+RELEASE = ReleaseId("n", "demo")
+NAMESPACE = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}}
+
+
+def made(kind: str, name: str, singleton: str = "", **content: Any) -> dict[str, Any]:
+    meta: dict[str, Any] = {"name": name, "namespace": "n"}
+    if singleton:
+        meta["annotations"] = {SINGLETON_ANNOTATION: singleton}
+    version = "apps/v1" if kind == "Deployment" else "v1"
+    return {"apiVersion": version, "kind": kind, "metadata": meta, **content}
+
+
+def fields(value: Any) -> dict[str, Any]:
+    """Return the ownership of all of a value, as server-side apply would record it."""
+    if isinstance(value, dict):
+        return {f"f:{key}": fields(part) for key, part in value.items()}
+    return {}
+
+
+def stored(manifest: dict[str, Any], uid: str = "u") -> dict[str, Any]:
+    """Return a prepared manifest as it is on the cluster after an apply."""
+    body = {k: v for k, v in manifest.items() if k not in ("apiVersion", "kind", "metadata")}
+    meta = {k: manifest["metadata"][k] for k in ("labels", "annotations")}
+    entry = {
+        "manager": "rigel",
+        "operation": "Apply",
+        "apiVersion": "v1",
+        "fieldsV1": fields({**body, "metadata": meta}),
+    }
+    own = {"uid": uid, "resourceVersion": "1", "managedFields": [entry]}
+    return {**manifest, "metadata": {**manifest["metadata"], **own}}
+
+
+def looked(
+    desired: Desired,
+    live: list[dict[str, Any]],
+    results: dict[Any, Any] | None = None,
+    inventory: tuple[InventoryItem, ...] = (),
+    namespace: dict[str, Any] | None = NAMESPACE,
+) -> Survey:
+    last = Revision(RELEASE, 1, "good", "", (), inventory)
+    there = {ref_of(o): o for o in live}
+    return Survey(desired, prepared(desired), there, results or {}, namespace, [], last)
+
+
+def test_what_is_sent_is_labelled_hashed_and_in_order() -> None:
+    """Configuration before services before workloads; the hash is of all that is said."""
+    one = Desired(RELEASE, (made("Deployment", "d"), made("Service", "s"), made("ConfigMap", "c")))
+    sent = prepared(one)
+    assert [m["kind"] for m in sent] == ["ConfigMap", "Service", "Deployment"]
+    assert all(m["metadata"]["labels"][RELEASE_LABEL] == "demo" for m in sent)
+    assert prepared(attrs.evolve(one, objects=sent)) == sent, "what is prepared stays as it is"
+    other = prepared(Desired(RELEASE, (made("ConfigMap", "c", data={"a": "1"}),)))
+    assert hash_of(other[0]) != hash_of(sent[0])
+
+
+def test_cluster_wide_objects_say_which_namespaces_release_they_are_of() -> None:
+    """A release's name alone does not tell two namespaces apart."""
+    volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "v"}}
+    [sent] = prepared(Desired(RELEASE, (volume,)))
+    assert sent["metadata"]["annotations"]["rigel-k8s/namespace"] == "n"
+
+
+def test_string_data_becomes_data() -> None:
+    """Kubernetes never shows stringData, so it could not be compared."""
+    [sent] = prepared(Desired(RELEASE, (made("Secret", "s", stringData={"p": "x"}),)))
+    assert sent["data"] == {"p": base64.b64encode(b"x").decode()}
+    assert "stringData" not in sent
+
+
+def test_unchanged_objects_are_kept_without_a_dry_run() -> None:
+    """The hash is ours and every field is still owned by us."""
+    desired = Desired(RELEASE, (made("ConfigMap", "c", data={"a": "1"}),))
+    survey = looked(desired, [stored(prepared(desired)[0])])
+    assert [s.action for s in compare(survey).steps] == ["keep"]
+
+
+OWNED = {
+    "f:spec": {
+        "f:replicas": {},
+        "f:list": {
+            'k:{"containerPort":80,"protocol":"TCP"}': {".": {}, "f:containerPort": {}},
+            'v:"x"': {},
+        },
+        "f:atomic": {},
+    }
+}
+
+
+@pytest.mark.parametrize(
+    ("spec", "owned"),
+    [
+        ({"replicas": 1}, True),
+        ({"paused": True}, False),
+        ({"list": [{"containerPort": 80}]}, True),
+        ({"list": [{"containerPort": 81}]}, False),
+        ({"list": [{"containerPort": 80, "name": "http"}]}, False),
+        ({"list": ["x"]}, True),
+        ({"list": ["y"]}, False),
+        ({"atomic": {"any": {"thing": 1}}}, True),
+        ({"empty": {}, "none": None}, True),
+    ],
+)
+def test_ownership_is_read_from_managed_fields(spec: dict[str, Any], owned: object) -> None:
+    """Fields, list items by key (with defaults) and by value, atomic values, empty ones."""
+    live = made("Deployment", "d")
+    entry = {"manager": "rigel", "operation": "Apply", "apiVersion": "v1", "fieldsV1": OWNED}
+    live["metadata"]["managedFields"] = [entry]
+    assert covers(made("Deployment", "d", spec=spec), live) == owned
+
+
+def test_taking_over_makes_other_tools_fields_ours_and_leaves_controllers_alone() -> None:
+    """kubectl's and Helm's become ours; what Kubernetes' controllers set stays theirs."""
+    live = made("Deployment", "d")
+    live["metadata"]["managedFields"] = [
+        {"manager": "helm", "operation": "Update", "apiVersion": "v1", "fieldsV1": {"f:a": {}}},
+        {"manager": "rigel", "operation": "Apply", "apiVersion": "v1", "fieldsV1": {"f:b": {}}},
+        {"manager": "kube-controller-manager", "operation": "Update", "fieldsV1": {"f:c": {}}},
+        {"manager": "x", "operation": "Update", "subresource": "status", "fieldsV1": {"f:d": {}}},
+    ]
+    assert managers(live) == ("helm",)
+    *others, ours = taken_over(live)
+    assert [entry["manager"] for entry in others] == ["kube-controller-manager", "x"]
+    assert (ours["manager"], ours["operation"]) == ("rigel", "Apply")
+    assert ours["fieldsV1"] == {"f:a": {}, "f:b": {}}
+
+
+def test_what_nobody_wants_any_more_is_pruned_and_data_are_kept() -> None:
+    """By the inventory; a claim is forgotten, an object with another UID and label too."""
+    old = prepared(
+        Desired(
+            RELEASE,
+            (
+                made("ConfigMap", "gone"),
+                made("PersistentVolumeClaim", "data"),
+                made("Deployment", "d"),
+            ),
+        )
+    )
+    live = [stored(m) for m in old]
+    foreign = made("ConfigMap", "foreign")
+    foreign["metadata"]["uid"] = "theirs"
+    items = tuple(InventoryItem(ref_of(o), "u") for o in [*live, foreign])
+    plan = compare(looked(Desired(RELEASE, ()), [*live, foreign], inventory=items))
+    assert [(s.action, s.ref.name) for s in plan.steps] == [
+        ("prune", "d"),
+        ("forget", "data"),
+        ("prune", "gone"),
+        ("forget", "foreign"),
+    ]
+    assert [s.ref.name for s in plan.changes] == ["d", "gone"]
+
+
+def test_a_moved_singleton_names_its_predecessor() -> None:
+    """Only a prune whose identity comes back under another name."""
+    desired = Desired(RELEASE, (made("Deployment", "new", "/talker"),))
+    old = [
+        stored(m)
+        for m in prepared(
+            Desired(
+                RELEASE, (made("Deployment", "old", "/talker"), made("Deployment", "x", "/other"))
+            )
+        )
+    ]
+    items = tuple(InventoryItem(ref_of(o), "u") for o in old)
+    plan = compare(looked(desired, old, inventory=items))
+    assert [s.ref.name for s in predecessors(plan)] == ["old"]
+
+
+def test_a_missing_namespace_is_the_first_step() -> None:
+    """And everything in it is new."""
+    desired = Desired(RELEASE, (made("ConfigMap", "c"),), create_namespace=True)
+    plan = compare(looked(desired, [], namespace=None))
+    assert [(s.action, s.ref.kind) for s in plan.steps] == [
+        ("create", "Namespace"),
+        ("create", "ConfigMap"),
+    ]
+
+
+def test_refusals_come_all_at_once_with_their_paths() -> None:
+    """Two objects of another release: both told, where they came from, before any conflict."""
+    desired = Desired(RELEASE, (made("ConfigMap", "a"), made("ConfigMap", "b")))
+    desired = attrs.evolve(desired, origins={ref_of(desired.objects[1]): ("nodes", "b")})
+    live = []
+    for name in ("a", "b"):
+        other = made("ConfigMap", name)
+        other["metadata"]["labels"] = {RELEASE_LABEL: "other"}
+        live.append(other)
+    survey = looked(desired, live, {ref_of(o): o for o in live})
+    with pytest.raises(Refused) as caught:
+        check(survey, adopt=True)
+    assert [p.path for p in caught.value.problems] == [(), ("nodes", "b")]
+    assert caught.value.exit_code == 2
+
+
+def test_an_unlabelled_object_needs_adopt() -> None:
+    """Even where no field conflicts: a later down would delete what is not ours."""
+    desired = Desired(RELEASE, (made("ConfigMap", "a"),))
+    theirs = made("ConfigMap", "a")
+    theirs["metadata"].update(uid="x", managedFields=[{"manager": "kubectl", "operation": "Apply"}])
+    survey = looked(desired, [theirs], {ref_of(theirs): theirs})
+    with pytest.raises(ConflictError) as caught:
+        check(survey, adopt=False)
+    assert caught.value.details == ("ConfigMap n/a is there already, made by kubectl",)
+    check(survey, adopt=True)
+
+
+def test_a_record_keeps_everything_but_secrets() -> None:
+    """Written and read again it is the same revision."""
+    objects = (made("ConfigMap", "c", data={"a": "1"}), made("Secret", "s", data={"p": "eA=="}))
+    items = tuple(InventoryItem(ref_of(o), "u") for o in objects)
+    revision = Revision(
+        RELEASE, 7, "good", "2026-01-01T00:00:00Z", objects, items, {"x": 1}, "d", "1"
+    )
+    record = revisions.record(revision)
+    assert record.revision() == attrs.evolve(revision, objects=objects[:1])
+    assert record.secret["metadata"]["name"] == "rigel.demo.v7"
+    assert b"eA==" not in gzip.decompress(base64.b64decode(record.secret["data"]["release"]))
+
+
+def test_a_record_of_a_later_format_says_so() -> None:
+    """Instead of being misread."""
+    record = revisions.record(Revision(RELEASE, 1, "good", "", (), (), tool_version="9.9"))
+    payload = gzip.compress(json.dumps({"format": 2}).encode())
+    record.secret["data"]["release"] = base64.b64encode(payload).decode()
+    with pytest.raises(ClusterError, match="its format is 2") as caught:
+        record.revision()
+    assert "9.9" in (caught.value.hint or "")
+
+
+def test_a_difference_shows_lines_and_hides_secrets() -> None:
+    """As diff -u; a changed secret is told as changed without its value."""
+    one, two = (
+        {**made("Secret", "s", data={"p": value, "q": "same"}), "type": "Opaque"}
+        for value in ("b2xk", "bmV3")
+    )
+    step = Step("change", ref_of(one), two, one, two)
+    text = difference(Plan(RELEASE, (step,)))
+    assert "-  p: (hidden, as it is)\n+  p: (hidden, changed)\n   q: (hidden)\n" in text
+    assert "b2xk" not in text
+    assert difference(Plan(RELEASE, (Step("keep", ref_of(one), one, one, one),))) == ""
+
+
+def test_unknown_kinds_come_before_workloads() -> None:
+    """A custom resource may be what a pod needs."""
+    assert rank("Service") < rank("Robot") < rank("Deployment")

@@ -1,0 +1,270 @@
+"""Readiness of every kind, and why a workload is not ready, from objects as they are stored."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.causes import Cause, causes, pods_of, probe_failure
+from rigel_k8s.release.patience import Ledger, Patience
+from rigel_k8s.release.readiness import readiness
+
+REF = ObjectRef("apps/v1", "Deployment", "n", "talker")
+OTHER = ObjectRef("apps/v1", "Deployment", "n", "listener")
+
+
+def live(
+    kind: str, status: dict[str, Any], spec: dict[str, Any] | None = None, **meta: Any
+) -> dict[str, Any]:
+    return {
+        "apiVersion": "v1",
+        "kind": kind,
+        "metadata": {"name": "x", "uid": "u", "generation": 2, **meta},
+        "spec": spec or {},
+        "status": status,
+    }
+
+
+SEEN = {"observedGeneration": 2}
+FULL = {**SEEN, "replicas": 1, "updatedReplicas": 1, "availableReplicas": 1}
+UNBOUND = "pod has unbound immediate PersistentVolumeClaims"
+
+
+@pytest.mark.parametrize(
+    ("kind", "status", "spec", "done", "ok"),
+    [
+        ("Deployment", FULL, {"replicas": 1}, True, True),
+        ("Deployment", {**FULL, "observedGeneration": 1}, {}, False, True),
+        ("Deployment", {}, {"replicas": 0}, False, True),
+        ("Deployment", {**FULL, "updatedReplicas": 0}, {}, False, True),
+        ("Deployment", {**FULL, "replicas": 2}, {}, False, True),
+        ("Deployment", {**FULL, "availableReplicas": 0}, {}, False, True),
+        ("Deployment", SEEN, {"replicas": 0}, True, True),
+        ("StatefulSet", {**SEEN, "readyReplicas": 2, "updatedReplicas": 2}, {"replicas": 2}, 1, 1),
+        ("StatefulSet", {**SEEN, "readyReplicas": 2, "updatedReplicas": 1}, {"replicas": 2}, 0, 1),
+        ("StatefulSet", {**SEEN, "readyReplicas": 1, "updatedReplicas": 2}, {"replicas": 2}, 0, 1),
+        (
+            "StatefulSet",
+            {**SEEN, "readyReplicas": 1, "updatedReplicas": 1, "availableReplicas": 0},
+            {"minReadySeconds": 1},
+            False,
+            True,
+        ),
+        (
+            "DaemonSet",
+            {
+                **SEEN,
+                "desiredNumberScheduled": 2,
+                "updatedNumberScheduled": 2,
+                "numberAvailable": 2,
+            },
+            {},
+            True,
+            True,
+        ),
+        ("DaemonSet", {**SEEN, "desiredNumberScheduled": 2}, {}, False, True),
+        ("Job", {"conditions": [{"type": "Complete", "status": "True"}]}, {}, True, True),
+        ("Job", {"conditions": [{"type": "Failed", "status": "True"}]}, {}, True, False),
+        ("Job", {"active": 1}, {}, False, True),
+        ("Pod", {"phase": "Running"}, {}, False, True),
+        (
+            "Pod",
+            {"phase": "Running", "conditions": [{"type": "Ready", "status": "True"}]},
+            {},
+            True,
+            True,
+        ),
+        ("Pod", {"phase": "Failed", "reason": "Evicted"}, {}, True, False),
+        ("PersistentVolumeClaim", {"phase": "Bound"}, {}, True, True),
+        ("PersistentVolumeClaim", {"phase": "Pending"}, {}, False, True),
+        ("PersistentVolumeClaim", {"phase": "Lost"}, {}, True, False),
+        ("PersistentVolume", {"phase": "Available"}, {}, True, True),
+        ("PersistentVolume", {"phase": "Released"}, {}, True, False),
+        ("Service", {}, {}, True, True),
+        ("NetworkAttachmentDefinition", {}, {}, True, True),
+        ("Robot", {"conditions": [{"type": "Ready", "status": "False"}]}, {}, False, True),
+        ("Robot", {"observedGeneration": 1}, {}, False, True),
+    ],
+)
+def test_readiness(
+    kind: str, status: dict[str, Any], spec: dict[str, Any], done: object, ok: object
+) -> None:
+    """One line for each state that a kind can be in."""
+    found = readiness(live(kind, status, spec))
+    assert (found.done, found.ok) == (bool(done), bool(ok))
+
+
+def test_what_is_being_deleted_is_not_ready() -> None:
+    """Whatever its status still says."""
+    assert not readiness(live("Deployment", FULL, deletionTimestamp="now")).done
+
+
+def pod(name: str = "p", owner: str = "rs2", **status: Any) -> dict[str, Any]:
+    reference = {"controller": True, "uid": owner}
+    return live("Pod", status, name=name, uid=f"uid-{name}", ownerReferences=[reference])
+
+
+def container(state: dict[str, Any], **more: Any) -> dict[str, Any]:
+    return {"containerStatuses": [{"name": "c", "image": "i:1", "state": state, **more}]}
+
+
+def waiting(reason: str, message: str = "") -> dict[str, Any]:
+    return {"waiting": {"reason": reason, "message": message}}
+
+
+def ended(code: int, reason: str = "Error") -> dict[str, Any]:
+    return {"terminated": {"exitCode": code, "reason": reason}}
+
+
+@pytest.mark.parametrize(
+    ("status", "kind", "words"),
+    [
+        (container(waiting("ErrImagePull", 'rpc: "i:1": not found')), "image", "pulled: not found"),
+        (container(waiting("ImagePullBackOff", "Back-off")), "image", "pulled: Back-off"),
+        (container(waiting("InvalidImageName", "bad")), "image-name", "is no image name"),
+        (container(waiting("CreateContainerConfigError", "no x")), "start", "no x"),
+        (container(ended(3)), "crash", "exited with code 3"),
+        (container(ended(139)), "crash", "killed by signal 11"),
+        (container(ended(137, "OOMKilled")), "crash", "lack of memory"),
+        (
+            container(waiting("CrashLoopBackOff"), lastState=ended(0, "Completed"), restartCount=4),
+            "crash",
+            "exited with code 0, restarted 4 times",
+        ),
+        (
+            container({"running": {}}, lastState=ended(1), restartCount=1),
+            "restarted",
+            "restarted 1 time",
+        ),
+        ({"phase": "Failed", "reason": "Evicted", "message": "disk"}, "evicted", "disk"),
+        (
+            {"conditions": [{"type": "PodScheduled", "status": "False", "message": "0/2 nodes"}]},
+            "unschedulable",
+            "no node takes the pod: 0/2 nodes",
+        ),
+        (
+            {"conditions": [{"type": "PodScheduled", "status": "False", "message": UNBOUND}]},
+            "claim",
+            "a claim has no volume",
+        ),
+    ],
+)
+def test_a_pod_tells_its_cause(status: dict[str, Any], kind: str, words: str) -> None:
+    """Waiting reasons, exits, conditions."""
+    [found] = causes(live("Deployment", {}), [pod(**status)], [])
+    assert found.kind == kind
+    assert words in found.message
+
+
+@pytest.mark.parametrize(
+    "status",
+    [
+        container({"running": {}}),
+        container({"running": {}}, ready=True, lastState=ended(1), restartCount=3),
+        container(waiting("ContainerCreating")),
+        container(ended(0, "Completed")),
+    ],
+)
+def test_nothing_is_wrong_with_a_pod_on_its_way(status: dict[str, Any]) -> None:
+    """Starting, running, ready again."""
+    assert causes(live("Deployment", {}), [pod(**status)], []) == []
+
+
+def event(uid: str, reason: str, message: str, time: str = "1") -> dict[str, Any]:
+    about = {"uid": uid}
+    return {"involvedObject": about, "reason": reason, "message": message, "lastTimestamp": time}
+
+
+def test_events_tell_mounts_only_until_a_container_has_started() -> None:
+    """A late event about an early failure is no cause any more."""
+    events = [event("uid-p", "FailedMount", "no such file")]
+    [found] = causes(live("Deployment", {}), [pod(**container(waiting("x")))], events)
+    assert (found.kind, found.message) == ("mount", "FailedMount: no such file")
+    running = pod(**container({"running": {}}, started=True))
+    assert causes(live("Deployment", {}), [running], events) == []
+    pulls = pod(**container(waiting("ErrImagePull", "no such image")))
+    assert [one.kind for one in causes(live("Deployment", {}), [pulls], events)] == ["image"]
+
+
+def test_the_last_probe_failure_is_the_reason() -> None:
+    """On one line, though a script wrote several."""
+    events = [
+        event("uid-p", "Unhealthy", "Readiness probe failed:\nold", "1"),
+        event("uid-p", "Unhealthy", "Readiness probe failed:\nno master", "2"),
+        event("other", "Unhealthy", "not ours", "3"),
+    ]
+    assert probe_failure(pod(), events) == "Readiness probe failed: no master"
+    assert probe_failure(pod(), []) == ""
+
+
+def test_a_quota_is_in_the_deployments_condition_or_the_owners_events() -> None:
+    """No pod shows up."""
+    failing = {"type": "ReplicaFailure", "status": "True", "message": "exceeded quota"}
+    [found] = causes(live("Deployment", {"conditions": [failing]}), [], [])
+    assert found.kind == "quota"
+    events = [event("u", "FailedCreate", "exceeded quota")]
+    [found] = causes(live("StatefulSet", {}), [], events)
+    assert found.kind == "quota"
+
+
+def test_only_pods_of_the_newest_template_count() -> None:
+    """An old pod that crashes on its way out says nothing about the update."""
+    number = {"deployment.kubernetes.io/revision": "2"}
+    deployment = live("Deployment", {}, annotations=number)
+    ours = [{"controller": True, "uid": "u"}]
+    sets = [
+        live(
+            "ReplicaSet",
+            {},
+            uid=f"rs{n}",
+            ownerReferences=ours,
+            annotations={"deployment.kubernetes.io/revision": n},
+        )
+        for n in ("1", "2")
+    ]
+    found = pods_of(deployment, sets, [pod("old", "rs1"), pod("new", "rs2")])
+    assert [p["metadata"]["name"] for p in found] == ["new"]
+
+
+def crash(kind: str = "crash") -> Cause:
+    return Cause(kind, "exited", "p", "c")
+
+
+def test_a_cause_is_new_once_and_hopeless_after_its_time() -> None:
+    """Told at once, given up later; one that goes away and comes back starts anew."""
+    ledger = Ledger(Patience(image=15))
+    image = Cause("image", "not found")
+    assert len(ledger.note(0, [(REF, image)], others_coming=False)) == 1
+    assert ledger.note(10, [(REF, image)], others_coming=False) == []
+    assert list(ledger.hopeless(14)) == []
+    assert [seen.ref for seen in ledger.hopeless(15)] == [REF]
+    ledger.note(20, [], others_coming=False)
+    assert len(ledger.note(21, [(REF, image)], others_coming=False)) == 1
+    assert list(ledger.hopeless(30)) == []
+
+
+def test_a_crash_has_time_while_others_are_on_their_way() -> None:
+    """A node that ends without a master is not given up before the master is up."""
+    ledger = Ledger(Patience(crash=20, crash_limit=120))
+    for now in range(0, 100, 10):
+        ledger.note(now, [(REF, crash())], others_coming=True)
+        assert list(ledger.hopeless(now)) == []
+    ledger.note(111, [(REF, crash())], others_coming=False)
+    assert len(list(ledger.hopeless(111))) == 1
+    for now in range(112, 121):
+        ledger.note(now, [(REF, crash()), (OTHER, crash())], others_coming=True)
+    assert [seen.ref for seen in ledger.hopeless(120)] == [REF]
+
+
+def test_a_container_that_runs_at_the_moment_is_not_given_up() -> None:
+    """It was restarted and may get ready; ended again it counts from its first end."""
+    ledger = Ledger(Patience(crash=20))
+    ledger.note(0, [(REF, crash())], others_coming=False)
+    ledger.note(30, [(REF, crash("restarted"))], others_coming=False)
+    assert list(ledger.hopeless(30)) == []
+    ledger.note(35, [], others_coming=False, unsteady={REF})
+    assert list(ledger.hopeless(35)) == []
+    assert ledger.note(40, [(REF, crash())], others_coming=False) == []
+    assert len(list(ledger.hopeless(40))) == 1

@@ -1,0 +1,177 @@
+"""The order of a deploy's requests, and what happens where the cluster says no."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
+from rigel_k8s.kube.failures import Cause, Refusal
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.deploy import deploy, diff, down, history, last_good, rollback
+from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.types import Desired, ReleaseId
+
+RELEASE = ReleaseId("n", "demo")
+
+
+def config(name: str, **data: str) -> dict[str, Any]:
+    meta = {"name": name, "namespace": "n"}
+    return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": data}
+
+
+def workload(name: str = "talker") -> dict[str, Any]:
+    meta = {"name": name, "namespace": "n"}
+    template = {"metadata": {"labels": {"a": "b"}}}
+    return {
+        "apiVersion": "apps/v1",
+        "kind": "Deployment",
+        "metadata": meta,
+        "spec": {"selector": {"matchLabels": {"a": "b"}}, "template": template},
+    }
+
+
+def ready(live: dict[str, Any]) -> None:
+    """Be a controller that makes everything ready at once."""
+    if live["kind"] == "Deployment":
+        live["status"] = {
+            "observedGeneration": live["metadata"]["generation"],
+            "replicas": 1,
+            "updatedReplicas": 1,
+            "availableReplicas": 1,
+        }
+
+
+def test_the_order_of_writes(fake: Any, report: Any) -> None:
+    """Lease, pending revision, configuration, workloads, good revision, Lease given back."""
+    fake.settle = ready
+    deploy(Desired(RELEASE, (workload(), config("c"))), fake, report=report)
+    assert [(verb, ref.name) for verb, ref in fake.writes] == [
+        ("create", "rigel.demo"),
+        ("create", "rigel.demo.v1"),
+        ("apply", "c"),
+        ("apply", "talker"),
+        ("patch", "rigel.demo.v1"),
+        ("delete", "rigel.demo"),
+    ]
+
+
+def test_an_unchanged_deploy_costs_one_list_for_each_kind(fake: Any, report: Any) -> None:
+    """And one for the revisions, and the namespace: nothing else."""
+    fake.settle = ready
+    wanted = Desired(RELEASE, (workload(), config("c"), config("d")))
+    deploy(wanted, fake, report=report)
+    fake.calls.clear()
+    deploy(wanted, fake, report=report)
+    assert sorted(verb for verb, _ in fake.calls) == ["get", "list", "list", "list"]
+
+
+def test_all_refusals_are_told_before_any_write(fake: Any, report: Any) -> None:
+    """What a dry run is refused with, for each object, in one error."""
+
+    def refuse(manifest: Any) -> Refusal:
+        error = Refusal("invalid")
+        error.status, error.reason = 422, "Invalid"
+        error.causes = (Cause("FieldValueInvalid", "must be small", "data"),)
+        return error
+
+    fake.refuse = refuse
+    with pytest.raises(Refused) as caught:
+        deploy(Desired(RELEASE, (config("a"), config("b"))), fake, report=report)
+    assert caught.value.details == (
+        "ConfigMap n/a: data: must be small",
+        "ConfigMap n/b: data: must be small",
+    )
+    assert fake.writes == []
+
+
+def test_a_webhook_without_dry_run_does_not_stop_a_deploy(fake: Any, report: Any) -> None:
+    """What cannot be tried is taken as it is written; an object of others is still seen."""
+
+    def refuse(manifest: Any) -> Refusal:
+        error = Refusal('admission webhook "x" does not support dry run')
+        error.status = 400
+        return error
+
+    fake.refuse = refuse
+    deploy(Desired(RELEASE, (config("a", k="1"),)), fake, report=report)
+    assert fake.objects[ObjectRef("v1", "ConfigMap", "n", "a")]["data"] == {"k": "1"}
+    fake.store(config("theirs"))
+    with pytest.raises(ClusterError, match="managed by others"):
+        diff(Desired(RELEASE, (config("theirs"),)), fake)
+
+
+def test_what_we_may_not_do_is_the_clusters_own_error(fake: Any, report: Any) -> None:
+    """A 403 about who we are is no problem of the Rigelfile."""
+
+    def refuse(manifest: Any) -> Refusal:
+        error = Refusal("you may not")
+        error.status = 403
+        return error
+
+    fake.refuse = refuse
+    with pytest.raises(Refusal, match="you may not"):
+        diff(Desired(RELEASE, (config("a"),)), fake)
+
+
+def test_a_namespace_that_is_being_deleted_is_told(fake: Any, report: Any) -> None:
+    """Nothing can be put into it."""
+    fake.objects[ObjectRef("v1", "Namespace", "", "n")]["metadata"]["deletionTimestamp"] = "now"
+    with pytest.raises(ClusterError, match="is being deleted") as caught:
+        diff(Desired(RELEASE, (config("a"),)), fake)
+    assert "kubectl wait" in (caught.value.hint or "")
+
+
+def test_a_failure_marks_the_revision_and_prunes_nothing(fake: Any, report: Any) -> None:
+    """What ran before stays until the new is ready; the next deploy knows all of it."""
+    fake.settle = ready
+    deploy(Desired(RELEASE, (config("old"),)), fake, report=report)
+    fake.settle = lambda live: None
+    with pytest.raises(RolloutFailed, match=r"1 of 1 not ready within 0\.1 s: talker"):
+        deploy(Desired(RELEASE, (workload(),)), fake, report=report, timeout=0.1)
+    failed = history(fake, RELEASE)[-1]
+    assert failed.status == "failed"
+    assert {item.ref.name for item in failed.inventory} == {"old", "talker"}
+    assert ObjectRef("v1", "ConfigMap", "n", "old") in fake.objects
+    good = last_good(fake, RELEASE)
+    assert good is not None
+    assert good.number == 1
+    fake.settle = ready
+    rollback(fake, RELEASE, report=report)
+    names = {r.name for r in fake.objects if r.kind in ("ConfigMap", "Deployment")}
+    assert names == {"old"}
+
+
+def test_cancel_before_any_object_leaves_it_at_that(fake: Any, report: Any) -> None:
+    """Interrupted at once: nothing of the release is applied."""
+    cancel = threading.Event()
+    cancel.set()
+    with pytest.raises(Interrupted, match="before anything was changed"):
+        deploy(Desired(RELEASE, (config("a"),)), fake, report=report, cancel=cancel)
+    assert fake.writes == []
+
+
+def test_a_rollback_needs_somewhere_to_go(fake: Any, report: Any) -> None:
+    """The only good revision is the present one."""
+    wanted = Desired(RELEASE, (config("a"),), options={"x": 1})
+    deploy(wanted, fake, report=report)
+    with pytest.raises(UserError, match="no good revision before the last"):
+        rollback(fake, RELEASE, report=report)
+    deploy(attrs.evolve(wanted, options={"x": 2}), fake, report=report)
+    assert rollback(fake, RELEASE, report=report).options == {"x": 1}
+
+
+def test_down_leaves_nothing_but_data(fake: Any, report: Any) -> None:
+    """Objects, revisions and the Lease go; a claim stays unless volumes are asked for."""
+    claim = {**config("data"), "kind": "PersistentVolumeClaim"}
+    claim["spec"] = {}
+    fake.settle = lambda live: live.update(status={"phase": "Bound"})
+    deploy(Desired(RELEASE, (config("a"), claim)), fake, report=report)
+    down(fake, RELEASE, volumes=False, report=report)
+    assert {ref.kind for ref in fake.objects} == {"Namespace", "PersistentVolumeClaim"}
+    down(fake, RELEASE, volumes=True, report=report)
+    assert {ref.kind for ref in fake.objects} == {"Namespace"}
+    assert down(fake, RELEASE, volumes=True, report=report).steps == ()

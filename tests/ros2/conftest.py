@@ -27,7 +27,7 @@ import rigel_k8s.inpod
 from rigel_k8s.graph.findings import Graph, graph
 from rigel_k8s.graph.looks import look
 from rigel_k8s.graph.members import Member
-from rigel_k8s.network.peers import peer_name
+from rigel_k8s.network.modes.peers import peer_name
 
 SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rigel-k8s" / "tests"

@@ -19,8 +19,8 @@ from rigel_k8s.app.partial import flat
 from rigel_k8s.app.placing import node_selector, remote_selector, tolerations
 from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.app.storage import storage
-from rigel_k8s.network.modes import network_objects, wiring
-from rigel_k8s.network.plan import network_of, network_plan
+from rigel_k8s.network.modes import network_objects, wire_pod
+from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.images import pinned
@@ -186,11 +186,11 @@ class Parts:
 
         Nobody needs to know the exporter, which knows the others; but it has an address of its own.
         """
-        network = network_of(self.options.network)
+        network = self.options.network
         static = network is not None and network.ipam == "static"
         watching = [exporter_identity(self.exporter)] if static and self.exporter else []
         return network_plan(
-            self.options.network,
+            network,
             namespace=self.around.namespace,
             release=self.around.release,
             ros=self.around.ros,
@@ -214,12 +214,12 @@ def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced
         yield ("persistent_storage", "volumes", index), item
     if own.has_master:
         params = options.additional_k8s_params.ros_master
-        wired = wiring(plan, own.master)
+        wired = wire_pod(plan, own.master)
         yield ("deploy_ros_master",), master_service(around)
         yield ("deploy_ros_master",), master_deployment(around, own.master.image, params, wired)
     if has_application(options):
         path = "application_image" if options.application_image else "additional_k8s_params"
-        wired = wiring(plan, application_identity(around, options))
+        wired = wire_pod(plan, application_identity(around, options))
         yield (path,), application_deployment(around, options, wired, ready_words(plan))
     for node in own.nodes():
         for item in node_objects(around, node, plan):

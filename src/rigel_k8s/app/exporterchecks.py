@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.network.plan import middleware_word, network_of
+from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import Ros, object_name
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Problem
@@ -32,11 +32,8 @@ def reason(options: OrchestrationOptions, ros: Ros) -> str | None:
     if ros == "1":
         alone = options.deploy_ros_master is False and options.ros_master_uri is None
         return NO_MASTER if alone else None
-    network = network_of(options.network)
-    by_zenoh = middleware_word(options.middleware) == "zenoh" or (
-        network is not None and network.mode == "zenoh"
-    )
-    return ZENOH if by_zenoh else None
+    middleware = options.middleware or mode_of(options.network).middleware
+    return ZENOH if middleware == "zenoh" else None
 
 
 def check_exporter(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:

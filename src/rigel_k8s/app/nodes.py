@@ -15,7 +15,7 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.placing import affinity, node_selector, tolerations
 from rigel_k8s.app.programs import command_of
 from rigel_k8s.app.updating import strategy
-from rigel_k8s.network.modes import wiring
+from rigel_k8s.network.modes import wire_pod
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
@@ -117,7 +117,7 @@ def node_deployment(
     """Return a node's Deployment with the user's patch laid over it."""
     options = node.options
     name = node.ros_name if around.ros != "none" else None
-    wired = wiring(plan, node.identity)
+    wired = wire_pod(plan, node.identity)
     told = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
     made = deployment(
         around,

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal
 
 import attrs
 
-from rigel_k8s.network.options import Mode, Network
+from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
 from rigel_k8s.objects.fields import needed, option
 from rigel_k8s.objects.podoptions import (
     Device,
@@ -159,19 +159,18 @@ class OrchestrationOptions:
     ros: Literal["1", "2", "none"] | None = option(
         "which ROS; none is a plain DDS application (default: that of application.distro)"
     )
-    middleware: (
-        Literal["fastdds", "cyclonedds", "zenoh"]
+    middleware: Literal["fastdds", "cyclonedds", "zenoh"] | None = option(
+        "ROS 2: RMW_IMPLEMENTATION; DDS: whose configuration the network writes",
+        accepts=Literal["fastdds", "cyclonedds", "zenoh"]
         | Literal["rmw_fastrtps_cpp", "rmw_cyclonedds_cpp", "rmw_zenoh_cpp"]
-        | None
-    ) = attrs.field(
-        default=None,
-        metadata={
-            "aliases": ("rmw",),
-            "doc": "ROS 2: RMW_IMPLEMENTATION; DDS: whose configuration the network writes",
-        },
+        | None,
+        aliases=("rmw",),
+        converter=middleware_name,
     )
-    network: Network | Mode | None = option(
-        "how pods find each other; a word is short for its `mode`"
+    network: Network | None = option(
+        "how pods find each other; a word is short for its `mode`",
+        accepts=Network | ModeName | None,
+        converter=network_of,
     )
     readiness: Readiness | Literal["ros", "dds", "none"] | None = option(
         "when the application is ready (default: ros; a plain DDS application: none)"

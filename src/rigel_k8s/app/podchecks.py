@@ -11,12 +11,9 @@ import attrs
 from rigel_k8s.app.application import has_application
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.updating import is_rolling
-from rigel_k8s.network.dds import PARTICIPANTS
+from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.peers import peer_name
-from rigel_k8s.network.plan import ATTACHED
 from rigel_k8s.network.rangechecks import pool_of
-from rigel_k8s.network.servers import server_names
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.problems import Path, Problem
 
@@ -26,10 +23,6 @@ __all__ = ["Workload", "check_pods", "workloads_of"]
 OFFICIAL = re.compile(r"(docker\.io/)?(library/|osrf/)?ros([:@].*)?")
 
 STATIC = "with `ipam: static` each workload has one address"
-ONE_SERVICE = (
-    "with `peers` a Service leads to one pod, and the others of them would not be found;"
-    " make them nodes of their own, or use discovery-server"
-)
 
 
 @attrs.frozen
@@ -115,11 +108,13 @@ def check_pods(
 
 def check_replicas(network: Network, found: list[Workload]) -> Iterator[Problem]:
     """Yield workloads of more pods than have an address, or are found."""
-    static = network.ipam == "static"
+    static, one_pod = network.ipam == "static", mode_of(network).one_pod
     for one in found:
-        if one.pods > 1 and (static or network.mode == "peers"):
-            message = f"{STATIC}, and here are {one.pods} pods" if static else ONE_SERVICE
+        if one.pods > 1 and static:
+            message = f"{STATIC}, and here are {one.pods} pods"
             yield Problem(one.replicas, message, "replicas")
+        elif one.pods > 1 and one_pod:
+            yield Problem(one.replicas, one_pod, "replicas")
         elif static and one.rolling:
             message = f"{STATIC}, and a rolling update has two pods at once; say strategy: Recreate"
             yield Problem(one.update, message, "surge", at_key=True)
@@ -128,12 +123,13 @@ def check_replicas(network: Network, found: list[Workload]) -> Iterator[Problem]
 def check_launches(options: OrchestrationOptions, network: Network) -> Iterator[Problem]:
     """Yield launch files whose later programs may miss each other: few ports are tried."""
     launched = [str(key) for key, node in options.nodes.items() if node.launch]
-    if network.mode != "peers" or len(launched) < 2:
+    participants = mode_of(network).participants
+    if participants is None or len(launched) < 2:
         return
     for key in launched:
         message = (
-            f"with `peers` programs beyond the first {PARTICIPANTS} of a pod are not found by those"
-            " of another such pod: keep launch files small, or use another mode"
+            f"with `{network.mode}` programs beyond the first {participants} of a pod are not found"
+            " by those of another such pod: keep launch files small, or use another mode"
         )
         yield Problem(("nodes", key, "launch"), message, "many-participants", severity="warning")
 
@@ -163,7 +159,7 @@ def check_machines(network: Network, found: list[Workload]) -> Iterator[Problem]
 def check_host_network(network: Network, found: list[Workload]) -> Iterator[Problem]:
     """Yield pods on the machine's own network, to which Multus attaches nothing."""
     for one in found:
-        if one.host_network and network.mode in ATTACHED:
+        if one.host_network and mode_of(network).attached:
             message = (
                 f"a pod on the machine's own network gets no second interface, so {network.mode}"
                 " does not reach it: leave host_network out"
@@ -175,12 +171,8 @@ def check_names(
     options: OrchestrationOptions, network: Network, found: list[Workload]
 ) -> Iterator[Problem]:
     """Yield workloads that have the name of something that the mode makes."""
-    if network.mode in ("zenoh", "discovery-server"):
-        made = set(server_names(str(options.deployment_name), network))
-    elif network.mode == "peers":
-        made = {peer_name(one.name) for one in found}
-    else:
-        return
+    names = [one.name for one in found]
+    made = set(mode_of(network).services(str(options.deployment_name), network, names))
     for one in found:
         if one.name in made:
             message = (

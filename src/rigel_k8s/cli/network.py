@@ -140,7 +140,7 @@ def options_of(words: Mapping[str, str | bool | None]) -> Install:
     Raises:
         UserError: they are no such options.
     """
-    from rigel_k8s.app.networkchecks import check_install
+    from rigel_k8s.network.checks import check_install
     from rigel_k8s.network.options import Install
     from rigel_k8s.rigelfile.source import Node, Span, made
     from rigel_k8s.rigelfile.structure import structure

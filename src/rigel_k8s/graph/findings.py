@@ -11,11 +11,9 @@ from rigel_k8s.graph.looks import Seen
 from rigel_k8s.graph.members import Member
 from rigel_k8s.graph.paths import Paths, deaf_findings, paths
 from rigel_k8s.graph.words import Finding, listed
-from rigel_k8s.network.peers import peer_name
+from rigel_k8s.network.modes.peers import peer_name
 
 __all__ = ["Graph", "PodGraph", "graph"]
-
-ANSWERING = frozenset({"peers", "macvlan", "ipvlan", "attachment", "host", "none"})
 
 
 @attrs.frozen
@@ -99,7 +97,7 @@ def discoveries(looked: Sequence[Member], seen: Mapping[str, Seen]) -> dict[str,
     """Return pod -> other pod -> whether a stand-in there discovered all its participants."""
     known: dict[str, dict[str, bool]] = {}
     for member in looked:
-        if member.mode not in ANSWERING or member.middleware == "zenoh" or member.own_ways:
+        if not member.answers or member.middleware == "zenoh" or member.own_ways:
             continue
         own = {p["prefix"] for p in seen[member.pod].heard if p["own"]}
         known[member.pod] = {
@@ -176,7 +174,7 @@ def participant_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
     elif stopped:
         text = f"has a process that is stopped by a signal: {stopped[0]['command']}"
         yield "stopped", text, "a debugger? SIGCONT, or delete the pod"
-    elif member.mode in ANSWERING and not any(p["own"] for p in seen.heard):
+    elif member.answers and not any(p["own"] for p in seen.heard):
         text = f"has a participant that does not answer: {here[0]['command']}"
         yield "silent", text, "its process hangs, or DDS is bound to another interface"
 

@@ -21,7 +21,7 @@ from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.graph.members import Member
 from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.network.peers import peer_name
+from rigel_k8s.network.modes.peers import peer_name
 
 __all__ = ["ANNOUNCERS", "LISTEN", "Seen", "commands", "look"]
 

@@ -9,13 +9,12 @@ from typing import Any
 import attrs
 
 from rigel_k8s.inpod import MOUNT_PATH
+from rigel_k8s.network.modes import MODES
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.naming import NAME_LABEL
 
-__all__ = ["MULTICAST", "Member", "members"]
+__all__ = ["Member", "members"]
 
-#: Modes whose participants announce themselves by multicast; "none" is the bare pod network.
-MULTICAST = frozenset({"macvlan", "ipvlan", "attachment", "host", "none"})
 #: What a user may set in a pod without `network`: then discovery goes other ways than multicast.
 OWN_WAYS = (
     "ROS_DISCOVERY_SERVER",
@@ -64,7 +63,15 @@ class Member:
     @property
     def by_multicast(self) -> bool:
         """Whether it discovers others by multicast."""
-        return self.mode in MULTICAST and self.middleware != "zenoh" and not self.own_ways
+        mode = MODES.get(self.mode)
+        multicast = mode is not None and mode.multicast
+        return multicast and self.middleware != "zenoh" and not self.own_ways
+
+    @property
+    def answers(self) -> bool:
+        """Whether its network's mode lets it answer whoever announces itself to it."""
+        mode = MODES.get(self.mode)
+        return mode is not None and mode.answers
 
 
 def members(pods: Iterable[Mapping[str, Any]]) -> list[Member]:

@@ -22,6 +22,8 @@ __all__ = [
     "cyclone_variables",
     "fastdds_profile",
     "fastdds_variables",
+    "pinned_files",
+    "pinned_variables",
     "reads_udp_only",
     "udp_only",
     "uses",
@@ -133,3 +135,21 @@ def cyclone_config(
     listed = element("Peers", [f'<Peer address="{peer}"/>' for peer in peers])
     discovery = element("Discovery", index, listed) if peers else []
     return document(element("CycloneDDS", element("Domain", general, discovery)))
+
+
+def pinned_variables(plan: NetworkPlan) -> Variables:
+    """Return the variables that name the files of pinned_files()."""
+    fast = fastdds_variables(plan) if uses(plan, "fastdds") else {}
+    return fast | (cyclone_variables() if uses(plan, "cyclonedds") else {})
+
+
+def pinned_files(plan: NetworkPlan, interface: str) -> dict[str, str]:
+    """Return the files that pin DDS to one interface."""
+    if plan.ros == "1":
+        return {}
+    found = {}
+    if uses(plan, "fastdds"):
+        found[FASTDDS_FILE] = fastdds_profile(ADDRESS)
+    if uses(plan, "cyclonedds"):
+        found[CYCLONE_FILE] = cyclone_config(interface)
+    return found

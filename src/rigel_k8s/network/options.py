@@ -10,9 +10,18 @@ import attrs
 from rigel_k8s.objects.fields import option
 from rigel_k8s.objects.scalars import Count, ImageRef, MountPath, ObjectName
 
-__all__ = ["INTERFACE", "MIDDLEWARE", "Install", "Mode", "Network"]
+__all__ = [
+    "INTERFACE",
+    "MIDDLEWARE",
+    "Install",
+    "ModeName",
+    "Network",
+    "middleware_name",
+    "network_of",
+]
 
-Mode = Literal[
+#: The names of the modes; modes/ has one module each.
+ModeName = Literal[
     "macvlan", "ipvlan", "attachment", "peers", "discovery-server", "zenoh", "host", "none"
 ]
 
@@ -47,11 +56,18 @@ class Install:
     )
 
 
+def install_of(value: bool | Install) -> Install | None:  # noqa: FBT001 - as the Rigelfile has it
+    """Return what is to be installed; `true` leaves all of it to the cluster."""
+    if isinstance(value, Install):
+        return value
+    return Install() if value else None
+
+
 @attrs.frozen(kw_only=True)
 class Network:
     """How pods reach and discover each other."""
 
-    mode: Mode = option(
+    mode: ModeName = option(
         "macvlan, ipvlan or attachment: a second interface by Multus; peers, discovery-server or"
         " zenoh: over the pod network; host: the machine's own network; none: nothing is done",
         "macvlan",
@@ -88,6 +104,21 @@ class Network:
     service_account: ObjectName | None = option(
         "discovery-server and zenoh: serviceAccountName of the servers' pods"
     )
-    install: bool | Install = option(
-        "install Multus and whereabouts first, where the cluster lacks them", default=False
+    install: Install | None = option(
+        "install Multus and whereabouts first, where the cluster lacks them",
+        default=False,
+        accepts=bool | Install,
+        converter=install_of,
     )
+
+
+def network_of(value: Network | ModeName | None) -> Network | None:
+    """Return the options of a network that may be written as a word, short for its mode."""
+    return Network(mode=value) if isinstance(value, str) else value
+
+
+def middleware_name(value: str | None) -> str | None:
+    """Return fastdds, cyclonedds or zenoh for any of a middleware's names."""
+    if value is None:
+        return None
+    return value.removeprefix("rmw_").removesuffix("_cpp").replace("fastrtps", "fastdds")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network
 
@@ -10,12 +9,11 @@ from rigel_k8s.network.addresses import Pool
 from rigel_k8s.network.options import Network
 from rigel_k8s.problems import Path, Problem
 
-__all__ = ["check_peers", "check_ranges", "pool_of"]
+__all__ = ["check_ranges", "pool_of", "read_v6"]
 
 KIND = "bad-range"
 #: A subnet with fewer addresses than this has none to give out.
 SMALLEST = 4
-HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
 
 
 def check_ranges(network: Network) -> Iterator[Problem]:
@@ -77,14 +75,6 @@ def check_excluded(index: int, item: str, subnet: IPv4Network) -> Iterator[Probl
     elif not found.overlaps(subnet):
         message = f"nothing of {subnet} lies in it, so it excludes nothing"
         yield Problem(("network", "exclude", index), message, KIND, severity="warning")
-
-
-def check_peers(peers: list[str]) -> Iterator[Problem]:
-    """Yield peers that are neither a name nor an IPv4 address."""
-    for index, peer in enumerate(peers):
-        if read_v6(peer) or not HOST.fullmatch(peer):
-            message = f'"{peer}" is neither a name nor an IPv4 address (without a port)'
-            yield Problem(("network", "peers", index), message, "bad-peer")
 
 
 def pool_of(network: Network) -> Pool | None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
+from rigel_k8s.network.modes import mode_of
+from rigel_k8s.network.modes.zenoh import ZENOH_PORT
 from rigel_k8s.network.options import INTERFACE
-from rigel_k8s.network.servers import ZENOH_PORT
 from rigel_k8s.network.wiring import NetworkPlan
 
 __all__ = ["ready_words"]
-
-#: Modes whose pods are not ready without their second interface.
-PINNED = frozenset({"macvlan", "ipvlan", "attachment"})
 
 
 def ready_words(plan: NetworkPlan) -> tuple[str, ...]:
@@ -18,6 +16,6 @@ def ready_words(plan: NetworkPlan) -> tuple[str, ...]:
         return ("node",)
     if plan.middleware == "zenoh":
         return ("zenoh", "--port", str(ZENOH_PORT))
-    interface = ("--interface", INTERFACE) if plan.mode in PINNED else ()
+    interface = ("--interface", INTERFACE) if mode_of(plan.options).attached else ()
     domain = () if plan.domain_id is None else ("--domain", str(plan.domain_id))
     return ("dds", *domain, *interface)

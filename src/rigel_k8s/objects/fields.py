@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import attrs
@@ -9,11 +10,26 @@ import attrs
 __all__ = ["needed", "option"]
 
 
-def option(doc: str, default: Any = None) -> Any:
-    """Return a field with its documentation; a mapping or list default is made anew each time."""
+def option(
+    doc: str,
+    default: Any = None,
+    *,
+    accepts: Any = None,
+    aliases: tuple[str, ...] = (),
+    converter: Callable[[Any], Any] | None = None,
+) -> Any:
+    """Return a field with its documentation; a mapping or list default is made anew each time.
+
+    Args:
+        accepts: what may be written, where `converter` makes the field's own type of it.
+        aliases: other keys that mean the same.
+    """
+    metadata = {"doc": doc, "aliases": aliases}
+    if accepts is not None:
+        metadata["accepts"] = accepts
     if isinstance(default, dict | list):
-        return attrs.field(factory=type(default), metadata={"doc": doc})
-    return attrs.field(default=default, metadata={"doc": doc})
+        return attrs.field(factory=type(default), metadata=metadata)
+    return attrs.field(default=default, metadata=metadata, converter=converter)
 
 
 def needed(doc: str) -> Any:

@@ -15,11 +15,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s import __version__
-from rigel_k8s.network.modes import wiring
-from rigel_k8s.network.options import INTERFACE
-from rigel_k8s.network.peers import peer_name
-from rigel_k8s.network.plan import ATTACHED
-from rigel_k8s.network.servers import DISCOVERY_PORT, server_names
+from rigel_k8s.network.modes import join, wire_pod
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.pods import MASTER_URI, Object, compact
@@ -74,7 +70,7 @@ def exporter_objects(
     around: Surroundings, options: RosMetrics, graph: Graph, plan: NetworkPlan
 ) -> Iterator[Object]:
     """Yield the exporter's configuration and its Deployment."""
-    wired = wiring(plan, exporter_identity(options))
+    wired = wire_pod(plan, exporter_identity(options))
     text = json.dumps(configuration(around, options, graph, plan, wired), indent=2, sort_keys=True)
     name = f"{around.release}-{EXPORTER}"
     yield config_map(around, name, {FILE: text + "\n"}, part_of=EXPORTER)
@@ -175,24 +171,7 @@ def of_ros1(around: Surroundings, wired: Wiring) -> Object:
 
 def of_dds(graph: Graph, plan: NetworkPlan) -> Object:
     """Return how the exporter finds participants."""
-    found: Object = {"domain": graph.domain, "middleware": plan.middleware}
-    network = plan.options
-    if network is None:
-        return found
-    if plan.mode == "peers":
-        names = [*(peer_name(one.name) for one in plan.pods), *network.peers]
-        return found | {"mode": "peers", "peers": names}
-    if plan.mode == "discovery-server":
-        servers = [f"{name}:{DISCOVERY_PORT}" for name in server_names(plan.release, network)]
-        return found | {"mode": plan.mode, "servers": servers}
-    return found | {"interface": interface_of(plan)}
-
-
-def interface_of(plan: NetworkPlan) -> str | None:
-    """Return the only interface that DDS uses, as the pods' network annotation has it."""
-    if plan.mode in ATTACHED:
-        return INTERFACE
-    return plan.options.interface if plan.options and plan.mode == "host" else None
+    return {"domain": graph.domain, "middleware": plan.middleware, **join(plan)}
 
 
 def absolute(topic: str) -> str:

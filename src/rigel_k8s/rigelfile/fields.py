@@ -54,7 +54,7 @@ class Field:
     Attributes:
         name: the constructor's argument.
         key: the key in the file; `aliases` are other keys that mean the same.
-        type: what the value must be.
+        type: what may be written; a converter of the class may make another type of it.
         required: it must be given.
         default: the value where it is not; a Factory for one that is made each time.
         doc: what it is for; empty where nobody said.
@@ -96,7 +96,7 @@ def _field(attribute: attrs.Attribute[Any], docs: dict[str, str]) -> Field:
         name=attribute.alias or attribute.name,
         key=metadata.get("key", attribute.name),
         aliases=tuple(metadata.get("aliases", ())),
-        type=attribute.type if attribute.type is not None else Any,
+        type=metadata.get("accepts", Any if attribute.type is None else attribute.type),
         required=attribute.default is attrs.NOTHING,
         default=attribute.default,
         doc=metadata.get("doc", docs.get(attribute.name, "")).removesuffix("."),

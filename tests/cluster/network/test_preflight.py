@@ -16,7 +16,7 @@ import pytest
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.kubeconfig import load
-from rigel_k8s.network.modes import network_objects, wiring
+from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.preflight.examine import check, examine
@@ -46,7 +46,7 @@ def release(
 
 
 def deployment(plan: Any, pod: PodIdentity, spec: dict[str, Any]) -> dict[str, Any]:
-    wired = wiring(plan, pod)
+    wired = wire_pod(plan, pod)
     return {
         "apiVersion": "apps/v1",
         "kind": "Deployment",

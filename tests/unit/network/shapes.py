@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import yaml
 
-from rigel_k8s.network.modes import network_objects, wiring
+from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NetworkPlan, PodIdentity
 from rigel_k8s.objects.overlay import plain
@@ -47,5 +47,5 @@ def made(told: NetworkPlan) -> Iterator[Mapping[str, Any]]:
     for _, item in network_objects(told):
         yield plain(item)
     for pod in told.pods:
-        found = attrs.asdict(wiring(told, pod), recurse=False)
+        found = attrs.asdict(wire_pod(told, pod), recurse=False)
         yield {"wiring": pod.name} | {key: plain(v) for key, v in found.items() if v}

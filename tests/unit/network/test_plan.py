@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.network.options import Network
-from rigel_k8s.network.plan import middleware_word, network_plan
+from rigel_k8s.network.options import Network, middleware_name, network_of
+from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NetworkPlan
 
 
 def plan(told: Network | str | None, release: str = "demo", ros: str = "2") -> NetworkPlan:
     return network_plan(
-        told,
+        network_of(told),
         namespace="robots",
         release=release,
         ros=ros,
@@ -57,4 +57,4 @@ def test_a_plain_dds_application_says_its_domain_itself() -> None:
 )
 def test_a_middleware_has_two_names(told: str | None, word: str | None) -> None:
     """ROS' name of an RMW means the same as the word."""
-    assert middleware_word(told) == word
+    assert middleware_name(told) == word

@@ -22,7 +22,6 @@ from rigel_k8s.app.partial import is_partial, overlay
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.inpod import scripts
-from rigel_k8s.network.plan import network_of
 from rigel_k8s.objects.images import images_of
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.refs import Manifest
@@ -103,7 +102,7 @@ def prepare(
 def is_settled(options: OrchestrationOptions) -> bool:
     """Whether the cluster's network is as it will be: this job installs nothing of it before."""
     network = options.network
-    return network is not None and not getattr(network, "install", None)
+    return network is not None and network.install is None
 
 
 def _prepared(
@@ -119,7 +118,7 @@ def _prepared(
     secret_is_there: bool,
 ) -> Preparation:
     texts, files = scripts(), _parameter_files(options, application.dir)
-    network = network_of(options.network)
+    network = options.network
     previous = last.objects() if network and network.ipam == "static" else ()
     plain = desired(options, release, application, texts, files=files, previous=previous)
     images = images_of(plain.objects)

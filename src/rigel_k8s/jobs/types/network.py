@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from rigel_k8s.app.networkchecks import check_install
 from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.network.checks import check_install
 from rigel_k8s.network.options import Install
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings

@@ -13,6 +13,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import Installation
 from rigel_k8s.network.multus.installation import Found, Part, find, settled
@@ -48,13 +49,11 @@ class Installed:
     ours: bool
 
 
-def wanted(network: Network | str | None) -> Install | None:
+def wanted(network: Network | None) -> Install | None:
     """Return what a network wants installed: only what Multus attaches does."""
-    if not isinstance(network, Network) or not network.install:
+    if network is None or network.install is None or not mode_of(network).attached:
         return None
-    if network.mode not in ("macvlan", "ipvlan", "attachment"):
-        return None
-    said = network.install if isinstance(network.install, Install) else Install()
+    said = network.install
     if network.ipam == "dhcp" and said.dhcp is None:
         return attrs.evolve(said, dhcp=True)
     return said

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
+from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.plan import network_of
 from rigel_k8s.network.preflight.attachments import KIND, attachment
 from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.checks import findings
@@ -24,13 +24,10 @@ if TYPE_CHECKING:
 
 __all__ = ["check", "examine", "failure", "tell"]
 
-#: Modes with which a pod leaves the pod network; the others have nothing that a machine may lack.
-LOOKED_AT = ("macvlan", "ipvlan", "attachment", "host")
-
 
 def check(
     objects: Iterable[Mapping[str, Any]],
-    network: Network | str | None,
+    network: Network | None,
     cluster: Cluster,
     report: Reporter,
 ) -> None:
@@ -58,11 +55,10 @@ def tell(found: Sequence[Finding], report: Reporter) -> None:
 
 
 def examine(
-    objects: Iterable[Mapping[str, Any]], network: Network | str | None, cluster: Cluster
+    objects: Iterable[Mapping[str, Any]], network: Network | None, cluster: Cluster
 ) -> list[Finding]:
     """Return everything that keeps a release's network from working, or may."""
-    options = network_of(network)
-    if options is None or options.mode not in LOOKED_AT:
+    if network is None or not mode_of(network).on_machines:
         return []
     manifests = list(objects)
     pods = list(wanted(manifests))
@@ -72,7 +68,7 @@ def examine(
 
     brought = (attachment(item) for item in manifests if item.get("kind") == KIND)
     own = {one.key: one for one in brought}
-    case, unseen = look(Case(options, pods, own), cluster)
+    case, unseen = look(Case(network, pods, own), cluster)
     return [*findings(case), *unseen]
 
 

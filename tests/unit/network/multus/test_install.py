@@ -13,7 +13,7 @@ from rigel_k8s.jobs.types.network import NetworkJob
 from rigel_k8s.network.multus.install import installation_of, wanted
 from rigel_k8s.network.multus.installation import find
 from rigel_k8s.network.multus.proving import fingerprint
-from rigel_k8s.network.options import Install, Network
+from rigel_k8s.network.options import Install, Network, network_of
 from rigel_k8s.release.order import PROTECTED
 from rigel_k8s.settings import Application, Settings
 
@@ -136,7 +136,7 @@ def test_a_cluster_without_linux() -> None:
     ("network", "install"),
     [
         (None, None),
-        ("macvlan", None),
+        (network_of("macvlan"), None),
         (Network(), None),
         (Network(install=True), Install()),
         (Network(mode="ipvlan", install=Install(data_dir="/data")), Install(data_dir="/data")),

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError, UserError
-from rigel_k8s.network.options import Network
+from rigel_k8s.network.options import Network, network_of
 from rigel_k8s.network.preflight.examine import examine, failure
 from rigel_k8s.network.preflight.finding import Finding
 
@@ -30,7 +30,7 @@ def test_nothing_is_asked_without_need(network: Network | str | None) -> None:
     """A release without a network of its own, or over the pod network, costs no request."""
     pods = {"template": {"spec": {"hostNetwork": True}}}
     objects = [{"kind": "Deployment", "metadata": {"name": "talker"}, "spec": pods}]
-    assert examine(objects, network, NoCluster()) == []  # type: ignore[arg-type]
+    assert examine(objects, network_of(network), NoCluster()) == []  # type: ignore[arg-type]
 
 
 def test_nothing_is_asked_where_no_pod_wants_it() -> None:

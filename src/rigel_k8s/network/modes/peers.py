@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import attrs
 
@@ -28,16 +30,24 @@ from rigel_k8s.network.dds import (
     uses,
 )
 from rigel_k8s.network.files import around, as_they_are, config_name, files_config
+from rigel_k8s.network.mode import Mode, Use
 from rigel_k8s.network.options import Network
+from rigel_k8s.network.rangechecks import read_v6
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.naming import object_name, selector
 from rigel_k8s.objects.pods import Object
+from rigel_k8s.problems import Problem
 
-__all__ = ["discovery_port", "peer_name", "peer_objects", "peer_wiring"]
+__all__ = ["PEERS", "discovery_port", "peer_name"]
 
 PEERS_KEY = "peers"
 #: The program's own pod, for the tools that somebody runs in it.
 LOOPBACK = "127.0.0.1"
+HOSTNAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
+ONE_SERVICE = (
+    "with `peers` a Service leads to one pod, and the others of them would not be found;"
+    " make them nodes of their own, or use discovery-server"
+)
 
 
 def peer_name(workload: str) -> str:
@@ -50,7 +60,7 @@ def discovery_port(domain: int, participant: int) -> int:
     return 7400 + 250 * domain + 10 + 2 * participant
 
 
-def peer_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
+def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
     """Yield the Services, and the list of all of them."""
     for pod in plan.pods:
         yield peer_service(plan, pod)
@@ -93,7 +103,7 @@ def peer_files(plan: NetworkPlan, network: Network) -> dict[str, str]:
     return found
 
 
-def peer_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return what lets a pod look for the others."""
     reads_files = uses(plan, "cyclonedds") or not reads_udp_only(plan)
     base = as_they_are(plan) if reads_files else Wiring()
@@ -120,3 +130,37 @@ def peers_variables(plan: NetworkPlan) -> dict[str, Object]:
         "ROS_STATIC_PEERS": {"valueFrom": reference},
         **udp_only(plan),
     }
+
+
+def check(network: Network, use: Use) -> Iterator[Problem]:
+    """Yield peers that are neither a name nor an IPv4 address."""
+    for index, peer in enumerate(network.peers):
+        if read_v6(peer) or not HOSTNAME.fullmatch(peer):
+            message = f'"{peer}" is neither a name nor an IPv4 address (without a port)'
+            yield Problem(("network", "peers", index), message, "bad-peer")
+
+
+def services(release: str, network: Network, workloads: Sequence[str]) -> list[str]:
+    """Return the names of the workloads' Services."""
+    return [peer_name(workload) for workload in workloads]
+
+
+def join(plan: NetworkPlan, network: Network) -> dict[str, Any]:
+    """Return everybody to look for."""
+    names = [*(peer_name(pod.name) for pod in plan.pods), *network.peers]
+    return {"mode": "peers", "peers": names}
+
+
+PEERS = Mode(
+    name="peers",
+    wire=wire,
+    objects=objects,
+    check=check,
+    services=services,
+    join=join,
+    keys=frozenset({"peers"}),
+    own_domain=True,
+    answers=True,
+    one_pod=ONE_SERVICE,
+    participants=PARTICIPANTS,
+)

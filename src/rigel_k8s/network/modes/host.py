@@ -6,11 +6,12 @@ from collections.abc import Iterator
 
 import attrs
 
-from rigel_k8s.network.attachments import pinned_files, pinned_variables
 from rigel_k8s.network.dds import (
     FASTDDS_FILE,
     fastdds_profile,
     fastdds_variables,
+    pinned_files,
+    pinned_variables,
     reads_udp_only,
     udp_only,
     uses,
@@ -22,18 +23,19 @@ from rigel_k8s.network.files import (
     interface_script,
     made_at_start,
 )
+from rigel_k8s.network.mode import Mode
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.pods import Object
 
-__all__ = ["host_objects", "host_wiring"]
+__all__ = ["HOST"]
 
 #: The cluster's names, on the machine's own network too.
-HOST = {"hostNetwork": True, "dnsPolicy": "ClusterFirstWithHostNet"}
+ON_HOST = {"hostNetwork": True, "dnsPolicy": "ClusterFirstWithHostNet"}
 HOST_IP = {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.hostIP"}}}
 
 
-def host_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
+def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
     """Yield the files that pods read, if they need any."""
     if network.interface and plan.ros != "1":
         pinned = pinned_files(plan, network.interface)
@@ -47,7 +49,7 @@ def needs_profile(plan: NetworkPlan) -> bool:
     return plan.ros != "1" and uses(plan, "fastdds") and not reads_udp_only(plan)
 
 
-def host_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return what a pod on the machine's network gets."""
     interface = network.interface if plan.ros != "1" else None
     if interface:
@@ -59,7 +61,7 @@ def host_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring
         base,
         env=variables(plan, interface),
         annotations=network_note(plan, interface=interface),
-        pod=HOST,
+        pod=ON_HOST,
     )
 
 
@@ -72,3 +74,17 @@ def variables(plan: NetworkPlan, interface: str | None) -> dict[str, Object]:
     if not uses(plan, "fastdds"):
         return {}
     return fastdds_variables(plan) if needs_profile(plan) else udp_only(plan)
+
+
+HOST = Mode(
+    name="host",
+    wire=wire,
+    objects=objects,
+    join=lambda plan, network: {"interface": network.interface},
+    interface=lambda network: network.interface,
+    keys=frozenset({"interface"}),
+    ros=frozenset({"1", "2", "none"}),
+    on_machines=True,
+    multicast=True,
+    answers=True,
+)

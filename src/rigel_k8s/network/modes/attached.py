@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from ipaddress import IPv4Network
 from typing import Any
@@ -11,33 +12,22 @@ from typing import Any
 import attrs
 
 from rigel_k8s.network.addresses import Pool
-from rigel_k8s.network.dds import (
-    ADDRESS,
-    CYCLONE_FILE,
-    FASTDDS_FILE,
-    cyclone_config,
-    cyclone_variables,
-    fastdds_profile,
-    fastdds_variables,
-    uses,
-)
+from rigel_k8s.network.dds import pinned_files, pinned_variables, uses
 from rigel_k8s.network.files import SCRIPT, around, files_config, interface_script, made_at_start
+from rigel_k8s.network.mode import Mode, Use, mode_path
 from rigel_k8s.network.options import INTERFACE, Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, Object, compact
+from rigel_k8s.problems import Problem
 
-__all__ = [
-    "attached_objects",
-    "attached_wiring",
-    "attachment_name",
-    "pinned_files",
-    "pinned_variables",
-]
+__all__ = ["ATTACHMENT", "IPVLAN", "MACVLAN", "attachment_name"]
 
 NETWORKS_ANNOTATION = "k8s.v1.cni.cncf.io/networks"
 
 #: Spoken by every plugin in use; what is newer adds nothing that an attachment needs.
 CNI_VERSION = "0.3.1"
+#: NAME or NAMESPACE/NAME of an attachment.
+REFERENCE = re.compile(r"([a-z0-9]([-a-z0-9]*[a-z0-9])?/)?[a-z0-9]([-a-z0-9.]*[a-z0-9])?")
 
 
 def attachment_name(plan: NetworkPlan) -> tuple[str, str]:
@@ -49,7 +39,7 @@ def attachment_name(plan: NetworkPlan) -> tuple[str, str]:
     return (namespace if slash else plan.namespace), name
 
 
-def attached_objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
+def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
     """Yield the attachment, unless it is there already, and the files that pods read."""
     if network.mode != "attachment":
         yield definition(plan, network)
@@ -130,7 +120,7 @@ def host_local_ranges(network: Network) -> list[dict[str, Any]]:
     ]
 
 
-def attached_wiring(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return what a pod on the second network gets."""
     namespace, name = attachment_name(plan)
     missing = (
@@ -184,19 +174,52 @@ def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     return found
 
 
-def pinned_variables(plan: NetworkPlan) -> dict[str, Object]:
-    """Return the variables that name the files of pinned_files()."""
-    fast = fastdds_variables(plan) if uses(plan, "fastdds") else {}
-    return fast | (cyclone_variables() if uses(plan, "cyclonedds") else {})
+def check(network: Network, use: Use) -> Iterator[Problem]:
+    """Yield keys that cannot be left out, and an IPAM that the mode cannot have."""
+    own = network.mode != "attachment"
+    ranged = network.ipam != "dhcp" if own else network.ipam == "static"
+    needed = {
+        "interface": (own, "of the machines: eth0, say"),
+        "subnet": (ranged, "to give out addresses from"),
+        "attachment": (not own, "NAME or NAMESPACE/NAME of one that is there"),
+    }
+    for key, (is_needed, what) in needed.items():
+        if is_needed and getattr(network, key) is None:
+            message = f"{network.mode} needs `{key}`: {what}"
+            yield Problem(("network",), message, "incomplete", at_key=True)
+    if network.attachment is not None and not REFERENCE.fullmatch(network.attachment):
+        message = f'"{network.attachment}" is neither NAME nor NAMESPACE/NAME'
+        yield Problem(("network", "attachment"), message, "bad-name")
+    if network.mode == "ipvlan" and network.ipam == "dhcp":
+        message = "interfaces of ipvlan share one MAC address, so a DHCP server takes them for one"
+        yield Problem(("network", "ipam"), message, "wrong-mode")
+    if not own and network.ipam not in (None, "static"):
+        message = "the attachment that is there says who gives out addresses: leave it out"
+        yield Problem(("network", "ipam"), message, "foreign-key", at_key=True)
+    if use.ros == "1" and network.ipam != "static":
+        message = (
+            "a node of ROS 1 tells the others its address, which must be known before it starts:"
+            " say ipam: static, and the subnet to give out addresses from"
+        )
+        path = ("network", "ipam") if network.ipam else mode_path(network)
+        yield Problem(path, message, "ros1")
 
 
-def pinned_files(plan: NetworkPlan, interface: str) -> dict[str, str]:
-    """Return the files that pin DDS to one interface."""
-    if plan.ros == "1":
-        return {}
-    found = {}
-    if uses(plan, "fastdds"):
-        found[FASTDDS_FILE] = fastdds_profile(ADDRESS)
-    if uses(plan, "cyclonedds"):
-        found[CYCLONE_FILE] = cyclone_config(interface)
-    return found
+RANGES = frozenset({"subnet", "ipam", "range_start", "range_end", "exclude", "install"})
+
+MACVLAN = Mode(
+    name="macvlan",
+    wire=wire,
+    objects=objects,
+    check=check,
+    join=lambda plan, network: {"interface": INTERFACE},
+    interface=lambda network: INTERFACE,
+    keys=RANGES | {"interface", "gateway", "routes", "mtu"},
+    ros=frozenset({"1", "2", "none"}),
+    attached=True,
+    on_machines=True,
+    multicast=True,
+    answers=True,
+)
+IPVLAN = attrs.evolve(MACVLAN, name="ipvlan")
+ATTACHMENT = attrs.evolve(MACVLAN, name="attachment", keys=RANGES | {"attachment"})

@@ -1,0 +1,117 @@
+"""What is wrong with the options of `network`, whatever runs on it; pure.
+
+Whether the cluster has what a mode needs is asked before a deploy, in preflight/.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+import attrs
+
+from rigel_k8s.network.mode import Use, mode_path
+from rigel_k8s.network.modes import MODES, mode_of
+from rigel_k8s.network.options import Install, Network
+from rigel_k8s.network.rangechecks import check_ranges
+from rigel_k8s.objects.naming import Ros
+from rigel_k8s.problems import Problem
+
+__all__ = ["check_install", "check_options"]
+
+#: The options that only some modes read, and those modes.
+READERS = {
+    field.name: [mode.name for mode in MODES.values() if field.name in mode.keys]
+    for field in attrs.fields(Network)
+    if any(field.name in mode.keys for mode in MODES.values())
+}
+#: What only they read who are told which addresses there are.
+OF_RANGES = ("subnet", "range_start", "range_end", "exclude", "gateway", "routes")
+
+#: The last domain, and those whose ports Linux gives to any program (32768 to 60999).
+LAST_DOMAIN, UNSAFE = 232, range(102, 215)
+LONGEST_INTERFACE = 15
+
+
+def check_options(network: Network, use: Use) -> Iterator[Problem]:
+    """Yield what is wrong, with paths from the root of the job's options."""
+    mode = mode_of(network)
+    yield from check_keys(network)
+    yield from check_domain(network, use.ros)
+    if use.ros == "1" and use.ros not in mode.ros:
+        message = f"{mode.name} is for ROS 2; nodes of ROS 1 find each other through roscore"
+        yield Problem(mode_path(network), message, "ros1")
+    if use.middleware == "zenoh" and mode.name not in ("zenoh", "none"):
+        message = "zenoh finds others through its router, not by DDS: say network: zenoh"
+        yield Problem(mode_path(network), message, "wrong-mode")
+    else:
+        yield from mode.check(network, use)
+    yield from check_form(network)
+    yield from check_ranges(network)
+
+
+def check_keys(network: Network) -> Iterator[Problem]:
+    """Yield keys that the mode does not read."""
+    for key, modes in READERS.items():
+        if not getattr(network, key):
+            continue
+        if network.mode not in modes:
+            message = (
+                f"`{key}` is for {listed(modes)}; {network.mode} does not read it: leave it out"
+            )
+            yield Problem(("network", key), message, "foreign-key", at_key=True)
+        elif key in OF_RANGES and (reason := nobody_asks(network)):
+            yield Problem(("network", key), reason, "foreign-key", at_key=True)
+
+
+def listed(modes: Sequence[str]) -> str:
+    """Return modes as a sentence has them."""
+    return " and ".join(filter(None, [", ".join(modes[:-1]), modes[-1]]))
+
+
+def nobody_asks(network: Network) -> str | None:
+    """Return why nobody is told of addresses."""
+    if network.mode == "attachment" and network.ipam != "static":
+        return (
+            "the attachment that is there says it; only with `ipam: static` are addresses given"
+            " out here"
+        )
+    if network.ipam == "dhcp":
+        return "with dhcp a server of that network says it: leave it out"
+    return None
+
+
+def check_domain(network: Network, ros: Ros) -> Iterator[Problem]:
+    """Yield domains that there are none of, or whose ports others may have."""
+    domain = network.domain_id
+    if domain is None:
+        return
+    path = ("network", "domain_id")
+    if ros == "1":
+        yield Problem(path, "ROS 1 has no domains: leave it out", "ros1", at_key=True)
+    elif not 0 <= domain <= LAST_DOMAIN:
+        yield Problem(path, f"{domain} is not a DDS domain: 0 to {LAST_DOMAIN}", "bad-domain")
+    elif domain in UNSAFE:
+        message = (
+            f"Linux gives the ports of domain {domain} to any program that asks for one, and then"
+            " a node does not start; 0 to 101 and 215 to 232 are safe"
+        )
+        yield Problem(path, message, "bad-domain", severity="warning")
+
+
+def check_form(network: Network) -> Iterator[Problem]:
+    """Yield an interface's name that is none, and an installation that contradicts itself."""
+    name = network.interface
+    if name is not None and not re.fullmatch(rf"[^/\s:]{{1,{LONGEST_INTERFACE}}}", name):
+        message = f'"{name}" is no interface of Linux: at most 15 characters, no space, "/" or ":"'
+        yield Problem(("network", "interface"), message, "bad-name")
+    if network.install is not None:
+        for problem in check_install(network.install):
+            yield problem.under(("network", "install"))
+
+
+def check_install(options: Install) -> Iterator[Problem]:
+    """Yield what of an installation contradicts itself, with paths from the root of its options."""
+    if options.data_dir and options.platform not in (None, "k3s"):
+        message = f"only k3s has a data directory, and this is {options.platform}"
+        yield Problem(("data_dir",), message, "no-k3s")

@@ -1,0 +1,85 @@
+"""What a network mode is: one value, which everybody asks instead of comparing the mode's name.
+
+Each module of modes/ has one such value or a family of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
+from rigel_k8s.objects.naming import Ros
+from rigel_k8s.objects.pods import Object
+from rigel_k8s.problems import Problem
+
+__all__ = ["Mode", "Use", "mode_path"]
+
+
+@attrs.frozen
+class Use:
+    """What a mode is to be used with.
+
+    Attributes:
+        middleware: fastdds, cyclonedds or zenoh; None where nobody said.
+    """
+
+    ros: Ros
+    distro: str
+    middleware: str | None
+
+
+@attrs.frozen(kw_only=True)
+class Mode:
+    """One way for pods to reach and discover each other.
+
+    Attributes:
+        name: the value of `network.mode`.
+        wire: what it adds to a pod, but ROS' own variables.
+        objects: what it needs on the cluster besides.
+        check: what its own options lack, and what they cannot be used with.
+        services: the names of the Services that it makes, which no workload may have: of a release,
+            its network, and its workloads' names.
+        join: how a DDS participant that is no ROS node, the exporter, finds the others; fields of
+            exporter/config.py.
+        interface: the only network interface that DDS is to use, None for all of them.
+        keys: the options that it reads besides those of all modes.
+        ros: which ROS it is for.
+        middleware: the only one that finds others by it.
+        attached: its pods get a second interface from Multus.
+        on_machines: it leaves the pod network, so a machine may lack what it needs.
+        own_domain: it stays on the pod network, where all applications of a cluster could hear each
+            other: each release gets a DDS domain of its own.
+        multicast: participants discover each other by multicast.
+        answers: a participant answers whoever announces itself to it.
+        looks_beyond: ROS 2 is told to look beyond its own machine.
+        one_pod: why a workload may have no more than one pod.
+        participants: how many participants of one pod the others look for; None: all.
+    """
+
+    name: str
+    wire: Callable[[NetworkPlan, PodIdentity, Network], Wiring]
+    objects: Callable[[NetworkPlan, Network], Iterator[Object]] = lambda plan, network: iter(())
+    check: Callable[[Network, Use], Iterator[Problem]] = lambda network, use: iter(())
+    services: Callable[[str, Network, Sequence[str]], Iterable[str]] = lambda *_: ()
+    join: Callable[[NetworkPlan, Network], Mapping[str, Any]] = lambda plan, network: {}
+    interface: Callable[[Network], str | None] = lambda network: None
+    keys: frozenset[str] = frozenset()
+    ros: frozenset[str] = frozenset({"2", "none"})
+    middleware: str | None = None
+    attached: bool = False
+    on_machines: bool = False
+    own_domain: bool = False
+    multicast: bool = False
+    answers: bool = False
+    looks_beyond: bool = True
+    one_pod: str | None = None
+    participants: int | None = None
+
+
+def mode_path(network: Network) -> tuple[str, ...]:
+    """Return where the mode stands in the options: a word alone is the network itself."""
+    return ("network",) if network == Network(mode=network.mode) else ("network", "mode")

@@ -1,0 +1,76 @@
+"""The network modes, one module each; a new one is a module, a line here and a word in options.py.
+
+Whoever wires pods asks this module and knows no single mode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import attrs
+
+from rigel_k8s.network.dds import EARLY
+from rigel_k8s.network.mode import Mode
+from rigel_k8s.network.modes.attached import ATTACHMENT, IPVLAN, MACVLAN
+from rigel_k8s.network.modes.discovery_server import DISCOVERY_SERVER
+from rigel_k8s.network.modes.host import HOST
+from rigel_k8s.network.modes.none import NONE
+from rigel_k8s.network.modes.peers import PEERS
+from rigel_k8s.network.modes.zenoh import ZENOH
+from rigel_k8s.network.options import MIDDLEWARE, Network
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
+from rigel_k8s.objects.pods import Object
+from rigel_k8s.problems import Path
+
+__all__ = ["MODES", "join", "mode_of", "network_objects", "wire_pod"]
+
+#: All modes by name, in the order of the documentation.
+MODES = {
+    mode.name: mode
+    for mode in (MACVLAN, IPVLAN, ATTACHMENT, PEERS, DISCOVERY_SERVER, ZENOH, HOST, NONE)
+}
+
+BEFORE_IRON = EARLY - {"iron"}
+#: Nodes look for others beyond their own machine, whatever an image says; not LOCALHOST with peers,
+#: which would try more ports of each and bring shared memory back.
+RANGE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": {"value": "SUBNET"}}
+#: The same before iron.
+OLD_RANGE = {"ROS_LOCALHOST_ONLY": {"value": "0"}}
+
+
+def mode_of(network: Network | None) -> Mode:
+    """Return the mode of a network; without one nothing is done, as in mode none."""
+    return MODES[network.mode] if network else NONE
+
+
+def wire_pod(plan: NetworkPlan, pod: PodIdentity) -> Wiring:
+    """Return what the release's network adds to one pod."""
+    network = plan.options or Network(mode="none")
+    made = mode_of(network).wire(plan, pod, network)
+    return attrs.evolve(made, env=ros_variables(plan) | dict(made.env))
+
+
+def network_objects(plan: NetworkPlan) -> Iterator[tuple[Path, Object]]:
+    """Yield the objects that the release's network needs, each with the option it comes from."""
+    if plan.options is not None:
+        for item in mode_of(plan.options).objects(plan, plan.options):
+            yield ("network",), item
+
+
+def join(plan: NetworkPlan) -> Object:
+    """Return how a DDS participant that is no ROS node finds the release's others."""
+    return dict(mode_of(plan.options).join(plan, plan.options)) if plan.options else {}
+
+
+def ros_variables(plan: NetworkPlan) -> dict[str, Object]:
+    """Return ROS 2's own variables; a plain DDS application has none."""
+    if plan.ros != "2":
+        return {}
+    found: dict[str, Object] = {}
+    if plan.domain_id is not None:
+        found["ROS_DOMAIN_ID"] = {"value": str(plan.domain_id)}
+    if mode_of(plan.options).looks_beyond:
+        found |= OLD_RANGE if plan.distro.lower() in BEFORE_IRON else RANGE
+    if plan.middleware:
+        found["RMW_IMPLEMENTATION"] = {"value": MIDDLEWARE[plan.middleware]}
+    return found

@@ -1,0 +1,108 @@
+"""Mode `discovery-server`: Fast DDS' discovery servers; clients know one by its place in a list.
+
+That place is its id.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from rigel_k8s.network.dds import udp_only
+from rigel_k8s.network.mode import Mode, Use
+from rigel_k8s.network.modes.servers import (
+    SERVER_KEYS,
+    command_line,
+    container_port,
+    environment,
+    server_deployment,
+    server_probes,
+    server_service,
+)
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
+from rigel_k8s.objects.naming import object_name
+from rigel_k8s.objects.pods import Object
+from rigel_k8s.problems import Problem
+
+__all__ = ["DISCOVERY_PORT", "DISCOVERY_SERVER"]
+
+DISCOVERY_PORT = 11811
+
+#: Variables that commands of the user's own may name too: a server's place in the list, its name.
+SERVER_ID, SERVER_NAME = "SERVER_ID", "SERVER_NAME"
+#: A client sends to the address that a server tells of itself, for ever. So it tells its Service's,
+#: which stays; it listens on all of its own whatever it tells.
+SERVER = ["fastdds", "discovery", "-i", f"$({SERVER_ID})", "-l", f"$({SERVER_NAME})", "-p"]
+
+#: Kubernetes cannot probe UDP from outside; the kernel knows who listens (11811 is 2E23).
+LISTENS = (
+    f"while read -r _ local _; do case $local in *:{DISCOVERY_PORT:04X}) exit 0 ;; esac;"
+    " done </proc/net/udp; exit 1"
+)
+
+
+def server_names(release: str, network: Network) -> list[str]:
+    """Return the names of the servers, each that of a Deployment and of its Service."""
+    return [
+        object_name(f"{release}-discovery-{index}") for index in range(int(network.servers or 1))
+    ]
+
+
+def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
+    """Yield the servers and their Services."""
+    for index, name in enumerate(server_names(plan.release, network)):
+        identity = {SERVER_ID: {"value": str(index)}, SERVER_NAME: {"value": name}}
+        container = {
+            "name": "discovery-server",
+            "args": command_line(network, [*SERVER, str(DISCOVERY_PORT)]),
+            "env": environment({**udp_only(plan), **identity}),
+            "ports": [container_port("discovery", DISCOVERY_PORT, "UDP")],
+            **server_probes({"exec": {"command": ["/bin/sh", "-c", LISTENS]}}),
+        }
+        yield server_service(plan, name, DISCOVERY_PORT, "UDP")
+        yield server_deployment(plan, network, name, container)
+
+
+def addresses(plan: NetworkPlan, network: Network) -> list[str]:
+    """Return the servers as clients know them, HOST:PORT."""
+    return [f"{name}:{DISCOVERY_PORT}" for name in server_names(plan.release, network)]
+
+
+def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+    """Return what makes a pod a client of the servers."""
+    servers = ";".join(addresses(plan, network))
+    return Wiring(
+        env={"ROS_DISCOVERY_SERVER": {"value": servers}, **udp_only(plan)},
+        annotations=network_note(plan),
+    )
+
+
+def check(network: Network, use: Use) -> Iterator[Problem]:
+    """Yield a middleware that has no discovery servers."""
+    if use.middleware not in (None, "fastdds"):
+        message = "only Fast DDS has discovery servers: use peers, or middleware: fastdds"
+        yield Problem(("middleware",), message, "wrong-mode")
+
+
+def services(release: str, network: Network, workloads: Sequence[str]) -> list[str]:
+    """Return the names of the servers' Services."""
+    return server_names(release, network)
+
+
+def join(plan: NetworkPlan, network: Network) -> dict[str, Any]:
+    """Return the servers to ask."""
+    return {"mode": "discovery-server", "servers": addresses(plan, network)}
+
+
+DISCOVERY_SERVER = Mode(
+    name="discovery-server",
+    wire=wire,
+    objects=objects,
+    check=check,
+    services=services,
+    join=join,
+    keys=SERVER_KEYS | {"servers"},
+    middleware="fastdds",
+    own_domain=True,
+)

@@ -1,0 +1,85 @@
+"""What the modes with somebody in the middle share: a server is a Deployment of one pod.
+
+It is behind a Service with a cluster address, so that clients find it again wherever it starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rigel_k8s.network.files import around
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.wiring import NetworkPlan
+from rigel_k8s.objects.marks import FIRST_ANNOTATION
+from rigel_k8s.objects.pods import Object, compact, inpod_volume, stop_hook
+from rigel_k8s.objects.text import words
+from rigel_k8s.objects.workloads import deployment, service
+
+__all__ = [
+    "SERVER_KEYS",
+    "command_line",
+    "container_port",
+    "environment",
+    "server_deployment",
+    "server_probes",
+    "server_service",
+]
+
+#: The options of `network` that describe a server.
+SERVER_KEYS = frozenset({"image", "command", "service_account"})
+
+
+def command_line(network: Network, default: Sequence[str]) -> list[str]:
+    """Return what the image's ENTRYPOINT runs."""
+    return words(network.command) if network.command else list(default)
+
+
+def environment(sources: dict[str, Object]) -> list[Object]:
+    """Return a container's environment."""
+    return [{"name": name, **source} for name, source in sources.items()]
+
+
+def server_probes(check: Object) -> Object:
+    """Return the probes of a server: one that sees its start at once, a rare one afterwards."""
+    return {
+        "startupProbe": {**check, "periodSeconds": 1, "failureThreshold": 300},
+        "readinessProbe": {**check, "periodSeconds": 10},
+    }
+
+
+def container_port(name: str, number: int, protocol: str) -> Object:
+    """Return the container's side of a port."""
+    return {"name": name, "containerPort": number, "protocol": protocol}
+
+
+def server_service(plan: NetworkPlan, name: str, number: int, protocol: str) -> Object:
+    """Return the Service that clients know a server by."""
+    entry = {"name": "server", "port": number, "targetPort": number, "protocol": protocol}
+    made = service(around(plan), name, [entry])
+    if protocol == "UDP":
+        made["spec"]["ipFamilies"] = ["IPv4"]  # Fast DDS is told to use no other
+    return made
+
+
+def server_deployment(plan: NetworkPlan, network: Network, name: str, container: Object) -> Object:
+    """Return a server's Deployment: there before its clients, never twice at once.
+
+    Its pods do not say how they are networked: nobody asks whether they find each other.
+    """
+    volume, mount = inpod_volume(plan.release)
+    image = str(network.image or (plan.pods[0].image if plan.pods else around(plan).default_image))
+    whole = {
+        **container,
+        "image": image,
+        "lifecycle": stop_hook(),
+        "volumeMounts": [mount],
+    }
+    account = network.service_account
+    pod = {"containers": [whole], "volumes": [volume], "serviceAccountName": account}
+    return deployment(
+        around(plan),
+        name,
+        compact(pod),
+        strategy={"type": "Recreate"},
+        annotations={FIRST_ANNOTATION: "true"},
+    )

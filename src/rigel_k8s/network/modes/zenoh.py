@@ -1,0 +1,92 @@
+"""Mode `zenoh`: a router in the middle, for rmw_zenoh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rigel_k8s.network.dds import EARLY
+from rigel_k8s.network.mode import Mode, Use, mode_path
+from rigel_k8s.network.modes.servers import (
+    SERVER_KEYS,
+    command_line,
+    container_port,
+    environment,
+    server_deployment,
+    server_probes,
+    server_service,
+)
+from rigel_k8s.network.options import Network
+from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
+from rigel_k8s.objects.naming import object_name
+from rigel_k8s.objects.pods import Object
+from rigel_k8s.problems import Problem
+
+__all__ = ["ZENOH", "ZENOH_PORT"]
+
+ZENOH_PORT = 7447
+
+ROUTER = ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"]
+#: Its own default, [::], ends it on machines without IPv6.
+LISTEN = f'listen/endpoints=["tcp/0.0.0.0:{ZENOH_PORT}"]'
+
+
+def router_name(release: str) -> str:
+    """Return the name of the router's Deployment and of its Service."""
+    return object_name(f"{release}-zenoh")
+
+
+def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
+    """Yield the router and its Service."""
+    name = router_name(plan.release)
+    container = {
+        "name": "zenoh-router",
+        "args": command_line(network, ROUTER),
+        "env": environment({"ZENOH_CONFIG_OVERRIDE": {"value": LISTEN}}),
+        "ports": [container_port("zenoh", ZENOH_PORT, "TCP")],
+        **server_probes({"tcpSocket": {"port": ZENOH_PORT}}),
+    }
+    yield server_service(plan, name, ZENOH_PORT, "TCP")
+    yield server_deployment(plan, network, name, container)
+
+
+def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
+    """Return what makes a pod a client of the router, for which it waits as long as it takes."""
+    router = router_name(plan.release)
+    override = f'mode="client";connect/endpoints=["tcp/{router}:{ZENOH_PORT}"]'
+    return Wiring(
+        env={
+            "ZENOH_CONFIG_OVERRIDE": {"value": override},
+            "ZENOH_ROUTER_CHECK_ATTEMPTS": {"value": "0"},
+        },
+        annotations=network_note(plan),
+    )
+
+
+def check(network: Network, use: Use) -> Iterator[Problem]:
+    """Yield applications that speak no zenoh."""
+    if use.ros == "none":
+        message = "a plain DDS application speaks no zenoh: use macvlan, peers or host"
+        yield Problem(mode_path(network), message, "wrong-mode")
+    elif use.middleware not in (None, "zenoh"):
+        message = f"{use.middleware} finds nobody through a zenoh router: say middleware: zenoh"
+        yield Problem(("middleware",), message, "wrong-mode")
+    elif use.distro.lower() in EARLY - {"humble"}:
+        yield Problem(mode_path(network), f"{use.distro} has no rmw_zenoh", "wrong-mode")
+
+
+def services(release: str, network: Network, workloads: Sequence[str]) -> list[str]:
+    """Return the name of the router's Service."""
+    return [router_name(release)]
+
+
+ZENOH = Mode(
+    name="zenoh",
+    wire=wire,
+    objects=objects,
+    check=check,
+    services=services,
+    keys=SERVER_KEYS,
+    middleware="zenoh",
+    own_domain=True,
+    looks_beyond=False,
+)

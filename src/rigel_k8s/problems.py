@@ -33,6 +33,9 @@ class Problem:
     severity: Literal["error", "warning"] = "error"
     at_key: bool = False
 
+    def __str__(self) -> str:
+        return f"{'.'.join(map(str, self.path))}: {self.message} [{self.kind}]"
+
     def under(self, prefix: Path) -> Problem:
         """Return the same problem seen from a root further up."""
         return attrs.evolve(self, path=prefix + self.path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -23,7 +23,7 @@ from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
-from rigel_k8s.objects.images import pinned
+from rigel_k8s.objects.images import allowed, images_of, pinned
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, MASTER_URI, Object, scripts_config
@@ -37,7 +37,7 @@ from rigel_k8s.problems import Path
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Application
 
-__all__ = ["Files", "deploys_master", "desired", "has_workloads", "master_uri"]
+__all__ = ["Draft", "Files", "deploys_master", "draft", "has_workloads", "master_uri"]
 
 #: On the pods of ROS nodes: which roscore they register with.
 MASTER_ANNOTATION = "rigel-k8s/master"
@@ -73,27 +73,20 @@ def master_uri(options: OrchestrationOptions, ros: Ros) -> str | None:
     return MASTER_URI if deploys_master(options, ros) else f"http://localhost:{MASTER_PORT}"
 
 
-def desired(
+def draft(
     options: OrchestrationOptions,
     release: ReleaseId,
     application: Application,
     scripts: Mapping[str, str],
     *,
-    raw: Mapping[str, Any] | None = None,
-    digests: Mapping[str, str] | None = None,
     files: Files | None = None,
-    pull_secrets: Sequence[str] = (),
-    create_namespace: bool = False,
     previous: Sequence[Manifest] = (),
-) -> Desired:
-    """Return what the release shall be.
+) -> Draft:
+    """Return the release that the options describe.
 
     Args:
         scripts: the in-pod scripts, name to text.
-        raw: the options as plain data, kept in the revision.
-        digests: image reference to the same with its digest, for those that are known.
         files: the texts of the nodes' parameter files.
-        pull_secrets: Secrets with registry credentials besides those of the options.
         previous: the objects of the last revision, which tell who has which address.
     """
     ros = ros_of(application.distro, options.ros)
@@ -103,19 +96,58 @@ def desired(
         master_uri=master_uri(options, ros),
         distro=application.distro,
         ros=ros,
-        pull_secrets=tuple(dict.fromkeys([*map(str, options.image_pull_secrets), *pull_secrets])),
+        pull_secrets=tuple(map(str, options.image_pull_secrets)),
     )
     own = Parts(options, around, files or {})
-    traced = [(path, steadied(item)) for path, item in objects(own, own.plan(previous), scripts)]
-    pins = [pinned(item, digests or {}) for _, item in traced]
-    return Desired(
-        release=release,
-        objects=tuple(bound_to_master(pins)),
-        origins={ref_of(item): path for path, item in traced},
-        options=kept(raw or {}),
-        create_namespace=create_namespace,
-        protected=frozenset(protected(item for _, item in traced)),
-    )
+    made = objects(own, own.plan(previous), scripts)
+    return Draft(release, tuple((path, steadied(item)) for path, item in made))
+
+
+@attrs.frozen
+class Draft:
+    """A release before it is known which images exactly run in it, and who may pull them.
+
+    Attributes:
+        traced: its objects, each with the path of the options that it comes from.
+    """
+
+    release: ReleaseId
+    traced: Sequence[tuple[Path, Object]]
+
+    @property
+    def objects(self) -> tuple[Object, ...]:
+        """Its objects."""
+        return tuple(item for _, item in self.traced)
+
+    @property
+    def images(self) -> tuple[str, ...]:
+        """The images of all its workloads, each once."""
+        return images_of(self.objects)
+
+    def finish(
+        self,
+        *,
+        raw: Mapping[str, Any] | None = None,
+        digests: Mapping[str, str] | None = None,
+        pull_secrets: Sequence[str] = (),
+        create_namespace: bool = False,
+    ) -> Desired:
+        """Return what the release is to be on the cluster.
+
+        Args:
+            raw: the options as plain data, kept in the revision.
+            digests: image reference to the same with its digest, for those that are known.
+            pull_secrets: Secrets with registry credentials besides those of the options.
+        """
+        final = [allowed(pinned(item, digests or {}), pull_secrets) for item in self.objects]
+        return Desired(
+            release=self.release,
+            objects=tuple(bound_to_master(final)),
+            origins={ref_of(item): path for path, item in self.traced},
+            options=kept(raw or {}),
+            create_namespace=create_namespace,
+            protected=frozenset(protected(self.objects)),
+        )
 
 
 def bound_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
@@ -260,7 +292,7 @@ def placement(options: OrchestrationOptions) -> Mapping[str, Any]:
     return {"nodeSelector": chosen[0], "tolerations": tolerations(asked, pinned=True)}
 
 
-def protected(items: Iterator[Object]) -> Iterator[ObjectRef]:
+def protected(items: Iterable[Object]) -> Iterator[ObjectRef]:
     """Yield what outlives `down`: claims and volumes."""
     kinds = ("PersistentVolumeClaim", "PersistentVolume")
     return (ref_of(item) for item in items if item["kind"] in kinds)

@@ -142,19 +142,16 @@ def options_of(words: Mapping[str, str | bool | None]) -> Install:
     """
     from rigel_k8s.network.checks import check_install
     from rigel_k8s.network.options import Install
-    from rigel_k8s.rigelfile.source import Node, Span, made
-    from rigel_k8s.rigelfile.structure import structure
+    from rigel_k8s.rigelfile import InvalidOptions, structure_plain
 
     said = {name: word for name, word in words.items() if word is not None}
-    found = structure(made(said, Node({}, Span(1, 1, 1, 1))), Install)
-    problems = list(found.problems) or list(check_install(found.draft) if found.draft else ())
-    if found.draft is None or problems:
+    try:
+        return structure_plain(said, Install, check_install)
+    except InvalidOptions as error:
         raise UserError(
             "these options are wrong",
-            details=[f"--{str(p.path[0]).replace('_', '-')}: {p.message}" for p in problems],
-        )
-    options: Install = found.draft
-    return options
+            details=[f"--{str(p.path[0]).replace('_', '-')}: {p.message}" for p in error.problems],
+        ) from error
 
 
 def show(found: NetworkStatus) -> None:

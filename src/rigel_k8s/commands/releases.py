@@ -18,6 +18,7 @@ from rigel_k8s.jobs.job import Reporter
 from rigel_k8s.jobs.types.orchestration import is_partial, prepare
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import removal
 from rigel_k8s.release import status as states
@@ -78,14 +79,13 @@ def render(settings: Settings, job: str | None) -> Manifests:
     of it; on a cluster it is laid over what others have said.
     """
     if alone := stacks.stack_job(settings, job):
-        return Manifests(stacks.manifests(alone.raw), alone.warnings)
+        return Manifests(stacks.manifests(request_of(alone.raw)), alone.warnings)
     found = job_of(settings, job)
     if found.options.observability_only:
         return Manifests(stacks.manifests(observed(found.raw)), found.warnings)
     cluster = connect(settings) if is_partial(found.raw) else None
     made = prepare(found.options, found.raw, found.application, settings, cluster)
-    stack = observed(made.desired.options) if made.options.observability.enabled else None
-    objects = () if stack is None else stacks.manifests(stack)
+    objects = () if made.stack is None else stacks.manifests(made.stack)
     return Manifests((*objects, *prepared(made.desired)), found.warnings)
 
 
@@ -93,7 +93,9 @@ def diff(settings: Settings, job: str | None) -> Difference:
     """Return what a job would change on the cluster; nothing is written."""
     if alone := stacks.stack_job(settings, job):
         with connect(settings) as cluster:
-            return told(stacks.plan(alone.raw, cluster, adopt=settings.adopt), alone.warnings)
+            return told(
+                stacks.plan(request_of(alone.raw), cluster, adopt=settings.adopt), alone.warnings
+            )
     found = job_of(settings, job)
     with connect(settings) as cluster:
         if found.options.observability_only:
@@ -101,9 +103,8 @@ def diff(settings: Settings, job: str | None) -> Difference:
             return told(stacks.plan(stack, cluster, adopt=settings.adopt), found.warnings)
         made = prepare(found.options, found.raw, found.application, settings, cluster)
         plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
-        if made.options.observability.enabled:
-            stack = observed(made.desired.options)
-            first = stacks.plan(stack, cluster, adopt=settings.adopt)
+        if made.stack is not None:
+            first = stacks.plan(made.stack, cluster, adopt=settings.adopt)
             plan = attrs.evolve(plan, steps=(*first.steps, *plan.steps))
     return told(plan, found.warnings)
 
@@ -113,10 +114,9 @@ def told(plan: Plan, warnings: tuple[str, ...]) -> Difference:
     return Difference(plan, difference(plan), warnings)
 
 
-def observed(raw: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return what a job's options say of the observability stack."""
-    said: Mapping[str, Any] = flat(raw).get("observability") or {}
-    return said
+def observed(raw: Mapping[str, Any]) -> StackRequest:
+    """Return what an orchestration job says of the observability stack."""
+    return request_of(flat(raw).get("observability") or {})
 
 
 def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.commands.targets import Job
@@ -13,7 +10,8 @@ from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.types.observability import ObservabilityJob
 from rigel_k8s.kube import Cluster
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.observability.desired import rendered, wanted
+from rigel_k8s.observability.desired import desired_stack, render_stack
+from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release.prepare import prepared
 from rigel_k8s.release.types import Plan
@@ -46,15 +44,11 @@ def stack_job(settings: Settings, name: str | None) -> Job | None:
     return Job(spec.name, made.options, made.raw, rigelfile.application, told)
 
 
-def manifests(raw: Mapping[str, Any]) -> tuple[Manifest, ...]:
-    """Return the stack's manifests as one job describes it; no cluster is asked.
-
-    Args:
-        raw: the job's `observability` as plain data.
-    """
-    return prepared(rendered(raw).desired)
+def manifests(request: StackRequest) -> tuple[Manifest, ...]:
+    """Return the stack's manifests as one job describes it; no cluster is asked."""
+    return prepared(render_stack(request).desired)
 
 
-def plan(raw: Mapping[str, Any], cluster: Cluster, *, adopt: bool) -> Plan:
+def plan(request: StackRequest, cluster: Cluster, *, adopt: bool) -> Plan:
     """Return what a job would change of the stack that is there. Raises like a deploy."""
-    return deploys.diff(wanted(raw, cluster).desired, cluster, adopt=adopt)
+    return deploys.diff(desired_stack(request, cluster).desired, cluster, adopt=adopt)

@@ -1,13 +1,14 @@
-"""Which images a release runs, and pinning them by digest; plain data."""
+"""Which images a release runs, pinning them by digest, and who may pull them; plain data."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from rigel_k8s.objects.overlay import plain
 from rigel_k8s.objects.refs import Manifest
 
-__all__ = ["images_of", "pinned"]
+__all__ = ["allowed", "images_of", "pinned"]
 
 
 def images_of(objects: Iterable[Manifest]) -> tuple[str, ...]:
@@ -23,9 +24,22 @@ def containers(manifest: Manifest) -> Iterator[dict[str, Any]]:
         yield from spec.get(kind) or ()
 
 
-def pinned(manifest: dict[str, Any], digests: Mapping[str, str]) -> dict[str, Any]:
-    """Give a workload's containers the images by digest where one is known; return it."""
-    for container in containers(manifest):
-        if container.get("image") in digests:
-            container["image"] = digests[container["image"]]
-    return manifest
+def pinned(manifest: Manifest, digests: Mapping[str, str]) -> Manifest:
+    """Return a workload with its images by digest where one is known; else the object as it is."""
+    if not any(container.get("image") in digests for container in containers(manifest)):
+        return manifest
+    result: dict[str, Any] = plain(manifest)
+    for container in containers(result):
+        container["image"] = digests.get(container["image"], container["image"])
+    return result
+
+
+def allowed(manifest: Manifest, secrets: Sequence[str]) -> Manifest:
+    """Return a workload whose pods may pull with some Secrets too; else the object as it is."""
+    if not secrets or not any(True for _ in containers(manifest)):
+        return manifest
+    result: dict[str, Any] = plain(manifest)
+    spec = result["spec"]["template"]["spec"]
+    named = [*(one["name"] for one in spec.get("imagePullSecrets") or ()), *secrets]
+    spec["imagePullSecrets"] = [{"name": name} for name in dict.fromkeys(named)]
+    return result

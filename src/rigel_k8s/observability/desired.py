@@ -13,7 +13,7 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.overlay import merge, plain
+from rigel_k8s.objects.overlay import merge
 from rigel_k8s.observability import boards
 from rigel_k8s.observability.checks import check
 from rigel_k8s.observability.installation import api_servers, gives_storage, installed_in
@@ -21,29 +21,22 @@ from rigel_k8s.observability.manifests.desired import stack_release
 from rigel_k8s.observability.manifests.stack import Boards, Stack
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.options import ObservabilityOptions
+from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release.deploy import last_good
 from rigel_k8s.release.types import Desired, ReleaseId
-from rigel_k8s.rigelfile.source import Node, Span, made
-from rigel_k8s.rigelfile.structure import structure
+from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 
-__all__ = ["NAMESPACE", "Wanted", "rendered", "shared", "wanted"]
+__all__ = ["NAMESPACE", "DesiredStack", "desired_stack", "render_stack"]
 
 NAMESPACE = "monitoring"
-#: What is one application's own, or where the stack is and not what it is.
-OWN = ("enabled", "ros_metrics", "namespace")
 
 
 @attrs.frozen
-class Wanted:
-    """The stack of a cluster as it shall be.
-
-    Attributes:
-        before: whether a stack was there.
-    """
+class DesiredStack:
+    """The stack of a cluster as it is to be."""
 
     stack: Stack
     desired: Desired
-    before: bool = False
 
     @property
     def release(self) -> ReleaseId:
@@ -51,36 +44,22 @@ class Wanted:
         return self.desired.release
 
 
-def shared(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a job's `observability` says of the stack itself, without any password."""
-    said: dict[str, Any] = {key: v for key, v in plain(raw).items() if key not in OWN}
-    grafana = said.get("grafana")
-    if isinstance(grafana, dict):
-        said["grafana"] = {key: v for key, v in grafana.items() if key != "admin_password"}
-    return said
+def render_stack(request: StackRequest, namespace: str | None = None) -> DesiredStack:
+    """Return the stack as one job alone describes it; no cluster is asked."""
+    where = namespace or request.namespace or NAMESPACE
+    stack = Stack(_options(request.said), where, Boards(boards.dashboards(), boards.rules()))
+    return DesiredStack(stack, stack_release(stack, request.said))
 
 
-def rendered(raw: Mapping[str, Any], namespace: str | None = None) -> Wanted:
-    """Return the stack as this job alone describes it; no cluster is asked."""
-    said = shared(raw)
-    where = namespace or str(raw.get("namespace") or NAMESPACE)
-    stack = Stack(_options(said), where, Boards(boards.dashboards(), boards.rules()))
-    return Wanted(stack, stack_release(stack, said))
-
-
-def wanted(raw: Mapping[str, Any], cluster: Cluster) -> Wanted:
-    """Return the stack as it shall be on a cluster.
-
-    Args:
-        raw: a job's `observability` as plain data.
+def desired_stack(request: StackRequest, cluster: Cluster) -> DesiredStack:
+    """Return the stack as it is to be on a cluster.
 
     Raises:
         UserError: there is one in another namespace, or what all say together contradicts itself.
     """
-    there = installed_in(cluster)
-    where = _namespace(raw, there)
+    where = _namespace(request.namespace, installed_in(cluster))
     last = last_good(cluster, ReleaseId(where, RELEASE))
-    said = merge(dict(last.options) if last else {}, shared(raw))
+    said = merge(dict(last.options) if last else {}, request.said)
     stack = Stack(
         _options(said),
         where,
@@ -88,31 +67,26 @@ def wanted(raw: Mapping[str, Any], cluster: Cluster) -> Wanted:
         claims=gives_storage(cluster),
         api_servers=api_servers(cluster),
     )
-    return Wanted(stack, stack_release(stack, said), before=last is not None)
+    return DesiredStack(stack, stack_release(stack, said))
 
 
-def _namespace(raw: Mapping[str, Any], there: str | None) -> str:
-    said = raw.get("namespace")
-    if there and said and said != there:
+def _namespace(asked: str | None, there: str | None) -> str:
+    if there and asked and asked != there:
         raise UserError(
             f"the cluster has an observability stack in the namespace {there} already, and all"
             " applications share one",
             hint=f"say observability.namespace: {there}, leave it out, or take that one down first",
         )
-    return str(there or said or NAMESPACE)
+    return there or asked or NAMESPACE
 
 
 def _options(said: Mapping[str, Any]) -> ObservabilityOptions:
-    """Return plain data as options."""
-    found = structure(made(dict(said), Node({}, Span(1, 1, 1, 1))), ObservabilityOptions)
-    problems = list(found.problems)
-    if found.draft is not None and not problems:
-        problems = [p for p in check(found.draft) if p.severity == "error"]
-    if found.draft is None or problems:
+    """Return what all jobs say together as options."""
+    try:
+        return structure_plain(said, ObservabilityOptions, check)
+    except InvalidOptions as error:
         raise UserError(
             "the observability stack cannot be what this job and those before it say",
             hint="several applications share one stack: their options are laid over each other",
-            details=[f"{'.'.join(map(str, p.path))}: {p.message} [{p.kind}]" for p in problems],
-        )
-    options: ObservabilityOptions = found.draft
-    return options
+            details=list(map(str, error.problems)),
+        ) from error

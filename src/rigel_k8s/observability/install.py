@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import attrs
 
@@ -13,15 +12,16 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus.installation import is_up
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.desired import Wanted, wanted
+from rigel_k8s.observability.desired import DesiredStack, desired_stack
 from rigel_k8s.observability.manifests.operator import GROUP_VERSION, KINDS
 from rigel_k8s.observability.password import ensure_administrator
+from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import deploy, diff, last_good
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 
-__all__ = ["Installed", "ensure", "install", "told"]
+__all__ = ["Installed", "describe", "ensure", "install"]
 
 #: Seconds for all images of the stack to be pulled by a machine that has none of them.
 PATIENT = 600.0
@@ -38,27 +38,21 @@ class Installed:
         away: machines that are not up, and were not waited for.
     """
 
-    wanted: Wanted
+    stack: DesiredStack
     revision: Revision
     changed: bool
     away: tuple[str, ...] = ()
 
 
-def ensure(
-    cluster: Cluster,
-    raw: Mapping[str, Any],
-    options: DeployOptions,
-    *,
-    password: str | None = None,
-) -> None:
+def ensure(cluster: Cluster, request: StackRequest, options: DeployOptions) -> None:
     """Have the stack there that an application's job asks for.
 
     Who may only deploy applications does so: the stack is left to those who may look at it.
 
-    Args and raises: as install.
+    Raises: as install.
     """
     try:
-        done = install(cluster, raw, options, password=password)
+        done = install(cluster, request, options)
     except ClusterError as error:
         if getattr(error, "status", 0) != 403:
             raise
@@ -67,21 +61,11 @@ def ensure(
         )
         return
     if done.changed:
-        options.report.line(told(done))
+        options.report.line(describe(done))
 
 
-def install(
-    cluster: Cluster,
-    raw: Mapping[str, Any],
-    options: DeployOptions,
-    *,
-    password: str | None = None,
-) -> Installed:
+def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> Installed:
     """Install the stack, or bring it up to date, and wait until it is ready.
-
-    Args:
-        raw: the job's `observability` as plain data.
-        password: Grafana's, where the Rigelfile tells it.
 
     Raises:
         UserError: it contradicts what others have said, or wants an operator that is not there.
@@ -90,24 +74,24 @@ def install(
         Interrupted: the job was cancelled.
     """
     try:
-        asked = wanted(raw, cluster)
+        asked = desired_stack(request, cluster)
         _check_operator(asked, cluster)
-        return _installed(asked, cluster, options, password)
+        return _installed(asked, cluster, options, request.password)
     except ClusterError as error:
         if getattr(error, "status", 0) == 403:
             error.hint = "an administrator installs it once, for all, with a job `observability`"
         raise
 
 
-def told(done: Installed) -> str:
+def describe(done: Installed) -> str:
     """Return what was done as one line."""
-    release = done.wanted.release
+    release = done.stack.release
     away = f"; not waited for, since away: {', '.join(done.away)}" if done.away else ""
     state = f"is at revision {done.revision.number}" if done.changed else "is unchanged"
     return f"{release.name} in {release.namespace} {state}{away}"
 
 
-def _check_operator(asked: Wanted, cluster: Cluster) -> None:
+def _check_operator(asked: DesiredStack, cluster: Cluster) -> None:
     """Refuse PodMonitors that nobody would know."""
     if asked.stack.operator is None:
         return
@@ -122,7 +106,7 @@ def _check_operator(asked: Wanted, cluster: Cluster) -> None:
 
 
 def _installed(
-    asked: Wanted, cluster: Cluster, options: DeployOptions, password: str | None
+    asked: DesiredStack, cluster: Cluster, options: DeployOptions, password: str | None
 ) -> Installed:
     _warn_of_lost_data(asked, options.report)
     last = last_good(cluster, asked.release)
@@ -139,7 +123,9 @@ def _installed(
     return Installed(asked, revision, changed=True, away=away)
 
 
-def _deployed(asked: Wanted, cluster: Cluster, options: DeployOptions, *, away: bool) -> Revision:
+def _deployed(
+    asked: DesiredStack, cluster: Cluster, options: DeployOptions, *, away: bool
+) -> Revision:
     bound = options.timeout or PATIENT
     try:
         return deploy(
@@ -177,7 +163,7 @@ def _make_namespace(cluster: Cluster, release: ReleaseId) -> None:
         cluster.apply({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": ref.name}})
 
 
-def _warn_of_lost_data(asked: Wanted, report: Reporter) -> None:
+def _warn_of_lost_data(asked: DesiredStack, report: Reporter) -> None:
     """Say that data are gone with their pod, where nobody asked for that."""
     stack = asked.stack
     if stack.claims:

@@ -21,13 +21,14 @@ from rigel_k8s.rigelfile.rigel03 import rigel03
 from rigel_k8s.rigelfile.schema import schema
 from rigel_k8s.rigelfile.source import Node, Source, Span, locate, plain
 from rigel_k8s.rigelfile.starter import STARTERS
-from rigel_k8s.rigelfile.structure import Structured, structure
+from rigel_k8s.rigelfile.structure import InvalidOptions, Structured, structure, structure_plain
 
 __all__ = [
     "STARTERS",
     "CheckResult",
     "ComponentSpec",
     "Finding",
+    "InvalidOptions",
     "Node",
     "Preview",
     "Realised",
@@ -53,4 +54,5 @@ __all__ = [
     "rigel03",
     "schema",
     "structure",
+    "structure_plain",
 ]

@@ -8,8 +8,8 @@ rest from being looked at: `draft` has the field's default in its place.
 from __future__ import annotations
 
 import typing
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar
 
 import attrs
 
@@ -27,11 +27,12 @@ from rigel_k8s.rigelfile.fields import (
 from rigel_k8s.rigelfile.findings import meant, nearest
 from rigel_k8s.rigelfile.numbers import written
 from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
-from rigel_k8s.rigelfile.source import Node, plain
+from rigel_k8s.rigelfile.source import Node, Span, made, plain
 from rigel_k8s.rigelfile.template import has_template
 
-__all__ = ["Doubts", "Structured", "structure"]
+__all__ = ["Doubts", "InvalidOptions", "Structured", "structure", "structure_plain"]
 
+T = TypeVar("T")
 _UNKNOWN: Any = object()
 
 
@@ -99,6 +100,39 @@ def structure(node: Node, kind: Any) -> Structured:
     value = work.value(node, kind, ())
     draft = None if value is _UNKNOWN else value
     return Structured(draft, tuple(work.problems), work.doubts)
+
+
+class InvalidOptions(Exception):
+    """Plain data that is no value of an option class.
+
+    Attributes:
+        problems: at least one, with paths from the data's root.
+    """
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        super().__init__("; ".join(map(str, problems)))
+        self.problems = tuple(problems)
+
+
+def structure_plain(
+    data: Mapping[str, Any], kind: type[T], check: Callable[[T], Iterable[Problem]]
+) -> T:
+    """Return plain data, which stands in no file, as a value of an option class.
+
+    Args:
+        check: what is wrong with such a value; warnings are passed over.
+
+    Raises:
+        InvalidOptions: it is no such value.
+    """
+    found = structure(made(dict(data), Node({}, Span(1, 1, 1, 1))), kind)
+    problems = list(found.problems)
+    if found.draft is not None and not problems:
+        problems = [problem for problem in check(found.draft) if problem.severity == "error"]
+    if found.draft is None or problems:
+        raise InvalidOptions(problems)
+    value: T = found.draft
+    return value
 
 
 class _Structurer:

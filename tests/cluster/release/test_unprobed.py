@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.app.desired import desired
+from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RolloutFailed
 from rigel_k8s.release.deploy import deploy
@@ -32,7 +32,8 @@ def release(make: Any, name: str, command: str) -> Desired:
     assert tree is not None, findings
     found = structure(tree, OrchestrationOptions)
     assert isinstance(found.draft, OrchestrationOptions), found.problems
-    return desired(found.draft, ReleaseId(make.namespace, name), Application("jazzy"), {})
+    drafted = draft(found.draft, ReleaseId(make.namespace, name), Application("jazzy"), {})
+    return drafted.finish()
 
 
 def test_a_crash_at_the_start_fails_the_deploy_each_time(

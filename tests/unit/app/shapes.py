@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rigel_k8s.app.checks import check
-from rigel_k8s.app.desired import desired
+from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import Desired, ReleaseId
@@ -46,13 +46,15 @@ def problems(text: str, distro: str | None = None) -> list[Problem]:
 def release(text: str, **more: Any) -> Desired:
     """Return what a job's `with` becomes in the namespace `robots`."""
     chosen = options(text)
-    made = desired(
+    drafted = draft(
         chosen,
         ReleaseId("robots", str(chosen.deployment_name)),
         Application(more.pop("distro", distro_of(text))),
         SCRIPTS,
-        **more,
+        files=more.pop("files", None),
+        previous=more.pop("previous", ()),
     )
+    made = drafted.finish(**more)
     json.dumps(made.objects)
     return made
 

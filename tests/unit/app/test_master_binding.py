@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rigel_k8s.app.desired import MASTER_ANNOTATION, desired
+from rigel_k8s.app.desired import MASTER_ANNOTATION, draft
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.scalars import ImageRef, RosUri
@@ -15,12 +15,12 @@ from rigel_k8s.settings import Application
 def templates(**options: Any) -> dict[str, dict[str, Any]]:
     """Return each Deployment's pod annotations."""
     talker = NodeOptions(image=ImageRef("app:1"), args=["talker"])
-    made = desired(
+    made = draft(
         OrchestrationOptions(nodes={"talker": talker}, **options),
         ReleaseId("lab", "app"),
         Application("noetic"),
         {"ready.sh": ""},
-    )
+    ).finish()
     return {
         item["metadata"]["name"]: item["spec"]["template"]["metadata"].get("annotations", {})
         for item in made.objects
@@ -44,12 +44,12 @@ def test_a_robots_own_master_binds_nothing() -> None:
 
 def test_the_master_comes_first() -> None:
     """Only roscore is marked as what the others wait for."""
-    made = desired(
+    made = draft(
         OrchestrationOptions(nodes={"talker": NodeOptions(image=ImageRef("app:1"))}),
         ReleaseId("lab", "app"),
         Application("noetic"),
         {"ready.sh": ""},
-    )
+    ).finish()
     first = [
         item["metadata"]["name"]
         for item in made.objects

@@ -9,7 +9,7 @@ import attrs
 import pytest
 
 from rigel_k8s.app.checks import check
-from rigel_k8s.app.desired import desired
+from rigel_k8s.app.desired import draft
 from rigel_k8s.app.exporterchecks import check_exporter
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.exporter.config import Config
@@ -34,7 +34,8 @@ def options(text: str) -> OrchestrationOptions:
 
 
 def release(text: str, distro: str = "noetic", **more: Any) -> Desired:
-    return desired(options(text), ReleaseId("robots", "app"), Application(distro), {}, **more)
+    drafted = draft(options(text), ReleaseId("robots", "app"), Application(distro), {}, **more)
+    return drafted.finish()
 
 
 def deployments(made: Desired) -> dict[str, Any]:
@@ -114,7 +115,7 @@ def test_it_finds_participants_as_nodes_do(network: str, told: dict[str, Any]) -
     text = f"{NODES}\nnetwork: {{ mode: {network} }}{ON}"
     chosen = options(text)
     release_id = ReleaseId("robots", str(chosen.deployment_name))
-    made = desired(chosen, release_id, Application("jazzy"), {})
+    made = draft(chosen, release_id, Application("jazzy"), {})
     [found] = [
         o for o in made.objects if o["metadata"]["name"] == "rigel-k8s-application-ros-exporter"
     ]

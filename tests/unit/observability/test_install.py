@@ -10,6 +10,7 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s.app.deploying.prepare import Preparation
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
 from rigel_k8s.jobs.job import JobContext
@@ -21,11 +22,12 @@ from rigel_k8s.observability import (
 from rigel_k8s.observability import (
     install as observability_install,
 )
-from rigel_k8s.observability.desired import rendered, shared, wanted
+from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.install import install
 from rigel_k8s.observability.installation import api_servers, gives_storage, installed_in
-from rigel_k8s.observability.options import Observability, ObservabilityOptions
+from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.observability.password import ensure_administrator
+from rigel_k8s.observability.request import request_of
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
 
@@ -120,7 +122,7 @@ def last(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 def asked(raw: Mapping[str, Any], *objects: Any) -> Any:
     cluster: Any = Cluster(*objects)
-    return wanted(raw, cluster)
+    return desired_stack(request_of(raw), cluster)
 
 
 def job(raw: Mapping[str, Any] | None = None) -> JobContext:
@@ -149,7 +151,7 @@ def test_what_is_one_applications_own_is_not_the_stacks(last: dict[str, Any]) ->
         "ros_metrics": {"topics": ["/scan"]},
         "grafana": {"admin_password": "secret", "default_dashboards": False},
     }
-    assert shared(raw) == {"grafana": {"default_dashboards": False}}
+    assert request_of(raw).said == {"grafana": {"default_dashboards": False}}
     assert asked(raw).desired.options == {"grafana": {"default_dashboards": False}}
 
 
@@ -197,7 +199,7 @@ def test_without_an_operator_the_way_out_is_told(last: dict[str, Any]) -> None:
     raw = {"existing": {"prometheus": True}, "grafana": {"enabled": False}}
     cluster: Any = Cluster(served=("PodMonitor",))
     with pytest.raises(UserError, match="knows no PrometheusRule") as told:
-        install(cluster, raw, job().deploy_options)
+        install(cluster, request_of(raw), job().deploy_options)
     assert "install the operator first" in str(told.value.hint)
     assert cluster.secret is None
 
@@ -212,24 +214,16 @@ def test_who_may_only_deploy_applications_does_so(
     def look(*_: Any) -> Any:
         raise refused
 
-    monkeypatch.setattr(observability_install, "wanted", look)
+    monkeypatch.setattr(observability_install, "desired_stack", look)
     context, cluster = job(), Cluster()
     with pytest.raises(ClusterError) as told:
-        install(cluster, {}, context.deploy_options)  # type: ignore[arg-type]
+        install(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
     assert "administrator" in str(told.value.hint)
-    observability_install.ensure(cluster, {}, context.deploy_options)  # type: ignore[arg-type]
+    observability_install.ensure(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
     assert "left as it is; an administrator" in context.report.warnings[0]  # type: ignore[attr-defined]
     refused.status = 500  # type: ignore[attr-defined]
     with pytest.raises(ClusterError):
-        observability_install.ensure(cluster, {}, context.deploy_options)  # type: ignore[arg-type]
-
-
-class Prepared:
-    """An application's job that asks for the stack."""
-
-    def __init__(self, said: Observability) -> None:
-        self.options = OrchestrationOptions(observability=said)
-        self.desired = Desired(ReleaseId("robots", "demo"), ())
+        observability_install.ensure(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
 
 
 def test_a_password_is_random_and_made_once() -> None:
@@ -257,7 +251,7 @@ def test_a_password_that_is_told_counts() -> None:
 
 def test_no_render_has_a_password() -> None:
     """Neither the Secret nor the Rigelfile's own word."""
-    made = rendered({"grafana": {"admin_password": "hunter2"}})
+    made = render_stack(request_of({"grafana": {"admin_password": "hunter2"}}))
     assert "hunter2" not in str(made.desired)
     assert {item["kind"] for item in made.desired.objects}.isdisjoint({"Secret"})
 
@@ -272,7 +266,9 @@ def test_data_that_nobody_keeps_are_told_of(
     assert [warning.split()[0] for warning in report.warnings] == ["loki"]
 
 
-ASKED = Prepared(Observability(enabled=True))
+ASKED = Preparation(
+    Desired(ReleaseId("robots", "demo"), ()), OrchestrationOptions(), stack=request_of({})
+)
 
 
 def test_robots_do_not_wait_for_dashboards(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -335,9 +331,9 @@ def test_a_stack_that_is_there_costs_no_wait(last: dict[str, Any], deployed: lis
     last |= {"grafana": {"enabled": False}}
     away = {"kind": "Node", "metadata": {"name": "robot"}, "spec": {}, "status": {}}
     cluster: Any = Cluster(away)
-    done = install(cluster, {"enabled": True}, job().deploy_options)
+    done = install(cluster, request_of({"enabled": True}), job().deploy_options)
     assert (done.changed, done.revision.number, deployed) == (False, 3, [])
-    done = install(cluster, {"loki": {"retention": "3d"}}, job().deploy_options)
+    done = install(cluster, request_of({"loki": {"retention": "3d"}}), job().deploy_options)
     assert (done.changed, done.away) == (True, ("robot",))
     assert deployed[0]["timeout"] == observability_install.WITHOUT_ALL
 
@@ -347,5 +343,5 @@ def test_cancelling_reaches_the_deploy(last: dict[str, Any], deployed: list[Any]
     cancel = threading.Event()
     context = attrs.evolve(job(), cancel=cancel)
     cluster: Any = Cluster()
-    install(cluster, {"grafana": {"enabled": False}}, context.deploy_options)
+    install(cluster, request_of({"grafana": {"enabled": False}}), context.deploy_options)
     assert deployed[0]["cancel"] is cancel

@@ -16,17 +16,17 @@ import yaml
 from rigel_k8s.app.checks import check
 from rigel_k8s.app.deploying.digests import pins
 from rigel_k8s.app.deploying.secrets import has_pull_secret, needed_credentials, secret_name
-from rigel_k8s.app.desired import desired, has_workloads
+from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.partial import is_partial, overlay
+from rigel_k8s.app.partial import flat, is_partial, overlay
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.inpod import scripts
-from rigel_k8s.objects.images import images_of
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.problems import Problem
+from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
+from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
@@ -44,12 +44,14 @@ class Preparation:
         options: the job's, laid over those of the last revision where it is a partial one.
         credentials: users of the registries that its images come from.
         findings: what the preflight found meanwhile; None: nobody has looked yet.
+        stack: what the job says of the observability stack; None: it asks for none.
     """
 
     desired: Desired
     options: OrchestrationOptions
     credentials: tuple[Credentials, ...] = ()
     findings: Sequence[Finding] | None = None
+    stack: StackRequest | None = None
 
 
 def prepare(
@@ -120,25 +122,21 @@ def _prepared(
     texts, files = scripts(), _parameter_files(options, application.dir)
     network = options.network
     previous = last.objects() if network and network.ipam == "static" else ()
-    plain = desired(options, release, application, texts, files=files, previous=previous)
-    images = images_of(plain.objects)
-    credentials = needed_credentials(images, known)
+    drafted = draft(options, release, application, texts, files=files, previous=previous)
+    credentials = needed_credentials(drafted.images, known)
     with ThreadPoolExecutor(max_workers=1) as beside:
-        looked = beside.submit(_examined, plain.objects, options, eyes)
-        digests = pins(images, data, known, last.objects)
-    made = desired(
-        options,
-        release,
-        application,
-        texts,
+        looked = beside.submit(_examined, drafted.objects, options, eyes)
+        digests = pins(drafted.images, data, known, last.objects)
+    desired = drafted.finish(
         raw=raw,
         digests=digests,
-        files=files,
         pull_secrets=[secret_name(release.name)] if credentials or secret_is_there else [],
         create_namespace=options.namespace == release.namespace,
-        previous=previous,
     )
-    return Preparation(made, options, credentials, looked.result())
+    stack = None
+    if options.observability.enabled:
+        stack = request_of(flat(raw).get("observability") or {})
+    return Preparation(desired, options, credentials, looked.result(), stack)
 
 
 def _examined(
@@ -227,26 +225,17 @@ def _laid_over(
     if last.revision is None or not last.revision.options:
         return options, raw
     merged = overlay(last.revision.options, raw)
-    made, problems = _structured(merged)
-    if made is not None and not problems:
-        problems = [p for p in check(made, application.distro) if p.severity == "error"]
-    if made is None or problems:
+    try:
+        whole = structure_plain(
+            merged, OrchestrationOptions, lambda made: check(made, application.distro)
+        )
+    except InvalidOptions as error:
         raise UserError(
             f"this job does not fit revision {last.revision.number}, which it describes a part of",
             hint="run the job that describes all of the release",
-            details=[f"{'.'.join(map(str, p.path))}: {p.message} [{p.kind}]" for p in problems],
-        )
-    return made, merged
-
-
-def _structured(raw: Mapping[str, Any]) -> tuple[OrchestrationOptions | None, list[Problem]]:
-    """Return plain data as options."""
-    from rigel_k8s.rigelfile.source import Node, Span, made
-    from rigel_k8s.rigelfile.structure import structure
-
-    node = made(dict(raw), Node({}, Span(1, 1, 1, 1)))
-    found = structure(node, OrchestrationOptions)
-    return found.draft, list(found.problems)
+            details=list(map(str, error.problems)),
+        ) from error
+    return whole, merged
 
 
 def _parameter_files(options: OrchestrationOptions, directory: Path) -> dict[str, str]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import ClassVar
 
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.observability.checks import check
 from rigel_k8s.observability.options import ObservabilityOptions
+from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
@@ -32,28 +33,22 @@ class ObservabilityJob:
     def run(self, options: ObservabilityOptions, job: JobContext) -> None:
         """Install.
 
-        Raises: as observability_install.install.
+        Raises: as observability.install.
         """
         if not options.enabled:
             job.report.line("observability.enabled is false: nothing to do")
             return
-        run(job.raw, options, job)
+        run(request_of(job.raw), job)
 
 
-def run(raw: Mapping[str, Any], options: Any, job: JobContext) -> None:
-    """Have the stack there that options say, and tell what was done.
+def run(request: StackRequest, job: JobContext) -> None:
+    """Have the stack there that a job asks for, and report what was done.
 
-    Args:
-        raw: the options as plain data: what nobody said stays as another job has said it.
-        options: rigel_k8s.observability.Observability.
-
-    Raises: as observability_install.install.
+    Raises: as observability.install.
     """
     from rigel_k8s.kube import connect
-    from rigel_k8s.observability.install import install, told
+    from rigel_k8s.observability.install import describe, install
 
-    password = options.grafana.admin_password
     with connect(job.settings) as cluster:
-        given = str(password) if password else None
-        done = install(cluster, raw, job.deploy_options, password=given)
-    job.report.line(told(done))
+        done = install(cluster, request, job.deploy_options)
+    job.report.line(describe(done))

@@ -19,6 +19,7 @@ from rigel_k8s.app.partial import flat, is_partial
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.observability import run as run_stack
+from rigel_k8s.observability.request import request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
@@ -58,7 +59,7 @@ class OrchestrationJob:
         from rigel_k8s.kube import connect
 
         if options.observability_only:
-            run_stack(flat(job.raw).get("observability") or {}, options.observability, job)
+            run_stack(request_of(flat(job.raw).get("observability") or {}), job)
             return
         with connect(job.settings) as cluster:
             prepared = prepare(
@@ -104,18 +105,12 @@ def _observe(prepared: Preparation, cluster: Cluster, job: JobContext) -> Rollou
     Returns:
         Why it does not become ready: robots do not wait for dashboards, so it is told at the end.
     """
-    if not prepared.options.observability.enabled:
+    if prepared.stack is None:
         return None
     from rigel_k8s.observability.install import ensure
 
     try:
-        password = prepared.options.observability.grafana.admin_password
-        ensure(
-            cluster,
-            prepared.desired.options.get("observability") or {},
-            job.deploy_options,
-            password=str(password) if password else None,
-        )
+        ensure(cluster, prepared.stack, job.deploy_options)
     except RolloutFailed as error:
         job.report.warn(f"{error.message}; the application is deployed all the same")
         return error

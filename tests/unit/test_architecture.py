@@ -1,0 +1,32 @@
+"""docs/architecture.md: its picture is that of the code, and its paths are there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from tools.architecture import PICTURE, WORDS, layers, picture
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "architecture.md").read_text("utf-8")
+
+
+def test_the_picture_shows_the_code_as_it_is() -> None:
+    """Otherwise run `python -m tools.architecture`."""
+    assert PICTURE.read_text("utf-8") == picture()
+
+
+def test_each_package_is_in_the_picture_and_in_the_table() -> None:
+    """A new package has a layer, words and a row."""
+    there = {path.name for path in (ROOT / "src" / "rigel_k8s").iterdir() if path.is_dir()}
+    there = {name for name in there if not name.startswith("_")} | {"rigel_lab"}
+    assert there == set(WORDS) == {name for row in layers() for name in row}
+    assert there == set(re.findall(r"^\| `(\w+)/?` \|", PAGE, re.MULTILINE))
+
+
+@pytest.mark.parametrize("path", sorted(set(re.findall(r"`([a-z_0-9]+/[a-z_/0-9.]*)`", PAGE))))
+def test_paths_of_the_page_are_there(path: str) -> None:
+    """A path is one of the package, or of the repository."""
+    homes = (ROOT / "src" / "rigel_k8s", ROOT)
+    assert any((home / path).exists() for home in homes), path

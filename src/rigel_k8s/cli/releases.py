@@ -29,7 +29,7 @@ __all__ = ["diff", "down", "history", "render", "rollback", "status"]
 def render(ctx: click.Context, /, job: str | None) -> None:
     """Print the manifests that a job would apply, as YAML."""
     from rigel_k8s.commands import releases
-    from rigel_k8s.commands.yaml_text import documents
+    from rigel_k8s.yaml_text import documents
 
     found = releases.render(settings(ctx), job)
     warn(found.warnings)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rigel_lab.cluster import api, k3s, kubeconfig
+from rigel_k8s.yaml_text import document
+from rigel_lab.cluster import api, k3s
 from rigel_lab.cluster.components import KUBERNETES_VERSION
 from rigel_lab.cluster.layout import API_PORT, SERVER, Layout
 
@@ -25,7 +26,7 @@ def furnish(layout: Layout, directory: Path, data_dir: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch(mode=0o600)
     content = api.access(layout, "default", f"https://127.0.0.1:{API_PORT}")
-    path.write_text(kubeconfig.dump(content))
+    path.write_text(document(content))
 
 
 def setup(layout: Layout, name: str) -> list[str]:

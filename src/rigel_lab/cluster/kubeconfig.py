@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import os
 import pwd
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,9 @@ from typing import Any
 import yaml
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.yaml_text import document
 
-__all__ = ["dump", "entries", "load", "merge", "remove", "user_kubeconfig"]
+__all__ = ["entries", "load", "merge", "remove", "user_kubeconfig"]
 
 SECTIONS = ("clusters", "users", "contexts")
 
@@ -27,24 +27,6 @@ Loader.yaml_implicit_resolvers = {
     first: [(tag, expression) for tag, expression in resolvers if not tag.endswith(":timestamp")]
     for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
 }
-
-
-class Dumper(yaml.SafeDumper):
-    """Quotes every text that kubectl's reader may take for something else (y, 1e3, 0o17)."""
-
-
-def represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    """Return a text, plain where nobody can misread it."""
-    plain = re.fullmatch(r"[A-Za-z/][\w./:@+=-]+", text)
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=None if plain else '"')
-
-
-Dumper.add_representer(str, represent_text)
-
-
-def dump(content: Mapping[str, Any]) -> str:
-    """Return a kubeconfig as YAML."""
-    return str(yaml.dump(dict(content), Dumper=Dumper, sort_keys=False, width=10_000))
 
 
 def user_kubeconfig(environ: Mapping[str, str] = os.environ) -> Path:
@@ -145,7 +127,7 @@ def save(path: Path, content: Mapping[str, Any]) -> None:
     temporary = path.with_name(f".{path.name}.rigel")
     temporary.unlink(missing_ok=True)
     temporary.touch(mode=0o600)
-    temporary.write_text(dump(content))
+    temporary.write_text(document(content))
     if path.exists():
         before = path.stat()
         temporary.chmod(before.st_mode)

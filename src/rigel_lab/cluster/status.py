@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import attrs
 
-from rigel_lab.cluster import api, kubeconfig, paths
+from rigel_k8s.yaml_text import document
+from rigel_lab.cluster import api, paths
 from rigel_lab.cluster.nodepaths import describe
 from rigel_lab.cluster.requirements import require_root
 from rigel_lab.cluster.state import State, find
@@ -113,4 +114,4 @@ def kubeconfig_text(name: str) -> str:
     """Return a kubeconfig of the cluster alone, as YAML."""
     require_root()
     state = find(name)
-    return kubeconfig.dump(api.access(state.layout, state.context))
+    return document(api.access(state.layout, state.context))

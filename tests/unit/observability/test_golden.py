@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.yaml_text import documents
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.types import Desired
+from rigel_k8s.yaml_text import documents
 
 from .shapes import GOLDEN, release
 

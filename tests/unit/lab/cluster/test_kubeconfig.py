@@ -68,10 +68,12 @@ def test_a_context_chosen_meanwhile_stays(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["y", "n", "1e3", "0o17", "1_000", "12:30", "=", "~", "on", "10"])
-def test_texts_stay_texts_for_kubectl(text: str) -> None:
-    """What a YAML 1.1 reader takes for a boolean or a number is quoted."""
-    written = kubeconfig.dump({"name": text})
-    assert written in (f'name: "{text}"\n', f"name: '{text}'\n")
+def test_texts_stay_texts_for_kubectl(tmp_path: Path, text: str) -> None:
+    """What a YAML 1.1 reader takes for a boolean or a number is quoted, also in others' entries."""
+    path = tmp_path / "config"
+    path.write_text(f'users:\n- {{name: u, user: {{password: "{text}"}}}}\n')
+    kubeconfig.merge(path, "rigel-a", ours("rigel-a"))
+    assert f'password: "{text}"\n' in path.read_text()
 
 
 def test_times_stay_what_they_are(tmp_path: Path) -> None:

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.yaml_text import documents
 from rigel_k8s.network.multus.desired import Installation, network_release
 from rigel_k8s.network.multus.platform import Platform, platform
 from rigel_k8s.network.multus.recognition import Group
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.yaml_text import documents
 
 GOLDEN = Path(__file__).parent / "golden"
 SCRIPT = "# machine.sh\n"

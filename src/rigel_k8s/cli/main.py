@@ -5,6 +5,7 @@ Commands are imported when they are called: `rigel --help` costs little more tha
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -123,6 +124,9 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
     Args:
         name: the program's name where it was not called by it; never handed over to Rigel then.
     """
+    # A thousand nodes are a million values, and all of them are kept: looking for garbage among
+    # them again and again would take as long as the work, and longer the more nodes there are.
+    gc.set_threshold(100_000, 50, 50)
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and name is None and words[:1] in (["init"], ["run"]):
         from rigel_k8s.compat import handover

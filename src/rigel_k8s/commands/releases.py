@@ -10,6 +10,7 @@ import attrs
 from rigel_k8s.app.partial import flat
 from rigel_k8s.commands import stacks
 from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.commands.targets import job_of, release
 from rigel_k8s.errors import UserError
 from rigel_k8s.graph.check import survey
@@ -78,9 +79,10 @@ def render(settings: Settings, job: str | None) -> Manifests:
     a part of a release is laid over the release's last revision. The stack is what this job says
     of it; on a cluster it is laid over what others have said.
     """
-    if alone := stacks.stack_job(settings, job):
+    rigelfile = load(settings)
+    if alone := stacks.stack_job(rigelfile, settings, job):
         return Manifests(stacks.manifests(request_of(alone.raw)), alone.warnings)
-    found = job_of(settings, job)
+    found = job_of(settings, job, rigelfile)
     if found.options.observability_only:
         return Manifests(stacks.manifests(observed(found.raw)), found.warnings)
     cluster = connect(settings) if is_partial(found.raw) else None
@@ -91,12 +93,13 @@ def render(settings: Settings, job: str | None) -> Manifests:
 
 def diff(settings: Settings, job: str | None) -> Difference:
     """Return what a job would change on the cluster; nothing is written."""
-    if alone := stacks.stack_job(settings, job):
+    rigelfile = load(settings)
+    if alone := stacks.stack_job(rigelfile, settings, job):
         with connect(settings) as cluster:
             return told(
                 stacks.plan(request_of(alone.raw), cluster, adopt=settings.adopt), alone.warnings
             )
-    found = job_of(settings, job)
+    found = job_of(settings, job, rigelfile)
     with connect(settings) as cluster:
         if found.options.observability_only:
             stack = observed(found.raw)

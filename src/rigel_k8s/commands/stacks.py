@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from rigel_k8s import rigelfile as grammar
-from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.commands.targets import Job
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import registry
@@ -15,18 +14,18 @@ from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release.prepare import prepared
 from rigel_k8s.release.types import Plan
+from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings
 
 __all__ = ["manifests", "plan", "stack_job"]
 
 
-def stack_job(settings: Settings, name: str | None) -> Job | None:
+def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> Job | None:
     """Return the named job where it is one that deploys the stack alone, None where it is none.
 
     Raises:
         ProblemsError: its options are wrong, or wait for data of other jobs.
     """
-    rigelfile = load(settings)
     spec = rigelfile.jobs.get(name) if name else None
     if spec is None:
         return None

@@ -53,14 +53,17 @@ class Release:
     observability: Any = None
 
 
-def job_of(settings: Settings, name: str | None) -> Job:
+def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = None) -> Job:
     """Return the named orchestration job, or the one that the Rigelfile has.
+
+    Args:
+        rigelfile: what the settings' file holds, where it was read before.
 
     Raises:
         UserError: there is none, or several releases and no name; they are listed.
         ProblemsError: the job's options are wrong, or wait for data of other jobs.
     """
-    rigelfile = load(settings)
+    rigelfile = rigelfile or load(settings)
     spec = chosen(rigelfile, settings, name)
     made = grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
     findings = made.placed(OrchestrationJob().check(made.options, rigelfile.application))

@@ -26,6 +26,8 @@ WHOLE = frozenset(
 )
 WHOLE_ITEMS = frozenset({"volumes", "env"})
 
+SCALARS = frozenset({str, int, float, bool, type(None)})
+
 
 def merge(base: Any, over: Any, key: str = "") -> Any:
     """Return `base` with `over` laid on it, as plain data; neither is changed.
@@ -51,15 +53,17 @@ def has_identity(value: Any, identity: str) -> bool:
 
 def merge_mappings(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """Merge key by key."""
-    result = plain(base)
+    result = {}
+    for key, value in base.items():
+        if key not in over:
+            result[str(key)] = plain(value)
+        elif over[key] is not None:
+            result[str(key)] = merge(value, over[key], key)
     for key, value in over.items():
-        if value is None:
-            result.pop(key, None)
-        else:
-            result[key] = merge(result[key], value, key) if key in result else plain(value)
+        if key not in base and value is not None:
+            result[str(key)] = plain(value)
     if "readinessProbe" in over and "startupProbe" not in over:
         result.pop("startupProbe", None)  # a probe of the user's own is the only one that counts
-    assert isinstance(result, dict)
     return result
 
 
@@ -82,10 +86,10 @@ def one_item(base: Any, over: Any, *, whole: bool) -> Any:
 
 def plain(value: Any) -> Any:
     """Return the same data of JSON's own types only."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, bool) or value is None:
+    if type(value) in SCALARS:  # most are, and each value of a release comes by several times
         return value
+    if isinstance(value, dict | Mapping):  # dict first: the question about Mapping is slow
+        return {str(key): plain(item) for key, item in value.items()}
     for kind in (str, int, float):
         if isinstance(value, kind):
             return kind(value)

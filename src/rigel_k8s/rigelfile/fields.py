@@ -160,11 +160,13 @@ def members(kind: Any) -> tuple[Any, ...]:
     return tuple(inner for member in typing.get_args(kind) for inner in members(resolved(member)))
 
 
+@cache
 def is_list(kind: Any) -> bool:
     """Return whether a type is a list of something."""
     return (typing.get_origin(kind) or kind) in _LISTS
 
 
+@cache
 def is_mapping(kind: Any) -> bool:
     """Return whether a type is a mapping with free keys."""
     return (typing.get_origin(kind) or kind) in _MAPPINGS

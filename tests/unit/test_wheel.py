@@ -27,6 +27,7 @@ DATA = (
     "rigel_lab/cluster/install-cnis.sh",
     "rigel_lab/cluster/lock/multus/go.mod",
     "rigel_lab/cluster/lock/multus/go.sum",
+    "rigel_k8s/network/multus/crds/k8s.cni.cncf.io_network-attachment-definitions.yaml",
     "rigel_k8s/network/multus/machine.sh",
     "rigel_k8s/network/interface.sh",
     "rigel_k8s/py.typed",
@@ -39,10 +40,12 @@ from rigel_lab.images.ros1base.overlay import entries as ros1
 from rigel_lab.images.ros2base.overlay import entries as ros2
 from rigel_lab.images.ros2base.packages import lock
 from rigel_k8s.network.files import interface_script
+from rigel_k8s.network.multus.definitions import attachment_definition, whereabouts_definitions
 from rigel_k8s.network.multus.rollout import machine_script
 assert all(inpod.scripts().values()) and boards.dashboards() and boards.rules()
 assert exporter() and ros1("core") and ros2("jazzy") and lock("jazzy") and lock("kilted")
 assert interface_script() and machine_script()
+assert attachment_definition() and whereabouts_definitions()
 """
 
 

@@ -1,8 +1,9 @@
 """Dashboards for Grafana and rules for Prometheus, as files that ship with the package.
 
 They are texts: the stack puts them into ConfigMaps, and people load them into a Grafana or a
-Prometheus of their own. The rules are written by hand; the dashboards' JSON is generated, so that a
-review shows what is deployed. This package knows nothing of clusters, Rigelfiles or options.
+Prometheus of their own. The rules are written by hand. The dashboards' JSON is written by
+`python -m tools.boards` in the repository, so that what a review shows is what is deployed. This
+package knows nothing of clusters, Rigelfiles or options.
 """
 
 from __future__ import annotations

@@ -11,14 +11,15 @@ import pytest
 from click.testing import CliRunner
 
 from rigel_k8s.cli.main import cli
-from rigel_k8s.observability.boards import rules
-from rigel_k8s.observability.boards.applications import RUNBOOKS
+from rigel_k8s.observability.boards import dashboards, rules
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[3]
 PAGES = ROOT / "docs" / "runbooks"
 CASES = HERE / "rules"
 SOURCES = ROOT / "src" / "rigel_k8s"
+#: Where the pages are to be published.
+RUNBOOKS = "https://github.com/rigel-k8s/rigel-k8s/blob/main/docs/runbooks"
 
 
 def run(*words: str) -> str:
@@ -60,6 +61,11 @@ def test_alerts_say_what_is_wrong_and_where_to_look(alerts: dict[str, Any]) -> N
         assert set(alert["annotations"]) == {"summary", "description", "runbook_url"}, name
         assert alert["annotations"]["runbook_url"] == f"{RUNBOOKS}/{name}.md"
         assert alert["for"] in ("1m", "2m", "5m", "10m"), name
+
+
+def test_the_dashboard_s_alerts_lead_to_the_same_pages() -> None:
+    """A click on an alert's name opens its runbook."""
+    assert f"{RUNBOOKS}/${{__data.fields.Alert}}.md" in dashboards()["rigel-applications.json"]
 
 
 @pytest.mark.parametrize(

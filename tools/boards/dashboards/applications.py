@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from rigel_k8s.observability.boards.board import APPLICATION, NAMESPACE, ROS_NODE, Board, Row
-from rigel_k8s.observability.boards.panels import Panel, Query, curves, number, states, table
-from rigel_k8s.observability.boards.selectors import (
+from tools.boards.board import APPLICATION, NAMESPACE, ROS_NODE, Board, Row
+from tools.boards.panels import Panel, Query, curves, link, number, states, table, value_names
+from tools.boards.selectors import (
     APP,
     HOST_NETWORK,
     NODE,
     OURS,
+    by_ros_node,
     graph_link,
     logs_link,
     per_pod,
     to_logs,
 )
 
-__all__ = ["RUNBOOKS", "board"]
+__all__ = ["board"]
 
 RUNBOOKS = "https://github.com/rigel-k8s/rigel-k8s/blob/main/docs/runbooks"
 NOTHING = "no pod of a rigel application in this choice"
@@ -107,7 +108,7 @@ def health() -> list[Panel]:
 def alerts() -> Panel:
     """Return the alerts that fire."""
     firing = 'ALERTS{alertstate="firing", namespace=~"$namespace|", application=~"$application|"}'
-    runbook = {"title": "What to do", "url": f"{RUNBOOKS}/${{__data.fields.Alert}}.md"}
+    runbook = link("What to do", f"{RUNBOOKS}/${{__data.fields.Alert}}.md", new_tab=True)
     return table(
         "Alerts that fire",
         "From Prometheus' rules; click on an alert's name for what it means and what to do.",
@@ -123,22 +124,14 @@ def alerts() -> Panel:
             "namespace": "Namespace",
         },
         empty="No alert fires.",
-        special={"Alert": {"links": [{**runbook, "targetBlank": True}]}},
+        special={"Alert": {"links": [runbook.build()]}},
     )
 
 
 def pods() -> Panel:
     """Return each pod with its place, its health and its age."""
     restarts = "kube_pod_container_status_restarts_total"
-    words = [
-        {
-            "type": "value",
-            "options": {
-                "0": {"text": "not ready", "color": "red", "index": 0},
-                "1": {"text": "ready", "color": "green", "index": 1},
-            },
-        }
-    ]
+    words = value_names({0: ("not ready", "red"), 1: ("ready", "green")})
     here = to_logs(
         namespace='${__data.fields["Namespace"]}',
         application='${__data.fields["Application"]}',
@@ -170,7 +163,7 @@ def pods() -> Panel:
         special={
             "Ready": {"mappings": words, "custom.cellOptions": {"type": "color-text"}},
             "Age": {"unit": "dtdurations"},
-            "ROS node": {"links": [here]},
+            "ROS node": {"links": [here.build()]},
         },
     )
 
@@ -202,13 +195,6 @@ def changes() -> Panel:
         empty=NOTHING,
         links=[logs_link("namespace", "application")],
     )
-
-
-def by_ros_node(expr: str) -> list[Query]:
-    """Return a recorded value by ROS node, and by workload for pods without a ROS name."""
-    named = f'{expr}{{{NODE}, ros_node!=""}}'
-    unnamed = f'{expr}{{{NODE}, ros_node=""}}'
-    return [Query(named, "{{ros_node}}"), Query(unnamed, "{{workload}}")]
 
 
 def costs() -> list[Panel]:

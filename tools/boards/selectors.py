@@ -5,13 +5,16 @@ The names of labels and recorded series come from docs/observability.md and the 
 
 from __future__ import annotations
 
-from rigel_k8s.observability.boards.panels import Json, link
+from grafana_foundation_sdk.builders.dashboard import DashboardLink
+
+from tools.boards.panels import Query, link
 
 __all__ = [
     "APP",
     "HOST_NETWORK",
     "NODE",
     "OURS",
+    "by_ros_node",
     "graph_link",
     "logs_link",
     "per_pod",
@@ -37,12 +40,12 @@ def per_pod(expr: str) -> str:
     )
 
 
-def to_logs(**values: str) -> Json:
+def to_logs(**values: str) -> DashboardLink:
     """Return a link to the logs of what was clicked, in the same time; values by variable."""
     return link("Logs of this", address("rigel-logs", values))
 
 
-def to_graph(**values: str) -> Json:
+def to_graph(**values: str) -> DashboardLink:
     """Return a link to the ROS graph around what was clicked, in the same time."""
     return link("ROS graph and topics", address("rigel-ros-graph", values))
 
@@ -53,11 +56,18 @@ def address(uid: str, values: dict[str, str]) -> str:
     return f"/d/{uid}?${{__url_time_range}}&${{metrics:queryparam}}&${{logs:queryparam}}{asked}"
 
 
-def logs_link(*names: str) -> Json:
+def logs_link(*names: str) -> DashboardLink:
     """Return a link to logs that takes these labels of the series clicked on."""
     return to_logs(**{name: f"${{__field.labels.{name}}}" for name in names})
 
 
-def graph_link(*names: str) -> Json:
+def graph_link(*names: str) -> DashboardLink:
     """Return a link to the ROS graph that takes these labels of the series clicked on."""
     return to_graph(**{name: f"${{__field.labels.{name}}}" for name in names})
+
+
+def by_ros_node(expr: str) -> list[Query]:
+    """Return a recorded value by ROS node, and by workload for pods without a ROS name."""
+    named = f'{expr}{{{NODE}, ros_node!=""}}'
+    unnamed = f'{expr}{{{NODE}, ros_node=""}}'
+    return [Query(named, "{{ros_node}}"), Query(unnamed, "{{workload}}")]

@@ -5,9 +5,9 @@ Each question asks node_exporter where it is, else cAdvisor, which every kubelet
 
 from __future__ import annotations
 
-from rigel_k8s.observability.boards.board import Board, Row, choice
-from rigel_k8s.observability.boards.panels import Panel, Query, curves, number, table
-from rigel_k8s.observability.boards.selectors import HOST_NETWORK
+from tools.boards.board import Board, Row, choice
+from tools.boards.panels import Panel, Query, curves, number, table, value_names
+from tools.boards.selectors import HOST_NETWORK
 
 __all__ = ["board"]
 
@@ -111,17 +111,7 @@ def machines() -> Panel:
         },
         empty=NOTHING,
         special={
-            "Ready": {
-                "mappings": [
-                    {
-                        "type": "value",
-                        "options": {
-                            "0": {"text": "no", "color": "red", "index": 0},
-                            "1": {"text": "yes", "color": "green", "index": 1},
-                        },
-                    }
-                ]
-            },
+            "Ready": {"mappings": value_names({0: ("no", "red"), 1: ("yes", "green")})},
             "CPU": {"unit": "percentunit"},
             "Memory": {"unit": "percentunit"},
             "CPU asked for": {"unit": "percentunit"},

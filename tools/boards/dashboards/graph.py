@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-from rigel_k8s.observability.boards.board import (
-    APPLICATION,
-    NAMESPACE,
-    ROS_NODE,
-    Board,
-    Row,
-    choice,
-)
-from rigel_k8s.observability.boards.panels import Panel, Query, curves, number, states, table
-from rigel_k8s.observability.boards.selectors import APP, NODE, logs_link, to_logs
+from tools.boards.board import APPLICATION, NAMESPACE, ROS_NODE, Board, Row, choice
+from tools.boards.panels import Panel, Query, curves, number, states, table
+from tools.boards.selectors import APP, NODE, logs_link, to_logs
 
 __all__ = ["board"]
 
@@ -137,7 +130,7 @@ def nodes() -> Panel:
             "namespace": "Namespace",
         },
         empty=OFF,
-        special={"ROS node": {"links": [here]}},
+        special={"ROS node": {"links": [here.build()]}},
         sort="Missing",
     )
 

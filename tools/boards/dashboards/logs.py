@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from rigel_k8s.observability.boards.applications import by_ros_node
-from rigel_k8s.observability.boards.board import APPLICATION, NAMESPACE, ROS_NODE, Board, Row
-from rigel_k8s.observability.boards.panels import Json, Panel, Query, curves, lines, table
-from rigel_k8s.observability.boards.selectors import NODE, graph_link, to_graph
+from grafana_foundation_sdk.builders import dashboard as build
+from grafana_foundation_sdk.models.dashboard import VariableOption
+
+from tools.boards.board import ALL, APPLICATION, NAMESPACE, ROS_NODE, Board, Row, Variable
+from tools.boards.panels import Panel, Query, curves, lines, table
+from tools.boards.selectors import NODE, by_ros_node, graph_link, to_graph
 
 __all__ = ["board"]
 
@@ -49,34 +51,18 @@ def board() -> Board:
     )
 
 
-def level() -> Json:
+def level() -> Variable:
     """Return the variable of levels."""
     words = ["debug", "info", "warn", "error", "fatal"]
-    return {
-        "type": "custom",
-        "name": "level",
-        "label": "Level",
-        "query": ",".join(words),
-        "multi": True,
-        "includeAll": True,
-        "allValue": ".*",
-        "hide": 0,
-        "current": {"text": "All", "value": "$__all"},
-        "options": [],
-    }
+    made = build.CustomVariable("level").label("Level").values(",".join(words))
+    return made.multi(True).include_all(True).all_value(".*").current(ALL)
 
 
-def search() -> Json:
-    """Return the variable of what a line shall have in it."""
-    return {
-        "type": "textbox",
-        "name": "search",
-        "label": "Line has (regular expression)",
-        "query": "",
-        "hide": 0,
-        "current": {"text": "", "value": ""},
-        "options": [],
-    }
+def search() -> Variable:
+    """Return the variable of what a line should contain."""
+    nothing = VariableOption(text="", value="")
+    made = build.TextBoxVariable("search").label("Line has (regular expression)")
+    return made.default_value("").current(nothing)
 
 
 def by_level() -> Panel:
@@ -116,7 +102,7 @@ def loudest() -> Panel:
                         namespace='${__data.fields["Namespace"]}',
                         application='${__data.fields["Application"]}',
                         ros_node='${__data.fields["ROS node"]}',
-                    )
+                    ).build()
                 ]
             }
         },

@@ -1,0 +1,38 @@
+"""Writes the dashboards' JSON from descriptions in Python: `python -m tools.boards`.
+
+The descriptions use Grafana's own builders, so that a wrong key is a type error. These want Python
+3.11; the JSON is kept in the repository, so only those who change a dashboard need them.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+
+import rigel_k8s.observability.boards
+from tools.boards import dashboards
+from tools.boards.board import Board
+
+__all__ = ["FILES", "texts", "write"]
+
+#: Where the JSON is kept, beside the rules.
+FILES = Path(rigel_k8s.observability.boards.__file__).parent / "files"
+
+
+def texts() -> dict[str, str]:
+    """Return the JSON of all dashboards by file name."""
+    names = [module.name for module in iter_modules(dashboards.__path__)]
+    modules = [import_module(f"{dashboards.__name__}.{name}") for name in names]
+    found: list[Board] = [module.board() for module in modules]
+    return {f"{board.uid}.json": board.text() for board in found}
+
+
+def write() -> None:
+    """Write the files, and remove those of dashboards that are gone."""
+    found = texts()
+    for file in FILES.glob("*.json"):
+        if file.name not in found:
+            file.unlink()
+    for name, text in found.items():
+        (FILES / name).write_text(text, encoding="utf-8")

@@ -83,7 +83,7 @@ def imported(file: Path) -> Iterator[str]:
 
 def arrows() -> set[tuple[str, str]]:
     """Return (package, package that it imports), each once."""
-    found = set()
+    found: set[tuple[str, str]] = set()
     for file in sorted((ROOT / "src").rglob("*.py")):
         if "files" in file.parts:
             continue
@@ -107,7 +107,7 @@ def reduced(pairs: set[tuple[str, str]]) -> set[tuple[str, str]]:
 
 def places(rows: Sequence[Sequence[str]]) -> dict[str, tuple[float, float]]:
     """Return the middle of each box's upper edge."""
-    found = {}
+    found: dict[str, tuple[float, float]] = {}
     for number, row in enumerate(rows):
         whole = len(row) * BOX + (len(row) - 1) * GAP
         for index, name in enumerate(row):

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -23,6 +22,7 @@ from rigel_k8s.images.engine import Build, Session, host_platform
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps
 from rigel_k8s.images.reference import DOCKER_HUB, parse_reference
+from rigel_k8s.process import finish
 
 __all__ = ["ISOLATION", "Podman", "lacks_sys_resource", "registries_conf", "registries_of"]
 
@@ -170,8 +170,7 @@ class _Run:
 
     def forget(self, manifest: str) -> None:
         """Drop a working name, which a failed or interrupted build may not have reached."""
-        words = [self.program, "manifest", "rm", manifest]
-        subprocess.run(words, env=dict(self.env), capture_output=True, check=False)
+        finish([self.program, "manifest", "rm", manifest], env=self.env)
 
 
 def _in_full(name: str) -> str:

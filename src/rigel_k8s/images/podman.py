@@ -19,6 +19,7 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.images.buildargs import mark
 from rigel_k8s.images.credentials import docker_config, is_loopback
 from rigel_k8s.images.engine import Build, Session, host_platform
+from rigel_k8s.images.process import build as run_build
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps
 from rigel_k8s.images.reference import DOCKER_HUB, parse_reference
@@ -144,7 +145,13 @@ class _Run:
             words += ["--platform", ",".join(build.platforms)]
         for name, value in build.buildargs.items():
             words += ["--build-arg", f"{name}={value}"]
-        self([*words, str(build.context)], f"build of {build.names[0]}")
+        run_build(
+            [self.program, *words, str(build.context)],
+            what=f"podman build of {build.names[0]}",
+            env=self.env,
+            cancel=self.session.cancel,
+            on_line=Steps(self.session.tell),
+        )
 
     def dockerfile(self, build: Build) -> Path:
         """Return the Dockerfile to build, its build arguments marked for the cache."""

@@ -1,15 +1,27 @@
-"""Runs docker and podman; their failures come with a way out where one is known."""
+"""Runs docker and podman; a failure comes with its cause, and a way out where one is known.
+
+A failed build shows the step that failed, and keeps its complete output in a file.
+"""
 
 from __future__ import annotations
 
+import os
 import re
+import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 
 from rigel_k8s import process
+from rigel_k8s.cache import cache_dir
 from rigel_k8s.errors import CommandFailed
+from rigel_k8s.images.progress import failure
 
-__all__ = ["hint", "stream"]
+__all__ = ["build", "hint", "stream"]
+
+#: So many logs of failed builds are kept.
+LOGS = 20
 
 _WAYS_OUT = (
     (
@@ -53,6 +65,57 @@ def stream(
     except CommandFailed as error:
         way = error.hint or hint(error.details)
         raise CommandFailed(error.message, hint=way, details=error.details) from error.__cause__
+
+
+def build(
+    words: Sequence[str],
+    *,
+    what: str,
+    env: Mapping[str, str],
+    cancel: threading.Event,
+    on_line: Callable[[str], None],
+) -> None:
+    """Run a build; arguments as in `stream`.
+
+    Raises:
+        CommandFailed: it failed, with the step that did and the file that has all of its output;
+            or it could not be started.
+        Interrupted: `cancel` was set.
+    """
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as output:
+
+        def note(line: str) -> None:
+            output.write(f"{line}\n")
+            on_line(line)
+
+        try:
+            stream(words, what=what, env=env, cancel=cancel, on_line=note)
+        except CommandFailed as error:
+            output.seek(0)
+            text = output.read()
+            if not text:
+                raise
+            details = [*(failure(text.split("\n")[:-1]) or error.details), _keep(what, text)]
+            raise CommandFailed(error.message, hint=error.hint, details=details) from error
+
+
+def _keep(what: str, text: str) -> str:
+    """Keep a failed build's output beside those of the last ones; return where it is."""
+    name = re.sub(r"[^A-Za-z0-9.]+", "-", what)[:100] + time.strftime("-%Y%m%d-%H%M%S-")
+    try:
+        directory = cache_dir() / "build-logs"
+        directory.mkdir(parents=True, exist_ok=True)
+        # Only its owner may read it: a build may print what it was given as an argument.
+        descriptor, path = tempfile.mkstemp(".log", name, directory)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            file.write(text)
+    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home directory
+        return f"the complete log could not be written: {error}"
+    with suppress(OSError):
+        by_age = sorted(directory.glob("*.log"), key=lambda log: log.stat().st_mtime_ns)
+        for old in by_age[:-LOGS]:
+            old.unlink()
+    return f"the complete log: {path}"
 
 
 def hint(lines: Iterable[str]) -> str | None:

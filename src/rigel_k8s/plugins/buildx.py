@@ -14,9 +14,10 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.images.credentials import Credentials, is_private
-from rigel_k8s.images.engine import Build, Engine, Session, host_platform
+from rigel_k8s.images.engine import Build, Engine, Session
 from rigel_k8s.images.reference import DOCKER_HUB, TAG, parse_reference
 from rigel_k8s.images.tools import find_engine
+from rigel_k8s.oci import host_platform
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext, Reporter
 from rigel_k8s.settings import Application

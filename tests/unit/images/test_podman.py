@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.images.engine import Build, host_platform
+from rigel_k8s.images.engine import Build
 from rigel_k8s.images.podman import Podman, lacks_sys_resource, registries_conf, registries_of
+from rigel_k8s.oci import host_platform
 
 FULL = "Uid:\t0\t0\t0\t0\nCapEff:\t000001ffffffffff\n"
 LACKING = "Uid:\t0\t0\t0\t0\nCapEff:\t000001fffeffffff\n"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from rigel_k8s import __version__
 from rigel_k8s.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_k8s.images.base.build import build as build_recipe
-from rigel_k8s.images.base.layer import layer
 from rigel_k8s.images.exporter.program import PREFIX, entries
+from rigel_k8s.oci import layer
 from rigel_k8s.report import Reporter
 
 __all__ = ["REFERENCE", "UPSTREAM", "build"]

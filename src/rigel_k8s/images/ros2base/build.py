@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.images.base.archive import architecture
 from rigel_k8s.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_k8s.images.base.build import build as build_recipe
-from rigel_k8s.images.base.layer import config, layer
+from rigel_k8s.images.base.layer import config
 from rigel_k8s.images.ros2base import overlay, wheels
 from rigel_k8s.images.ros2base.packages import PACKAGES, PLATFORM, REFERENCES, SUITE, Distro, lock
+from rigel_k8s.oci import architecture, layer
 from rigel_k8s.report import Reporter
 
 __all__ = ["build"]

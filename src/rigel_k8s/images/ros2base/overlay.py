@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from rigel_k8s.images.base.layer import ENTRYPOINT, Entry
+from rigel_k8s.images.base.layer import ENTRYPOINT
 from rigel_k8s.images.ros2base.packages import Distro
+from rigel_k8s.oci import Entry
 
 __all__ = ["entries", "prefix"]
 

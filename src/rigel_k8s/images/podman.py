@@ -16,13 +16,13 @@ from pathlib import Path
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.buildargs import mark
 from rigel_k8s.images.credentials import docker_config, is_loopback
 from rigel_k8s.images.engine import Build, Session
 from rigel_k8s.images.process import build as run_build
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps
-from rigel_k8s.images.reference import DOCKER_HUB, parse_reference
 from rigel_k8s.oci import host_platform
 from rigel_k8s.process import finish
 

@@ -17,8 +17,8 @@ from urllib.parse import urlencode, urlsplit
 import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.credentials import Credentials, is_loopback, is_private
-from rigel_k8s.images.reference import DOCKER_HUB, parse_reference
 
 if TYPE_CHECKING:
     import urllib3

@@ -13,9 +13,9 @@ from typing import Any, ClassVar, Literal, TypeAlias
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.image_reference import DOCKER_HUB, TAG, parse_reference
 from rigel_k8s.images.credentials import Credentials, is_private
 from rigel_k8s.images.engine import Build, Engine, Session
-from rigel_k8s.images.reference import DOCKER_HUB, TAG, parse_reference
 from rigel_k8s.images.tools import find_engine
 from rigel_k8s.oci import host_platform
 from rigel_k8s.problems import Problem

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, TypeAlias
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.images.dockerfile import (
     DOCKERFILE,
     ENTRYPOINT_FILE,
@@ -21,7 +22,6 @@ from rigel_k8s.images.dockerfile import (
     exec_form,
     ignored,
 )
-from rigel_k8s.images.reference import parse_reference
 from rigel_k8s.problems import Problem
 from rigel_k8s.sequences.job import JobContext, Reporter
 from rigel_k8s.settings import Application, Settings

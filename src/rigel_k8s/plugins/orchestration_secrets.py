@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.deploy.types import Desired, ObjectRef, ReleaseId, ref_of
+from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.images.credentials import Credentials, docker_config
-from rigel_k8s.images.reference import parse_reference
 from rigel_k8s.manifests.naming import labels
 
 if TYPE_CHECKING:

@@ -28,8 +28,8 @@ from rigel_k8s import localcluster
 from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
 from rigel_k8s.images.credentials import Credentials
-from rigel_k8s.images.registry import resolve_digest
-from rigel_k8s.plugins.buildx import DIGESTS, BuildXJob, BuildXOptions
+from rigel_k8s.images.registry import DIGESTS, resolve_digest
+from rigel_k8s.plugins.buildx import BuildXJob, BuildXOptions
 from rigel_k8s.plugins.dockerfile import Compiler, DockerfileJob, DockerfileOptions, EnvVar
 from rigel_k8s.plugins.registry import ContainerRegistry, ContainerRegistryOptions
 from rigel_k8s.sequences.job import JobContext

@@ -17,6 +17,7 @@ from rigel_k8s.manifests.application import has_application
 from rigel_k8s.manifests.distros import ros_of
 from rigel_k8s.manifests.pods import MASTER_NAME
 from rigel_k8s.manifests.release import deploys_master
+from rigel_k8s.option_text import has_template
 from rigel_k8s.plugins.orchestration import OrchestrationJob, is_partial, release_of
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.sequences import registry
@@ -161,6 +162,6 @@ def names_of(rigelfile: Rigelfile, spec: ComponentSpec) -> Any:
     if seen.findings:
         raise grammar.problems_error(rigelfile.source, seen.findings)
     options = seen.options if seen.options is not None else seen.draft
-    if any("{{" in str(name) for name in (options.namespace, options.deployment_name)):
+    if any(has_template(str(name)) for name in (options.namespace, options.deployment_name)):
         grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
     return options

@@ -23,7 +23,10 @@ from rigel_k8s.images.credentials import Credentials, is_loopback, is_private
 if TYPE_CHECKING:
     import urllib3
 
-__all__ = ["challenge", "log_in", "resolve_digest"]
+__all__ = ["DIGESTS", "challenge", "log_in", "resolve_digest"]
+
+#: In a sequence's shared data: {image reference as users write it: digest}, of all that was pushed.
+DIGESTS = "image_digests"
 
 _HUB_HOST = "registry-1.docker.io"
 _ACCEPT = ", ".join(

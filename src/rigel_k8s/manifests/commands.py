@@ -16,6 +16,7 @@ import yaml
 from rigel_k8s.manifests.naming import ros_name
 from rigel_k8s.manifests.options import NodeOptions
 from rigel_k8s.manifests.overlay import plain
+from rigel_k8s.option_text import text_of
 
 __all__ = [
     "NO_ROS_ARGUMENTS",
@@ -26,7 +27,6 @@ __all__ = [
     "full_name",
     "safe",
     "takes_ros_arguments",
-    "text_of",
     "wants_file",
     "words",
 ]
@@ -67,11 +67,6 @@ class Command:
 def words(command: str | Sequence[Any]) -> list[str]:
     """Return a command line as a list; text is split as a shell splits it (ValueError)."""
     return shlex.split(command) if isinstance(command, str) else [text_of(w) for w in command]
-
-
-def text_of(value: Any) -> str:
-    """Return a scalar as YAML writes it: true, not True."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def full_name(key: str, node: NodeOptions) -> str:

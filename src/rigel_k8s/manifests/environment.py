@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.manifests.commands import text_of
 from rigel_k8s.manifests.options import EnvVar
 from rigel_k8s.manifests.overlay import plain
 from rigel_k8s.manifests.pods import LOG_PATH, SCRIPTS_PATH, Object
 from rigel_k8s.manifests.workloads import Surroundings
+from rigel_k8s.option_text import text_of
 
 __all__ = ["environment", "literal", "ros_variables"]
 

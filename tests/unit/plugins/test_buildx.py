@@ -13,9 +13,10 @@ import pytest
 
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.engine import Build, Engine, Session
+from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.oci import host_platform
 from rigel_k8s.plugins import buildx, clusterload
-from rigel_k8s.plugins.buildx import DIGESTS, BuildXJob, BuildXOptions, image_names
+from rigel_k8s.plugins.buildx import BuildXJob, BuildXOptions, image_names
 from rigel_k8s.sequences.job import JobContext
 from rigel_k8s.settings import Application, Settings
 

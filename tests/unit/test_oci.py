@@ -65,6 +65,20 @@ def test_the_same_input_gives_the_same_digests(tmp_path: Path, layers: list[Path
     assert not list(tmp_path.glob("*.partial"))
 
 
+def test_an_archive_appears_only_when_it_is_complete(
+    tmp_path: Path, layers: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half an archive in the cache would be taken for a whole one."""
+
+    def fail(*_: object) -> None:
+        raise OSError("no space left")
+
+    monkeypatch.setattr(oci, "_indexes", fail)
+    with pytest.raises(OSError, match="no space"):
+        oci.write_archive(tmp_path / "t.tar", layers, {}, "a:1", created=0)
+    assert not (tmp_path / "t.tar").exists()
+
+
 def test_an_archive_has_both_formats_and_true_digests(tmp_path: Path, layers: list[Path]) -> None:
     """It is a docker archive and an OCI layout; both name the same parts."""
     found = oci.write_archive(tmp_path / "a.tar", layers, {"Cmd": ["x"]}, "h/i:t", created=0)

@@ -35,7 +35,7 @@ env > "$RECORD/env.$$"
 if [ -n "$DOCKER_CONFIG" ]; then
   cat "$DOCKER_CONFIG/config.json" > "$RECORD/config.json"
   stat -c %a "$DOCKER_CONFIG/config.json" > "$RECORD/mode"
-  ls "$DOCKER_CONFIG/cli-plugins" > "$RECORD/plugins" 2>/dev/null
+  ls "$DOCKER_CONFIG/cli-plugins" "$DOCKER_CONFIG/contexts" > "$RECORD/plugins" 2>/dev/null
 fi
 while [ $# -gt 0 ]; do
   [ "$1" = --metadata-file ] && printf '%s' "$METADATA" > "$2"
@@ -135,13 +135,15 @@ def test_credentials_are_in_a_file_of_the_session_only(fake: Fake) -> None:
     home = Path(fake.session.environ["HOME"])
     (home / ".docker" / "cli-plugins").mkdir(parents=True)
     (home / ".docker" / "cli-plugins" / "docker-buildx").touch()
+    (home / ".docker" / "contexts").mkdir()
+    (home / ".docker" / "contexts" / "remote").touch()
     (home / ".docker" / "config.json").write_text('{"auths": {"ghcr.io": {"auth": "x"}}}')
     session = attrs.evolve(fake.session, credentials=(SECRET,))
     fake.docker.build(build_of(fake), session, load=False, push=True)
     config = json.loads((fake.record / "config.json").read_text())
     assert set(config["auths"]) == {"ghcr.io", "host:5000"}
     assert (fake.record / "mode").read_text().strip() == "600"
-    assert "docker-buildx" in (fake.record / "plugins").read_text()
+    assert {"docker-buildx", "remote"} <= {*(fake.record / "plugins").read_text().split()}
     words = " ".join(fake.calls()[0])
     secret = config["auths"]["host:5000"]["auth"]
     assert "se:cret" not in words + fake.environment()

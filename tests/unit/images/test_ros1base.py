@@ -9,9 +9,12 @@ import subprocess
 import tarfile
 from pathlib import Path
 
+import attrs
 import pytest
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
+from rigel_k8s.images.base.build import EPOCH, Recipe
+from rigel_k8s.images.base.build import build as build_recipe
 from rigel_k8s.images.ros1base import REFERENCES, BaseImage, build, load, overlay, push
 from rigel_k8s.images.ros1base.packages import PACKAGES
 
@@ -19,7 +22,7 @@ MMDEBSTRAP = """#!/bin/sh
 echo "I: downloading packages with apt..." >&2
 for target; do :; done
 [ -n "$FAIL" ] && { echo "E: no such mirror" >&2; exit 25; }
-printf '%s\\n' "$*" >"$LOG"
+printf '%s\\n' "$*" "$SOURCE_DATE_EPOCH" >"$LOG"
 mkdir -p "$target.d/usr/share"; tar -C "$target.d" -cf "$target" .
 """
 ENGINE = """#!/bin/sh
@@ -119,6 +122,26 @@ def test_cache(programs: Path):
 def test_variants(programs: Path):
     """Each variant has an archive of its own."""
     assert build(Reporter()).archive != build(Reporter(), variant="devel").archive
+
+
+def test_another_overlay_is_another_archive(programs: Path):
+    """A change of what is laid over the packages is built, not taken from the cache."""
+    base = Recipe("t", "family", "name", "localhost/a:1", "bookworm", ["a"], {}, b"")
+    changes = [
+        {},
+        {"overlay": b"1"},
+        {"locked": b"2"},
+        {"packages": ["b"]},
+        {"config": {"User": "1"}},
+    ]
+    recipes = [attrs.evolve(base, **change) for change in changes]  # type: ignore[arg-type]
+    assert len({build_recipe(recipe, Reporter()).archive for recipe in recipes}) == len(recipes)
+
+
+def test_no_file_is_younger_than_the_epoch(programs: Path):
+    """mmdebstrap is told the time, so that the same packages are the same bytes."""
+    build(Reporter())
+    assert programs.read_text().splitlines()[-1] == str(EPOCH)
 
 
 def test_failed_build(programs: Path, monkeypatch: pytest.MonkeyPatch):

@@ -26,9 +26,9 @@ import pytest
 
 from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
 from rigel_k8s.images.credentials import Credentials
-from rigel_k8s.images.registry import resolve_digest
+from rigel_k8s.images.registry import DIGESTS, resolve_digest
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types.buildx import DIGESTS, BuildXJob, BuildXOptions
+from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions
 from rigel_k8s.jobs.types.container_registry import ContainerRegistry, ContainerRegistryOptions
 from rigel_k8s.jobs.types.dockerfile import Compiler, DockerfileJob, DockerfileOptions, EnvVar
 from rigel_k8s.objects.refs import ObjectRef
@@ -349,6 +349,25 @@ def test_a_failing_build_says_why(image: str, project: Path) -> None:
     with pytest.raises(CommandFailed, match=f"podman build of {image}:1 failed") as caught:
         build(project, f"{image}:1", push=True)
     assert any("missing" in line for line in caught.value.details)
+
+
+def test_a_failing_command_is_shown_with_all_that_it_printed(
+    base_image: str, project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The cause may stand far above podman's last lines; other steps are in the log alone."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(project / "cache"))
+    script = "echo the cause; seq 100; exit 3"
+    (project / "Dockerfile").write_text(
+        f"FROM {base_image}\nRUN echo $((1 + 1)) steps\nRUN {script}\nRUN echo after\n"
+    )
+    with pytest.raises(CommandFailed, match=r"exit code 3") as caught:
+        build(project, "localhost/failing:1")
+    details = caught.value.details
+    assert details[:3] == (f"STEP 3/4: RUN {script}", "the cause", "1")
+    assert f'building at STEP "RUN {script}"' in details[-2]
+    log = Path(details[-1].removeprefix("the complete log: ")).read_text()
+    assert "2 steps" in log
+    assert "2 steps" not in details
 
 
 def test_a_registry_that_is_not_there_is_told(project: Path) -> None:

@@ -15,7 +15,8 @@ import yaml
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import plain
-from rigel_k8s.objects.text import text_of, words
+from rigel_k8s.objects.text import words
+from rigel_k8s.option_text import text_of
 
 __all__ = [
     "NO_ROS_ARGUMENTS",

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import difflib
 
+from rigel_k8s.distros import ROS1, ROS2
 from rigel_k8s.objects.naming import Ros
 
 __all__ = ["is_ros1", "meant", "ros_of"]
-
-ROS1 = frozenset(("hydro", "indigo", "jade", "kinetic", "lunar", "melodic", "noetic"))
-
-ROS2 = frozenset(
-    ("ardent", "bouncy", "crystal", "dashing", "eloquent", "foxy", "galactic")
-    + ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
-)
 
 
 def is_ros1(distro: str) -> bool:

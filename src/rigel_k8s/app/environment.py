@@ -8,8 +8,8 @@ from typing import Any
 from rigel_k8s.objects.overlay import plain
 from rigel_k8s.objects.podoptions import EnvVar
 from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH, Object
-from rigel_k8s.objects.text import text_of
 from rigel_k8s.objects.workloads import Surroundings
+from rigel_k8s.option_text import text_of
 
 __all__ = ["environment", "literal", "ros_variables"]
 

@@ -18,6 +18,7 @@ from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob, is_partial, release_of
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.pods import MASTER_NAME
+from rigel_k8s.option_text import has_template
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.settings import Application, Settings
@@ -164,6 +165,6 @@ def names_of(rigelfile: Rigelfile, spec: ComponentSpec) -> Any:
     if seen.findings:
         raise grammar.problems_error(rigelfile.source, seen.findings)
     options = seen.options if seen.options is not None else seen.draft
-    if any("{{" in str(name) for name in (options.namespace, options.deployment_name)):
+    if any(has_template(str(name)) for name in (options.namespace, options.deployment_name)):
         grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
     return options

@@ -15,6 +15,7 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.names import Builtin
+from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile import Node, Rigelfile, preview
 from rigel_k8s.rigelfile.model import ComponentSpec, Concurrent, JobUse, Parallel, SequenceSpec
 
@@ -116,7 +117,7 @@ def _alike(given: Any, ours: Any) -> bool:
         return given.keys() == ours.keys() and all(_alike(given[k], ours[k]) for k in given)
     if isinstance(given, list) and isinstance(ours, list):
         return len(given) == len(ours) and all(map(_alike, given, ours))
-    if isinstance(given, str) and "{{" in given:  # a template that Rigel does not know
+    if isinstance(given, str) and has_template(given):  # a template that Rigel does not know
         return True
     return given == ours or _same_number(given, ours)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.images.reference import DOCKER_HUB
+from rigel_k8s.image_reference import DOCKER_HUB
 
 __all__ = [
     "Credentials",

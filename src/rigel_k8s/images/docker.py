@@ -11,11 +11,13 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.image_reference import DOCKER_HUB
 from rigel_k8s.images.credentials import docker_config
-from rigel_k8s.images.engine import Build, Session, host_platform
+from rigel_k8s.images.engine import Build, Session
+from rigel_k8s.images.process import build as run_build
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps
-from rigel_k8s.images.reference import DOCKER_HUB
+from rigel_k8s.oci import host_platform
 
 __all__ = ["Docker", "builder_platforms", "with_credentials"]
 
@@ -85,7 +87,7 @@ class Docker:
             words += ["--platform", ",".join(build.platforms)]
         for name, value in build.buildargs.items():
             words += ["--build-arg", f"{name}={value}"]
-        stream(
+        run_build(
             [*words, str(build.context)],
             what=f"docker build of {build.names[0]}",
             env=env,

@@ -14,10 +14,11 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import attrs
 
+from rigel_k8s.distros import ROS1
+
 __all__ = [
     "DOCKERFILE",
     "ENTRYPOINT_FILE",
-    "ROS1_DISTROS",
     "Recipe",
     "dockerfile",
     "entrypoint",
@@ -28,9 +29,8 @@ __all__ = [
 DOCKERFILE = "Dockerfile"
 #: Beside the Dockerfile, under the name that Rigel gave it.
 ENTRYPOINT_FILE = "dockerfile_entrypoint.sh"
-ROS1_DISTROS = frozenset({"hydro", "indigo", "jade", "kinetic", "lunar", "melodic", "noetic"})
 
-_PYTHON2_DISTROS = ROS1_DISTROS - {"noetic"}
+_PYTHON2_DISTROS = ROS1 - {"noetic"}
 _SETUP_FILE = {"catkin_make": "devel/setup.bash", "colcon": "install/setup.bash"}
 #: Debian's colcon merely recommends what makes it colcon.
 _COLCON_PARTS = (
@@ -103,7 +103,7 @@ class Recipe:
         ros = f"source /opt/ros/{self.distro}/setup.bash"
         if self.builds:
             return (ros, f"source {self.workspace}/{_SETUP_FILE[self.compiler]}")
-        if self.distro not in ROS1_DISTROS:
+        if self.distro not in ROS1:
             return (ros,)
         # rosrun and roslaunch find packages that were never built by this path.
         return (ros, f'export ROS_PACKAGE_PATH="{self.workspace}/src:$ROS_PACKAGE_PATH"')
@@ -217,7 +217,7 @@ def _tools(recipe: Recipe) -> Iterator[str]:
     if not recipe.builds:
         return
     tools = [_install_by_system(recipe)]
-    if recipe.distro in ROS1_DISTROS:
+    if recipe.distro in ROS1:
         # Debian's catkin would set ROS_DISTRO=Debian, and fail where it has another value.
         tools.append("rm -f /etc/catkin/profile.d/1.ros_distro.sh")
     about = "What builds the workspace; Debian and packages.ros.org name it differently."
@@ -226,7 +226,7 @@ def _tools(recipe: Recipe) -> Iterator[str]:
 
 def _install_by_system(recipe: Recipe) -> str:
     debian, ubuntu = [], []
-    if recipe.distro in ROS1_DISTROS:
+    if recipe.distro in ROS1:
         debian.append("catkin")
         ubuntu.append(f"ros-{recipe.distro}-catkin")
     if recipe.compiler == "colcon":

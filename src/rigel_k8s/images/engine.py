@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,18 +11,7 @@ import attrs
 
 from rigel_k8s.images.credentials import Credentials
 
-__all__ = ["Build", "Engine", "Session", "host_platform"]
-
-_MACHINES = {
-    "x86_64": "linux/amd64",
-    "amd64": "linux/amd64",
-    "aarch64": "linux/arm64",
-    "arm64": "linux/arm64",
-    "armv7l": "linux/arm/v7",
-    "armv6l": "linux/arm/v6",
-    "i386": "linux/386",
-    "i686": "linux/386",
-}
+__all__ = ["Build", "Engine", "Session"]
 
 
 @attrs.frozen
@@ -89,9 +77,3 @@ class Engine(Protocol):
 
     def save(self, names: Sequence[str], file: Path, session: Session) -> None:
         """Write images that were built with `load` to an archive that containerd imports."""
-
-
-def host_platform() -> str:
-    """Return this machine's platform as images have it; containers are Linux ones everywhere."""
-    machine = platform.machine().lower()
-    return _MACHINES.get(machine, f"linux/{machine}")

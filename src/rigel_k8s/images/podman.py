@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 import uuid
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -17,12 +16,15 @@ from pathlib import Path
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.buildargs import mark
 from rigel_k8s.images.credentials import docker_config, is_loopback
-from rigel_k8s.images.engine import Build, Session, host_platform
+from rigel_k8s.images.engine import Build, Session
+from rigel_k8s.images.process import build as run_build
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps
-from rigel_k8s.images.reference import DOCKER_HUB, parse_reference
+from rigel_k8s.oci import host_platform
+from rigel_k8s.process import finish
 
 __all__ = ["ISOLATION", "Podman", "lacks_sys_resource", "registries_conf", "registries_of"]
 
@@ -144,7 +146,13 @@ class _Run:
             words += ["--platform", ",".join(build.platforms)]
         for name, value in build.buildargs.items():
             words += ["--build-arg", f"{name}={value}"]
-        self([*words, str(build.context)], f"build of {build.names[0]}")
+        run_build(
+            [self.program, *words, str(build.context)],
+            what=f"podman build of {build.names[0]}",
+            env=self.env,
+            cancel=self.session.cancel,
+            on_line=Steps(self.session.tell),
+        )
 
     def dockerfile(self, build: Build) -> Path:
         """Return the Dockerfile to build, its build arguments marked for the cache."""
@@ -170,8 +178,7 @@ class _Run:
 
     def forget(self, manifest: str) -> None:
         """Drop a working name, which a failed or interrupted build may not have reached."""
-        words = [self.program, "manifest", "rm", manifest]
-        subprocess.run(words, env=dict(self.env), capture_output=True, check=False)
+        finish([self.program, "manifest", "rm", manifest], env=self.env)
 
 
 def _in_full(name: str) -> str:

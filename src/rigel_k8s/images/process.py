@@ -1,25 +1,28 @@
-"""Runs docker and podman: their output line by line, and an end when the user asks for one."""
+"""Runs docker and podman; a failure comes with its cause, and a way out where one is known.
+
+A failed build shows the step that failed, and keeps its complete output in a file.
+"""
 
 from __future__ import annotations
 
 import os
 import re
-import selectors
-import signal
-import subprocess
+import tempfile
 import threading
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 
-from rigel_k8s.errors import CommandFailed, Interrupted
+from rigel_k8s import process
+from rigel_k8s.cache import cache_dir
+from rigel_k8s.errors import CommandFailed
+from rigel_k8s.images.progress import failure
 
-__all__ = ["hint", "stream"]
+__all__ = ["build", "hint", "stream"]
 
-LAST_LINES = 20
-#: Seconds that a program has to end by itself after SIGTERM.
-GRACE = 5.0
+#: So many logs of failed builds are kept.
+LOGS = 20
 
-_POLL = 0.2
 _WAYS_OUT = (
     (
         "http response to https client|tls handshake|certificate signed by unknown",
@@ -34,7 +37,6 @@ _WAYS_OUT = (
         "the image is for another processor: install qemu-user-static, or leave that platform out",
     ),
 )
-_COLOUR = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 
 
 def stream(
@@ -47,11 +49,9 @@ def stream(
 ) -> None:
     """Run a program to its end and hand on each line of its output.
 
-    It leads a process group of its own, which is ended whole.
-
     Args:
         words: the program and its arguments.
-        what: what it does, for the error: `podman build of app:1`.
+        what: what it does, for the error: `podman push of app:1`.
         env: its whole environment.
         cancel: ends it when set.
         on_line: gets each line, without colours.
@@ -60,75 +60,65 @@ def stream(
         CommandFailed: its exit code is not 0, or it could not be started; with its last lines.
         Interrupted: `cancel` was set.
     """
-    last: deque[str] = deque(maxlen=LAST_LINES)
-    process = _start(words, env, what)
     try:
-        for line in _lines(process, cancel):
-            last.append(line)
+        process.stream(words, what=what, env=env, cancel=cancel, on_line=on_line)
+    except CommandFailed as error:
+        way = error.hint or hint(error.details)
+        raise CommandFailed(error.message, hint=way, details=error.details) from error.__cause__
+
+
+def build(
+    words: Sequence[str],
+    *,
+    what: str,
+    env: Mapping[str, str],
+    cancel: threading.Event,
+    on_line: Callable[[str], None],
+) -> None:
+    """Run a build; arguments as in `stream`.
+
+    Raises:
+        CommandFailed: it failed, with the step that did and the file that has all of its output;
+            or it could not be started.
+        Interrupted: `cancel` was set.
+    """
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as output:
+
+        def note(line: str) -> None:
+            output.write(f"{line}\n")
             on_line(line)
-        if cancel.is_set():
-            raise Interrupted(f"{what} was stopped")
-        code = process.wait()
-    finally:
-        _end(process)
-    if code != 0:
-        raise CommandFailed(f"{what} failed (exit code {code})", hint=hint(last), details=[*last])
+
+        try:
+            stream(words, what=what, env=env, cancel=cancel, on_line=note)
+        except CommandFailed as error:
+            output.seek(0)
+            text = output.read()
+            if not text:
+                raise
+            details = [*(failure(text.split("\n")[:-1]) or error.details), _keep(what, text)]
+            raise CommandFailed(error.message, hint=error.hint, details=details) from error
+
+
+def _keep(what: str, text: str) -> str:
+    """Keep a failed build's output beside those of the last ones; return where it is."""
+    name = re.sub(r"[^A-Za-z0-9.]+", "-", what)[:100] + time.strftime("-%Y%m%d-%H%M%S-")
+    try:
+        directory = cache_dir() / "build-logs"
+        directory.mkdir(parents=True, exist_ok=True)
+        # Only its owner may read it: a build may print what it was given as an argument.
+        descriptor, path = tempfile.mkstemp(".log", name, directory)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            file.write(text)
+    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home directory
+        return f"the complete log could not be written: {error}"
+    with suppress(OSError):
+        by_age = sorted(directory.glob("*.log"), key=lambda log: log.stat().st_mtime_ns)
+        for old in by_age[:-LOGS]:
+            old.unlink()
+    return f"the complete log: {path}"
 
 
 def hint(lines: Iterable[str]) -> str | None:
     """Return what helps against a failure that docker and podman report in these lines."""
     text = "\n".join(lines).lower()
     return next((way for pattern, way in _WAYS_OUT if re.search(pattern, text)), None)
-
-
-def _start(words: Sequence[str], env: Mapping[str, str], what: str) -> subprocess.Popen[bytes]:
-    try:
-        return subprocess.Popen(
-            words,
-            env=dict(env),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
-    except OSError as error:
-        raise CommandFailed(f"{what} could not be started: {error}") from error
-
-
-def _lines(process: subprocess.Popen[bytes], cancel: threading.Event) -> Iterator[str]:
-    """Yield lines until the output ends, the program has ended, or cancel is set."""
-    rest = b""
-    for chunk in _chunks(process, cancel):
-        *whole, rest = re.split(rb"[\r\n]+", rest + chunk)
-        yield from filter(None, map(_clean, whole))
-    if _clean(rest):
-        yield _clean(rest)
-
-
-def _chunks(process: subprocess.Popen[bytes], cancel: threading.Event) -> Iterator[bytes]:
-    assert process.stdout is not None
-    with selectors.DefaultSelector() as selector, process.stdout as output:
-        selector.register(output, selectors.EVENT_READ)
-        while not cancel.is_set():
-            if selector.select(_POLL):
-                chunk = os.read(output.fileno(), 65536)
-                if not chunk:
-                    return
-                yield chunk
-            elif process.poll() is not None:
-                return  # something that it left behind holds the output open
-
-
-def _clean(line: bytes) -> str:
-    return _COLOUR.sub("", line.decode("utf-8", errors="replace")).rstrip()
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    if process.poll() is not None:
-        return
-    os.killpg(process.pid, signal.SIGTERM)
-    try:
-        process.wait(GRACE)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()

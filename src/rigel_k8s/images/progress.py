@@ -1,20 +1,28 @@
-"""What a build says, made short: its steps, and now and then a line of a long one."""
+"""What a build prints, made short: its steps, a line of a long one now and then, its failure."""
 
 from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
-__all__ = ["Steps", "step_of"]
+__all__ = ["Steps", "failure", "step_of"]
 
 #: Seconds between two lines of the same step.
 PAUSE = 5.0
+
+#: So many lines of a failed step are shown: its first one and the last ones.
+MOST_LINES = 200
 
 _LONGEST = 100
 _PODMAN = re.compile(r"(?:\[(?!\d+/)([^\]]+)\] )?(?:\[\d+/\d+\] )?STEP (\d+/\d+): (.*)")
 _BUILDX = re.compile(r"#\d+ \[(?:([^\]]*) )?(\d+/\d+)\] (.*)")
 _BUILDX_OUTPUT = re.compile(r"#\d+ (?:\d+\.\d+ )?")
+_BUILDX_ERROR = re.compile(r"#(\d+) ERROR: ")
+_BUILDX_BEFORE_END = re.compile("#|------$")
+#: podman ends each step that succeeds with the layer that it made.
+_PODMAN_LAYER = re.compile(r"--> [0-9a-f]{11,64}")
+_PODMAN_END = re.compile("Error: ")
 
 
 def step_of(line: str) -> str | None:
@@ -50,6 +58,68 @@ class Steps:
     def _say(self, state: str) -> None:
         self._told = self._clock()
         self._tell(state)
+
+
+def failure(lines: Sequence[str]) -> list[str]:
+    """Return what a failed build printed in the step that failed, and at its end.
+
+    Steps of several platforms or stages run side by side; what others printed is left out. The
+    result is empty where the build did not come to any step.
+    """
+    return list(_buildx_failure(lines) or _podman_failure(lines))
+
+
+def _buildx_failure(lines: Sequence[str]) -> list[str]:
+    """Each line begins with its step's number, but for those at the end.
+
+    There buildx repeats the last few lines of the step between two lines of six dashes.
+    """
+    found: list[str] = []
+    errors = filter(None, map(_BUILDX_ERROR.match, lines))
+    for prefix in dict.fromkeys(f"#{error[1]} " for error in errors):
+        heading, *others = (line for line in lines if line.startswith(prefix))
+        # Both of these show that the output of another step stood between.
+        output = (line for line in others if line not in (heading, f"{prefix}..."))
+        found += _bounded([_BUILDX_OUTPUT.sub("", line) for line in (heading, *output)])
+    if found:
+        found += lines[_last(lines, _BUILDX_BEFORE_END) + 1 :]
+    return found
+
+
+def _podman_failure(lines: Sequence[str]) -> Iterator[str]:
+    """A step begins with a line of its own, the end with one that quotes the instruction."""
+    end = _last(lines, _PODMAN_END)
+    steps: list[list[str]] = []
+    for line in lines[:end]:
+        if _PODMAN.match(line):
+            steps.append([line])
+        elif steps:
+            steps[-1].append(line)
+    if not steps:
+        return
+    quoted = set(re.findall(r'building at STEP "(.*)": ', "\n".join(lines[end:])))
+    for step in [s for s in steps if _is_failed(s, quoted)] or steps[-1:]:
+        yield from _bounded(step)
+    yield from lines[end:]
+
+
+def _is_failed(step: Sequence[str], quoted: set[str]) -> bool:
+    match = _PODMAN.match(step[0])
+    done = any(map(_PODMAN_LAYER.fullmatch, step))
+    return match is not None and match[3] in quoted and not done
+
+
+def _last(lines: Sequence[str], pattern: re.Pattern[str]) -> int:
+    """Return the place of the last line that begins so, that behind all where none does."""
+    places = (number for number in reversed(range(len(lines))) if pattern.match(lines[number]))
+    return next(places, len(lines))
+
+
+def _bounded(step: list[str]) -> list[str]:
+    left_out = len(step) - MOST_LINES
+    if left_out <= 0:
+        return step
+    return [step[0], f"[{left_out} lines are left out here]", *step[left_out + 1 :]]
 
 
 def _short(text: str) -> str:

@@ -17,13 +17,16 @@ from urllib.parse import urlencode, urlsplit
 import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.credentials import Credentials, is_loopback, is_private
-from rigel_k8s.images.reference import DOCKER_HUB, parse_reference
 
 if TYPE_CHECKING:
     import urllib3
 
-__all__ = ["challenge", "log_in", "resolve_digest"]
+__all__ = ["DIGESTS", "challenge", "log_in", "resolve_digest"]
+
+#: In a sequence's shared data: {image reference as users write it: digest}, of all that was pushed.
+DIGESTS = "image_digests"
 
 _HUB_HOST = "registry-1.docker.io"
 _ACCEPT = ", ".join(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 from collections.abc import Mapping
 from pathlib import Path
 
-from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.images.docker import Docker
 from rigel_k8s.images.engine import Engine
 from rigel_k8s.images.podman import ISOLATION, Podman, lacks_sys_resource
+from rigel_k8s.process import finish
 
 __all__ = ["find_engine"]
 
@@ -41,11 +41,11 @@ def _docker(environ: Mapping[str, str]) -> Docker | str:
     program = shutil.which("docker", path=environ.get("PATH"))
     if program is None:
         return "docker is not installed"
-    code, output = _ask([program, "buildx", "version"], environ)
-    if code != 0:
+    works, _ = _ask([program, "buildx", "version"], environ)
+    if not works:
         return "docker is installed without its buildx plugin"
-    code, output = _ask([program, "buildx", "inspect", "--bootstrap"], environ)
-    if code != 0 or "Status:" not in output or "Error:" in output:
+    works, output = _ask([program, "buildx", "inspect", "--bootstrap"], environ)
+    if not works or "Status:" not in output or "Error:" in output:
         return f"docker's builder is not to be reached ({_last(output)})"
     return Docker(program, output)
 
@@ -55,30 +55,21 @@ def _podman(environ: Mapping[str, str], status: Path) -> Podman | str:
     program = shutil.which("podman", path=environ.get("PATH"))
     if program is None:
         return "podman is not installed"
-    code, output = _ask([program, "version"], environ)
-    if code != 0:
+    works, output = _ask([program, "version"], environ)
+    if not works:
         return f"podman does not run ({_last(output)})"
     told = ISOLATION in environ or not status.exists()
     chroot = not told and lacks_sys_resource(status.read_text("utf-8"))
     return Podman(program, isolation="chroot" if chroot else None)
 
 
-def _ask(words: list[str], environ: Mapping[str, str]) -> tuple[int, str]:
+def _ask(words: list[str], environ: Mapping[str, str]) -> tuple[bool, str]:
+    """Return whether a program does what it is asked, and what it prints; else why it does not."""
     try:
-        done = subprocess.run(
-            words,
-            env=dict(environ),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            check=False,
-            timeout=_PROBE_SECONDS,
-            encoding="utf-8",
-            errors="replace",
-        )
-    except subprocess.TimeoutExpired:
-        return 1, f"no answer in {_PROBE_SECONDS} s"
-    return done.returncode, done.stdout
+        done = finish(words, env=environ, timeout=_PROBE_SECONDS)
+    except CommandFailed as error:
+        return False, error.message
+    return done.code == 0, "\n".join(done.lines)
 
 
 def _last(output: str) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.matrix import combinations, label
 from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
+from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile import Finding
 from rigel_k8s.settings import Application, Settings
 
@@ -65,7 +66,7 @@ class Preview:
             return {}
         exclusive = getattr(job.type, "exclusive", None)
         key = exclusive(options, self._application, self._settings) if exclusive else None
-        if key is None or "{{" in key:  # a value that an earlier job will store
+        if key is None or has_template(key):  # a value that an earlier job will store
             return {}
         return {key: f"job {job.name}{f' ({branch})' if branch else ''}"}
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import re
 from typing import ClassVar, TypeVar
 
+from rigel_k8s.image_reference import is_reference
+
 __all__ = [
     "Count",
     "Delay",
@@ -123,19 +125,15 @@ class ImageRef(Text):
 
     kind = "bad-image"
     expects = "an image reference such as ros:noetic or registry.example:5000/team/app:1.2"
-    pattern = re.compile(
-        r"(?:[A-Za-z0-9](?:[A-Za-z0-9.-]*[A-Za-z0-9])?(?::\d+)?/|\[[0-9a-fA-F:]+\](?::\d+)?/)?"
-        r"[a-z0-9]+(?:(?:[._]|__|-+)[a-z0-9]+)*(?:/[a-z0-9]+(?:(?:[._]|__|-+)[a-z0-9]+)*)*"
-        r"(?::\w[\w.-]{0,127})?(?:@sha256:[0-9a-f]{64})?",
-        re.ASCII,
-    )
 
     @classmethod
     def parse(cls, raw: str) -> ImageRef:
         """Return the reference; upper case in the path is the usual mistake and told as such."""
-        if not cls.pattern.fullmatch(raw) and cls.pattern.fullmatch(raw.lower()):
+        if is_reference(raw):
+            return cls(raw)
+        if is_reference(raw.lower()):
             raise ValueError(f'"{raw}" is not an image reference: its path must be lower case')
-        return super().parse(raw)
+        raise ValueError(f'"{raw}" is not {cls.expects}')
 
 
 class ObjectName(Text):

@@ -13,6 +13,7 @@ from rigel_k8s.observability.options import (
     Part,
     RosMetrics,
 )
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 
 __all__ = ["check"]
@@ -21,7 +22,6 @@ __all__ = ["check"]
 DAY = 86_400
 URL = re.compile(r"https?://[A-Za-z0-9._\[\]:-]+(/\S*)?")
 TARGET = re.compile(r"[A-Za-z0-9._\[\]-]+:\d{1,5}")
-HOLE = "{{"
 
 
 def check(options: Observability) -> Iterator[Problem]:
@@ -33,7 +33,7 @@ def check(options: Observability) -> Iterator[Problem]:
     yield from check_existing(options)
     yield from check_ros_metrics(options)
     for index, target in enumerate(options.prometheus.alertmanagers):
-        if not TARGET.fullmatch(target) and HOLE not in target:
+        if not TARGET.fullmatch(target) and not has_template(target):
             message = f'"{target}" is no HOST:PORT, alertmanager.monitoring:9093 say'
             yield Problem(("prometheus", "alertmanagers", index), message, "bad-address")
 
@@ -101,11 +101,11 @@ def check_existing(options: Observability) -> Iterator[Problem]:
         return
     loki = existing.loki
     prometheus = existing.prometheus
-    if loki is not None and not URL.fullmatch(loki.url) and HOLE not in loki.url:
+    if loki is not None and not URL.fullmatch(loki.url) and not has_template(loki.url):
         message = f'"{loki.url}" is no URL, http://loki.logging:3100 say'
         yield Problem(("existing", "loki", "url"), message, "bad-url")
     url = None if isinstance(prometheus, bool) else prometheus.url
-    if url is not None and not URL.fullmatch(url) and HOLE not in url:
+    if url is not None and not URL.fullmatch(url) and not has_template(url):
         message = f'"{url}" is no URL, http://prometheus.monitoring:9090 say'
         yield Problem(("existing", "prometheus", "url"), message, "bad-url")
     ours = options.grafana.enabled and not existing.grafana

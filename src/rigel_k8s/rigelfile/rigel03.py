@@ -12,11 +12,12 @@ from pathlib import Path
 
 import attrs
 
+from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile.check import CheckResult, open_source
 from rigel_k8s.rigelfile.findings import Finding, at, in_order
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.source import Node, kind_of
-from rigel_k8s.rigelfile.template import Expression, Name, has_template, parts
+from rigel_k8s.rigelfile.template import Expression, Name, parts
 
 __all__ = ["rigel03"]
 

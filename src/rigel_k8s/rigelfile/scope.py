@@ -11,10 +11,11 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile.findings import Finding, at, nearest
 from rigel_k8s.rigelfile.numbers import written
 from rigel_k8s.rigelfile.source import Node, Source, Span, kind_of, made
-from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed, has_template
+from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed
 from rigel_k8s.rigelfile.template import parts as parts_of
 
 __all__ = ["Scope"]

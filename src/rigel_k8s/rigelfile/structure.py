@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import attrs
 
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.rigelfile.fields import (
     Field,
@@ -28,7 +29,6 @@ from rigel_k8s.rigelfile.findings import meant, nearest
 from rigel_k8s.rigelfile.numbers import written
 from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
 from rigel_k8s.rigelfile.source import Node, Span, made, plain
-from rigel_k8s.rigelfile.template import has_template
 
 __all__ = ["Doubts", "InvalidOptions", "Structured", "structure", "structure_plain"]
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import attrs
 
-__all__ = ["HEADERS", "Expression", "Name", "Part", "Unclosed", "has_template", "parts", "split"]
+__all__ = ["HEADERS", "Expression", "Name", "Part", "Unclosed", "parts", "split"]
 
 HEADERS = ("vars", "data")
 
@@ -51,11 +51,6 @@ class Unclosed:
 
 
 Part: TypeAlias = str | Name | Expression | Unclosed
-
-
-def has_template(text: str) -> bool:
-    """Return whether a text has a template in it."""
-    return "{{" in text
 
 
 def parts(text: str) -> Iterator[Part]:

@@ -1,20 +1,17 @@
-"""Programs of this machine, run to their end; it knows no cluster."""
+"""Programs of this machine, the administrator's too; it knows no cluster."""
 
 from __future__ import annotations
 
 import os
-import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from rigel_k8s.errors import CommandFailed
+from rigel_k8s import process
 
 __all__ = ["Report", "follow", "run", "search_path", "succeeds"]
 
 #: Takes one line about what is being done.
 Report = Callable[[str], None]
-
-LAST_LINES = 15
 
 #: Where ip, nft and iptables are; `su` leaves it out of $PATH.
 ADMINISTRATORS_PATH = "/usr/local/sbin:/usr/sbin:/sbin"
@@ -32,71 +29,29 @@ def run(
     env: Mapping[str, str] | None = None,
     into: Path | None = None,
 ) -> str:
-    """Run a program to its end and return what it printed on standard output.
-
-    Args:
-        command: the program and its arguments.
-        cwd: where it runs.
-        env: its environment; None is ours.
-        into: a file that takes its standard output instead.
+    """Run a program to its end and return its standard output, as `rigel_k8s.process.run` does.
 
     Raises:
-        CommandFailed: it is not there or exited other than 0; the details are its last lines.
+        CommandFailed: it is not installed, or failed; the details are its last lines.
     """
-    try:
-        with (into or Path("/dev/null")).open("wb") as file:
-            done = subprocess.run(
-                command,
-                cwd=cwd,
-                env={**(os.environ if env is None else env), "PATH": search_path()},
-                check=False,
-                stdin=subprocess.DEVNULL,
-                stdout=file if into else subprocess.PIPE,
-                stderr=subprocess.PIPE,
-            )
-    except FileNotFoundError as error:
-        raise CommandFailed(f"{command[0]} is not installed") from error
-    output = (done.stdout or b"").decode(errors="replace")
-    if done.returncode != 0:
-        told = done.stderr.decode(errors="replace") or output
-        raise failed(command, done.returncode, told.splitlines()[-LAST_LINES:])
-    return output
-
-
-def failed(command: Sequence[str], status: int, lines: Sequence[str]) -> CommandFailed:
-    """Return the error of a program that exited other than 0."""
-    words = " ".join([Path(command[0]).name, *command[1:3]])
-    return CommandFailed(f"{words} exited {status}", details=lines)
+    return process.run(command, cwd=cwd, env=_environment(env), into=into)
 
 
 def succeeds(command: Sequence[str]) -> bool:
-    """Return whether a program exits 0; what it prints is of no interest."""
-    environment = {**os.environ, "PATH": search_path()}
-    done = subprocess.run(command, capture_output=True, check=False, env=environment)
-    return done.returncode == 0
+    """Return whether a program ends with exit code 0; what it prints does not matter."""
+    return process.succeeds(command, env=_environment(None))
 
 
 def follow(
     command: Sequence[str], each: Report, *, cwd: Path, env: Mapping[str, str] | None = None
 ) -> None:
-    """Run a long program to its end and give each line of its standard error to `each`.
+    """Run a long program to its end and give each line of its output to `each`.
 
     Raises:
-        CommandFailed: it exited other than 0; the details are its last lines.
+        CommandFailed: it is not installed, or failed; the details are its last lines.
     """
-    last: list[str] = []
-    with subprocess.Popen(
-        command,
-        cwd=cwd,
-        env=env,
-        text=True,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    ) as process:
-        assert process.stderr is not None
-        for line in process.stderr:
-            last = [*last, line.rstrip()][-LAST_LINES:]
-            each(line.rstrip())
-    if process.returncode != 0:
-        raise failed(command, process.returncode, last)
+    process.stream(command, cwd=cwd, env=_environment(env), on_line=each)
+
+
+def _environment(given: Mapping[str, str] | None) -> dict[str, str]:
+    return {**(os.environ if given is None else given), "PATH": search_path()}

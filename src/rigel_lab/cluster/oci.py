@@ -1,26 +1,21 @@
-"""Container images without a container engine: one layer of given files, pushed over HTTP.
-
-The bytes depend on nothing but the files, so the same programs give the same digest.
-"""
+"""Images for a cluster's own registry: one layer of given files, or an archive that others made."""
 
 from __future__ import annotations
 
 import gzip
-import hashlib
-import io
 import json
 import tarfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import IO
 from urllib.parse import urljoin
 
 import attrs
 import urllib3
 
+from rigel_k8s import oci
 from rigel_k8s.errors import LocalClusterError
 
-__all__ = ["Image", "push", "put_blob", "refuse"]
+__all__ = ["Image", "push", "push_archive"]
 
 #: As nearly every image has it; CNI programs look for iptables along it on the node.
 PATH = "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -62,23 +57,32 @@ class Image:
 
     def layer(self) -> bytes:
         """Return the uncompressed tar of the one layer."""
-        buffer = io.BytesIO()
-        with tarfile.open(fileobj=buffer, mode="w", format=tarfile.PAX_FORMAT) as tar:
-            for directory in sorted({"tmp", *self.owned, *self._parents()}):
-                entry = tarfile.TarInfo(directory)
-                entry.type, entry.mode = tarfile.DIRTYPE, 0o1777 if directory == "tmp" else 0o755
-                entry.uid = entry.gid = self.owned.get(directory, 0)
-                tar.addfile(entry)
-            for path, content in sorted(self.files.items()):
-                data = content.encode() if isinstance(content, str) else content.read_bytes()
-                entry = tarfile.TarInfo(path)
-                entry.size, entry.mode = len(data), 0o644 if isinstance(content, str) else 0o755
-                tar.addfile(entry, io.BytesIO(data))
-            for path, target in sorted(self.links.items()):
-                entry = tarfile.TarInfo(path)
-                entry.type, entry.linkname = tarfile.SYMTYPE, target
-                tar.addfile(entry)
-        return buffer.getvalue()
+        return oci.layer(self._entries(), mtime=0)
+
+    def parts(self) -> oci.Image:
+        """Return what a registry takes."""
+        layer = self.layer()
+        zipped = oci.blob(oci.GZIPPED, gzip.compress(layer, compresslevel=1, mtime=0))
+        # With other JSON of the same content every image would have another digest.
+        return oci.assemble(
+            self.config,
+            [zipped],
+            diff_ids=[oci.digest(layer)],
+            encode=lambda value: json.dumps(value).encode(),
+        )
+
+    def _entries(self) -> Iterator[oci.Entry]:
+        for directory in sorted({"tmp", *self.owned, *self._parents()}):
+            mode = 0o1777 if directory == "tmp" else 0o755
+            owner = self.owned.get(directory, 0)
+            yield oci.Entry(directory, directory=True, mode=mode, owner=owner)
+        for path, content in sorted(self.files.items()):
+            if isinstance(content, str):
+                yield oci.Entry(path, content.encode())
+            else:
+                yield oci.Entry(path, content.read_bytes(), mode=0o755)
+        for path, target in sorted(self.links.items()):
+            yield oci.Entry(path, link=target, mode=0o644)
 
     def _parents(self) -> set[str]:
         paths = [Path(p) for p in [*self.files, *self.links, *self.owned]]
@@ -91,75 +95,72 @@ def push(image: Image, registry: str) -> None:
     Raises:
         LocalClusterError: the registry refused a part.
     """
-    repository, tag = image.name.rsplit(":", 1)
-    layer = image.layer()
-    blob = gzip.compress(layer, compresslevel=1, mtime=0)
-    config = json.dumps(
-        {
-            "architecture": machine_architecture(),
-            "os": "linux",
-            "config": image.config,
-            "rootfs": {"type": "layers", "diff_ids": [digest(layer)]},
-        }
-    ).encode()
-    manifest = json.dumps(
-        {
-            "schemaVersion": 2,
-            "mediaType": "application/vnd.oci.image.manifest.v1+json",
-            "config": descriptor("application/vnd.oci.image.config.v1+json", config),
-            "layers": [descriptor("application/vnd.oci.image.layer.v1.tar+gzip", blob)],
-        }
-    ).encode()
-    http = urllib3.PoolManager(retries=False)
-    base = f"http://{registry}/v2/{repository}"
-    for part in (blob, config):
-        put_blob(http, base, digest(part), part, len(part))
-    answer = http.request(
-        "PUT",
-        f"{base}/manifests/{tag}",
-        body=manifest,
-        headers={"Content-Type": "application/vnd.oci.image.manifest.v1+json"},
-    )
-    refuse(answer, image.name)
+    _Repository.of(image.name, registry).put(image.parts())
 
 
-def put_blob(
-    http: urllib3.PoolManager, base: str, name: str, data: bytes | IO[bytes], size: int
-) -> None:
-    """Upload one blob of a digest and a size in bytes where the registry lacks it.
+def push_archive(path: Path, name: str, registry: str) -> bool:
+    """Push the image of an archive, as it is, to `registry` (HOST:PORT, plain HTTP) as `name`.
+
+    Returns:
+        Whether anything was to be pushed: not so where that very image has the name there.
 
     Raises:
-        LocalClusterError: the registry refused it.
+        LocalClusterError: the registry refused a part.
     """
-    if http.request("HEAD", f"{base}/blobs/{name}").status == 200:
-        return
-    start = http.request("POST", f"{base}/blobs/uploads/")
-    refuse(start, base)
-    place = urljoin(base, start.headers["Location"])
-    place += ("&" if "?" in place else "?") + f"digest={name}"
-    kind = {"Content-Type": "application/octet-stream", "Content-Length": str(size)}
-    refuse(http.request("PUT", place, body=data, headers=kind), base)
+    repository = _Repository.of(name, registry)
+    with tarfile.open(path) as tar:
+        image = oci.read_archive(tar)
+        if repository.has(image):
+            return False
+        repository.put(image)
+    return True
 
 
-def refuse(answer: urllib3.BaseHTTPResponse, what: str) -> None:
+@attrs.frozen
+class _Repository:
+    """Where a registry has the images of one name, and the name of one of them."""
+
+    http: urllib3.PoolManager
+    base: str
+    name: str
+
+    @classmethod
+    def of(cls, name: str, registry: str) -> _Repository:
+        path = name.rpartition(":")[0]
+        return cls(urllib3.PoolManager(retries=False), f"http://{registry}/v2/{path}", name)
+
+    @property
+    def manifest(self) -> str:
+        return f"{self.base}/manifests/{self.name.rpartition(':')[2]}"
+
+    def has(self, image: oci.Image) -> bool:
+        kind = {"Accept": image.manifest.media_type}
+        there = self.http.request("HEAD", self.manifest, headers=kind)
+        return there.headers.get("Docker-Content-Digest") == image.manifest.digest
+
+    def put(self, image: oci.Image) -> None:
+        for part in (image.config, *image.layers):
+            self.put_blob(part)
+        kind = {"Content-Type": image.manifest.media_type}
+        text = image.manifest.read()
+        answer = self.http.request("PUT", self.manifest, body=text, headers=kind)
+        _refuse(answer, self.name)
+
+    def put_blob(self, blob: oci.Blob) -> None:
+        """Upload a part where the registry lacks it, without holding all of it in memory."""
+        if self.http.request("HEAD", f"{self.base}/blobs/{blob.digest}").status == 200:
+            return
+        start = self.http.request("POST", f"{self.base}/blobs/uploads/")
+        _refuse(start, self.base)
+        place = urljoin(self.base, start.headers["Location"])
+        place += ("&" if "?" in place else "?") + f"digest={blob.digest}"
+        kind = {"Content-Type": "application/octet-stream", "Content-Length": str(blob.size)}
+        with blob.open() as content:
+            answer = self.http.request("PUT", place, body=content, headers=kind)
+        _refuse(answer, self.base)
+
+
+def _refuse(answer: urllib3.BaseHTTPResponse, what: str) -> None:
     """Raise where the registry did not accept."""
     if answer.status >= 300:
         raise LocalClusterError(f"the local registry refused {what}: HTTP {answer.status}")
-
-
-def digest(data: bytes) -> str:
-    """Return the content address of some bytes."""
-    return f"sha256:{hashlib.sha256(data).hexdigest()}"
-
-
-def descriptor(media_type: str, data: bytes) -> dict[str, object]:
-    """Return an OCI descriptor."""
-    return {"mediaType": media_type, "digest": digest(data), "size": len(data)}
-
-
-def machine_architecture() -> str:
-    """Return this machine's architecture as images name it."""
-    import platform
-
-    names = {"x86_64": "amd64", "aarch64": "arm64", "armv7l": "arm"}
-    return names.get(platform.machine(), platform.machine())

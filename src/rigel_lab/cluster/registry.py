@@ -11,7 +11,6 @@ import urllib3
 
 from rigel_k8s.errors import LocalClusterError
 from rigel_lab.cluster import components, oci
-from rigel_lab.cluster.archives import push_archive
 from rigel_lab.cluster.commands import Report
 from rigel_lab.cluster.extras import extra_images, offered
 from rigel_lab.cluster.layout import Layout
@@ -42,7 +41,7 @@ def offer(state: State, extras: Sequence[str], made: Made, report: Report) -> No
 def offer_made(state: State, made: Mapping[str, Callable[[], Path]], report: Report) -> None:
     """Put in what others make; it may change without its name."""
     for name, archive in made.items():
-        if push_archive(archive(), short(name), state.layout.registry):
+        if oci.push_archive(archive(), short(name), state.layout.registry):
             report(f"Adding {name} to the registry")
     remember(state, (), made)
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
+from rigel_lab.cluster.commands import run
 from rigel_lab.cluster.components import Components
 
 __all__ = ["found", "shell", "short", "text", "tools", "users"]
@@ -22,9 +22,8 @@ def shell(components: Components) -> dict[str, Path | str]:
 
 def tools(components: Components) -> dict[str, str]:
     """Return the links by whose names the shell and its tools are started."""
-    program = components.program("busybox")
-    listed = subprocess.run([program, "--list"], capture_output=True, text=True, check=True)
-    return {f"bin/{tool}": "busybox" for tool in listed.stdout.split() if tool != "busybox"}
+    listed = run([components.program("busybox"), "--list"]).split()
+    return {f"bin/{tool}": "busybox" for tool in listed if tool != "busybox"}
 
 
 def users(**numbers: int) -> dict[str, Path | str]:

@@ -24,7 +24,8 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_lab.cluster import addons, components, oci
+from rigel_k8s.oci import architecture, digest
+from rigel_lab.cluster import addons, components
 
 OUTSIDE = "10.64.3.1"
 #: Ends a program when the tests end, however they do.
@@ -202,8 +203,8 @@ class Host:
     def archive(self, name: str) -> Path:
         """Write an image of a shell as `docker save` does."""
         layer = self.layer()
-        rootfs = {"type": "layers", "diff_ids": [oci.digest(layer.read_bytes())]}
-        config = {"architecture": oci.machine_architecture(), "os": "linux", "rootfs": rootfs}
+        rootfs = {"type": "layers", "diff_ids": [digest(layer.read_bytes())]}
+        config = {"architecture": architecture(), "os": "linux", "rootfs": rootfs}
         manifest = [{"Config": "config.json", "RepoTags": [name], "Layers": [layer.name]}]
         path = self.directory / "image.tar"
         with tarfile.open(path, "w") as tar:

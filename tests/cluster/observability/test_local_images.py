@@ -15,7 +15,8 @@ import pytest
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import ObjectRef
-from rigel_lab.cluster import archives, observability_images
+from rigel_k8s.oci import write_archive
+from rigel_lab.cluster import observability_images, oci
 from rigel_lab.cluster.upstream import short
 from rigel_lab.images import exporter
 
@@ -147,8 +148,8 @@ def test_an_archive_is_pushed_where_it_is_not_there(registry: str, tmp_path: Pat
     """The same image twice is one upload; another one takes its name over."""
     first, second = (archive(tmp_path / name, name.encode()) for name in ("one", "two"))
     name = f"rigel-test/{tmp_path.name}:1"
-    assert [archives.push_archive(path, name, registry) for path in (first, first)] == [True, False]
-    assert [archives.push_archive(path, name, registry) for path in (second, second, first)] == [
+    assert [oci.push_archive(path, name, registry) for path in (first, first)] == [True, False]
+    assert [oci.push_archive(path, name, registry) for path in (second, second, first)] == [
         True,
         False,
         True,
@@ -157,13 +158,11 @@ def test_an_archive_is_pushed_where_it_is_not_there(registry: str, tmp_path: Pat
 
 def archive(path: Path, content: bytes) -> Path:
     """Write an image of one file, as `rigel image` does."""
-    from rigel_lab.images.base import archive as writer
-
     layer, file = path.with_suffix(".layer"), path.with_suffix(".file")
     file.write_bytes(content)
     with tarfile.open(layer, "w") as tar:
         tar.add(file, "file")
-    writer.write(path, [layer], {"Cmd": ["/file"]}, "localhost/x:1", created=0)
+    write_archive(path, [layer], {"Cmd": ["/file"]}, "localhost/x:1", created=0)
     return path
 
 

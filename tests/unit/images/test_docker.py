@@ -13,7 +13,7 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.images.docker import Docker, builder_platforms, with_credentials
 from rigel_k8s.images.engine import Build, Session
@@ -35,13 +35,18 @@ env > "$RECORD/env.$$"
 if [ -n "$DOCKER_CONFIG" ]; then
   cat "$DOCKER_CONFIG/config.json" > "$RECORD/config.json"
   stat -c %a "$DOCKER_CONFIG/config.json" > "$RECORD/mode"
-  ls "$DOCKER_CONFIG/cli-plugins" > "$RECORD/plugins" 2>/dev/null
+  ls "$DOCKER_CONFIG/cli-plugins" "$DOCKER_CONFIG/contexts" > "$RECORD/plugins" 2>/dev/null
 fi
 while [ $# -gt 0 ]; do
   [ "$1" = --metadata-file ] && printf '%s' "$METADATA" > "$2"
   shift
 done
 echo '#5 [1/2] FROM scratch'
+if [ -n "$FAILURE" ]; then
+  printf '%s\\n' '#6 [2/2] RUN make' '#6 0.1 cause' '#5 DONE 0.1s' '#6 ERROR: exit code: 2'
+  printf '%s\\n' '------' ' > [2/2] RUN make:' '0.1 cause' '------' 'ERROR: failed to solve'
+  exit 1
+fi
 """
 
 
@@ -130,13 +135,15 @@ def test_credentials_are_in_a_file_of_the_session_only(fake: Fake) -> None:
     home = Path(fake.session.environ["HOME"])
     (home / ".docker" / "cli-plugins").mkdir(parents=True)
     (home / ".docker" / "cli-plugins" / "docker-buildx").touch()
+    (home / ".docker" / "contexts").mkdir()
+    (home / ".docker" / "contexts" / "remote").touch()
     (home / ".docker" / "config.json").write_text('{"auths": {"ghcr.io": {"auth": "x"}}}')
     session = attrs.evolve(fake.session, credentials=(SECRET,))
     fake.docker.build(build_of(fake), session, load=False, push=True)
     config = json.loads((fake.record / "config.json").read_text())
     assert set(config["auths"]) == {"ghcr.io", "host:5000"}
     assert (fake.record / "mode").read_text().strip() == "600"
-    assert "docker-buildx" in (fake.record / "plugins").read_text()
+    assert {"docker-buildx", "remote"} <= {*(fake.record / "plugins").read_text().split()}
     words = " ".join(fake.calls()[0])
     secret = config["auths"]["host:5000"]["auth"]
     assert "se:cret" not in words + fake.environment()
@@ -158,6 +165,21 @@ def test_a_push_without_a_digest_is_an_error(fake: Fake) -> None:
     session = attrs.evolve(fake.session, environ={**fake.session.environ, "METADATA": "{}"})
     with pytest.raises(RigelK8sError, match="did not tell its digest"):
         fake.docker.build(build_of(fake), session, load=False, push=True)
+
+
+def test_a_failed_build_shows_its_step_and_keeps_the_log(
+    fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """buildx prints steps side by side; the error has the one that failed."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    session = attrs.evolve(fake.session, environ={**fake.session.environ, "FAILURE": "1"})
+    what = "^docker build of host:5000/app:1 failed .exit code 1.$"
+    with pytest.raises(CommandFailed, match=what) as caught:
+        fake.docker.build(build_of(fake), session, load=True, push=False)
+    *step, where = caught.value.details
+    assert step == ["[2/2] RUN make", "cause", "ERROR: exit code: 2", "ERROR: failed to solve"]
+    log = Path(where.removeprefix("the complete log: "))
+    assert log.read_text().startswith("#5 [1/2] FROM scratch\n#6 [2/2] RUN make\n")
 
 
 def test_save_writes_all_names_into_one_archive(fake: Fake) -> None:

@@ -73,13 +73,14 @@ def test_steps_are_valid_shell(name: str) -> None:
         assert subprocess.run(["sh", "-n"], input=step, text=True, check=False).returncode == 0
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_apt_leaves_nothing_behind(name: str) -> None:
+def test_apt_leaves_nothing_behind() -> None:
     """No layer has apt's lists or packages that were only recommended."""
-    for step in dockerfile(CASES[name]).split("\nRUN ")[1:]:
-        if "apt-get install" in step:
-            assert "--no-install-recommends" in step
-            assert "rm -rf /var/lib/apt/lists/*" in step
+    steps = [step for case in CASES.values() for step in dockerfile(case).split("\nRUN ")[1:]]
+    installs = [step for step in steps if "apt-get install" in step]
+    assert len(installs) >= 10
+    for step in installs:
+        assert "--no-install-recommends" in step
+        assert "rm -rf /var/lib/apt/lists/*" in step
 
 
 def test_the_sources_come_after_what_they_need() -> None:

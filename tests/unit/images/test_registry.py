@@ -186,6 +186,13 @@ def test_a_private_registry_with_tls_is_asked_with_tls(
     assert len(registry.seen) == int(trusted)
 
 
+@pytest.mark.parametrize("name", ["ghcr.io", "docker.io", "8.8.8.8:5000", "robot.local:5000"])
+def test_a_registry_of_others_is_asked_with_tls_alone(name: str) -> None:
+    """Who is neither here nor in a private network is asked in the clear if `insecure` says so."""
+    bases = _Registry(name, Credentials(name), 1)._bases()
+    assert bases == [f"https://{'registry-1.docker.io' if name == 'docker.io' else name}"]
+
+
 def test_good_credentials_log_in(registry: Registry) -> None:
     """log_in is true where the registry wanted credentials and took these."""
     assert log_in(Credentials(registry.name, "me", "secret"))

@@ -50,6 +50,18 @@ def test_auto_takes_podman_where_docker_cannot_build(
     assert find_engine("auto", environ, status).name == "podman"
 
 
+def test_a_docker_that_hangs_is_passed_over(
+    tmp_path: Path, status: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An engine that never answers keeps nobody waiting, and is named as the reason."""
+    monkeypatch.setattr("rigel_k8s.images.tools._PROBE_SECONDS", 0.3)
+    hangs = '[ "$2" = version ] && exit 0; exec /bin/sleep 30'
+    environ = path_with(tmp_path, docker=hangs, podman="exit 0")
+    assert find_engine("auto", environ, status).name == "podman"
+    with pytest.raises(RigelK8sError, match=r"inspect did not end within 0\.3 s"):
+        find_engine("docker", environ, status)
+
+
 @pytest.mark.parametrize(
     ("tool", "programs", "why"),
     [

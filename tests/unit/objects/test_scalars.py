@@ -39,7 +39,10 @@ BAD = {
     "Count": ["0"],
     "Delay": ["-1"],
     "Share": ["-1", "a", "25 %", ""],
-    "ImageRef": ["", "Ros:noetic", "a:b:c", "a b", "a@sha256:1", "/a", "a//b", "http://a/b"],
+    "ImageRef": [
+        *("", "Ros:noetic", "a:b:c", "a b", "a@sha256:1", "/a", "a//b", "http://a/b"),
+        *("host.x_y/a", "a/" + "b" * 254),
+    ],
     "ObjectName": ["", "a_b", "A", "-a", "a-", "a.b", "a" * 64],
     "PortName": ["", "80", "a--b", "sixteen-letters-x", "A"],
     "LabelKey": ["", "a b", "-a", "a/b/c", "Example.com/a", "a" * 64],

@@ -6,15 +6,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.images.credentials import Credentials, credentials_for
-from rigel_k8s.images.reference import parse_reference
-from rigel_k8s.images.registry import resolve_digest
+from rigel_k8s.images.registry import DIGESTS, resolve_digest
 from rigel_k8s.objects.images import images_of
 
 __all__ = ["pins"]
-
-#: Where jobs that push leave {image reference: digest} in the shared data.
-DIGESTS = "image_digests"
 
 Manifests = Iterable[Mapping[str, Any]]
 

@@ -11,8 +11,8 @@ import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.images.credentials import Credentials, docker_config
-from rigel_k8s.images.reference import parse_reference
 from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.types import Desired, ReleaseId

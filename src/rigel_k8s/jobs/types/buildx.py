@@ -8,31 +8,29 @@ import tempfile
 import threading
 from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal
 
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.image_reference import DOCKER_HUB, TAG, parse_reference
 from rigel_k8s.images.credentials import Credentials, is_private
-from rigel_k8s.images.engine import Build, Engine, Session, host_platform
-from rigel_k8s.images.reference import DOCKER_HUB, TAG, parse_reference
+from rigel_k8s.images.engine import Build, Engine, Session
+from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.images.tools import find_engine
 from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.oci import host_platform
+from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
-__all__ = ["DIGESTS", "BuildXJob", "BuildXOptions"]
+__all__ = ["BuildXJob", "BuildXOptions"]
 
-Scalar: TypeAlias = str | int | float | bool
-
-#: In the shared data: {image reference as users write it: digest}, for all images that were pushed.
-DIGESTS = "image_digests"
 #: What Rigel builds for when nothing is said.
 DEFAULT_PLATFORMS = ("linux/amd64", "linux/arm64")
 
 _PLATFORM = re.compile(r"[a-z0-9]+/[a-z0-9_]+(/[a-z0-9]+)?")
 _ARGUMENT = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_HOLE = "{{"
 _DATA_LOCK = threading.Lock()
 
 
@@ -124,14 +122,9 @@ def _build(
         names=image_names(options),
         context=context,
         dockerfile=dockerfile,
-        buildargs={name: _text(value) for name, value in options.buildargs.items()},
+        buildargs={name: text_of(value) for name, value in options.buildargs.items()},
         platforms=_platforms(options.platforms, engine, report),
     )
-
-
-def _text(value: Scalar) -> str:
-    """A scalar as YAML has it: true, not True."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _platforms(wanted: Sequence[str] | None, engine: Engine, report: Reporter) -> tuple[str, ...]:
@@ -192,7 +185,7 @@ def _remember(data: MutableMapping[str, Any], digests: Mapping[str, str]) -> Non
 
 
 def _check_image(options: BuildXOptions) -> Iterator[Problem]:
-    if _HOLE in options.image:
+    if has_template(options.image):
         return
     try:
         reference = parse_reference(options.image)
@@ -212,14 +205,14 @@ def _check_image(options: BuildXOptions) -> Iterator[Problem]:
 
 def _check_words(options: BuildXOptions) -> Iterator[Problem]:
     for number, tag in enumerate(options.tags):
-        if _HOLE not in tag and not TAG.fullmatch(tag):
+        if not has_template(tag) and not TAG.fullmatch(tag):
             message = f'"{tag}" is no tag (letters, digits, ".", "_" and "-", at most 128)'
             yield Problem(("tags", number), message, "bad-image")
     for number, platform in enumerate(options.platforms or ()):
-        if _HOLE not in platform and not _PLATFORM.fullmatch(platform):
+        if not has_template(platform) and not _PLATFORM.fullmatch(platform):
             message = f'"{platform}" is no platform, write OS/ARCH, like linux/arm64'
             yield Problem(("platforms", number), message, "bad-platform")
     for name in options.buildargs:
-        if _HOLE not in name and not _ARGUMENT.fullmatch(name):
+        if not has_template(name) and not _ARGUMENT.fullmatch(name):
             message = f'"{name}" is no name of a build argument'
             yield Problem(("buildargs", name), message, "bad-name", at_key=True)

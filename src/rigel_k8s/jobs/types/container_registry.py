@@ -11,13 +11,13 @@ import attrs
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.images.registry import log_in
 from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
 __all__ = ["ContainerRegistry", "ContainerRegistryOptions"]
 
 _SERVER = re.compile(r"(https?://)?[A-Za-z0-9.\[\]:-]+(:\d+)?(/.*)?")
-_HOLE = "{{"
 
 
 @attrs.frozen
@@ -50,7 +50,7 @@ class ContainerRegistry:
     ) -> Sequence[Problem]:
         """Return what cannot be a registry or a user."""
         problems = []
-        if _HOLE not in options.server and not _SERVER.fullmatch(options.server):
+        if not has_template(options.server) and not _SERVER.fullmatch(options.server):
             message = f'"{options.server}" is no registry, write HOST or HOST:PORT'
             problems.append(Problem(("server",), message, "bad-registry"))
         for key in ("username", "password"):

@@ -6,29 +6,28 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar, Literal
 
 import attrs
 
+from rigel_k8s.distros import ROS1
 from rigel_k8s.errors import UserError
+from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.images.dockerfile import (
     DOCKERFILE,
     ENTRYPOINT_FILE,
-    ROS1_DISTROS,
     Recipe,
     dockerfile,
     entrypoint,
     exec_form,
     ignored,
 )
-from rigel_k8s.images.reference import parse_reference
 from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
 __all__ = ["Compiler", "DockerfileJob", "DockerfileOptions", "EnvVar"]
-
-Scalar: TypeAlias = str | int | float | bool
 
 MARK = "# Written by rigel-k8s from a Rigelfile."
 
@@ -37,7 +36,6 @@ _IGNORE_FILE = ".dockerignore"
 _USER = re.compile(r"[a-z_][a-z0-9_-]{0,31}")
 _PACKAGE = re.compile(r"[a-z0-9][a-z0-9+.-]*(:[a-z0-9]+)?([=/][A-Za-z0-9.+~:*-]+)?")
 _VARIABLE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_HOLE = "{{"
 _LEFT_OUT = frozenset({"build", "devel", "install", "log", "logs"})
 _UNBUILT = frozenset({"CATKIN_IGNORE", "COLCON_IGNORE", "AMENT_IGNORE"})
 
@@ -153,10 +151,10 @@ def _recipe(options: DockerfileOptions, application: Application) -> Recipe:
         source_name=re.sub(r"[^\w.-]", "_", directory.resolve().name) or "application",
         packages=tuple(sorted(_packages(directory))),
         compiler=_compiler(options, application),
-        cmake_args={name: _text(value) for name, value in options.compiler.cmake_args.items()},
+        cmake_args={name: text_of(value) for name, value in options.compiler.cmake_args.items()},
         rosdep=options.rosdep,
         apt=tuple(options.apt),
-        env=tuple((variable.name, _text(variable.value)) for variable in options.env),
+        env=tuple((variable.name, text_of(variable.value)) for variable in options.env),
         docker_run=tuple(options.docker_run),
         entrypoint=tuple(options.entrypoint),
         rosinstall=tuple(options.rosinstall),
@@ -166,13 +164,8 @@ def _recipe(options: DockerfileOptions, application: Application) -> Recipe:
 
 
 def _compiler(options: DockerfileOptions, application: Application) -> str:
-    ros1 = application.distro in ROS1_DISTROS
+    ros1 = application.distro in ROS1
     return options.compiler.name or ("catkin_make" if ros1 else "colcon")
-
-
-def _text(value: Scalar) -> str:
-    """A scalar as YAML has it: true, not True."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _packages(directory: Path) -> Iterator[str]:
@@ -191,14 +184,14 @@ def _packages(directory: Path) -> Iterator[str]:
 
 
 def _check_compiler(options: DockerfileOptions, application: Application) -> Iterator[Problem]:
-    if options.compiler.name == "catkin_make" and application.distro not in ROS1_DISTROS:
+    if options.compiler.name == "catkin_make" and application.distro not in ROS1:
         message = f"catkin_make builds ROS 1, and {application.distro} is ROS 2: use colcon"
         yield Problem(("compiler", "name"), message, "bad-compiler")
 
 
 def _check_command(options: DockerfileOptions) -> Iterator[Problem]:
     command = options.command
-    if not isinstance(command, str) or _HOLE in command:
+    if not isinstance(command, str) or has_template(command):
         return
     try:
         exec_form(command)
@@ -208,7 +201,7 @@ def _check_command(options: DockerfileOptions) -> Iterator[Problem]:
 
 
 def _check_image(options: DockerfileOptions) -> Iterator[Problem]:
-    if options.ros_image is None or _HOLE in options.ros_image:
+    if options.ros_image is None or has_template(options.ros_image):
         return
     try:
         parse_reference(options.ros_image)
@@ -228,13 +221,13 @@ def _check_words(options: DockerfileOptions) -> Iterator[Problem]:
         if not _fits(_VARIABLE, variable.name):
             message = f'"{variable.name}" is no name of an environment variable'
             yield Problem(("env", number, "name"), message, "bad-name")
-        if "\n" in _text(variable.value):
+        if "\n" in text_of(variable.value):
             message = "a Dockerfile cannot set a value of several lines; export it in `entrypoint`"
             yield Problem(("env", number, "value"), message, "bad-value")
 
 
 def _fits(pattern: re.Pattern[str], text: str) -> bool:
-    return _HOLE in text or pattern.fullmatch(text) is not None
+    return has_template(text) or pattern.fullmatch(text) is not None
 
 
 def _check_rosinstall(recipe: Recipe, directory: Path) -> None:

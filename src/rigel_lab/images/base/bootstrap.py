@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
-from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
+from rigel_k8s.process import run, stream
 from rigel_k8s.report import Reporter
 
 __all__ = ["MINBASE", "bootstrap", "ensure_mmdebstrap"]
@@ -18,6 +17,8 @@ __all__ = ["MINBASE", "bootstrap", "ensure_mmdebstrap"]
 MINBASE = "minbase"
 
 _KEY = "root file system"
+#: Seconds that mmdebstrap has to take its mounts and its scratch directory away.
+_GRACE = 60.0
 
 #: Manuals and translations: 80 MB that no container reads.
 _LEAVE_OUT = (
@@ -56,23 +57,23 @@ def bootstrap(
     """
     ensure_mmdebstrap(report)
     command = _command(suite, packages, target, hooks, variant)
-    last: deque[str] = deque(maxlen=15)
-    environment = {**os.environ, "SOURCE_DATE_EPOCH": str(mtime), "LC_ALL": "C.UTF-8"}
-    with subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment
-    ) as process:
-        assert process.stderr is not None
-        for line in process.stderr:
-            last.append(line.rstrip())
-            if line.startswith("I: "):  # mmdebstrap's own words; the rest is apt's
-                report.progress(_KEY, line[3:].strip())
-    if process.returncode:
-        target.unlink(missing_ok=True)
-        raise CommandFailed(
-            f"mmdebstrap could not build the root file system (exit code {process.returncode})",
+
+    def show(line: str) -> None:
+        if line.startswith("I: "):  # mmdebstrap's own words; the rest is apt's
+            report.progress(_KEY, line[3:].strip())
+
+    try:
+        stream(
+            command,
+            what="building the root file system with mmdebstrap",
             hint="check that Debian's archive can be reached (http_proxy is honoured) and retry",
-            details=tuple(last),
+            env={**os.environ, "SOURCE_DATE_EPOCH": str(mtime), "LC_ALL": "C.UTF-8"},
+            on_line=show,
+            grace=_GRACE,
         )
+    except CommandFailed:
+        target.unlink(missing_ok=True)
+        raise
     report.progress(_KEY, "done", done=True)
 
 
@@ -113,13 +114,10 @@ def _command(
 
 def _apt(*args: str) -> None:
     command = ["apt-get", "-o", "DPkg::Lock::Timeout=300", *args]
-    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    done = subprocess.run(
-        command, capture_output=True, text=True, env=environment, check=False, timeout=900
+    run(
+        command,
+        what=" ".join(command),
+        hint="run it by hand to see why, then retry",
+        env={**os.environ, "DEBIAN_FRONTEND": "noninteractive"},
+        timeout=900,
     )
-    if done.returncode:
-        raise CommandFailed(
-            f"{' '.join(command)} failed (exit code {done.returncode})",
-            hint="run it by hand to see why, then retry",
-            details=tuple((done.stdout + done.stderr).splitlines()[-15:]),
-        )

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import attrs
 
+from rigel_k8s import oci
 from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.report import Reporter
-from rigel_lab.images.base import archive
 from rigel_lab.images.base.bootstrap import MINBASE, bootstrap
 
 __all__ = ["EPOCH", "BaseImage", "Recipe", "build"]
@@ -112,7 +112,7 @@ def _build(recipe: Recipe, target: Path, report: Reporter) -> None:
         own = Path(scratch) / "overlay.tar"
         own.write_bytes(recipe.overlay)
         report.progress("archive", "writing")
-        archive.write(target, [debian, own], recipe.config, recipe.reference, created=EPOCH)
+        oci.write_archive(target, [debian, own], recipe.config, recipe.reference, created=EPOCH)
         report.progress("archive", "done", done=True)
     size = target.stat().st_size / 1e6
     report.line(f"built {target} ({size:.0f} MB) in {time.monotonic() - started:.0f} s")
@@ -120,7 +120,7 @@ def _build(recipe: Recipe, target: Path, report: Reporter) -> None:
 
 def _key(recipe: Recipe) -> str:
     """What the archive is made of, as a short digest: another recipe is another file."""
-    lines = [archive.FORMAT, archive.architecture(), recipe.suite, *recipe.packages]
+    lines = [oci.FORMAT, oci.architecture(), recipe.suite, *recipe.packages]
     lines.append(json.dumps(recipe.config))
     if recipe.variant != MINBASE:
         lines.append(recipe.variant)

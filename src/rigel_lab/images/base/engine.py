@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 
-from rigel_k8s.errors import CommandFailed, RigelK8sError
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.process import run
 from rigel_k8s.report import Reporter
 from rigel_lab.images.base.build import BaseImage
 
@@ -61,13 +61,7 @@ def push(
 
 
 def _run(command: list[str]) -> None:
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise CommandFailed(
-            f"`{' '.join(command)}` failed (exit code {done.returncode})",
-            hint="run it by hand to see all of its output",
-            details=tuple((done.stdout + done.stderr).splitlines()[-15:]),
-        )
+    run(command, what=f"`{' '.join(command)}`", hint="run it by hand to see all of its output")
 
 
 def _installed() -> str:

@@ -1,26 +1,12 @@
-"""A few files and links as an image's layer; pure: the same input gives the same bytes."""
+"""What the images of both ROS have in common: their entrypoint and configuration."""
 
 from __future__ import annotations
 
-import io
-import tarfile
-from collections.abc import Iterable
 from importlib.resources import files
 
-import attrs
+from rigel_k8s.oci import Entry
 
-__all__ = ["ENTRYPOINT", "Entry", "config", "layer"]
-
-
-@attrs.frozen
-class Entry:
-    """One file or symbolic link of the layer; `link` is the target of a link."""
-
-    path: str
-    content: bytes = b""
-    link: str = ""
-    mode: int = 0o644
-
+__all__ = ["ENTRYPOINT", "config"]
 
 #: The script that official ROS images start everything with.
 ENTRYPOINT = Entry(
@@ -42,22 +28,3 @@ def config(distro: str) -> dict[str, list[str]]:
             f"ROS_DISTRO={distro}",
         ],
     }
-
-
-def layer(entries: Iterable[Entry], *, mtime: int) -> bytes:
-    """Return the layer as an uncompressed tar, the entries as they come."""
-    out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w", format=tarfile.PAX_FORMAT) as tar:
-        for entry in entries:
-            tar.addfile(_member(entry, mtime), io.BytesIO(entry.content))
-    return out.getvalue()
-
-
-def _member(entry: Entry, mtime: int) -> tarfile.TarInfo:
-    info = tarfile.TarInfo(entry.path)
-    info.mtime = mtime
-    info.mode = entry.mode
-    info.size = len(entry.content)
-    if entry.link:
-        info.type, info.linkname, info.mode = tarfile.SYMTYPE, entry.link, 0o777
-    return info

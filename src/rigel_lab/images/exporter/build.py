@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from rigel_k8s import __version__
+from rigel_k8s.oci import layer
 from rigel_k8s.report import Reporter
 from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_lab.images.base.build import build as build_recipe
-from rigel_lab.images.base.layer import layer
 from rigel_lab.images.exporter.program import PREFIX, entries
 
 __all__ = ["REFERENCE", "UPSTREAM", "build"]

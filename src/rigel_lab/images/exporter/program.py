@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from rigel_lab.images.base.layer import Entry
+from rigel_k8s.oci import Entry
 
 __all__ = ["PREFIX", "entries"]
 

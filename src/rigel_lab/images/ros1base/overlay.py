@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from rigel_lab.images.base.layer import ENTRYPOINT, Entry, config
-from rigel_lab.images.base.layer import layer as base_layer
+from rigel_k8s import oci
+from rigel_k8s.oci import Entry
+from rigel_lab.images.base.layer import ENTRYPOINT, config
 from rigel_lab.images.ros1base.packages import UNDESCRIBED, Variant
 
 __all__ = ["CONFIG", "entries", "layer"]
@@ -53,7 +54,7 @@ def entries(variant: Variant) -> tuple[Entry, ...]:
 
 def layer(variant: Variant, *, mtime: int) -> bytes:
     """Return the layer as an uncompressed tar; the same input gives the same bytes."""
-    return base_layer(entries(variant), mtime=mtime)
+    return oci.layer(entries(variant), mtime=mtime)
 
 
 def _scripts() -> tuple[Entry, ...]:

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.oci import architecture, layer
 from rigel_k8s.report import Reporter
-from rigel_lab.images.base.archive import architecture
 from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_lab.images.base.build import build as build_recipe
-from rigel_lab.images.base.layer import config, layer
+from rigel_lab.images.base.layer import config
 from rigel_lab.images.ros2base import overlay, wheels
 from rigel_lab.images.ros2base.packages import PACKAGES, PLATFORM, REFERENCES, SUITE, Distro, lock
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import re
 import shutil
-import subprocess
 import sys
 import tarfile
 import zipfile
@@ -19,7 +18,8 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s.errors import CommandFailed, RigelK8sError
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.process import run, succeeds
 from rigel_k8s.report import Reporter
 from rigel_lab.images.ros2base.packages import PLATFORM, PYTHON
 
@@ -61,13 +61,11 @@ def fetch(lock: str, directory: Path, report: Reporter) -> list[Path]:
     command = [*_pip(), "download", "--quiet", "--no-deps", "--require-hashes"]
     command += ["--only-binary=:all:", "--python-version", PYTHON, "--platform", PLATFORM]
     command += ["--requirement", str(requirements), "--dest", str(directory)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise CommandFailed(
-            f"pip could not download ROS 2's wheels (exit code {done.returncode})",
-            hint="check that PyPI, or the index that pip is set up with, can be reached",
-            details=tuple((done.stdout + done.stderr).splitlines()[-15:]),
-        )
+    run(
+        command,
+        what="downloading ROS 2's wheels with pip",
+        hint="check that PyPI, or the index that pip is set up with, can be reached",
+    )
     report.progress(_KEY, "downloaded", done=True)
     return sorted(directory.glob("*.whl"))
 
@@ -95,7 +93,7 @@ def tree(wheels: Iterable[Path], prefix: str, target: Path, *, mtime: int) -> No
 def _pip() -> list[str]:
     """Return a pip: that of this Python, or the first on PATH."""
     own = [sys.executable, "-m", "pip"]
-    if subprocess.run([*own, "--version"], capture_output=True, check=False).returncode == 0:
+    if succeeds([*own, "--version"]):
         return own
     if other := shutil.which("pip3") or shutil.which("pip"):
         return [other]

@@ -12,10 +12,12 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.images.engine import Build, Engine, Session, host_platform
+from rigel_k8s.images.engine import Build, Engine, Session
+from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types import buildx, clusterload
-from rigel_k8s.jobs.types.buildx import DIGESTS, BuildXJob, BuildXOptions, image_names
+from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions, image_names
+from rigel_k8s.oci import host_platform
 from rigel_k8s.settings import Application, Settings
 
 HOST = host_platform()

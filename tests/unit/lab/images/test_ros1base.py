@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
-import json
 import os
 import stat
 import subprocess
 import tarfile
 from pathlib import Path
 
+import attrs
 import pytest
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
-from rigel_lab.images.base import archive
+from rigel_lab.images.base.build import EPOCH, Recipe
+from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.ros1base import REFERENCES, BaseImage, build, load, overlay, push
 from rigel_lab.images.ros1base.packages import PACKAGES
 
@@ -22,7 +22,7 @@ MMDEBSTRAP = """#!/bin/sh
 echo "I: downloading packages with apt..." >&2
 for target; do :; done
 [ -n "$FAIL" ] && { echo "E: no such mirror" >&2; exit 25; }
-printf '%s\\n' "$*" >"$LOG"
+printf '%s\\n' "$*" "$SOURCE_DATE_EPOCH" >"$LOG"
 mkdir -p "$target.d/usr/share"; tar -C "$target.d" -cf "$target" .
 """
 ENGINE = """#!/bin/sh
@@ -99,38 +99,9 @@ def test_setup(shell: str, before: str):
     assert (done.stdout, done.stderr) == (expected, "")
 
 
-def test_same_bytes(tmp_path: Path):
-    """The same layers give the same archive, so an unchanged image is not pushed again."""
-    layer = tmp_path / "layer.tar"
-    layer.write_bytes(overlay.layer("core", mtime=7))
-    assert overlay.layer("core", mtime=7) == layer.read_bytes()
-    ids = [archive.write(tmp_path / n, [layer], {}, "a/b:1", created=7) for n in ("1", "2")]
-    assert ids[0] == ids[1]
-    assert (tmp_path / "1").read_bytes() == (tmp_path / "2").read_bytes()
-
-
-def test_both_formats(tmp_path: Path):
-    """The archive is a docker archive and an OCI layout whose digests are true."""
-    layer = tmp_path / "layer.tar"
-    layer.write_bytes(overlay.layer("core", mtime=0))
-    found = archive.write(tmp_path / "a.tar", [layer, layer], {"Cmd": ["x"]}, "h/i:t", created=0)
-    with tarfile.open(tmp_path / "a.tar") as tar:
-        content = {m.name: tar.extractfile(m).read() for m in tar.getmembers()}  # type: ignore
-    for name, blob in content.items():
-        if name.startswith("blobs/"):
-            assert name == f"blobs/sha256/{hashlib.sha256(blob).hexdigest()}"
-    docker = json.loads(content["manifest.json"])[0]
-    assert docker["RepoTags"] == ["h/i:t"]
-    assert docker["Config"] == f"blobs/sha256/{found}"
-    image = json.loads(content[docker["Config"]])
-    assert image["config"] == {"Cmd": ["x"]}
-    assert len(image["history"]) == len(image["rootfs"]["diff_ids"]) == 2
-    index = json.loads(content["index.json"])["manifests"][0]
-    manifest = json.loads(content[f"blobs/sha256/{index['digest'].removeprefix('sha256:')}"])
-    assert [f"blobs/{e['digest'].replace(':', '/')}" for e in manifest["layers"]] == docker[
-        "Layers"
-    ]
-    assert index["annotations"]["io.containerd.image.name"] == "h/i:t"
+def test_same_bytes():
+    """The same files give the same layer, so an unchanged image keeps its digest."""
+    assert overlay.layer("core", mtime=7) == overlay.layer("core", mtime=7)
 
 
 def test_cache(programs: Path):
@@ -151,6 +122,26 @@ def test_cache(programs: Path):
 def test_variants(programs: Path):
     """Each variant has an archive of its own."""
     assert build(Reporter()).archive != build(Reporter(), variant="devel").archive
+
+
+def test_another_overlay_is_another_archive(programs: Path):
+    """A change of what is laid over the packages is built, not taken from the cache."""
+    base = Recipe("t", "family", "name", "localhost/a:1", "bookworm", ["a"], {}, b"")
+    changes = [
+        {},
+        {"overlay": b"1"},
+        {"locked": b"2"},
+        {"packages": ["b"]},
+        {"config": {"User": "1"}},
+    ]
+    recipes = [attrs.evolve(base, **change) for change in changes]  # type: ignore[arg-type]
+    assert len({build_recipe(recipe, Reporter()).archive for recipe in recipes}) == len(recipes)
+
+
+def test_no_file_is_younger_than_the_epoch(programs: Path):
+    """mmdebstrap is told the time, so that the same packages are the same bytes."""
+    build(Reporter())
+    assert programs.read_text().splitlines()[-1] == str(EPOCH)
 
 
 def test_failed_build(programs: Path, monkeypatch: pytest.MonkeyPatch):

@@ -2,7 +2,7 @@
 
 The rules are those of github.com/distribution/reference: a first component with a dot, a colon, an
 upper-case letter, or `localhost`, is a registry; anything else lives on docker.io, there below
-`library/` if it has one component.
+`library/` if it has one component. Digests are those of github.com/opencontainers/go-digest.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import attrs
 
 from rigel_k8s.errors import UserError
 
-__all__ = ["DOCKER_HUB", "TAG", "Reference", "parse_reference"]
+__all__ = ["DOCKER_HUB", "TAG", "Reference", "is_reference", "parse_reference"]
 
 DOCKER_HUB = "docker.io"
 TAG = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
@@ -21,7 +21,7 @@ TAG = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
 _COMPONENT = re.compile(r"[a-z0-9]+(?:(?:\.|_|__|-+)[a-z0-9]+)*")
 _DOMAIN_PART = r"[a-zA-Z0-9](?:[a-zA-Z0-9-]*[a-zA-Z0-9])?"
 _REGISTRY = re.compile(rf"(?:{_DOMAIN_PART}(?:\.{_DOMAIN_PART})*|\[[a-fA-F0-9:]+\])(?::[0-9]+)?")
-_DIGEST = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_+.][A-Za-z][A-Za-z0-9]*)*:[0-9a-fA-F]{32,}")
+_DIGEST = re.compile(r"sha256:[0-9a-f]{64}|sha384:[0-9a-f]{96}|sha512:[0-9a-f]{128}")
 _LONGEST_NAME = 255
 
 
@@ -68,6 +68,15 @@ def parse_reference(text: str) -> Reference:
     registry, repository = _split_registry(rest)
     _check_name(text, registry, repository)
     return Reference(registry, repository, tag, digest or None)
+
+
+def is_reference(text: str) -> bool:
+    """Return whether docker would take a text as an image reference."""
+    try:
+        parse_reference(text)
+    except UserError:
+        return False
+    return True
 
 
 def _split_tag(text: str) -> tuple[str, str | None]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.images.reference import Reference, parse_reference
+from rigel_k8s.image_reference import Reference, parse_reference
 
 SHA = f"sha256:{'a' * 64}"
+SHA512 = f"sha512:{'b' * 128}"
 
 
 @pytest.mark.parametrize(
@@ -23,6 +24,10 @@ SHA = f"sha256:{'a' * 64}"
         ("10.1.2.3:5000/a/b/c:v-1.0", Reference("10.1.2.3:5000", "a/b/c", "v-1.0")),
         ("[::1]:5000/app", Reference("[::1]:5000", "app")),
         ("ghcr.io/me/app@" + SHA, Reference("ghcr.io", "me/app", None, SHA)),
+        (
+            "app@sha512:" + "b" * 128,
+            Reference("docker.io", "library/app", None, "sha512:" + "b" * 128),
+        ),
         ("ghcr.io/me/app:1@" + SHA, Reference("ghcr.io", "me/app", "1", SHA)),
         ("UPPER/app", Reference("UPPER", "app")),
         ("a__b/c--d.e", Reference("docker.io", "a__b/c--d.e")),
@@ -43,6 +48,8 @@ def test_reads_what_docker_reads(text: str, expected: Reference) -> None:
         ("app:-x", "is no tag"),
         ("app:" + "x" * 129, "is no tag"),
         ("app@sha256:12", "is no digest"),
+        ("app@sha256:" + "A" * 64, "is no digest"),
+        ("app@md5:" + "a" * 32, "is no digest"),
         ("host:port/app", "is no registry"),
         ("a//b", "no part of an image name"),
         ("a b", "no part of an image name"),

@@ -1,0 +1,12 @@
+"""The ROS distributions; plain data."""
+
+from __future__ import annotations
+
+__all__ = ["ROS1", "ROS2"]
+
+ROS1 = frozenset(("hydro", "indigo", "jade", "kinetic", "lunar", "melodic", "noetic"))
+
+ROS2 = frozenset(
+    ("ardent", "bouncy", "crystal", "dashing", "eloquent", "foxy", "galactic")
+    + ("humble", "iron", "jazzy", "kilted", "lyrical", "rolling")
+)

@@ -1,0 +1,22 @@
+"""Option values as text: scalars as YAML writes them, and whether a template is still in them.
+
+Every room that checks or uses options needs these; the templates themselves are rigelfile/'s.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+__all__ = ["Scalar", "has_template", "text_of"]
+
+Scalar: TypeAlias = str | int | float | bool
+
+
+def text_of(value: Any) -> str:
+    """Return a scalar as YAML writes it: true, not True."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def has_template(text: str) -> bool:
+    """Return whether a text has a template in it, so that its value is known in a run only."""
+    return "{{" in text

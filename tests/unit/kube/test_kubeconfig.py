@@ -104,21 +104,62 @@ def test_certificates_stand_inline_or_in_files(tmp_path: Path) -> None:
     [
         ({"token": "t"}, [("Authorization", "Bearer t")]),
         ({"username": "ann", "password": "x"}, [("Authorization", "Basic YW5uOng=")]),
-        (
-            {"token": "t", "as": "bob", "as-groups": ["a", "b"]},
-            [
-                ("Impersonate-User", "bob"),
-                ("Impersonate-Group", "a"),
-                ("Impersonate-Group", "b"),
-                ("Authorization", "Bearer t"),
-            ],
-        ),
     ],
 )
 def test_users_become_headers(tmp_path: Path, user: dict[str, Any], headers: Any) -> None:
-    """Tokens, passwords, impersonation."""
+    """Tokens, passwords."""
     path = write(tmp_path / "config", **whole(user))
     assert list(load(path).credentials().headers(fresh=False)) == headers
+
+
+IMPERSONATED = {
+    "as": "bob",
+    "as-uid": "7",
+    "as-groups": ["a", "b"],
+    "as-user-extra": {"scopes": ["view", "list"], "example.com/team": ["x"]},
+}
+IMPERSONATION = [
+    ("Impersonate-User", "bob"),
+    ("Impersonate-Uid", "7"),
+    ("Impersonate-Group", "a"),
+    ("Impersonate-Group", "b"),
+    ("Impersonate-Extra-scopes", "view"),
+    ("Impersonate-Extra-scopes", "list"),
+    ("Impersonate-Extra-example.com%2Fteam", "x"),
+]
+
+
+@pytest.mark.parametrize(
+    ("user", "own"),
+    [
+        ({"token": "t"}, [("Authorization", "Bearer t")]),
+        ({"tokenFile": "token"}, [("Authorization", "Bearer from-file")]),
+        ({"username": "ann", "password": "x"}, [("Authorization", "Basic YW5uOng=")]),
+        ({"client-certificate-data": "Q0VSVA==", "client-key-data": "S0VZ"}, []),
+        ({"exec": "program"}, [("Authorization", "Bearer token-1")]),
+    ],
+)
+def test_impersonation_is_laid_over_any_credentials(
+    tmp_path: Path, user: dict[str, Any], own: Any
+) -> None:
+    """Who sets `as: readonly` must never write with all their rights."""
+    (tmp_path / "token").write_text("from-file")
+    if "exec" in user:
+        user = {"exec": program(tmp_path, "2999-01-01T00:00:00Z")}
+    path = write(tmp_path / "config", **whole({**user, **IMPERSONATED}))
+    credentials = load(path).credentials()
+    assert list(credentials.headers(fresh=False)) == [*IMPERSONATION, *own]
+    if "client-certificate-data" in user:
+        assert (credentials.certificate, credentials.key) == ("CERT", "KEY")
+
+
+def test_an_auth_provider_is_refused_with_a_way_out(tmp_path: Path) -> None:
+    """Continuing without the credentials would be worse than an error."""
+    user = {"auth-provider": {"name": "oidc", "config": {"id-token": "secret"}}}
+    path = write(tmp_path / "config", **whole(user))
+    with pytest.raises(UserError, match="context one: its user logs in") as caught:
+        load(path).credentials()
+    assert "kubelogin" in (caught.value.hint or "")
 
 
 def test_a_token_file_is_read_again(tmp_path: Path) -> None:
@@ -143,17 +184,20 @@ print(json.dumps({"apiVersion": info["apiVersion"], "kind": "ExecCredential", "s
 """
 
 
-def plugin(tmp_path: Path, expiry: str, **more: Any) -> Path:
+def program(tmp_path: Path, expiry: str, **more: Any) -> dict[str, Any]:
     script = tmp_path / "plugin.py"
     script.write_text(PLUGIN)
-    command = {
+    return {
         "apiVersion": "client.authentication.k8s.io/v1beta1",
         "command": sys.executable,
         "args": [str(script), str(tmp_path / "count"), expiry],
         "env": [{"name": "PREFIX", "value": "token-"}],
         **more,
     }
-    return write(tmp_path / "config", **whole({"exec": command}))
+
+
+def plugin(tmp_path: Path, expiry: str, **more: Any) -> Path:
+    return write(tmp_path / "config", **whole({"exec": program(tmp_path, expiry, **more)}))
 
 
 def test_a_credential_program_runs_once_until_its_answer_expires(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import pytest
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.target import Target
 
-SLOW = 0.3  # seconds that an answer takes
+SLOW = 0.05  # seconds that an answer takes
 CONTAINER = ("n", "talker", "node")
 
 
@@ -44,7 +44,7 @@ def kubelet() -> Iterator[type[Kubelet]]:
     server = ThreadingHTTPServer(("127.0.0.1", 0), own)
     server.daemon_threads = True
     own.cluster = Cluster(Target(f"http://127.0.0.1:{server.server_port}", "test"))  # type: ignore[attr-defined]
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     yield own
     own.cluster.close()  # type: ignore[attr-defined]
     server.shutdown()
@@ -53,13 +53,13 @@ def kubelet() -> Iterator[type[Kubelet]]:
 
 def test_a_slow_machine_gets_the_time_to_tell_of_an_end(kubelet: Any) -> None:
     """Half a second is much where answers are quick; here it would end before the log does."""
-    assert not kubelet.cluster.runs(*CONTAINER, seconds=0.1)
+    assert not kubelet.cluster.runs(*CONTAINER, seconds=0.02)
 
 
 def test_a_container_that_runs_is_not_waited_for_for_ever(kubelet: Any) -> None:
     """Its log does not end as long as it runs."""
     kubelet.runs = threading.Event()
-    assert kubelet.cluster.runs(*CONTAINER, seconds=0.1)
+    assert kubelet.cluster.runs(*CONTAINER, seconds=0.02)
     kubelet.runs.set()
 
 
@@ -67,4 +67,4 @@ def test_a_container_that_runs_is_not_waited_for_for_ever(kubelet: Any) -> None:
 def test_who_may_not_read_logs_knows_nothing(kubelet: Any, status: int) -> None:
     """That is no reason to call a node ended."""
     kubelet.status = status
-    assert kubelet.cluster.runs(*CONTAINER, seconds=0.1)
+    assert kubelet.cluster.runs(*CONTAINER, seconds=0.02)

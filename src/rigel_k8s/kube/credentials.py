@@ -151,9 +151,9 @@ def run_plugin(
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
         reason = f"{type(error).__name__}: {getattr(error, 'strerror', None) or 'see below'}"
         raise plugin_failed(command[0], context, reason, plugin) from error
-    if done.returncode != 0 or not (answer.get("status") or {}):
+    status = answer.get("status") if isinstance(answer, dict) else None
+    if not isinstance(status, dict) or not status:
         raise plugin_failed(command[0], context, done.stderr.decode("utf-8", "replace"), plugin)
-    status: Mapping[str, Any] = answer["status"]
     return status
 
 

@@ -6,6 +6,7 @@ import base64
 import json
 import sys
 from pathlib import Path
+from traceback import format_exception
 from typing import Any
 
 import pytest
@@ -173,6 +174,22 @@ def test_a_token_file_is_read_again(tmp_path: Path) -> None:
     assert list(credentials.headers(fresh=True)) == [("Authorization", "Bearer new")]
 
 
+def test_a_token_file_is_read_again_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A minute later, before the server refuses what stands in it no longer."""
+    now = 1000.0
+    monkeypatch.setattr("rigel_k8s.kube.credentials.time.monotonic", lambda: now)
+    (tmp_path / "token").write_text("old")
+    credentials = load(write(tmp_path / "config", **whole({"tokenFile": "token"}))).credentials()
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer old")]
+    (tmp_path / "token").write_text("new")
+    now += 59
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer old")]
+    now += 2
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer new")]
+
+
 PLUGIN = """
 import json, os, pathlib, sys
 info = json.loads(os.environ["KUBERNETES_EXEC_INFO"])
@@ -222,6 +239,30 @@ def test_a_credential_program_that_fails_is_named(tmp_path: Path) -> None:
     with pytest.raises(ClusterError) as caught:
         load(path).credentials()
     assert caught.value.details == ("log in first",)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "print('TOKEN'); sys.exit('log in first')",
+        "print('{TOKEN')",
+        'print(\'{"status": null, "x": "TOKEN"}\')',
+        "print('TOKEN', flush=True); time.sleep(20)",
+        "print('[\"TOKEN\"]')",
+    ],
+)
+def test_what_a_credential_program_prints_is_never_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    """Its output is the token: not in the message, the hint, the details, nor with --verbose."""
+    monkeypatch.setattr("rigel_k8s.kube.credentials.PLUGIN_TIMEOUT", 0.5)
+    path = plugin(tmp_path, "x", args=["-c", f"import sys, time; {code}"])
+    with pytest.raises(ClusterError, match="gave no credentials") as caught:
+        load(path).credentials()
+    error = caught.value
+    assert "TOKEN" not in f"{error.message} {error.hint} {error.details}"
+    traceback = "".join(format_exception(error))
+    assert "TOKEN" not in traceback.replace(code, "")
 
 
 def test_no_kubeconfig_names_the_ways_to_a_cluster(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
-from rigel_k8s.kube.failures import Conflict, FieldConflict, refusal
+from rigel_k8s.kube.failures import Conflict, FieldConflict, Forbidden, refusal
 from rigel_k8s.kube.resources import Resource, Resources, path
 from rigel_k8s.kube.threads import parallel
 
@@ -28,7 +28,9 @@ def test_statuses_become_the_errors_that_others_catch() -> None:
     assert missing.message == "cannot apply X: pods nowhere"
     assert isinstance(refused(409, message="m"), ConflictError)
     forbidden = refused(403, message="m")
+    assert isinstance(forbidden, Forbidden)
     assert not isinstance(forbidden, (NotFoundError, ConflictError))
+    assert not isinstance(refused(401, message="m"), Forbidden)
     assert "auth can-i" in (forbidden.hint or "")
     assert "context far" in (refused(401, message="m").hint or "")
 

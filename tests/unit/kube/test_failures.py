@@ -119,6 +119,28 @@ def test_parallel_keeps_the_order_and_tries_all() -> None:
     assert sorted(done) == list(range(20))
 
 
+def test_an_interruption_begins_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What runs is waited for: afterwards nothing goes on behind the caller's back."""
+    begun: list[int] = []
+    two, go_on = threading.Barrier(3), threading.Event()
+
+    def work(number: int) -> None:
+        begun.append(number)
+        two.wait(10)
+        go_on.wait(10)
+
+    def interrupt(_: Any) -> None:
+        two.wait(10)
+        threading.Timer(0.05, go_on.set).start()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rigel_k8s.kube.threads.wait", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        parallel(work, range(20), width=2)
+    assert go_on.is_set()
+    assert sorted(begun) == [0, 1]
+
+
 def test_naming_objects_costs_no_http() -> None:
     """Rooms that only build manifests do not pay for a client."""
     code = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import ssl
 import subprocess
 import threading
@@ -239,6 +240,22 @@ def test_a_stream_leaves_kept_connections_alone(serve: Any) -> None:
     stream.abort()
     transport.request("GET", "/warm", "test")
     assert [request.connection for request in server.requests] == [1, 2, 1]
+
+
+def test_a_silent_connection_notices_a_peer_that_is_gone(serve: Any) -> None:
+    """A log may say nothing for a day, and its machine may have lost power."""
+    hold = threading.Event()
+
+    def answer(exchange: Exchange) -> None:
+        exchange.stream()
+        hold.wait(20)
+
+    transport, _ = transport_to(serve, answer)
+    stream = stream_of(transport)
+    assert stream.socket.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+    assert stream.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
+    stream.abort()
+    hold.set()
 
 
 # TLS.

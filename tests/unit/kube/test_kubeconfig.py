@@ -83,6 +83,21 @@ def test_several_files_are_one_and_the_first_wins(tmp_path: Path) -> None:
     assert list(credentials.headers(fresh=False)) == []
 
 
+def test_the_first_current_context_is_current(tmp_path: Path) -> None:
+    """A file that names none leaves it to the next."""
+    none = write(tmp_path / "none")
+    one = write(tmp_path / "one", **whole({}))
+    other = write(
+        tmp_path / "other",
+        **{
+            "current-context": "other",
+            "contexts": [named("context", "other", cluster="c", user="u")],
+        },
+    )
+    assert load(None, None, {"KUBECONFIG": f"{none}:{one}:{other}"}).context == "one"
+    assert load(None, None, {"KUBECONFIG": f"{none}:{other}:{one}"}).context == "other"
+
+
 def test_certificates_stand_inline_or_in_files(tmp_path: Path) -> None:
     """Data wins over a file, as with kubectl."""
     data = base64.b64encode(b"INLINE").decode()

@@ -40,6 +40,8 @@ def test_connections_are_kept(serve: Any) -> None:
         assert transport.request("GET", "/x", "test").body == b"ok"
     assert server.asked() == ["GET /base/x"] * 3
     assert server.connections == 1
+    list(stream_of(transport).lines())
+    assert server.asked()[3:] == ["GET /base/x"]
 
 
 @pytest.mark.parametrize(("method", "safe"), [("GET", None), ("PATCH", True), ("DELETE", True)])

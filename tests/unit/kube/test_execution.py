@@ -288,3 +288,23 @@ def test_what_went_wrong_with_a_port_is_kept(serve: Any) -> None:
         assert forward.errors == ["connection refused"]
         assert ask(forward.ports[7000], b"") == b""
         assert "pods talker not found" in forward.errors[1]
+
+
+def test_an_answer_may_come_after_the_last_byte_of_the_question(serve: Any) -> None:
+    """A client that says no more still listens; a websocket cannot be closed by half."""
+
+    def answer(exchange: Exchange) -> None:
+        channels = Channels(exchange)
+        greet(channels, 7000)
+        channels.receive()
+        time.sleep(0.2)
+        channels.send(DATA, b"late")
+        channels.close()
+
+    cluster, _ = serve(answer)
+    with cluster.port_forward(*POD, {7000: 0}) as forward:
+        address = ("127.0.0.1", forward.ports[7000])
+        with socket.create_connection(address, timeout=10) as connection:
+            connection.sendall(b"x")
+            connection.shutdown(socket.SHUT_WR)
+            assert connection.recv(100) == b"late"

@@ -63,7 +63,7 @@ def warn(warnings: Iterable[str]) -> None:
         click.echo(text, err=True)
 
 
-class Timeout(click.ParamType[float]):
+class Timeout(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.4 on only
     """A duration such as 90, 90s, 5m, 1h or 7d, as seconds."""
 
     name = "duration"

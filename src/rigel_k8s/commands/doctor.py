@@ -8,6 +8,7 @@ import attrs
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.objects.facts import is_default_class, is_ready
 from rigel_k8s.settings import Settings
 
 __all__ = ["Finding", "examine"]
@@ -78,8 +79,7 @@ def nodes(cluster: Cluster) -> Finding:
     ready: list[str] = []
     other: list[str] = []
     for node in cluster.nodes():
-        conditions = {c["type"]: c["status"] for c in node["status"].get("conditions", [])}
-        names = ready if conditions.get("Ready") == "True" else other
+        names = ready if is_ready(node) else other
         names.append(node["metadata"]["name"])
     found = f"{len(ready)} ready" + (f", not ready: {', '.join(other)}" if other else "")
     return Finding("nodes", ok=bool(ready), found=found, hint="kubectl describe node NAME")
@@ -87,13 +87,8 @@ def nodes(cluster: Cluster) -> Finding:
 
 def storage(cluster: Cluster) -> Finding:
     """Tell the default StorageClass; without one, claims need a storage_class or host_path."""
-    key = "storageclass.kubernetes.io/is-default-class"
     classes = cluster.list("storage.k8s.io/v1", "StorageClass")
-    default = [
-        c["metadata"]["name"]
-        for c in classes
-        if c["metadata"].get("annotations", {}).get(key) == "true"
-    ]
+    default = [one["metadata"]["name"] for one in classes if is_default_class(one)]
     found = f"default class {default[0]}" if default else "no default StorageClass"
     hint = "give each volume a storage_class or a host_path"
     return Finding("storage", ok=bool(default), found=found, hint=hint)

@@ -11,6 +11,7 @@ import attrs
 from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import Cluster
+from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
 from rigel_k8s.objects.pods import SCRIPTS_PATH
@@ -68,7 +69,6 @@ def pod_of(item: dict[str, Any]) -> Pod:
     notes = meta.get("annotations") or {}
     workload = (meta.get("labels") or {}).get(NAME_LABEL, "")
     ros_name = notes.get(ROS_NAME_ANNOTATION, "")
-    conditions = {c["type"]: c["status"] for c in status.get("conditions") or []}
     container = item["spec"]["containers"][0]
     mounts = [mount["mountPath"] for mount in container.get("volumeMounts") or []]
     known = {meta["name"], workload, notes.get(NODE_ANNOTATION, ""), ros_name, ros_name[1:]}
@@ -79,9 +79,9 @@ def pod_of(item: dict[str, Any]) -> Pod:
         aliases=frozenset(known - {""}),
         container=container["name"],
         scripts=SCRIPTS_PATH in mounts,
-        phase="Terminating" if meta.get("deletionTimestamp") else status.get("phase", "Unknown"),
+        phase="Terminating" if is_ending(item) else status.get("phase", "Unknown"),
         created=meta.get("creationTimestamp", ""),
-        ready=conditions.get("Ready") == "True",
+        ready=is_ready(item),
         ros_name=ros_name,
         machine=item["spec"].get("nodeName", ""),
         restarts=restarts_of(status, container["name"]),

@@ -14,7 +14,7 @@ import attrs
 from rigel_k8s.commands.pods import Pod
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster, ObjectRef
-from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.observability.reading.prometheus import Prometheus, Sample, matchers
 from rigel_k8s.observability.reading.stack import NoStack, why_not
 
@@ -94,7 +94,7 @@ def used(
 
 def refused(name: str, error: NoStack | ClusterError) -> str:
     """Return why one was not asked."""
-    if isinstance(error, Refusal) and error.status == 403 and name != "Prometheus":
+    if isinstance(error, Forbidden) and name != "Prometheus":
         return f"you may not ask {name}"
     return why_not(name, error)
 

@@ -21,6 +21,7 @@ from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.graph.members import Member
 from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.modes.peers import peer_name
 
 __all__ = ["ANNOUNCERS", "LISTEN", "Seen", "commands", "look"]
@@ -231,7 +232,7 @@ class Run:
 
 def reason(error: ClusterError) -> str:
     """Return why a command could not be run, in few words."""
-    if getattr(error, "status", 0) == 403:
+    if isinstance(error, Forbidden):
         return "looking into pods is not allowed here (the right `create pods/exec`)"
     if "executable file not found" in error.message or "no such file" in error.message:
         return "its image has no python3, so nothing can look from inside it"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import os
 import re
 import warnings
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ import attrs
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.credentials import Credentials, is_loopback, is_private
+from rigel_k8s.proxy import environment_proxy
 
 if TYPE_CHECKING:
     import urllib3
@@ -253,12 +255,8 @@ def _encrypts(host: str, timeout: float) -> bool:
 
 def _proxy_of(url: str) -> str | None:
     """Return the environment's proxy for a URL, None for none."""
-    from urllib.request import getproxies, proxy_bypass
-
     parts = urlsplit(url)
-    if is_loopback(parts.netloc) or proxy_bypass(parts.hostname or ""):
-        return None
-    return getproxies().get(parts.scheme)
+    return None if is_loopback(parts.netloc) else environment_proxy(parts, os.environ) or None
 
 
 def _pool(url: str, timeout: float, *, verify: bool) -> urllib3.PoolManager:

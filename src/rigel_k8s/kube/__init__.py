@@ -1,9 +1,7 @@
 """The Kubernetes API on plain dicts; the one room that speaks HTTP to a cluster.
 
-It knows neither releases nor Rigelfiles nor ROS. A client of our own on the standard library, since
-importing the official one costs a second, which is five times what kubectl needs for a whole
-unchanged apply; the official package is imported only for kubeconfigs with an `auth-provider`.
-Importing this package is free: HTTP and TLS are imported when a cluster is touched.
+It knows neither releases nor Rigelfiles nor ROS. Importing this package is free: HTTP and TLS are
+imported when a cluster is touched. docs/architecture.md says why the client is our own.
 """
 
 from __future__ import annotations

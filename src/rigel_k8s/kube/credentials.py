@@ -12,12 +12,15 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
-from rigel_k8s.errors import ClusterError
+import attrs
+
+from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.target import Credentials, Headers
 
 __all__ = ["file_credentials", "user_credentials"]
@@ -25,27 +28,42 @@ __all__ = ["file_credentials", "user_credentials"]
 RENEW = 60.0  # seconds after which a token file is read again, as client-go does
 EARLY = 30.0  # seconds before its expiry that a credential counts as expired
 PLUGIN_TIMEOUT = 120.0
+HEADER_LETTERS = "!#$&'*+^`|"  # what a header's name may have besides letters, digits and -._~
 
 InlineOrFile = Callable[[Mapping[str, Any], str], str]
 
 
 def user_credentials(
-    user: Mapping[str, Any],
-    cluster: Mapping[str, Any],
-    context: str,
-    files: Sequence[Path],
-    text: InlineOrFile,
+    user: Mapping[str, Any], cluster: Mapping[str, Any], context: str, text: InlineOrFile
 ) -> Credentials:
-    """Return the credentials of a kubeconfig's user.
+    """Return the credentials of a kubeconfig's user, with the impersonation that it asks for.
 
     Args:
-        files: the kubeconfig's files, for what only the official package reads.
         text: reads a value that stands inline or in a file.
+
+    Raises:
+        UserError: the user has an `auth-provider`.
+        ClusterError: a credential program gives no credentials.
     """
+    own = own_credentials(user, cluster, context, text)
+    laid_over = impersonation(user)
+    if not laid_over:
+        return own
+    return attrs.evolve(own, headers=lambda *, fresh: [*laid_over, *own.headers(fresh=fresh)])
+
+
+def own_credentials(
+    user: Mapping[str, Any], cluster: Mapping[str, Any], context: str, text: InlineOrFile
+) -> Credentials:
+    """Return who the user is before any impersonation."""
     if user.get("exec"):
         return plugin_credentials(user["exec"], cluster, context)
     if user.get("auth-provider"):
-        return official_credentials(context, files)
+        raise UserError(
+            f"context {context}: its user logs in with an `auth-provider`, which rigel does not "
+            "support",
+            hint="use a credential plugin (`exec`) in the kubeconfig, such as kubelogin for OIDC",
+        )
     headers = user_headers(user)
     return Credentials(text(user, "client-certificate"), text(user, "client-key"), headers)
 
@@ -54,19 +72,22 @@ def user_headers(user: Mapping[str, Any]) -> Callable[..., Headers]:
     """Return what makes the headers of a user without a credential program."""
     if user.get("tokenFile"):
         return file_credentials(Path(user["tokenFile"])).headers
-    fixed = impersonation(user)
+    fixed: Headers = ()
     if user.get("token"):
-        fixed.append(("Authorization", f"Bearer {user['token']}"))
+        fixed = bearer(user["token"])
     elif user.get("username"):
         pair = f"{user['username']}:{user.get('password', '')}".encode()
-        fixed.append(("Authorization", f"Basic {base64.b64encode(pair).decode()}"))
+        fixed = [("Authorization", f"Basic {base64.b64encode(pair).decode()}")]
     return lambda *, fresh: fixed
 
 
 def impersonation(user: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the headers of `as`, `as-uid` and `as-groups`."""
+    """Return the headers of `as`, `as-uid`, `as-groups` and `as-user-extra`."""
     headers = [("Impersonate-User", user.get("as")), ("Impersonate-Uid", user.get("as-uid"))]
     headers += [("Impersonate-Group", group) for group in user.get("as-groups") or []]
+    for key, values in (user.get("as-user-extra") or {}).items():
+        name = f"Impersonate-Extra-{quote(key, safe=HEADER_LETTERS)}"
+        headers += [(name, value) for value in values]
     return [(name, str(value)) for name, value in headers if value]
 
 
@@ -130,9 +151,9 @@ def run_plugin(
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
         reason = f"{type(error).__name__}: {getattr(error, 'strerror', None) or 'see below'}"
         raise plugin_failed(command[0], context, reason, plugin) from error
-    if done.returncode != 0 or not (answer.get("status") or {}):
+    status = answer.get("status") if isinstance(answer, dict) else None
+    if not isinstance(status, dict) or not status:
         raise plugin_failed(command[0], context, done.stderr.decode("utf-8", "replace"), plugin)
-    status: Mapping[str, Any] = answer["status"]
     return status
 
 
@@ -162,19 +183,3 @@ def plugin_failed(
         hint=plugin.get("installHint") or f"run {command} yourself to see what it wants",
         details=output.strip().splitlines()[-10:],
     )
-
-
-def official_credentials(context: str, files: Sequence[Path]) -> Credentials:
-    """Return the credentials of an `auth-provider`, which the official package still knows."""
-    from kubernetes import config as official
-
-    configuration = official.kube_config.Configuration()
-    official.load_kube_config(
-        os.pathsep.join(map(str, files)), context, client_configuration=configuration
-    )
-
-    def headers(*, fresh: bool) -> Headers:
-        del fresh
-        return [("Authorization", configuration.get_api_key_with_prefix("authorization") or "")]
-
-    return Credentials(headers=headers)

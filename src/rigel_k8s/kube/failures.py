@@ -10,7 +10,16 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
 
-__all__ = ["Cause", "Conflict", "FieldConflict", "Missing", "Refusal", "refusal", "unreachable"]
+__all__ = [
+    "Cause",
+    "Conflict",
+    "FieldConflict",
+    "Forbidden",
+    "Missing",
+    "Refusal",
+    "refusal",
+    "unreachable",
+]
 
 CONFLICT = 'conflict with "'
 LOGIN = "the credentials of context {context} are missing or have expired: log in again"
@@ -52,6 +61,12 @@ class Missing(Refusal, NotFoundError):
     """The object, its namespace or its kind is not there."""
 
 
+class Forbidden(Refusal):
+    """We lack the right, or what an object asks for is not allowed (a quota, say)."""
+
+    status = 403
+
+
 class Conflict(Refusal, ConflictError):
     """The object was changed meanwhile, exists already, or has fields of another manager.
 
@@ -71,7 +86,7 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
     """
     answer = kubernetes_status(body)
     message = str(answer.get("message") or f"HTTP status {status}")
-    kind = {404: Missing, 409: Conflict}.get(status, Refusal)
+    kind = {403: Forbidden, 404: Missing, 409: Conflict}.get(status, Refusal)
     error = kind(f"cannot {what}: {message}", hint=hint(status, context, server))
     error.status, error.reason = status, str(answer.get("reason") or "")
     error.causes = tuple(causes(answer))

@@ -1,7 +1,6 @@
 """Which cluster is meant: kubeconfig files, or the pod that we run in.
 
-Reads what kubectl reads. Only an `auth-provider`, which Kubernetes itself has dropped, is left to
-the official package.
+Reads what kubectl reads, except an `auth-provider`: credential programs have replaced it.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ def load(
             return in_cluster(environ, service_account)
         looked = ", ".join(str(file) for file in files)
         raise UserError(f"no cluster is configured (looked at {looked})", hint=NO_CLUSTER)
-    return from_context(config, chosen(config, context, files), files)
+    return from_context(config, chosen(config, context, files))
 
 
 def candidates(path: Path | None, environ: Mapping[str, str]) -> list[Path]:
@@ -118,7 +117,7 @@ def chosen(config: Mapping[str, Any], context: str | None, files: Sequence[Path]
     return name
 
 
-def from_context(config: Mapping[str, Any], name: str, files: Sequence[Path]) -> Target:
+def from_context(config: Mapping[str, Any], name: str) -> Target:
     """Return the target of one context."""
     context = config["contexts"][name]
     cluster = config["clusters"].get(context.get("cluster"))
@@ -136,7 +135,7 @@ def from_context(config: Mapping[str, Any], name: str, files: Sequence[Path]) ->
         insecure=bool(cluster.get("insecure-skip-tls-verify")),
         server_name=cluster.get("tls-server-name") or "",
         proxy=cluster.get("proxy-url") or "",
-        credentials=partial(user_credentials, user, cluster, name, files, inline_or_file),
+        credentials=partial(user_credentials, user, cluster, name, inline_or_file),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
@@ -30,32 +31,14 @@ def parallel(function: Callable[[T], R], items: Iterable[T], *, width: int = WID
     todo = list(items)
     if len(todo) < 2:
         return [function(item) for item in todo]
-    results: list[R | None] = [None] * len(todo)
-    errors: list[BaseException | None] = [None] * len(todo)
-    numbers = iter(range(len(todo)))
-    lock = threading.Lock()
-
-    def work() -> None:
-        while True:
-            with lock:
-                number = next(numbers, None)
-            if number is None:
-                return
-            try:
-                results[number] = function(todo[number])
-            except BaseException as error:  # raised below, in the caller's thread
-                errors[number] = error
-
-    helpers = [threading.Thread(target=work) for _ in range(min(width, len(todo)) - 1)]
-    for helper in helpers:
-        helper.start()
-    work()
-    for helper in helpers:
-        helper.join()
-    for error in errors:
-        if error is not None:
-            raise error
-    return results  # type: ignore[return-value]  # all are set where no error is
+    with ThreadPoolExecutor(min(width, len(todo))) as pool:
+        futures = [pool.submit(function, item) for item in todo]
+        try:
+            wait(futures)
+        except BaseException:  # interrupted: nothing else is begun
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [future.result() for future in futures]
 
 
 @contextmanager

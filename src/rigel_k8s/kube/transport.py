@@ -1,32 +1,33 @@
-"""HTTP to one API server: kept-open connections, TLS, proxies, streams, careful retries.
+"""HTTP to one API server, on urllib3: its pool for requests, a connection of its own for a stream.
 
-It knows bytes and headers, not what Kubernetes means by them. Connections are kept open and shared
-by the threads; a stream (watch, logs, a websocket) takes one out for itself.
+It knows bytes and headers, not what Kubernetes means by them. Threads share the pool; a stream
+(watch, logs, a websocket) has its connection to itself, so that another thread can end it.
 """
 
 from __future__ import annotations
 
 import http.client
 import os
-import select
 import socket
 import ssl
 import tempfile
 import threading
 import time
-from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from email.message import Message
 from pathlib import Path
-from urllib.parse import SplitResult, urlsplit
+from typing import Any
+from urllib.parse import SplitResult, unquote, urlsplit
 
 import attrs
+import urllib3
+from urllib3.connection import HTTPConnection, HTTPSConnection
+from urllib3.exceptions import HTTPError, InsecureRequestWarning
 
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.failures import unreachable
-from rigel_k8s.kube.proxy import proxy_for
 from rigel_k8s.kube.target import Credentials, Target
+from rigel_k8s.proxy import proxy_for
 
 __all__ = ["Answer", "Stream", "Transport"]
 
@@ -34,7 +35,15 @@ CONNECT_TIMEOUT = 10.0
 READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds
 RETRIES = 5  # of what the server asks to send again
 RETRY_BUDGET = 30.0  # seconds that one request may spend waiting to be sent again
-BROKEN = (http.client.HTTPException, OSError)
+BLOCK = 32 * 1024
+BROKEN = (HTTPError, http.client.HTTPException, OSError)
+# The kernel notices a peer that is gone while a stream is silent.
+ALIVE: list[tuple[int, int, int]] = [(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)]
+if hasattr(socket, "TCP_KEEPIDLE"):
+    ALIVE += [
+        (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30),
+        (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10),
+    ]
 
 
 @attrs.frozen
@@ -42,26 +51,37 @@ class Answer:
     """A whole answer."""
 
     status: int
-    headers: Message
+    headers: Mapping[str, str]
     body: bytes
 
 
 class Stream:
-    """An answer that goes on: read its lines, abort it from any thread."""
+    """An answer that goes on: read its lines, abort it from any thread.
+
+    Attributes:
+        aborted: we have ended it.
+        ended: the server has ended it, after its last byte.
+    """
 
     def __init__(
-        self,
-        connection: http.client.HTTPConnection,
-        response: http.client.HTTPResponse,
-        sock: socket.socket,
+        self, connection: HTTPConnection, response: urllib3.BaseHTTPResponse, sock: socket.socket
     ):
         self.connection, self.response, self.socket = connection, response, sock
+        self.aborted = self.ended = False
 
     def lines(self) -> Iterator[bytes]:
         """Yield lines without their end until the server or `abort` ends the stream."""
+        rest = b""
         try:
-            while line := self.response.readline():
-                yield line.rstrip(b"\r\n")
+            while block := self.response.read1(BLOCK):
+                *whole, rest = (rest + block).split(b"\n")
+                for line in whole:
+                    if self.aborted:
+                        return
+                    yield line.rstrip(b"\r")
+            self.ended = not self.aborted
+            if rest and self.ended:
+                yield rest
         except (*BROKEN, ValueError, AttributeError):
             return  # aborted, or the connection broke: the caller knows what was still to come
         finally:
@@ -69,25 +89,10 @@ class Stream:
 
     def abort(self) -> None:
         """End the stream; a thread that reads it returns."""
+        self.aborted = True
         with suppress(OSError):
             self.socket.shutdown(socket.SHUT_RDWR)
         self.connection.close()
-
-
-class TLSConnection(http.client.HTTPSConnection):
-    """A connection whose certificate may be for another name than the URL's."""
-
-    def __init__(
-        self, host: str, port: int, *, context: ssl.SSLContext, server_name: str, timeout: float
-    ):
-        super().__init__(host, port, context=context, timeout=timeout)
-        self.tls, self.server_name = context, server_name
-
-    def connect(self) -> None:
-        """Connect, through the proxy where there is one, and speak TLS."""
-        http.client.HTTPConnection.connect(self)
-        keep_alive(self.sock)
-        self.sock = self.tls.wrap_socket(self.sock, server_hostname=self.server_name)
 
 
 class Transport:
@@ -99,14 +104,12 @@ class Transport:
         if self.url.scheme not in ("http", "https") or not self.url.hostname:
             raise UserError(f"context {target.context}: {target.server!r} is no URL of a server")
         self.proxy = proxy_for(target.proxy, self.url, os.environ)
-        self.idle: deque[http.client.HTTPConnection] = deque()
         self.lock = threading.Lock()
         self.known: Credentials | None = None
         self.tls: ssl.SSLContext | None = None
-
-    def __del__(self) -> None:
-        if hasattr(self, "lock"):  # a target that makes no sense leaves a half-made object
-            self.close()
+        self.kept: urllib3.PoolManager | None = None
+        if target.insecure:
+            urllib3.disable_warnings(InsecureRequestWarning)  # the kubeconfig asks for it
 
     def request(
         self,
@@ -128,11 +131,23 @@ class Transport:
         Raises:
             ClusterError: there is no answer.
         """
-        headers = {"Accept": accept, **({"Content-Type": media} if media else {})}
-        safe = method == "GET" if safe is None else safe
+        own = {"Accept": accept, **({"Content-Type": media} if media else {})}
+        # A request whose answer is lost goes out a second time only where that is harmless.
+        losses = urllib3.Retry(
+            int(method == "GET" if safe is None else safe),
+            allowed_methods=None,
+            respect_retry_after_header=False,
+        )
         deadline, attempt, fresh = time.monotonic() + RETRY_BUDGET, 0, False
         while True:
-            answer = self.once(method, path, what, body, headers, safe=safe, fresh=fresh)
+            headers, url = self.headers(own, fresh=fresh), self.target.server + path
+            try:
+                response = self.pool().urlopen(
+                    method, url, body=body, headers=headers, retries=losses, redirect=False
+                )
+            except BROKEN as error:
+                raise self.unreachable(what, error) from error
+            answer = Answer(response.status, response.headers, response.data)
             pause = retry_after(answer, attempt)
             if answer.status == 401 and not fresh:
                 fresh = True
@@ -142,46 +157,25 @@ class Transport:
                 time.sleep(pause)
             attempt += 1
 
-    def once(
-        self,
-        method: str,
-        path: str,
-        what: str,
-        body: bytes | None,
-        headers: Mapping[str, str],
-        *,
-        safe: bool,
-        fresh: bool,
-    ) -> Answer:
-        """Send a request; again on a new connection where a kept one turns out to be dead."""
-        for last in (False, True):
-            connection, reused = self.take(new=last)
-            try:
-                self.send(connection, method, path, body, headers, fresh=fresh)
-                response = connection.getresponse()
-                answer = Answer(response.status, response.headers, response.read())
-            except BROKEN as error:
-                connection.close()
-                if last or not (safe or (reused and method != "POST")):
-                    raise self.unreachable(what, error) from error
-                continue
-            self.give_back(connection, response)
-            return answer
-        raise AssertionError("the second attempt returns or raises")
-
-    def stream(self, path: str, what: str, *, timeout: float | None) -> Stream | Answer:
+    def stream(
+        self, path: str, what: str, *, timeout: float | None, patience: float = READ_TIMEOUT
+    ) -> Stream | Answer:
         """Send a GET whose answer goes on; an answer that is an error comes as a whole.
 
         Args:
             timeout: seconds without a byte after which the stream counts as broken; None: never.
+            patience: seconds until the answer begins.
         """
-        connection, _ = self.take(new=True)
+        headers = self.headers({"Accept": "application/json"})
+        connection = self.connected(what)
+        sock = connection.sock
         try:
-            self.send(connection, "GET", path, None, {"Accept": "application/json"}, fresh=False)
-            sock = connection.sock
+            sock.settimeout(patience)
+            connection.timeout = patience  # or the answer's beginning would be waited for as long
+            connection.request("GET", self.url.path + path, headers=headers, preload_content=False)
             response = connection.getresponse()
             if response.status >= 400:
-                answer = Answer(response.status, response.headers, response.read())
+                answer = Answer(response.status, response.headers, response.data)
                 connection.close()
                 return answer
         except BROKEN as error:
@@ -192,30 +186,26 @@ class Transport:
 
     def goes_on(self, path: str, seconds: float) -> bool:
         """Whether the answer to a GET has not ended within some seconds; what is none has not."""
-        connection, _ = self.take(new=True)
+        deadline = time.monotonic() + seconds
         try:
-            self.send(connection, "GET", path, None, {}, fresh=False)
-            deadline, sock = time.monotonic() + seconds, connection.sock
-            sock.settimeout(seconds)
-            response = connection.getresponse()
-            while response.status < 400 and (left := deadline - time.monotonic()) > 0:
-                sock.settimeout(left)
-                if not response.read1():
-                    return False
-        except BROKEN:  # the time is over, or there is no connection
+            opened = self.stream(path, "follow an answer", timeout=seconds, patience=seconds)
+        except ClusterError:
             return True
-        finally:
-            connection.close()
-        return True
+        if isinstance(opened, Answer):
+            return True
+        timer = threading.Timer(deadline - time.monotonic(), opened.abort)
+        timer.daemon = True
+        timer.start()
+        for _ in opened.lines():
+            pass
+        timer.cancel()
+        return not opened.ended
 
     def open_socket(self, what: str) -> socket.socket:
         """Return a connected socket (with TLS) for a protocol of its own."""
-        connection, _ = self.take(new=True)
-        try:
-            connection.connect()
-        except BROKEN as error:
-            raise self.unreachable(what, error) from error
-        return connection.sock
+        sock = self.connected(what).sock
+        sock.settimeout(READ_TIMEOUT)
+        return sock
 
     def authorization(self, *, fresh: bool = False) -> list[tuple[str, str]]:
         """Return the headers that say who we are; a credential program runs in one thread only."""
@@ -225,66 +215,54 @@ class Transport:
 
     def close(self) -> None:
         """Close what is kept open."""
+        if self.kept:
+            self.kept.clear()
+
+    def headers(self, own: Mapping[str, str], *, fresh: bool = False) -> urllib3.HTTPHeaderDict:
+        """Return a request's headers; those that say who we are may repeat a name."""
+        whole = urllib3.HTTPHeaderDict({**own, "User-Agent": "rigel"})
+        for name, value in self.authorization(fresh=fresh):
+            whole.add(name, value)
+        return whole
+
+    def pool(self) -> urllib3.PoolManager:
+        """Return the connections that are kept for requests."""
+        options = self.options()
         with self.lock:
-            while self.idle:
-                self.idle.pop().close()
+            if self.kept is None:
+                options["timeout"] = urllib3.Timeout(connect=CONNECT_TIMEOUT, read=READ_TIMEOUT)
+                options["maxsize"] = 16  # kept; more than that may be open
+                self.kept = (
+                    urllib3.ProxyManager(
+                        self.proxy.geturl(), proxy_headers=proxy_headers(self.proxy), **options
+                    )
+                    if self.proxy
+                    else urllib3.PoolManager(**options)
+                )
+            return self.kept
 
-    def send(
-        self,
-        connection: http.client.HTTPConnection,
-        method: str,
-        path: str,
-        body: bytes | None,
-        headers: Mapping[str, str],
-        *,
-        fresh: bool,
-    ) -> None:
-        """Write one request."""
-        connection.putrequest(method, self.url.path + path, skip_accept_encoding=True)
-        for name, value in [*headers.items(), *self.authorization(fresh=fresh)]:
-            connection.putheader(name, value)
-        connection.putheader("User-Agent", "rigel")
-        if body is not None:
-            connection.putheader("Content-Length", str(len(body)))
-        connection.endheaders(body)
-
-    def take(self, *, new: bool) -> tuple[http.client.HTTPConnection, bool]:
-        """Return a connection, and whether it was in use before."""
-        with self.lock:
-            while not new and self.idle:
-                kept = self.idle.pop()
-                if not is_closed(kept):
-                    return kept, True
-                kept.close()
-        return self.connection(), False
-
-    def give_back(
-        self, connection: http.client.HTTPConnection, response: http.client.HTTPResponse
-    ) -> None:
-        """Keep a connection for the next request."""
-        if response.will_close:
-            connection.close()
-            return
-        with self.lock:
-            self.idle.append(connection)
-
-    def connection(self) -> http.client.HTTPConnection:
-        """Return a new connection, not yet connected."""
-        host, port = self.url.hostname or "", self.url.port or default_port(self.url)
+    def connected(self, what: str) -> HTTPConnection:
+        """Return a connection that belongs to the caller."""
+        kind = HTTPSConnection if self.url.scheme == "https" else HTTPConnection
+        host, port = self.url.hostname or "", self.url.port or kind.default_port
         through = (self.proxy.hostname or "", self.proxy.port or 80) if self.proxy else (host, port)
-        made: http.client.HTTPConnection
-        if self.url.scheme == "http":
-            made = http.client.HTTPConnection(*through, timeout=READ_TIMEOUT)
-        else:
-            made = TLSConnection(
-                *through,
-                context=self.context(),
-                server_name=self.target.server_name or host,
-                timeout=READ_TIMEOUT,
-            )
+        connection = kind(*through, timeout=CONNECT_TIMEOUT, **self.options())
         if self.proxy:
-            made.set_tunnel(host, port, headers=proxy_headers(self.proxy))
-        return made
+            connection.set_tunnel(host, port, headers=proxy_headers(self.proxy))
+        try:
+            connection.connect()
+        except BROKEN as error:
+            connection.close()
+            raise self.unreachable(what, error) from error
+        return connection
+
+    def options(self) -> dict[str, Any]:
+        """Return what each connection gets."""
+        own: dict[str, Any] = {"socket_options": [*HTTPConnection.default_socket_options, *ALIVE]}
+        if self.url.scheme == "https":
+            own["ssl_context"] = self.context()
+            own["server_hostname"] = self.target.server_name or None
+        return own
 
     def credentials(self) -> Credentials:
         """Return who we are, found out once (a credential program may ask its user)."""
@@ -303,21 +281,19 @@ class Transport:
 
     def unreachable(self, what: str, error: BaseException) -> Exception:
         """Return the error for a server that gave no answer."""
-        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        if isinstance(error, ssl.SSLCertVerificationError):
-            reason = f"its certificate is not trusted: {error.verify_message}"
+        cause = cause_of(error)
+        reason = getattr(cause, "strerror", None) or str(cause) or type(cause).__name__
+        if isinstance(cause, ssl.SSLCertVerificationError):
+            reason = f"its certificate is not trusted: {cause.verify_message}"
         target = self.target
         return unreachable(what, reason, context=target.context, server=target.server)
 
 
-def is_closed(connection: http.client.HTTPConnection) -> bool:
-    """Whether the server has closed a connection that waits: it has nothing else to say there.
-
-    API servers close what was idle for 90 s; a POST that meets that cannot be sent again safely.
-    """
-    poll = select.poll()
-    poll.register(connection.sock, select.POLLIN)
-    return bool(poll.poll(0))
+def cause_of(error: BaseException) -> BaseException:
+    """Return the innermost error: urllib3 wraps it in words about its own pools and retries."""
+    inner = (getattr(error, "reason", None), *reversed(error.args), error.__cause__)
+    found = next((one for one in inner if isinstance(one, BaseException)), None)
+    return error if found is None else cause_of(found)
 
 
 def tls_context(target: Target, credentials: Credentials) -> ssl.SSLContext:
@@ -345,14 +321,6 @@ def load_certificate(context: ssl.SSLContext, credentials: Credentials) -> None:
         context.load_cert_chain(pem)
 
 
-def keep_alive(sock: socket.socket) -> None:
-    """Let the kernel notice a peer that is gone while a stream is silent."""
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    if hasattr(socket, "TCP_KEEPIDLE"):
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30)
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10)
-
-
 def retry_after(answer: Answer, attempt: int) -> float | None:
     """Return the seconds after which the server wants the request again, None where it does not."""
     header = answer.headers.get("Retry-After")
@@ -361,17 +329,9 @@ def retry_after(answer: Answer, attempt: int) -> float | None:
     return float(header) if header.isdigit() else 1.0
 
 
-def default_port(url: SplitResult) -> int:
-    """Return the port of a URL that names none."""
-    return 443 if url.scheme == "https" else 80
-
-
 def proxy_headers(proxy: SplitResult) -> dict[str, str]:
     """Return the headers that a proxy with a user and password wants."""
     if not proxy.username:
         return {}
-    import base64
-    from urllib.parse import unquote
-
-    pair = f"{unquote(proxy.username)}:{unquote(proxy.password or '')}".encode()
-    return {"Proxy-Authorization": f"Basic {base64.b64encode(pair).decode()}"}
+    pair = f"{unquote(proxy.username)}:{unquote(proxy.password or '')}"
+    return dict(urllib3.make_headers(proxy_basic_auth=pair))

@@ -106,7 +106,5 @@ def connect(client: Client, path: str, what: str, protocols: Sequence[str]) -> W
 
 def refused(error: Any) -> Answer:
     """Return the answer that a server gave instead of a websocket."""
-    from email.message import Message
-
     body = error.resp_body or b""
-    return Answer(error.status_code, Message(), body if isinstance(body, bytes) else body.encode())
+    return Answer(error.status_code, {}, body if isinstance(body, bytes) else body.encode())

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 
 import attrs
 
-from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
+from rigel_k8s.errors import RolloutFailed, UserError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.network.multus.installation import is_up
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.desired import DesiredStack, desired_stack
@@ -53,9 +54,7 @@ def ensure(cluster: Cluster, request: StackRequest, options: DeployOptions) -> N
     """
     try:
         done = install(cluster, request, options)
-    except ClusterError as error:
-        if getattr(error, "status", 0) != 403:
-            raise
+    except Forbidden as error:
         options.report.warn(
             f"{error.message}: the observability stack is left as it is; {error.hint}"
         )
@@ -70,16 +69,15 @@ def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> 
     Raises:
         UserError: it contradicts what others have said, or wants an operator that is not there.
         RolloutFailed, ConflictError, Refused: as deploy.
-        ClusterError: we may not do it.
+        Forbidden: we may not do it.
         Interrupted: the job was cancelled.
     """
     try:
         asked = desired_stack(request, cluster)
         _check_operator(asked, cluster)
         return _installed(asked, cluster, options, request.password)
-    except ClusterError as error:
-        if getattr(error, "status", 0) == 403:
-            error.hint = "an administrator installs it once, for all, with a job `observability`"
+    except Forbidden as error:
+        error.hint = "an administrator installs it once, for all, with a job `observability`"
         raise
 
 
@@ -116,7 +114,7 @@ def _installed(
         ensure_administrator(cluster, asked.release.namespace, password)
     if last is not None and not plan.changes and last.options == asked.desired.options:
         return Installed(asked, last, changed=False)
-    away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_up(n))
+    away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_ready(n))
     for name in away:
         options.report.warn(f"node {name} is not ready: it is not waited for")
     revision = _deployed(asked, cluster, options, away=bool(away))
@@ -148,12 +146,10 @@ def _deployed(
 
 def _unready(cluster: Cluster, release: ReleaseId, cancel: threading.Event | None) -> Iterator[str]:
     """Yield the names of the stack's pods that are not ready on machines that are up."""
-    up = {node["metadata"]["name"] for node in cluster.nodes() if is_up(node)}
+    up = {node["metadata"]["name"] for node in cluster.nodes() if is_ready(node)}
     pods = cluster.list("v1", "Pod", release.namespace, labels={RELEASE_LABEL: release.name})
     for pod in pods:
-        conditions = pod.get("status", {}).get("conditions", [])
-        ready = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
-        if not ready and pod["spec"].get("nodeName") in {*up, None}:
+        if not is_ready(pod) and pod["spec"].get("nodeName") in {*up, None}:
             yield str(pod["metadata"]["name"])
 
 

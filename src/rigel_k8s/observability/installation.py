@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.facts import is_default_class
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION
 
 __all__ = ["api_servers", "gives_storage", "installed_in"]
-
-DEFAULT_CLASS = "storageclass.kubernetes.io/is-default-class"
 
 
 def installed_in(cluster: Cluster) -> str | None:
@@ -27,7 +26,7 @@ def installed_in(cluster: Cluster) -> str | None:
 def gives_storage(cluster: Cluster) -> bool:
     """Return whether a claim that names no StorageClass gets a volume."""
     classes = cluster.list("storage.k8s.io/v1", "StorageClass")
-    return any(_annotations(one).get(DEFAULT_CLASS) == "true" for one in classes)
+    return any(is_default_class(one) for one in classes)
 
 
 def api_servers(cluster: Cluster) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.objects.facts import find_condition, is_met
 from rigel_k8s.objects.refs import Manifest
 
 __all__ = ["UNSEEN", "Readiness", "readiness"]
@@ -108,9 +109,9 @@ def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     """Return how far a Job is."""
     wanted = int(spec.get("completions") or 1)
     done = int(status.get("succeeded", 0))
-    if met(status, "Failed"):
-        return bad(f"failed: {condition(status, 'Failed').get('message', '')}")
-    if met(status, "Complete"):
+    if is_met(status, "Failed"):
+        return bad(f"failed: {find_condition(status, 'Failed').get('message', '')}")
+    if is_met(status, "Complete"):
         return good("complete", done, wanted)
     if spec.get("suspend"):
         return good("suspended", 0, 0)
@@ -124,7 +125,7 @@ def pod(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
         return bad(f"failed: {status.get('message') or status.get('reason') or 'see its log'}")
     if phase == "Succeeded":
         return good("ended well", 1, 1)
-    if met(status, "Ready"):
+    if is_met(status, "Ready"):
         return good("ready", 1, 1)
     return going(f"{phase}, not ready", 0, 1)
 
@@ -151,7 +152,7 @@ def volume(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
 
 def definition(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     """Return whether a CustomResourceDefinition is served."""
-    return good("served") if met(status, "Established") else going("not served yet")
+    return good("served") if is_met(status, "Established") else going("not served yet")
 
 
 def namespace(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
@@ -167,24 +168,10 @@ def at_once(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
 def by_conditions(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     """Return what the conditions of a kind that we do not know say; none say nothing."""
     for kind in ("Ready", "Available"):
-        found = condition(status, kind)
+        found = find_condition(status, kind)
         if found.get("status") == "False":
             return going(f"not {kind.lower()}: {found.get('message') or found.get('reason', '')}")
     return good("there")
-
-
-def condition(status: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
-    """Return a status condition, empty where there is none."""
-    for entry in status.get("conditions") or []:
-        if entry.get("type") == kind:
-            found: Mapping[str, Any] = entry
-            return found
-    return {}
-
-
-def met(status: Mapping[str, Any], kind: str) -> bool:
-    """Whether a condition is true."""
-    return condition(status, kind).get("status") == "True"
 
 
 KINDS: Mapping[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Readiness]] = {

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import revisions
@@ -86,9 +86,7 @@ def find(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:
     def listed(kind: tuple[str, str]) -> None:
         try:
             there = cluster.list(*kind, release.namespace, labels={RELEASE_LABEL: release.name})
-        except Refusal as error:
-            if error.status != 403:  # what we may not see we have not made
-                raise
+        except Forbidden:  # what we may not see we have not made
             return
         found.update({ref_of(o): o for o in there if belongs(o, release) and is_applied(o)})
 

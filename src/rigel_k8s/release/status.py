@@ -9,6 +9,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
@@ -169,18 +170,14 @@ def of_workload(
 def of_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
     """Return the state of one pod."""
     meta, state = pod["metadata"], pod.get("status") or {}
-    ready = any(
-        c.get("type") == "Ready" and c.get("status") == "True"
-        for c in state.get("conditions") or []
-    )
     return PodStatus(
         meta["name"],
         (pod.get("spec") or {}).get("nodeName", ""),
         state.get("podIP", ""),
-        "Terminating" if meta.get("deletionTimestamp") else state.get("phase", "Unknown"),
-        ready,
+        "Terminating" if is_ending(pod) else state.get("phase", "Unknown"),
+        is_ready(pod),
         sum(int(c.get("restartCount", 0)) for c in containers(state)),
-        "" if ready else why(pod, events),
+        "" if is_ready(pod) else why(pod, events),
         meta.get("creationTimestamp", ""),
         next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
     )

@@ -10,13 +10,14 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.errors import ClusterError, Interrupted
+from rigel_k8s.errors import Interrupted
 from rigel_k8s.graph import check as graphs
 from rigel_k8s.graph import looks as graph_looks
 from rigel_k8s.graph.findings import Graph, graph
 from rigel_k8s.graph.looks import ANNOUNCERS, Seen, commands, look
 from rigel_k8s.graph.members import Member, members
 from rigel_k8s.graph.words import Finding, listed
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.release.types import ReleaseId
 
 NOTE = {"mode": "macvlan", "interface": "net1", "domain": 3, "middleware": "fastdds", "ros": "2"}
@@ -225,9 +226,7 @@ class Refusing:
     """A cluster in which nobody may look into pods."""
 
     def exec(self, *_: Any, **__: Any) -> int:
-        error = ClusterError("pods is forbidden")
-        error.status = 403  # type: ignore[attr-defined]
-        raise error
+        raise Forbidden("pods is forbidden")
 
 
 def test_looks_that_are_refused():

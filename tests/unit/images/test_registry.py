@@ -19,7 +19,14 @@ import pytest
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.images.credentials import Credentials
-from rigel_k8s.images.registry import _Registry, _Unclear, challenge, log_in, resolve_digest
+from rigel_k8s.images.registry import (
+    _proxy_of,
+    _Registry,
+    _Unclear,
+    challenge,
+    log_in,
+    resolve_digest,
+)
 
 MANIFEST = b'{"schemaVersion": 2}'
 DIGEST = f"sha256:{hashlib.sha256(MANIFEST).hexdigest()}"
@@ -240,3 +247,24 @@ def test_challenges_are_read() -> None:
         "bearer",
         {"realm": "https://a/b", "scope": "repository:x:pull,push", "error": 'a "b"', "n": "1"},
     )
+
+
+@pytest.mark.parametrize(
+    ("url", "no_proxy", "proxy"),
+    [
+        ("https://registry.example.com", "", "http://p:3128"),
+        ("https://registry.example.com", ".example.com", None),
+        ("https://10.1.2.3:5000", "10.0.0.0/8", None),
+        ("http://registry.example.com", "", None),
+        ("https://127.0.0.1:5000", "", None),
+    ],
+)
+def test_the_environments_proxy_is_read_as_for_a_cluster(
+    monkeypatch: pytest.MonkeyPatch, url: str, no_proxy: str, proxy: str | None
+) -> None:
+    """NO_PROXY may name networks; a proxy without a scheme speaks HTTP."""
+    for name in ("http_proxy", "HTTP_PROXY", "https_proxy", "no_proxy"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HTTPS_PROXY", "p:3128")
+    monkeypatch.setenv("NO_PROXY", no_proxy)
+    assert _proxy_of(url) == proxy

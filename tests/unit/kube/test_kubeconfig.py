@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import json
 import sys
+from datetime import datetime, timezone
 from pathlib import Path
+from traceback import format_exception
 from typing import Any
 
 import pytest
@@ -81,6 +83,21 @@ def test_several_files_are_one_and_the_first_wins(tmp_path: Path) -> None:
     assert list(credentials.headers(fresh=False)) == []
 
 
+def test_the_first_current_context_is_current(tmp_path: Path) -> None:
+    """A file that names none leaves it to the next."""
+    none = write(tmp_path / "none")
+    one = write(tmp_path / "one", **whole({}))
+    other = write(
+        tmp_path / "other",
+        **{
+            "current-context": "other",
+            "contexts": [named("context", "other", cluster="c", user="u")],
+        },
+    )
+    assert load(None, None, {"KUBECONFIG": f"{none}:{one}:{other}"}).context == "one"
+    assert load(None, None, {"KUBECONFIG": f"{none}:{other}:{one}"}).context == "other"
+
+
 def test_certificates_stand_inline_or_in_files(tmp_path: Path) -> None:
     """Data wins over a file, as with kubectl."""
     data = base64.b64encode(b"INLINE").decode()
@@ -104,21 +121,62 @@ def test_certificates_stand_inline_or_in_files(tmp_path: Path) -> None:
     [
         ({"token": "t"}, [("Authorization", "Bearer t")]),
         ({"username": "ann", "password": "x"}, [("Authorization", "Basic YW5uOng=")]),
-        (
-            {"token": "t", "as": "bob", "as-groups": ["a", "b"]},
-            [
-                ("Impersonate-User", "bob"),
-                ("Impersonate-Group", "a"),
-                ("Impersonate-Group", "b"),
-                ("Authorization", "Bearer t"),
-            ],
-        ),
     ],
 )
 def test_users_become_headers(tmp_path: Path, user: dict[str, Any], headers: Any) -> None:
-    """Tokens, passwords, impersonation."""
+    """Tokens, passwords."""
     path = write(tmp_path / "config", **whole(user))
     assert list(load(path).credentials().headers(fresh=False)) == headers
+
+
+IMPERSONATED = {
+    "as": "bob",
+    "as-uid": "7",
+    "as-groups": ["a", "b"],
+    "as-user-extra": {"scopes": ["view", "list"], "example.com/team": ["x"]},
+}
+IMPERSONATION = [
+    ("Impersonate-User", "bob"),
+    ("Impersonate-Uid", "7"),
+    ("Impersonate-Group", "a"),
+    ("Impersonate-Group", "b"),
+    ("Impersonate-Extra-scopes", "view"),
+    ("Impersonate-Extra-scopes", "list"),
+    ("Impersonate-Extra-example.com%2Fteam", "x"),
+]
+
+
+@pytest.mark.parametrize(
+    ("user", "own"),
+    [
+        ({"token": "t"}, [("Authorization", "Bearer t")]),
+        ({"tokenFile": "token"}, [("Authorization", "Bearer from-file")]),
+        ({"username": "ann", "password": "x"}, [("Authorization", "Basic YW5uOng=")]),
+        ({"client-certificate-data": "Q0VSVA==", "client-key-data": "S0VZ"}, []),
+        ({"exec": "program"}, [("Authorization", "Bearer token-1")]),
+    ],
+)
+def test_impersonation_is_laid_over_any_credentials(
+    tmp_path: Path, user: dict[str, Any], own: Any
+) -> None:
+    """Who sets `as: readonly` must never write with all their rights."""
+    (tmp_path / "token").write_text("from-file")
+    if "exec" in user:
+        user = {"exec": program(tmp_path, "2999-01-01T00:00:00Z")}
+    path = write(tmp_path / "config", **whole({**user, **IMPERSONATED}))
+    credentials = load(path).credentials()
+    assert list(credentials.headers(fresh=False)) == [*IMPERSONATION, *own]
+    if "client-certificate-data" in user:
+        assert (credentials.certificate, credentials.key) == ("CERT", "KEY")
+
+
+def test_an_auth_provider_is_refused_with_a_way_out(tmp_path: Path) -> None:
+    """Continuing without the credentials would be worse than an error."""
+    user = {"auth-provider": {"name": "oidc", "config": {"id-token": "secret"}}}
+    path = write(tmp_path / "config", **whole(user))
+    with pytest.raises(UserError, match="context one: its user logs in") as caught:
+        load(path).credentials()
+    assert "kubelogin" in (caught.value.hint or "")
 
 
 def test_a_token_file_is_read_again(tmp_path: Path) -> None:
@@ -132,6 +190,22 @@ def test_a_token_file_is_read_again(tmp_path: Path) -> None:
     assert list(credentials.headers(fresh=True)) == [("Authorization", "Bearer new")]
 
 
+def test_a_token_file_is_read_again_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A minute later, before the server refuses what stands in it no longer."""
+    now = 1000.0
+    monkeypatch.setattr("rigel_k8s.kube.credentials.time.monotonic", lambda: now)
+    (tmp_path / "token").write_text("old")
+    credentials = load(write(tmp_path / "config", **whole({"tokenFile": "token"}))).credentials()
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer old")]
+    (tmp_path / "token").write_text("new")
+    now += 59
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer old")]
+    now += 2
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer new")]
+
+
 PLUGIN = """
 import json, os, pathlib, sys
 info = json.loads(os.environ["KUBERNETES_EXEC_INFO"])
@@ -143,17 +217,20 @@ print(json.dumps({"apiVersion": info["apiVersion"], "kind": "ExecCredential", "s
 """
 
 
-def plugin(tmp_path: Path, expiry: str, **more: Any) -> Path:
+def program(tmp_path: Path, expiry: str, **more: Any) -> dict[str, Any]:
     script = tmp_path / "plugin.py"
     script.write_text(PLUGIN)
-    command = {
+    return {
         "apiVersion": "client.authentication.k8s.io/v1beta1",
         "command": sys.executable,
         "args": [str(script), str(tmp_path / "count"), expiry],
         "env": [{"name": "PREFIX", "value": "token-"}],
         **more,
     }
-    return write(tmp_path / "config", **whole({"exec": command}))
+
+
+def plugin(tmp_path: Path, expiry: str, **more: Any) -> Path:
+    return write(tmp_path / "config", **whole({"exec": program(tmp_path, expiry, **more)}))
 
 
 def test_a_credential_program_runs_once_until_its_answer_expires(tmp_path: Path) -> None:
@@ -167,6 +244,64 @@ def test_a_credential_program_runs_once_until_its_answer_expires(tmp_path: Path)
     assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer token-2")]
 
 
+SHOW = """
+import json, os
+print(json.dumps({"status": {"token": os.environ["KUBERNETES_EXEC_INFO"]}}))
+"""
+
+
+def told(credentials: Any) -> dict[str, Any]:
+    """Return what the program SHOW was told."""
+    [(_, value)] = credentials.headers(fresh=False)
+    content: dict[str, Any] = json.loads(value.removeprefix("Bearer "))
+    return content
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_a_credential_program_is_told_of_the_cluster(tmp_path: Path, wanted: Any) -> None:
+    """Where the kubeconfig asks for that: a program may log in to several."""
+    command = program(tmp_path, "", args=["-c", SHOW], provideClusterInfo=wanted)
+    cluster = {"tls-server-name": "name", "certificate-authority-data": "Q0E="}
+    info = told(
+        load(write(tmp_path / "config", **whole({"exec": command}, **cluster))).credentials()
+    )
+    assert info["apiVersion"] == "client.authentication.k8s.io/v1beta1"
+    assert info["kind"] == "ExecCredential"
+    assert info["spec"].get("cluster") == (
+        {"server": "https://one:6443", **cluster} if wanted else None
+    )
+
+
+def test_a_credential_program_beside_the_kubeconfig_is_found(tmp_path: Path) -> None:
+    """A path is relative to its file, a bare name is looked for on PATH."""
+    script = tmp_path / "bin" / "login"
+    script.parent.mkdir()
+    script.write_text(f"#!{sys.executable}\n{SHOW}")
+    script.chmod(0o755)
+    path = write(tmp_path / "config", **whole({"exec": {"command": "bin/login"}}))
+    assert told(load(path).credentials())["kind"] == "ExecCredential"
+
+
+def test_a_credential_program_may_give_a_certificate(tmp_path: Path) -> None:
+    """Instead of a token."""
+    status = {"clientCertificateData": "CERT", "clientKeyData": "KEY"}
+    path = plugin(tmp_path, "", args=["-c", f"print({json.dumps(json.dumps({'status': status}))})"])
+    credentials = load(path).credentials()
+    assert (credentials.certificate, credentials.key) == ("CERT", "KEY")
+    assert list(credentials.headers(fresh=False)) == []
+
+
+def test_a_token_that_is_about_to_expire_is_renewed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A request takes time, and clocks differ."""
+    end = datetime(2030, 1, 1, tzinfo=timezone.utc).timestamp()
+    credentials = load(plugin(tmp_path, "2030-01-01T00:00:00Z")).credentials()
+    for before, token in ((60, "token-1"), (10, "token-2")):
+        monkeypatch.setattr("rigel_k8s.kube.credentials.time.time", lambda b=before: end - b)
+        assert list(credentials.headers(fresh=False)) == [("Authorization", f"Bearer {token}")]
+
+
 def test_a_credential_program_that_fails_is_named(tmp_path: Path) -> None:
     """With its own words and the hint that the kubeconfig has for it."""
     hint = {"installHint": "install the plugin"}
@@ -178,6 +313,31 @@ def test_a_credential_program_that_fails_is_named(tmp_path: Path) -> None:
     with pytest.raises(ClusterError) as caught:
         load(path).credentials()
     assert caught.value.details == ("log in first",)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "print('TOKEN'); sys.exit('log in first')",
+        "print('{TOKEN')",
+        'print(\'{"status": null, "x": "TOKEN"}\')',
+        "print('TOKEN', flush=True); time.sleep(20)",
+        "print('[\"TOKEN\"]')",
+    ],
+)
+def test_what_a_credential_program_prints_is_never_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    """Its output is the token: not in the message, the hint, the details, nor with --verbose."""
+    if "sleep" in code:
+        monkeypatch.setattr("rigel_k8s.kube.credentials.PLUGIN_TIMEOUT", 0.3)
+    script = tmp_path / "login.py"
+    script.write_text(f"import sys, time; {code}")
+    with pytest.raises(ClusterError, match="gave no credentials") as caught:
+        load(plugin(tmp_path, "x", args=[str(script)])).credentials()
+    error = caught.value
+    assert "TOKEN" not in f"{error.message} {error.hint} {error.details}"
+    assert "TOKEN" not in "".join(format_exception(error))
 
 
 def test_no_kubeconfig_names_the_ways_to_a_cluster(tmp_path: Path) -> None:

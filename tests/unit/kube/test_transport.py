@@ -1,162 +1,371 @@
-"""HTTP against a real, small server: kept connections, retries, streams, proxies."""
+"""HTTP against a real, small server: kept connections, retries, streams, TLS, proxies."""
 
 from __future__ import annotations
 
-import http.server
+import socket
+import ssl
+import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from base64 import b64encode
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import attrs
 import pytest
+from tests.support.http_server import Exchange, HttpServer, serving
 
 from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube import transport as module
 from rigel_k8s.kube.failures import Refusal
-from rigel_k8s.kube.proxy import proxy_for
-from rigel_k8s.kube.target import Target
-from rigel_k8s.kube.transport import Stream, Transport, is_closed
-
-Handler = Callable[["Server"], None]
+from rigel_k8s.kube.target import Credentials, Target
+from rigel_k8s.kube.transport import Stream, Transport
+from rigel_k8s.proxy import proxy_for
 
 
-class Server(http.server.BaseHTTPRequestHandler):
-    """Answers as the test's function says; remembers requests and connections."""
-
-    protocol_version = "HTTP/1.1"
-    answer: Handler
-    requests: list[str]
-    peers: set[Any]
-
-    def do_GET(self) -> None:
-        self.peers.add(self.client_address)
-        length = int(self.headers.get("Content-Length") or 0)
-        body = self.rfile.read(length).decode()
-        self.requests.append(f"{self.command} {self.path} {body}".strip())
-        type(self).answer(self)
-
-    do_POST = do_PATCH = do_GET
-
-    def say(self, status: int, body: bytes, **headers: str) -> None:
-        self.send_response(status)
-        for name, value in {"Content-Length": str(len(body)), **headers}.items():
-            self.send_header(name.replace("_", "-"), value)
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *args: object) -> None:
-        """Say nothing."""
+def transport_to(serve: Any, answer: Any, **target: Any) -> tuple[Transport, HttpServer]:
+    cluster, server = serve(answer, **target)
+    return cluster.client.transport, server
 
 
-@pytest.fixture
-def server() -> Iterator[Callable[[Handler], tuple[Transport, type[Server]]]]:
-    """Start a server that answers as it is told; return a transport to it."""
-    running: list[tuple[http.server.ThreadingHTTPServer, Transport]] = []
-
-    def start(answer: Handler) -> tuple[Transport, type[Server]]:
-        handler = type("Own", (Server,), {"answer": answer, "requests": [], "peers": set()})
-        listening = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
-        listening.daemon_threads = True
-        threading.Thread(target=listening.serve_forever, daemon=True).start()
-        transport = Transport(Target(f"http://127.0.0.1:{listening.server_port}/base", "test"))
-        running.append((listening, transport))
-        return transport, handler
-
-    yield start
-    for listening, transport in running:
-        transport.close()
-        listening.shutdown()
-        listening.server_close()
+def fine(exchange: Exchange) -> None:
+    exchange.say(200, b"ok")
 
 
-def test_connections_are_kept(server: Any) -> None:
+def test_connections_are_kept(serve: Any) -> None:
     """Requests one after the other share one connection; the base path is kept."""
-    transport, seen = server(lambda s: s.say(200, b"ok"))
+    transport, server = transport_to(serve, fine, base="/base")
     for _ in range(3):
         assert transport.request("GET", "/x", "test").body == b"ok"
-    assert seen.requests == ["GET /base/x"] * 3
-    assert len(seen.peers) == 1
+    assert server.asked() == ["GET /base/x"] * 3
+    assert server.connections == 1
+    list(stream_of(transport).lines())
+    assert server.asked()[3:] == ["GET /base/x"]
 
 
-def test_a_kept_connection_that_died_is_replaced(server: Any) -> None:
-    """The server closed it meanwhile: the request is sent again on a new one."""
+@pytest.mark.parametrize(("method", "safe"), [("GET", None), ("PATCH", True), ("DELETE", True)])
+def test_a_safe_request_whose_answer_is_lost_is_sent_again(
+    serve: Any, method: str, safe: Any
+) -> None:
+    """On a kept connection as on a new one: the server takes it and dies."""
+    lost = [2, 3]
 
-    def answer(s: Server) -> None:
-        s.say(200, b"ok")
-        s.close_connection = True  # without having said so
-
-    transport, seen = server(answer)
-    for _ in range(3):
-        assert transport.request("PATCH", "/x", "test", body=b"{}", safe=True).status == 200
-    assert len(seen.requests) == 3
-
-
-def test_a_post_whose_fate_is_unknown_is_not_sent_twice(server: Any) -> None:
-    """The server took it and died: creating again might make two."""
-
-    def answer(s: Server) -> None:
-        s.close_connection = True
-        s.connection.close()
-
-    transport, seen = server(answer)
-    with pytest.raises(ClusterError, match="does not answer"):
-        transport.request("POST", "/x", "create", body=b"{}")
-    assert len(seen.requests) == 1
-
-
-def test_the_server_may_ask_for_patience(server: Any) -> None:
-    """429 and 503 with Retry-After are sent again, whatever the method."""
-    answers = [(429, "0"), (503, "0")]
-
-    def answer(s: Server) -> None:
-        if answers:
-            status, after = answers.pop()
-            s.say(status, b"", Retry_After=after)
+    def answer(exchange: Exchange) -> None:
+        if len(exchange.server.requests) in lost:
+            exchange.hang_up()
         else:
-            s.say(200, b"ok")
+            exchange.say(200, b"ok")
 
-    transport, seen = server(answer)
+    transport, server = transport_to(serve, answer)
+    assert transport.request("GET", "/warm", "test").status == 200
+    lost[:] = [2]
+    assert transport.request(method, "/x", "test", body=b"{}", safe=safe).status == 200
+    assert server.asked() == ["GET /warm", f"{method} /x", f"{method} /x"]
+    lost[:] = [4, 5]
+    with pytest.raises(ClusterError, match="does not answer"):
+        transport.request(method, "/y", "test", body=b"{}", safe=safe)
+    assert len(server.requests) == 5
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "PATCH"])
+@pytest.mark.parametrize("kept", [0, 1])
+def test_a_write_whose_fate_is_unknown_is_not_sent_twice(
+    serve: Any, method: str, kept: int
+) -> None:
+    """The server took it and died: creating again might make two, on a kept connection too."""
+
+    def answer(exchange: Exchange) -> None:
+        if exchange.request_.path == "/warm":
+            exchange.say(200, b"ok")
+        else:
+            exchange.hang_up()
+
+    transport, server = transport_to(serve, answer)
+    if kept:
+        transport.request("GET", "/warm", "test")
+    with pytest.raises(ClusterError, match="does not answer"):
+        transport.request(method, "/x", "create", body=b"{}")
+    assert server.asked()[kept:] == [f"{method} /x"]
+    assert server.connections == 1
+
+
+def test_a_post_does_not_meet_a_connection_that_was_closed_while_it_waited(serve: Any) -> None:
+    """A deploy may pause for minutes; a POST that got no answer cannot be sent again safely."""
+
+    def answer(exchange: Exchange) -> None:
+        exchange.say(200, b"{}")
+        exchange.hang_up()
+
+    transport, server = transport_to(serve, answer)
+    for _ in range(3):
+        assert transport.request("POST", "/x", "make a thing", body=b"{}").status == 200
+        assert server.closed.acquire(timeout=10)
+    assert server.asked() == ["POST /x"] * 3
+    assert server.connections == 3
+
+
+def test_the_server_may_ask_for_patience(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """429 and 503 with Retry-After are sent again, whatever the method, after the time it names."""
+    answers, pauses = [(429, "7"), (503, "2")], []
+    monkeypatch.setattr(module.time, "sleep", pauses.append)
+
+    def answer(exchange: Exchange) -> None:
+        if answers:
+            status, after = answers.pop(0)
+            exchange.say(status, b"", Retry_After=after)
+        else:
+            exchange.say(200, b"ok")
+
+    transport, server = transport_to(serve, answer)
     assert transport.request("POST", "/x", "test", body=b"{}").body == b"ok"
-    assert len(seen.requests) == 3
+    assert len(server.requests) == 3
+    assert pauses == [7, 2]
 
 
-def test_a_refused_token_is_asked_for_anew_once(server: Any) -> None:
+@pytest.mark.parametrize(
+    ("status", "after", "sent"), [(503, "0", 6), (503, "31", 1), (503, None, 1), (422, "0", 1)]
+)
+def test_patience_ends(serve: Any, status: int, after: str | None, sent: int) -> None:
+    """Five times, half a minute in all; only where the server asks for it, and may."""
+    headers = {} if after is None else {"Retry_After": after}
+    transport, server = transport_to(serve, lambda exchange: exchange.say(status, b"", **headers))
+    assert transport.request("GET", "/x", "test").status == status
+    assert len(server.requests) == sent
+
+
+def test_a_refused_token_is_asked_for_anew_once(serve: Any) -> None:
     """401: the credentials are made fresh, and then the answer stands."""
     asked: list[bool] = []
-    transport, seen = server(lambda s: s.say(401, b"no"))
 
     def headers(*, fresh: bool) -> list[tuple[str, str]]:
         asked.append(fresh)
-        return []
+        return [("Authorization", f"Bearer {'new' if fresh else 'old'}")]
 
-    from rigel_k8s.kube.target import Credentials
-
-    transport.known = Credentials(headers=headers)
+    transport, server = transport_to(
+        serve,
+        lambda exchange: exchange.say(401, b"no"),
+        credentials=lambda: Credentials("", "", headers),
+    )
     assert transport.request("GET", "/x", "test").status == 401
     assert asked == [False, True]
-    assert len(seen.requests) == 2
+    assert [r.headers["Authorization"] for r in server.requests] == ["Bearer old", "Bearer new"]
 
 
-def test_a_stream_is_read_line_by_line_and_can_be_aborted(server: Any) -> None:
+@pytest.mark.parametrize("way", ["request", "stream"])
+def test_headers_that_repeat_arrive_one_by_one(serve: Any, way: str) -> None:
+    """Two groups in one header would be one group with an odd name."""
+    groups = [("Impersonate-Group", "a"), ("Impersonate-Group", "b")]
+    transport, server = transport_to(
+        serve, fine, credentials=lambda: Credentials("", "", lambda *, fresh: groups)
+    )
+    if way == "request":
+        transport.request("GET", "/x", "test")
+    else:
+        list(stream_of(transport).lines())
+    assert server.requests[0].headers.get_all("Impersonate-Group") == ["a", "b"]
+
+
+def stream_of(transport: Transport, **options: Any) -> Stream:
+    stream = transport.stream("/x", "test", **{"timeout": None, **options})
+    assert isinstance(stream, Stream)
+    return stream
+
+
+def test_a_stream_is_read_line_by_line_and_can_be_aborted(serve: Any) -> None:
     """Another thread ends a stream on which nothing comes any more."""
     hold = threading.Event()
 
-    def answer(s: Server) -> None:
-        s.send_response(200)
-        s.send_header("Transfer-Encoding", "chunked")
-        s.end_headers()
-        s.wfile.write(b"8\r\none\ntwo\n\r\n")
-        s.wfile.flush()
+    def answer(exchange: Exchange) -> None:
+        exchange.stream(b"one\r\ntw", b"o\nthr")
         hold.wait(20)
 
-    transport, _ = server(answer)
-    stream = transport.stream("/x", "test", timeout=None)
-    assert isinstance(stream, Stream)
+    transport, _ = transport_to(serve, answer)
+    stream = stream_of(transport)
     lines = stream.lines()
     assert [next(lines), next(lines)] == [b"one", b"two"]
-    threading.Timer(0.1, stream.abort).start()
+    threading.Timer(0.05, stream.abort).start()
+    started = time.monotonic()
     assert list(lines) == []
+    assert time.monotonic() - started < 10
+    assert (stream.aborted, stream.ended) == (True, False)
     hold.set()
+
+
+def test_a_stream_that_ends_gives_its_last_line(serve: Any) -> None:
+    """Though no newline ends it; but not one that was cut off."""
+
+    def answer(exchange: Exchange) -> None:
+        exchange.stream(b"one\ntwo")
+        if exchange.request_.path == "/x":
+            exchange.chunk(b"")
+        exchange.hang_up()
+
+    transport, _ = transport_to(serve, answer)
+    assert list(stream_of(transport).lines()) == [b"one", b"two"]
+    cut_off = transport.stream("/cut", "test", timeout=None)
+    assert isinstance(cut_off, Stream)
+    assert list(cut_off.lines()) == [b"one"]
+
+
+def test_a_stream_that_falls_silent_ends_and_one_that_never_begins_is_an_error(serve: Any) -> None:
+    """After the time that the caller gives; a silent log has all the time in the world."""
+    hold = threading.Event()
+
+    def answer(exchange: Exchange) -> None:
+        if exchange.request_.path == "/x":
+            exchange.stream(b"one\n")
+        hold.wait(20)
+
+    transport, _ = transport_to(serve, answer)
+    stream = stream_of(transport, timeout=0.05)
+    assert list(stream.lines()) == [b"one"]
+    assert not stream.ended
+    with pytest.raises(ClusterError, match="timed out"):
+        transport.stream("/silent", "test", timeout=None, patience=0.05)
+    hold.set()
+
+
+def test_a_stream_leaves_kept_connections_alone(serve: Any) -> None:
+    """Ending it must not break a request of another thread."""
+
+    def answer(exchange: Exchange) -> None:
+        if exchange.request_.path == "/x":
+            exchange.stream(b"one\n", b"")
+        else:
+            exchange.say(200, b"ok")
+
+    transport, server = transport_to(serve, answer)
+    transport.request("GET", "/warm", "test")
+    stream = stream_of(transport)
+    assert list(stream.lines()) == [b"one"]
+    stream.abort()
+    transport.request("GET", "/warm", "test")
+    assert [request.connection for request in server.requests] == [1, 2, 1]
+
+
+def test_a_silent_connection_notices_a_peer_that_is_gone(serve: Any) -> None:
+    """A log may say nothing for a day, and its machine may have lost power."""
+    hold = threading.Event()
+
+    def answer(exchange: Exchange) -> None:
+        exchange.stream()
+        hold.wait(20)
+
+    transport, _ = transport_to(serve, answer)
+    stream = stream_of(transport)
+    assert stream.socket.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+    assert stream.socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) == 30
+    stream.abort()
+    hold.set()
+
+
+# TLS.
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A certificate of its own for 127.0.0.1 and api.example.com, and its key."""
+    directory = tmp_path_factory.mktemp("tls")
+    pem, key = directory / "cert.pem", directory / "key.pem"
+    subprocess.run(
+        [
+            "openssl",
+            "req",
+            "-x509",
+            "-newkey",
+            "ec",
+            "-pkeyopt",
+            "ec_paramgen_curve:P-256",
+            "-nodes",
+        ]
+        + [
+            "-days",
+            "1",
+            "-subj",
+            "/CN=test",
+            "-addext",
+            "subjectAltName=IP:127.0.0.1,DNS:api.example.com",
+        ]
+        + [
+            "-addext",
+            "keyUsage=critical,digitalSignature,keyCertSign",
+            "-keyout",
+            key,
+            "-out",
+            pem,
+        ],
+        check=True,
+        capture_output=True,
+    )
+    return pem, key
+
+
+@pytest.fixture
+def tls(certificate: tuple[Path, Path]) -> ssl.SSLContext:
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.load_cert_chain(*certificate)
+    return context
+
+
+WAYS = {
+    "request": lambda transport: transport.request("GET", "/x", "test").body,
+    "stream": lambda transport: b"".join(stream_of(transport).lines()),
+    "socket": lambda transport: transport.open_socket("test").close(),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    ("target", "error"),
+    [
+        ({"authority": "own"}, None),
+        ({"authority": "own", "server_name": "api.example.com"}, None),
+        ({"authority": "own", "server_name": "wrong.example.com"}, "certificate is not trusted"),
+        ({}, "certificate is not trusted"),
+        ({"insecure": True}, None),
+        ({"insecure": True, "server_name": "wrong.example.com"}, None),
+    ],
+)
+def test_the_servers_certificate_is_verified(
+    serve: Any,
+    certificate: tuple[Path, Path],
+    tls: ssl.SSLContext,
+    way: str,
+    target: dict[str, Any],
+    error: str | None,
+) -> None:
+    """Its issuer and the name; not where the kubeconfig says so. However the server is asked."""
+    if "authority" in target:
+        target = {**target, "authority": certificate[0].read_text()}
+    transport, server = transport_to(serve, fine, tls=tls, **target)
+    if error:
+        with pytest.raises(ClusterError, match=error):
+            WAYS[way](transport)
+        assert server.requests == []
+    else:
+        assert WAYS[way](transport) in (b"ok", None)
+
+
+def test_the_client_shows_its_certificate(
+    serve: Any, certificate: tuple[Path, Path], tls: ssl.SSLContext
+) -> None:
+    """To a server that lets nobody else in."""
+    pem, key = (path.read_text() for path in certificate)
+    tls.verify_mode = ssl.CERT_REQUIRED
+    tls.load_verify_locations(cadata=pem)
+    shown = Credentials(pem, key)
+    transport, _ = transport_to(serve, fine, tls=tls, authority=pem, credentials=lambda: shown)
+    assert transport.request("GET", "/x", "test").body == b"ok"
+    with pytest.raises(ClusterError):
+        transport_to(serve, fine, tls=tls, authority=pem)[0].request("GET", "/x", "test")
+    wrong = attrs.evolve(shown, key="no key")
+    transport, _ = transport_to(serve, fine, tls=tls, authority=pem, credentials=lambda: wrong)
+    with pytest.raises(UserError, match="certificates cannot be used"):
+        transport.request("GET", "/x", "test")
+
+
+# Where the server is.
 
 
 def test_no_server_is_told() -> None:
@@ -208,54 +417,65 @@ def test_the_kubeconfigs_proxy_wins_and_must_be_one_that_works() -> None:
         proxy_for("socks5://s:1080", server, {})
 
 
-def test_a_proxy_is_asked_for_the_server(server: Any) -> None:
-    """A request goes through CONNECT, and a proxy that refuses is told."""
-    proxy, handler = server(lambda s: s.say(502, b""))
-    handler.do_CONNECT = handler.do_GET
-    address = proxy.target.server.removesuffix("/base")
-    through = Transport(Target("http://far.example.com:8080", "c", proxy=address))
-    with pytest.raises(ClusterError, match="Tunnel connection failed: 502"):
-        through.request("GET", "/x", "test")
-    assert set(handler.requests) == {"CONNECT far.example.com:8080"}
+@pytest.mark.parametrize("way", WAYS)
+def test_a_proxy_is_asked_for_the_server(serve: Any, way: str) -> None:
+    """By CONNECT and with the proxy's password; a proxy that refuses is told."""
+    with serving(lambda exchange: exchange.say(502, b"")) as proxy:
+        address = proxy.url.replace("http://", "http://ann:p%40ss@")
+        through = Transport(Target("https://far.example.com:8443", "c", proxy=address))
+        with pytest.raises(ClusterError, match="Tunnel connection failed: 502"):
+            WAYS[way](through)
+        assert set(proxy.asked()) == {"CONNECT far.example.com:8443"}
+        password = f"Basic {b64encode(b'ann:p@ss').decode()}"
+        assert {r.headers["Proxy-Authorization"] for r in proxy.requests} == {password}
 
 
-def test_a_post_does_not_meet_a_connection_that_was_closed_while_it_waited(server: Any) -> None:
-    """A deploy may pause for minutes; a POST that got no answer cannot be sent again safely."""
+@pytest.mark.parametrize("way", WAYS)
+def test_a_proxy_carries_tls(
+    serve: Any, certificate: tuple[Path, Path], tls: ssl.SSLContext, way: str
+) -> None:
+    """The certificate is verified for the server's name, not for the proxy's."""
+    with serving(lambda exchange: exchange.tunnel(server.server_port)) as proxy:
+        pem = certificate[0].read_text()
+        _, server = transport_to(serve, fine, tls=tls)
+        target = Target(f"https://api.example.com:{server.server_port}", "c", authority=pem)
+        through = Transport(attrs.evolve(target, proxy=proxy.url))
+        assert WAYS[way](through) in (b"ok", None)
+        through.close()
+        wrong = Transport(attrs.evolve(target, proxy=proxy.url, server="https://other.example.com"))
+        with pytest.raises(ClusterError, match="certificate is not trusted"):
+            WAYS[way](wrong)
 
-    def answer(handler: Server) -> None:
-        handler.say(200, b"{}")
-        handler.close_connection = True
 
-    transport, own = server(answer)
-    for _ in range(3):
-        assert transport.request("POST", "/x", "make a thing", body=b"{}").status == 200
-        deadline = time.monotonic() + 10
-        while not is_closed(transport.idle[0]):
-            assert time.monotonic() < deadline, "the server closes"
-    assert len(own.requests) == 3
-    assert len(own.peers) == 3
-
-
-def test_an_answer_that_ends_does_not_go_on(server: Any) -> None:
+def test_an_answer_that_ends_does_not_go_on(serve: Any) -> None:
     """With lines in it or without one; it is told as soon as it is over."""
     for body in (b"", b"a line\n"):
-        transport, _ = server(lambda s, body=body: s.say(200, body))
+        transport, _ = transport_to(serve, lambda exchange, body=body: exchange.say(200, body))
         assert not transport.goes_on("/log", 60)
 
 
-def test_an_answer_that_stays_open_goes_on(server: Any) -> None:
+def test_an_answer_that_stays_open_goes_on(serve: Any) -> None:
     """Whether it is silent, as a quiet node's log, or never stops; a refusal says nothing."""
     over = threading.Event()
 
-    def talk(s: Server) -> None:
-        s.send_response(200)
-        s.send_header("Content-Length", "100000000")
-        s.end_headers()
+    def talk(exchange: Exchange) -> None:
+        exchange.stream()
         while not over.wait(0.01):
-            s.wfile.write(b"line\n")
+            exchange.chunk(b"line\n")
 
-    for answer in (lambda _: over.wait(30), talk, lambda s: s.say(403, b"no")):
-        transport, _ = server(answer)
-        assert transport.goes_on("/log", 0.2)
+    def be_silent(exchange: Exchange) -> None:
+        over.wait(30)
+
+    def begin_and_be_silent(exchange: Exchange) -> None:
+        exchange.stream()
+        over.wait(30)
+
+    def break_off(exchange: Exchange) -> None:
+        exchange.stream(b"line\n")
+        exchange.hang_up()
+
+    for answer in (be_silent, begin_and_be_silent, talk, break_off, lambda e: e.say(403, b"no")):
+        transport, _ = transport_to(serve, answer)
+        assert transport.goes_on("/log", 0.1)
     over.set()
     assert Transport(Target("http://127.0.0.1:1", "test")).goes_on("/log", 1)

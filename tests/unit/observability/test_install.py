@@ -12,10 +12,11 @@ import pytest
 
 from rigel_k8s.app.deploying.prepare import Preparation
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
+from rigel_k8s.errors import RolloutFailed, UserError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types import orchestration
 from rigel_k8s.jobs.types.observability import ObservabilityJob
+from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.observability import (
     desired as observability_wanted,
 )
@@ -208,21 +209,19 @@ def test_who_may_only_deploy_applications_does_so(
     last: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The stack is an administrator's: its job fails without the rights, theirs goes on."""
-    refused = ClusterError("cannot list ClusterRoles: forbidden")
-    refused.status = 403  # type: ignore[attr-defined]
+    refusals = iter([Forbidden("forbidden"), Forbidden("forbidden"), Refusal("away")])
 
     def look(*_: Any) -> Any:
-        raise refused
+        raise next(refusals)
 
     monkeypatch.setattr(observability_install, "desired_stack", look)
     context, cluster = job(), Cluster()
-    with pytest.raises(ClusterError) as told:
+    with pytest.raises(Forbidden) as told:
         install(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
     assert "administrator" in str(told.value.hint)
     observability_install.ensure(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
     assert "left as it is; an administrator" in context.report.warnings[0]  # type: ignore[attr-defined]
-    refused.status = 500  # type: ignore[attr-defined]
-    with pytest.raises(ClusterError):
+    with pytest.raises(Refusal, match="away"):
         observability_install.ensure(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
 
 

@@ -9,7 +9,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
-from rigel_k8s.kube.failures import Cause, Refusal
+from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import deploy, diff, down, history, last_good, rollback
 from rigel_k8s.release.refusals import Refused
@@ -108,9 +108,7 @@ def test_what_we_may_not_do_is_the_clusters_own_error(fake: Any, report: Any) ->
     """A 403 about who we are is no problem of the Rigelfile."""
 
     def refuse(manifest: Any) -> Refusal:
-        error = Refusal("you may not")
-        error.status = 403
-        return error
+        return Forbidden("you may not")
 
     fake.refuse = refuse
     with pytest.raises(Refusal, match="you may not"):

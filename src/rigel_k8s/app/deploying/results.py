@@ -8,10 +8,11 @@ import tempfile
 import threading
 import time
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from rigel_k8s.app.options import Results
 from rigel_k8s.errors import Interrupted, RigelK8sError
+from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.release.types import ReleaseId
@@ -67,19 +68,13 @@ def copy_results(
 def newest_pod(release: ReleaseId, cluster: Cluster) -> str:
     """Return the name of the application's newest ready pod."""
     own = {NAME_LABEL: release.name, RELEASE_LABEL: release.name}
-    pods = [p for p in cluster.list("v1", "Pod", release.namespace, labels=own) if is_ready(p)]
+    pods = [p for p in cluster.list("v1", "Pod", release.namespace, labels=own) if stays_ready(p)]
     if not pods:
         raise RigelK8sError(
             f"results: no pod of {release.name} in {release.namespace} is ready",
             hint="`rigel status` says why",
         )
     return str(max(pods, key=lambda p: p["metadata"]["creationTimestamp"])["metadata"]["name"])
-
-
-def is_ready(pod: dict[str, Any]) -> bool:
-    """Return whether a pod is ready and stays."""
-    conditions = {c["type"]: c["status"] for c in pod.get("status", {}).get("conditions", [])}
-    return conditions.get("Ready") == "True" and not pod["metadata"].get("deletionTimestamp")
 
 
 def wait_for(

@@ -21,6 +21,7 @@ from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types import nonce as nonces
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION, object_name
 from rigel_k8s.objects.scalars import Duration, Number, ObjectName, RosName
@@ -288,10 +289,7 @@ def _time_limit(cancel: threading.Event, seconds: float) -> Iterator[threading.E
 
 
 def _pod_of(pod: Mapping[str, Any]) -> Pod:
-    conditions = pod.get("status", {}).get("conditions", ())
-    ending = "deletionTimestamp" in pod["metadata"]
-    ready = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions) and not ending
-    return Pod(pod["metadata"]["name"], pod["spec"].get("nodeName", ""), ready, pod)
+    return Pod(pod["metadata"]["name"], pod["spec"].get("nodeName", ""), stays_ready(pod), pod)
 
 
 def _name_of(pod: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import Installation
@@ -93,11 +94,8 @@ def _found(cluster: Cluster, said: Install) -> tuple[Install, Found]:
     try:
         options = settled(cluster, said)
         return options, find(cluster, options)
-    except ClusterError as error:
-        if getattr(error, "status", 0) == 403:
-            error.hint = (
-                "`rigel network install` by an administrator, once; then leave `install` out"
-            )
+    except Forbidden as error:
+        error.hint = "`rigel network install` by an administrator, once; then leave `install` out"
         raise
 
 

@@ -13,12 +13,13 @@ from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.definitions import attachment_definition, whereabouts_definitions
 from rigel_k8s.network.multus.recognition import Group, groups
 from rigel_k8s.network.options import Install
+from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import last_good
 from rigel_k8s.release.survey import belongs
 
-__all__ = ["Found", "Part", "find", "is_up", "settled"]
+__all__ = ["Found", "Part", "find", "settled"]
 
 Object = Mapping[str, Any]
 
@@ -78,7 +79,7 @@ class Found:
             sorted(
                 n["metadata"]["name"]
                 for n in self.nodes
-                if n["metadata"]["name"] in known and is_up(n)
+                if n["metadata"]["name"] in known and is_ready(n)
             )
         )
 
@@ -119,12 +120,6 @@ def settled(cluster: Cluster, said: Install) -> Install:
     before = dict(last.options) if last else {}
     new = attrs.asdict(said, filter=lambda _, value: value is not None)
     return Install(**{**before, **new})
-
-
-def is_up(node: Object) -> bool:
-    """Return whether a node's kubelet answers."""
-    conditions = node.get("status", {}).get("conditions", [])
-    return any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
 
 
 def _part(name: str, sets: Iterable[Object]) -> Part | None:

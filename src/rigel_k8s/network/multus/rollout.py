@@ -18,6 +18,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import Installation, network_release
 from rigel_k8s.network.multus.installation import Found
+from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
@@ -26,7 +27,7 @@ from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.types import Desired
 from rigel_k8s.report import Reporter
 
-__all__ = ["WITHOUT_ALL", "Rollout", "is_ready", "machine_script"]
+__all__ = ["WITHOUT_ALL", "Rollout", "machine_script"]
 
 Object = Mapping[str, Any]
 
@@ -138,7 +139,7 @@ class Rollout:
             if status.get("updatedNumberScheduled", 0) < wanted:
                 yield f"not all pods of {one['metadata']['name']} are new"
         pods = self.cluster.list("v1", "Pod", RELEASE.namespace, labels=labels)
-        ready = {(pod["spec"].get("nodeName"), part_of(pod)) for pod in pods if is_ready(pod)}
+        ready = {(pod["spec"].get("nodeName"), part_of(pod)) for pod in pods if stays_ready(pod)}
         ours = {"multus": self.installation.multus, "whereabouts": self.installation.whereabouts}
         for node in self.found.up:
             for part in (name for name, mine in ours.items() if mine):
@@ -157,10 +158,3 @@ def part_of(pod: Object) -> str:
     if name.endswith("reconciler"):
         return ""
     return "multus" if name.startswith("rigel-multus") else "whereabouts"
-
-
-def is_ready(pod: Object) -> bool:
-    """Return whether a pod is ready and stays."""
-    conditions = pod.get("status", {}).get("conditions", [])
-    met = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
-    return met and not pod["metadata"].get("deletionTimestamp")

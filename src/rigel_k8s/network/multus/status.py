@@ -9,13 +9,13 @@ import attrs
 
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus.install import marks_of
-from rigel_k8s.network.multus.installation import Found, Part, find, is_up, settled
+from rigel_k8s.network.multus.installation import Found, Part, find, settled
 from rigel_k8s.network.multus.interfaces import Missing, without_interface
 from rigel_k8s.network.multus.leases import Unkept, unkept
 from rigel_k8s.network.multus.proving import proven
-from rigel_k8s.network.multus.rollout import is_ready
 from rigel_k8s.network.options import Install
 from rigel_k8s.network.preflight.attachments import API, KIND
+from rigel_k8s.objects.facts import is_ready, stays_ready
 
 __all__ = ["NetworkStatus", "NodeStatus", "PartStatus", "network_status"]
 
@@ -110,7 +110,7 @@ def _told(part: Part | None) -> PartStatus | None:
 
 def _nodes_of(part: Part | None, pods: list[dict[str, Any]]) -> set[str]:
     """Return the nodes on which a part's pod is ready."""
-    return {pod["spec"].get("nodeName", "") for pod in _pods_of(part, pods) if is_ready(pod)}
+    return {pod["spec"].get("nodeName", "") for pod in _pods_of(part, pods) if stays_ready(pod)}
 
 
 def _pods_of(part: Part | None, pods: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -131,7 +131,7 @@ def _nodes(found: Found, ready: Mapping[str, set[str]], good: set[str]) -> list[
             platforms[name].kind,
             platforms[name].conf_dir,
             platforms[name].bin_dir,
-            is_up(node),
+            is_ready(node),
             name in ready["multus"],
             name in ready["whereabouts"],
             name in good,

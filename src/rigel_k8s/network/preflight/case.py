@@ -14,6 +14,7 @@ from rigel_k8s.network.preflight.attachments import Attachment, Range, address, 
 from rigel_k8s.network.preflight.daemon import Daemon
 from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
 from rigel_k8s.network.preflight.wanted import NETWORK_STATUS, Wanted, may_run, requests
+from rigel_k8s.objects.facts import is_ready
 
 __all__ = ["Case", "Pool", "Taken", "View", "addresses_of", "pool", "taken"]
 
@@ -94,7 +95,7 @@ class Case:
     @cached_property
     def ready(self) -> set[str]:
         """The machines that are on."""
-        return {node["metadata"]["name"] for node in self.view.nodes if _is_ready(node)}
+        return {node["metadata"]["name"] for node in self.view.nodes if is_ready(node)}
 
     @cached_property
     def attachments(self) -> list[Attachment]:
@@ -168,11 +169,6 @@ class Case:
         return any(
             namespace == w.namespace and name.startswith(f"{w.workload}-") for w in self.wanted
         )
-
-
-def _is_ready(node: Manifest) -> bool:
-    conditions = (node.get("status") or {}).get("conditions") or []
-    return any(one["type"] == "Ready" and one["status"] == "True" for one in conditions)
 
 
 def _both_whereabouts(one: Attachment, other: Attachment) -> bool:

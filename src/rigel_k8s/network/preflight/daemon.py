@@ -7,6 +7,8 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.objects.facts import is_ready
+
 __all__ = ["Daemon", "daemon", "is_multus"]
 
 Manifest = Mapping[str, Any]
@@ -91,8 +93,7 @@ def _directories(spec: Manifest, mounts: Mapping[str, str], root: str) -> Iterat
 def _state(pod: Manifest) -> str:
     """Return why a pod is not ready, "" where it is."""
     status = pod.get("status") or {}
-    conditions = {c["type"]: c for c in status.get("conditions") or []}
-    if conditions.get("Ready", {}).get("status") == "True":
+    if is_ready(pod):
         return ""
     for one in [
         *(status.get("initContainerStatuses") or []),

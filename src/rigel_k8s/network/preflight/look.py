@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import attrs
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.preflight.attachments import (
     API,
     KIND,
@@ -38,7 +38,6 @@ Manifest = Mapping[str, Any]
 
 NOTHING: Sequence[Manifest] = ()
 NO_POOLS: Sequence[Pool] = ()
-FORBIDDEN = 403
 PATIENCE = 10.0  # seconds for the script on one machine, which takes a tenth of one
 
 
@@ -187,4 +186,4 @@ class _Eyes:
 
 def _why(error: Exception) -> str:
     """Return why something could not be seen; of what is forbidden the word is enough."""
-    return "forbidden" if isinstance(error, Refusal) and error.status == FORBIDDEN else str(error)
+    return "forbidden" if isinstance(error, Forbidden) else str(error)

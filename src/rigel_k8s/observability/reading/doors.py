@@ -8,6 +8,7 @@ from typing import Any
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import Cluster
+from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.observability.names import (
     GRAFANA,
     GRAFANA_PORT,
@@ -126,14 +127,7 @@ class Door:
             self._service["metadata"]["namespace"],
         )
         pods = self._cluster.list("v1", "Pod", namespace, labels=labels)
-        return [pod for pod in pods if is_ready(pod)]
-
-
-def is_ready(pod: Mapping[str, Any]) -> bool:
-    """Return whether a pod is ready and shall stay."""
-    conditions = pod.get("status", {}).get("conditions") or []
-    ready = any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
-    return ready and not pod["metadata"].get("deletionTimestamp")
+        return [pod for pod in pods if stays_ready(pod)]
 
 
 def target_port(service: Mapping[str, Any], pod: Mapping[str, Any]) -> int:

@@ -14,7 +14,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import Cluster, ObjectRef
-from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.observability.installation import installed_in
 from rigel_k8s.observability.names import RELEASE
@@ -170,8 +170,8 @@ def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:
     labels = {RELEASE_LABEL: RELEASE}
     try:
         return cluster.list("v1", "Service", namespace, labels=labels)
-    except Refusal as error:
-        if error.status != 403 or namespace:
+    except Forbidden:
+        if namespace:
             raise
     return cluster.list("v1", "Service", USUAL, labels=labels)
 
@@ -180,7 +180,7 @@ def why_not(what: str, error: ClusterError | NoStack) -> str:
     """Return in a few words why a part of the stack is not asked."""
     if not isinstance(error, Refusal):
         return error.message
-    if error.status == 403:
+    if isinstance(error, Forbidden):
         return f"you may not ask {what} (the right to get services/proxy)"
     if error.status in (0, 500, 502, 503, 504):
         return f"{what} is not ready"

@@ -8,7 +8,7 @@ from urllib.parse import SplitResult, urlsplit
 
 from rigel_k8s.errors import UserError
 
-__all__ = ["proxy_for"]
+__all__ = ["environment_proxy", "proxy_for"]
 
 
 def proxy_for(
@@ -19,27 +19,32 @@ def proxy_for(
     Raises:
         UserError: a kind of proxy that we cannot use.
     """
-    text = configured or from_environment(server, environ)
+    text = with_scheme(configured) or environment_proxy(server, environ)
     if not text:
         return None
-    proxy = urlsplit(text if "://" in text else f"http://{text}")
+    proxy = urlsplit(text)
     if proxy.scheme != "http" or not proxy.hostname:
         raise UserError(
             f"the proxy {proxy.scheme}://{proxy.hostname} cannot be used, only http:// proxies can",
-            hint="set proxy-url of the kubeconfig's cluster to an http:// proxy",
+            hint="set proxy-url of the kubeconfig's cluster, or HTTPS_PROXY, to an http:// proxy",
         )
     return proxy
 
 
-def from_environment(server: SplitResult, environ: Mapping[str, str]) -> str:
-    """Return what HTTPS_PROXY and NO_PROXY mean for a server."""
+def environment_proxy(server: SplitResult, environ: Mapping[str, str]) -> str:
+    """Return the URL that HTTPS_PROXY (HTTP_PROXY) and NO_PROXY give for a server, "" for none."""
     name = f"{server.scheme}_proxy"
     proxy = environ.get(name) or environ.get(name.upper()) or ""
     exceptions = environ.get("no_proxy") or environ.get("NO_PROXY") or ""
     host = server.hostname or ""
     if any(excepts(part.strip(), host) for part in exceptions.split(",")):
         return ""
-    return "" if host == "localhost" or is_loopback(host) else proxy
+    return "" if host == "localhost" or is_loopback(host) else with_scheme(proxy)
+
+
+def with_scheme(proxy: str) -> str:
+    """Return a proxy's URL; `proxy:3128` means http."""
+    return proxy if "://" in proxy or not proxy else f"http://{proxy}"
 
 
 def excepts(rule: str, host: str) -> bool:

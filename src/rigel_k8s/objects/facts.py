@@ -1,0 +1,56 @@
+"""What live objects say about themselves: conditions, readiness, defaults; pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rigel_k8s.objects.refs import Manifest
+
+__all__ = [
+    "DEFAULT_CLASS",
+    "find_condition",
+    "is_default_class",
+    "is_ending",
+    "is_met",
+    "is_ready",
+    "stays_ready",
+]
+
+#: The annotation of the StorageClass of claims that name none.
+DEFAULT_CLASS = "storageclass.kubernetes.io/is-default-class"
+
+
+def find_condition(status: Mapping[str, Any], kind: str) -> Mapping[str, Any]:
+    """Return one of a status' conditions, empty where it has none of that kind."""
+    for entry in status.get("conditions") or []:
+        if entry.get("type") == kind:
+            found: Mapping[str, Any] = entry
+            return found
+    return {}
+
+
+def is_met(status: Mapping[str, Any], kind: str) -> bool:
+    """Whether one of a status' conditions is true; an unknown one is not."""
+    return find_condition(status, kind).get("status") == "True"
+
+
+def is_ready(live: Manifest) -> bool:
+    """Whether a Pod serves, or the kubelet of a Node answers."""
+    return is_met(live.get("status") or {}, "Ready")
+
+
+def is_ending(live: Manifest) -> bool:
+    """Whether an object is being deleted; a pod may go on for its grace period."""
+    return bool(live["metadata"].get("deletionTimestamp"))
+
+
+def stays_ready(pod: Manifest) -> bool:
+    """Whether a pod is ready and is not being deleted."""
+    return is_ready(pod) and not is_ending(pod)
+
+
+def is_default_class(storage_class: Manifest) -> bool:
+    """Whether claims that name no StorageClass get this one."""
+    annotations = storage_class["metadata"].get("annotations") or {}
+    return bool(annotations.get(DEFAULT_CLASS) == "true")

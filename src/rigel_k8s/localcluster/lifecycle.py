@@ -188,14 +188,12 @@ def furnish(state: State, report: Report) -> None:
     """Install DNS and storage, and wait until nodes and both are ready."""
     layout = state.layout
     report("Installing DNS and storage")
-    path = addons.write(layout)
-    api.kubectl(layout, "apply", "--server-side", "--force-conflicts", "-f", str(path))
+    api.apply(layout, addons.objects(layout))
     report("Waiting for the nodes to be Ready")
     wait_for_nodes(layout, state.node_names)
     report("Waiting for DNS and storage")
     for space, name in addons.DEPLOYMENTS:
-        words = ["rollout", "status", f"deployment/{name}", "--timeout=120s"]
-        api.kubectl(layout, "-n", space, *words)
+        api.wait_for_deployment(layout, space, name)
     state.furnished = True
     state.save()
 

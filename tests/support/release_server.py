@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import io
+import json
 import tarfile
 import tempfile
 import threading
@@ -27,7 +28,8 @@ import attrs
 from rigel_k8s.cache import cache_dir
 from rigel_k8s.localcluster.components import GO_BUILDS, ON_REQUEST
 from rigel_k8s.localcluster.gobuild import GoBuild
-from rigel_k8s.localcluster.releases import Release
+from rigel_k8s.localcluster.oci import machine_architecture
+from rigel_k8s.localcluster.releases import Published, Release, ReleasedImage
 
 #: What can be wrong with a file: no answer at all, half of it and then nothing, half of it and the
 #: connection's end.
@@ -36,11 +38,16 @@ Fault = Literal["silent", "stalls", "truncated"]
 
 @attrs.define
 class Releases:
-    """A directory that is served, and what was asked for."""
+    """A directory that is served, and what was asked for.
+
+    Attributes:
+        logins: whether it wants a token for images, as public registries do.
+    """
 
     root: Path
     url: str = ""
     faults: dict[str, Fault] = attrs.field(factory=dict)
+    logins: bool = False
     asked: list[str] = attrs.field(factory=list)
     over: threading.Event = attrs.field(factory=threading.Event)
 
@@ -48,8 +55,30 @@ class Releases:
         """Where the file of an upstream URL is."""
         return self.root / url.removeprefix("https://")
 
-    def publish(self, release: Release, content: Mapping[str, bytes]) -> None:
-        """Publish programs as their project does: files or an archive, each with its sum."""
+    def publish(self, release: Published, content: Mapping[str, bytes]) -> None:
+        """Publish programs as their project does."""
+        if isinstance(release, Release):
+            self.publish_files(release, content)
+        else:
+            self.publish_image(release, content)
+
+    def publish_image(self, image: ReleasedImage, content: Mapping[str, bytes]) -> None:
+        """Publish an image of two layers for two kinds of machines; the lower layer is not ours."""
+        base = self.path(image.origin)
+        for directory in ("blobs", "manifests"):
+            (base / directory).mkdir(parents=True, exist_ok=True)
+        layers = [archive("base", {"bin/sh": b"sh"}), archive("programs", content)]
+        manifest = {"layers": [{"digest": put(base / "blobs", layer)} for layer in layers]}
+        own = put(base / "manifests", json.dumps(manifest).encode())
+        platforms = {"s390x": put(base / "manifests", b"{}"), machine_architecture(): own}
+        index = [
+            {"digest": digest, "platform": {"os": "linux", "architecture": name}}
+            for name, digest in platforms.items()
+        ]
+        (base / "manifests" / image.tag).write_text(json.dumps({"manifests": index}))
+
+    def publish_files(self, release: Release, content: Mapping[str, bytes]) -> None:
+        """Publish files or an archive, each with its sum."""
         files = release.files({name: name for name in content})
         sums: dict[Path, str] = {}
         for file in files:
@@ -88,6 +117,13 @@ class Handler(SimpleHTTPRequestHandler):
 
     def do_GET(self) -> None:
         self.releases.asked.append(self.path)
+        if self.releases.logins and "/v2/" in self.path and not self.headers["Authorization"]:
+            self.send_response(401)
+            realm = f'realm="{self.releases.url}/token",service="images"'
+            self.send_header("WWW-Authenticate", f"Bearer {realm}")
+            self.send_header("Content-Length", "0")
+            self.end_headers()
+            return
         fault = self.releases.faults.get(self.path.lstrip("/"))
         if fault is None:
             super().do_GET()
@@ -104,6 +140,13 @@ class Handler(SimpleHTTPRequestHandler):
 
     def log_message(self, format: str, *args: object) -> None:
         """Say nothing."""
+
+
+def put(directory: Path, content: bytes) -> str:
+    """Write content under its digest, and return that."""
+    digest = f"sha256:{hashlib.sha256(content).hexdigest()}"
+    (directory / digest).write_bytes(content)
+    return digest
 
 
 def archive(name: str, content: Mapping[str, bytes]) -> bytes:

@@ -21,7 +21,7 @@ from rigel_k8s.localcluster.commands import Report, run
 from rigel_k8s.localcluster.download import Unavailable
 from rigel_k8s.localcluster.gobuild import GoBuild
 from rigel_k8s.localcluster.observability import OBSERVABILITY, OPERATOR
-from rigel_k8s.localcluster.releases import Release, Upstream
+from rigel_k8s.localcluster.releases import Release, ReleasedImage, Upstream
 
 __all__ = [
     "KUBERNETES_VERSION",
@@ -52,7 +52,12 @@ KUBERNETES = GoBuild(
     release=Release(f"https://dl.k8s.io/release/v{KUBERNETES_VERSION}/bin/linux/{{arch}}"),
 )
 #: A cluster does without it; people, tests and benchmarks may want one of the same version.
-KUBECTL = attrs.evolve(KUBERNETES, packages=("k8s.io/kubernetes/cmd/kubectl",), minutes=2)
+KUBECTL = attrs.evolve(
+    KUBERNETES,
+    packages=("k8s.io/kubernetes/cmd/kubectl",),
+    minutes=2,
+    title=f"kubectl {KUBERNETES_VERSION}",
+)
 COREDNS = GoBuild(
     "coredns",
     "1.15.0",
@@ -64,7 +69,11 @@ COREDNS = GoBuild(
     ),
 )
 LOCAL_PATH = GoBuild(
-    "local-path-provisioner", "0.0.37", ("github.com/rancher/local-path-provisioner",)
+    "local-path-provisioner",
+    "0.0.37",
+    ("github.com/rancher/local-path-provisioner",),
+    minutes=2,
+    release=ReleasedImage("registry-1.docker.io", "rancher/local-path-provisioner", "v0.0.37"),
 )
 #: What every cluster needs.
 GO_BUILDS = (KUBERNETES, COREDNS, LOCAL_PATH)
@@ -91,6 +100,7 @@ MULTUS = GoBuild(
     renamed={"passthru-cni": "passthru"},
     files={"multus-license": "LICENSE"},
     minutes=2,
+    release=ReleasedImage("ghcr.io", "k8snetworkplumbingwg/multus-cni", "v4.3.0-thick"),
 )
 WHEREABOUTS_MODULE = "github.com/k8snetworkplumbingwg/whereabouts"
 WHEREABOUTS = GoBuild(
@@ -147,6 +157,7 @@ K3S_KUBELET = attrs.evolve(
     KUBERNETES,
     packages=("k8s.io/kubernetes/cmd/kubelet",),
     suffix="+k3s1",
+    title=f"kubelet {KUBERNETES_VERSION}+k3s1",
     minutes=5,
     release=None,
 )

@@ -6,28 +6,30 @@ It knows neither which files these are nor what happens where they cannot be rea
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import socket
 import ssl
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
-from urllib.parse import SplitResult, unquote, urljoin, urlsplit
+from urllib.parse import SplitResult, unquote, urlencode, urljoin, urlsplit
 
 import attrs
 import urllib3
 
-from rigel_k8s.errors import LocalClusterError
+from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_k8s.kube.proxy import proxy_for
 
 __all__ = ["Patience", "Server", "Unavailable"]
 
 REDIRECTIONS = 5
 
-#: A file of checksums is short; what is longer is something else, a login page say.
-LONGEST_SUMS = 1 << 16
+#: Lists of checksums and manifests of images are short; of what is longer the rest is left out.
+LONGEST = 1 << 20
 CHUNK = 1 << 18
 SHA256 = re.compile(r"[0-9a-fA-F]{64}")
 
@@ -66,15 +68,25 @@ class Server:
 
     patience: Patience = attrs.field(factory=Patience)
 
+    def read(self, url: str, accept: str = "*/*") -> bytes:
+        """Return a short file.
+
+        Args:
+            accept: the media types that are understood.
+
+        Raises:
+            Unavailable: it cannot be read.
+        """
+        with self.open(url, accept) as answer:
+            return bytes(answer.read(LONGEST))
+
     def read_sum(self, url: str, file: str) -> str:
         """Return the SHA-256 sum that a published list of sums has for a file, in hexadecimal.
 
         Raises:
             Unavailable: the list cannot be read, or does not name the file.
         """
-        with self.open(url) as answer:
-            text = answer.read(LONGEST_SUMS).decode("utf-8", "replace")
-        if found := find_sum(text, file):
+        if found := find_sum(self.read(url).decode("utf-8", "replace"), file):
             return found
         raise Unavailable(f"{url} has no SHA-256 sum of {file}")
 
@@ -102,14 +114,14 @@ class Server:
             part.unlink(missing_ok=True)
 
     @contextmanager
-    def open(self, url: str) -> Iterator[urllib3.BaseHTTPResponse]:
+    def open(self, url: str, accept: str = "*/*") -> Iterator[urllib3.BaseHTTPResponse]:
         """Ask for a file and give its answer, whose body is still to be read.
 
         Raises:
             Unavailable: there is none, or it breaks off while it is read.
         """
         try:
-            with self.follow(url) as answer:
+            with self.follow(url, {"Accept": accept}) as answer:
                 yield answer
         except urllib3.exceptions.TimeoutError as error:
             silence = f"{urlsplit(url).netloc} sent nothing for {self.patience.silence:g} s"
@@ -118,11 +130,16 @@ class Server:
             raise Unavailable(f"{url}: {error}") from error
 
     @contextmanager
-    def follow(self, url: str) -> Iterator[urllib3.BaseHTTPResponse]:
+    def follow(self, url: str, headers: Mapping[str, str]) -> Iterator[urllib3.BaseHTTPResponse]:
         """Give the answer to a GET, after redirections, which never leave TLS."""
-        place = url
+        place, token = url, ""
         for _ in range(REDIRECTIONS):
-            with self.ask(place) as answer:
+            login = {"Authorization": f"Bearer {token}"} if token and place == url else {}
+            with self.ask(place, {**headers, **login}) as answer:
+                challenge = answer.headers.get("WWW-Authenticate") or ""
+                if answer.status == 401 and challenge.startswith("Bearer ") and not token:
+                    token = self.anonymous_token(challenge)
+                    continue
                 if location := answer.get_redirect_location():
                     before, place = place, urljoin(place, location)
                     if before.startswith("https:") and not place.startswith("https:"):
@@ -134,16 +151,30 @@ class Server:
                 return
         raise Unavailable(f"{url} leads from one place to another without end")
 
+    def anonymous_token(self, challenge: str) -> str:
+        """Return what an image registry wants to see of those who are not logged in."""
+        words = dict(re.findall(r'(\w+)="([^"]*)"', challenge))
+        answer = self.read(f"{words.pop('realm', '')}?{urlencode(words)}")
+        try:
+            return str(json.loads(answer)["token"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise Unavailable(
+                "the registry gives no token to those who are not logged in"
+            ) from error
+
     @contextmanager
-    def ask(self, url: str) -> Iterator[urllib3.BaseHTTPResponse]:
+    def ask(self, url: str, headers: Mapping[str, str]) -> Iterator[urllib3.BaseHTTPResponse]:
         """Send one GET and give its answer."""
-        proxy = proxy_for("", urlsplit(url), os.environ)
+        try:
+            proxy = proxy_for("", urlsplit(url), os.environ)
+        except UserError as error:
+            raise Unavailable(error.message) from error
         connect(proxy or urlsplit(url), self.patience.connect)
         with pool_manager(proxy) as http:
             answer = http.request(
                 "GET",
                 url,
-                headers={"User-Agent": "rigel", "Accept-Encoding": "identity"},
+                headers={"User-Agent": "rigel", "Accept-Encoding": "identity", **headers},
                 preload_content=False,
                 redirect=False,
                 retries=False,
@@ -181,13 +212,20 @@ def connect(place: SplitResult, seconds: float) -> None:
 
 
 def pool_manager(proxy: SplitResult | None) -> urllib3.PoolManager:
-    """Return what sends requests, with this machine's certificate authorities."""
-    context = ssl.create_default_context()
+    """Return what sends requests."""
     if proxy is None:
-        return urllib3.PoolManager(ssl_context=context)
+        return urllib3.PoolManager(ssl_context=certificate_authorities())
     login = f"{proxy.username}:{proxy.password or ''}" if proxy.username else None
     headers = urllib3.make_headers(proxy_basic_auth=unquote(login)) if login else None
-    return urllib3.ProxyManager(proxy.geturl(), proxy_headers=headers, ssl_context=context)
+    return urllib3.ProxyManager(
+        proxy.geturl(), proxy_headers=headers, ssl_context=certificate_authorities()
+    )
+
+
+@cache
+def certificate_authorities() -> ssl.SSLContext:
+    """Return those that this machine trusts, which takes a while to read."""
+    return ssl.create_default_context()
 
 
 def find_sum(text: str, file: str) -> str:

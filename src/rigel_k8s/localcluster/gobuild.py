@@ -21,7 +21,7 @@ from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.localcluster.commands import Report, follow, run
 from rigel_k8s.localcluster.download import Unavailable
-from rigel_k8s.localcluster.releases import Release, Upstream
+from rigel_k8s.localcluster.releases import Published, Upstream, place_of
 
 __all__ = ["GoBuild"]
 
@@ -50,6 +50,7 @@ class GoBuild:
         module: the Go module that they are of.
         module_version: the module's, where its programs count otherwise.
         release: where its project publishes the same programs, if it does.
+        title: what it is, for people.
     """
 
     name: str
@@ -66,7 +67,10 @@ class GoBuild:
     module_version: str = attrs.field(
         default=attrs.Factory(lambda self: self.version, takes_self=True)
     )
-    release: Release | None = None
+    release: Published | None = None
+    title: str = attrs.field(
+        default=attrs.Factory(lambda self: f"{self.name} {self.version}", takes_self=True)
+    )
 
     def common(self) -> str:
         """Return what comes before the usual directory of programs."""
@@ -76,11 +80,6 @@ class GoBuild:
     def lock(self) -> Path:
         """The directory of its go.mod and go.sum."""
         return Path(__file__).parent / "lock" / self.name
-
-    @property
-    def title(self) -> str:
-        """What it is, for people."""
-        return f"{self.name} {self.version}"
 
     @property
     def directory(self) -> Path:
@@ -93,11 +92,17 @@ class GoBuild:
         files = {name: path.rsplit("/", 1)[-1] for name, path in self.files.items()}
         return {name: name for name in self.program_names} | files
 
+    @property
+    def released(self) -> Path:
+        """Where the cache keeps its programs when they were downloaded."""
+        assert self.release
+        return place_of(self.release, self.name, self.version, self.in_release)
+
     def find(self, upstream: Upstream) -> Path | None:
         """Return the directory with its programs, None where the cache has none that are wanted."""
         places = [self.directory]
         if self.release and upstream.wanted:
-            places.append(self.release.place(self.name, self.version, self.in_release))
+            places.append(self.released)
         return next((place for place in places if place.exists()), None)
 
     @property
@@ -145,8 +150,7 @@ class GoBuild:
             raise Unavailable("")
         with locked(cache_dir() / f"{self.key()}.lock"):
             if not self.find(upstream):
-                place = self.release.place(self.name, self.version, self.in_release)
-                report(f"Downloading {self.title} from {upstream.locate(self.release.directory)}")
+                place = self.released
                 upstream.fetch(
                     self.release, self.in_release, place, title=self.title, report=report
                 )

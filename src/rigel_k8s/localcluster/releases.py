@@ -7,12 +7,14 @@ reached is compiled, which is another matter (`gobuild`).
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 import tarfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TypeAlias
 from urllib.parse import urlsplit
 
 import attrs
@@ -23,12 +25,21 @@ from rigel_k8s.localcluster.commands import Report
 from rigel_k8s.localcluster.download import Server, Unavailable
 from rigel_k8s.localcluster.oci import machine_architecture
 
-__all__ = ["MIRROR", "NO_MIRROR", "Release", "Upstream"]
+__all__ = ["MIRROR", "NO_MIRROR", "Published", "Release", "ReleasedImage", "Upstream", "place_of"]
 
 #: The variable that names a mirror.
 MIRROR = "RIGEL_CLUSTER_MIRROR"
 #: What it says where nothing is to be downloaded.
 NO_MIRROR = "none"
+#: What an image's manifest may be, for one machine or for several.
+MANIFESTS = ", ".join(
+    (
+        "application/vnd.oci.image.index.v1+json",
+        "application/vnd.oci.image.manifest.v1+json",
+        "application/vnd.docker.distribution.manifest.list.v2+json",
+        "application/vnd.docker.distribution.manifest.v2+json",
+    )
+)
 #: Seconds between two reports of one download.
 REPORT_EVERY = 15
 
@@ -47,6 +58,11 @@ class Release:
     archive: str = ""
     sums: str = "{file}.sha256"
 
+    @property
+    def origin(self) -> str:
+        """A URL on the server that has it."""
+        return self.directory
+
     def files(self, wanted: Mapping[str, str]) -> list[str]:
         """Return what is downloaded, for names there."""
         if self.archive:
@@ -57,11 +73,87 @@ class Release:
         """Return the URL of a file."""
         return f"{self.directory.format(arch=machine_architecture())}/{file}"
 
-    def place(self, name: str, version: str, wanted: Mapping[str, str]) -> Path:
-        """Return where the cache keeps the programs; never where compiled ones are."""
-        words = [self.directory, self.archive, *(f"{k}={v}" for k, v in wanted.items())]
-        digest = hashlib.sha256(" ".join(words).encode()).hexdigest()[:12]
-        return cache_dir() / "released" / f"{name}-{version}-{machine_architecture()}-{digest}"
+    def bring(
+        self, wanted: Mapping[str, str], into: Path, upstream: Upstream, progress: Progress
+    ) -> None:
+        """Download and check what is wanted."""
+        for file in self.files(wanted):
+            sums = upstream.locate(self.url(self.sums.format(file=file)))
+            expected = upstream.server.read_sum(sums, file)
+            progress.file = file
+            url = upstream.locate(self.url(file))
+            upstream.server.save(url, into / file, expected, progress.count)
+        if self.archive and (missing := unpack(into / file, wanted, into)):
+            raise Unavailable(f"{file} has no {', '.join(missing)}")
+
+
+@attrs.frozen
+class ReleasedImage:
+    """An image that a project publishes instead of programs; they are taken out of it.
+
+    Its upper layers are looked at first, and the lower ones, which are some distribution's, are
+    left alone once everything is found. What the tag stands for is as trusted as its registry's
+    TLS certificate; from there on everything has its digest.
+    """
+
+    registry: str
+    repository: str
+    tag: str
+
+    @property
+    def origin(self) -> str:
+        """A URL on the server that has it."""
+        return f"https://{self.registry}/v2/{self.repository}"
+
+    def bring(
+        self, wanted: Mapping[str, str], into: Path, upstream: Upstream, progress: Progress
+    ) -> None:
+        """Download and check what is wanted."""
+        missing = dict(wanted)
+        for layer in reversed(self.layers(upstream)):
+            algorithm, _, digest = str(layer["digest"]).partition(":")
+            if algorithm != "sha256":
+                raise Unavailable(f"{self.repository}:{self.tag} has a layer of {algorithm}")
+            progress.file = f"layer {digest[:12]}"
+            url = upstream.locate(f"{self.origin}/blobs/sha256:{digest}")
+            upstream.server.save(url, into / digest, digest, progress.count)
+            missing = unpack(into / digest, missing, into)
+            if not missing:
+                return
+        raise Unavailable(f"{self.repository}:{self.tag} has no {', '.join(missing)}")
+
+    def layers(self, upstream: Upstream) -> list[dict[str, str]]:
+        """Return the layers for this machine, the lowest first."""
+        try:
+            index = json.loads(self.manifest(self.tag, upstream))
+            own = {"os": "linux", "architecture": machine_architecture()}
+            for each in index.get("manifests", ()):
+                if own.items() <= each["platform"].items():
+                    text = self.manifest(each["digest"], upstream)
+                    if f"sha256:{hashlib.sha256(text).hexdigest()}" != each["digest"]:
+                        raise Unavailable(f"{self.repository}:{self.tag} is not what it says")
+                    index = json.loads(text)
+                    break
+            return list(index["layers"])
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise Unavailable(
+                f"{self.repository}:{self.tag} is not an image for this machine"
+            ) from error
+
+    def manifest(self, name: str, upstream: Upstream) -> bytes:
+        """Return a manifest by its tag or digest."""
+        return upstream.server.read(upstream.locate(f"{self.origin}/manifests/{name}"), MANIFESTS)
+
+
+#: Where programs are published.
+Published: TypeAlias = Release | ReleasedImage
+
+
+def place_of(release: Published, name: str, version: str, wanted: Mapping[str, str]) -> Path:
+    """Return where the cache keeps released programs; never where compiled ones are."""
+    words = [repr(release), *(f"{k}={v}" for k, v in wanted.items())]
+    digest = hashlib.sha256(" ".join(words).encode()).hexdigest()[:12]
+    return cache_dir() / "released" / f"{name}-{version}-{machine_architecture()}-{digest}"
 
 
 @attrs.define
@@ -107,9 +199,13 @@ class Upstream:
         """Return where a file of upstream's is downloaded from."""
         return f"{self.mirror}/{url.removeprefix('https://')}" if self.mirror else url
 
+    def host(self, release: Published) -> str:
+        """Return the server that is asked for a release."""
+        return urlsplit(self.locate(release.origin)).netloc
+
     def fetch(
         self,
-        release: Release,
+        release: Published,
         wanted: Mapping[str, str],
         place: Path,
         *,
@@ -127,18 +223,14 @@ class Upstream:
             Unavailable: it cannot be downloaded now.
             LocalClusterError: something else came than was published.
         """
-        host = urlsplit(self.locate(release.directory)).netloc
+        host = self.host(release)
         if host in self.unreachable:
             raise self.unreachable[host]
         work = place.with_name(f".{place.name}")
         shutil.rmtree(work, ignore_errors=True)
         work.mkdir(parents=True)
         try:
-            for file in release.files(wanted):
-                progress = Progress(f"Downloading {title}: {file}", report)
-                self.download(release, file, work, progress)
-            if release.archive:
-                unpack(work / release.files(wanted)[0], wanted, work)
+            release.bring(wanted, work, self, Progress(title, host, report))
             for name in wanted:
                 (work / name).chmod(0o755)
             work.rename(place)
@@ -149,34 +241,37 @@ class Upstream:
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
-    def download(self, release: Release, file: str, work: Path, progress: Progress) -> None:
-        """Download one file and check it."""
-        sums = self.locate(release.url(release.sums.format(file=file)))
-        expected = self.server.read_sum(sums, file)
-        self.server.save(self.locate(release.url(file)), work / file, expected, progress.count)
-
 
 @attrs.define
 class Progress:
-    """Reports now and then how much of a file has arrived."""
+    """Reports when the first bytes arrive, and now and then how much of a file has."""
 
-    what: str
+    title: str
+    host: str
     report: Report
+    file: str = ""
+    begun: bool = False
     reported: float = attrs.field(factory=time.monotonic)
 
     def count(self, done: int, total: int) -> None:
         """Take how many bytes have arrived, and of how many (0 is unknown)."""
+        if not self.begun:
+            self.begun = True
+            self.report(f"Downloading {self.title} from {self.host}")
         if time.monotonic() - self.reported > REPORT_EVERY:
             self.reported = time.monotonic()
             of = f" of {total / 1e6:.0f}" if total else ""
-            self.report(f"{self.what}, {done / 1e6:.0f}{of} MB")
+            self.report(f"Downloading {self.title}: {self.file}, {done / 1e6:.0f}{of} MB")
 
 
-def unpack(archive: Path, wanted: Mapping[str, str], into: Path) -> None:
+def unpack(archive: Path, wanted: Mapping[str, str], into: Path) -> dict[str, str]:
     """Replace an archive by the files in it that are wanted, whatever directory they are in there.
 
+    Returns:
+        What of the wanted is not in it.
+
     Raises:
-        Unavailable: it lacks one.
+        Unavailable: it is not an archive.
     """
     missing = {there: ours for ours, there in wanted.items()}
     try:
@@ -189,5 +284,4 @@ def unpack(archive: Path, wanted: Mapping[str, str], into: Path) -> None:
     except (tarfile.TarError, EOFError, OSError) as error:
         raise Unavailable(f"{archive.name} cannot be unpacked: {error}") from error
     archive.unlink()
-    if missing:
-        raise Unavailable(f"{archive.name} has no {', '.join(sorted(missing))}")
+    return {ours: there for there, ours in missing.items()}

@@ -23,15 +23,18 @@ from rigel_k8s.localcluster.components import (
     K3S_KUBELET,
     KUBERNETES,
     LOCAL_PATH,
+    MULTUS,
     ON_REQUEST,
     PLUGINS,
 )
 from rigel_k8s.localcluster.download import Patience, Server, Unavailable, find_sum
 from rigel_k8s.localcluster.gobuild import GoBuild
 from rigel_k8s.localcluster.observability import NODE_EXPORTER, PROMETHEUS
-from rigel_k8s.localcluster.releases import Progress, Upstream
+from rigel_k8s.localcluster.releases import Progress, Release, Upstream, place_of
 
-RELEASED = [KUBERNETES, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
+FILES = [KUBERNETES, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
+IMAGES = [LOCAL_PATH, MULTUS]
+RELEASED = [*FILES, *IMAGES]
 KUBELET = "dl.k8s.io/release/v1.34.4/bin/linux/amd64/kubelet"
 #: Seconds; the server is on loopback.
 QUICK = Patience(connect=2, silence=0.3)
@@ -97,38 +100,48 @@ def test_a_release_is_downloaded_and_checked(build: GoBuild, upstream: Upstream)
     assert all(os.access(found[name], os.X_OK) for name in build.program_names)
 
 
-def test_upstreams_own_addresses() -> None:
+@pytest.mark.parametrize(
+    ("build", "url", "sums"),
+    [
+        (KUBERNETES, "dl.k8s.io/release/v1.34.4/bin/linux/amd64/kube-apiserver", "{}.sha256"),
+        (
+            COREDNS,
+            "github.com/coredns/coredns/releases/download/v1.15.0/coredns_1.15.0_linux_amd64.tgz",
+            "{}.sha256",
+        ),
+        (
+            PLUGINS,
+            "github.com/containernetworking/plugins/releases/download/v1.9.1/"
+            "cni-plugins-linux-amd64-v1.9.1.tgz",
+            "{}.sha256",
+        ),
+        (
+            PROMETHEUS,
+            "github.com/prometheus/prometheus/releases/download/v3.13.3/"
+            "prometheus-3.13.3.linux-amd64.tar.gz",
+            "sha256sums.txt",
+        ),
+        (
+            NODE_EXPORTER,
+            "github.com/prometheus/node_exporter/releases/download/v1.12.1/"
+            "node_exporter-1.12.1.linux-amd64.tar.gz",
+            "sha256sums.txt",
+        ),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_upstreams_own_addresses(build: GoBuild, url: str, sums: str) -> None:
     """Where each project publishes: these are its addresses, not ours to choose."""
-    assert KUBERNETES.release
-    assert COREDNS.release
-    assert PLUGINS.release
-    assert PROMETHEUS.release
-    github = "https://github.com"
-    assert KUBERNETES.release.url("kubelet") == f"https://{KUBELET}"
-    assert KUBERNETES.release.sums.format(file="kubelet") == "kubelet.sha256"
-    [coredns] = COREDNS.release.files(COREDNS.in_release)
-    assert COREDNS.release.url(coredns) == (
-        f"{github}/coredns/coredns/releases/download/v1.15.0/coredns_1.15.0_linux_amd64.tgz"
-    )
-    [plugins] = PLUGINS.release.files(PLUGINS.in_release)
-    assert PLUGINS.release.url(plugins) == (
-        f"{github}/containernetworking/plugins/releases/download/v1.9.1/"
-        "cni-plugins-linux-amd64-v1.9.1.tgz"
-    )
-    [prometheus] = PROMETHEUS.release.files(PROMETHEUS.in_release)
-    assert PROMETHEUS.release.url(prometheus) == (
-        f"{github}/prometheus/prometheus/releases/download/v3.13.3/"
-        "prometheus-3.13.3.linux-amd64.tar.gz"
-    )
-    assert PROMETHEUS.release.sums.format(file=prometheus) == "sha256sums.txt"
+    assert isinstance(build.release, Release)
+    file = build.release.files(build.in_release)[0]
+    assert build.release.url(file) == f"https://{url}"
+    assert build.release.sums.format(file=file) == sums.format(file)
 
 
 @pytest.mark.parametrize("build", RELEASED, ids=lambda build: build.name)
 def test_a_release_is_of_the_version_that_is_compiled(build: GoBuild) -> None:
     """Who moves to another version changes both."""
-    assert build.release
-    assert f"/v{build.version}" in build.release.directory
-    assert build.version in f"{build.release.archive or build.release.directory}"
+    assert f"v{build.version}" in repr(build.release)
 
 
 def test_without_a_mirror_upstream_itself_is_asked() -> None:
@@ -195,10 +208,9 @@ def test_a_file_that_does_not_come_whole(
     server.faults[KUBELET] = fault
     start = time.monotonic()
     found = components.obtain(print, (), upstream)
-    assert time.monotonic() - start < 5
+    assert time.monotonic() - start < 9
     reasons = dict(compiles)
     assert why in reasons.pop("kubernetes")
-    assert reasons.pop("local-path-provisioner") == ""
     assert not [file for file in left_behind(cache) if "kube" in file or "part" in file]
     if fault == "truncated":
         assert Path(found.go["coredns"]).exists()
@@ -241,6 +253,21 @@ def test_a_name_server_that_hangs_costs_seconds(monkeypatch: pytest.MonkeyPatch)
     assert time.monotonic() - start < 0.5
 
 
+def test_a_proxy_is_used(server: Releases, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What only a proxy can reach is asked of it, and its name is not looked up here."""
+    monkeypatch.setenv("http_proxy", server.url)
+    with pytest.raises(Unavailable, match=r"no\.such\.host/x: HTTP 404"):
+        Server(QUICK).read("http://no.such.host/x")
+    assert server.asked == ["http://no.such.host/x"]
+
+
+def test_a_proxy_that_cannot_be_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Programs are compiled: Go's own tools may be able to use it."""
+    monkeypatch.setenv("https_proxy", "socks5://proxy:1080")
+    with pytest.raises(Unavailable, match=r"socks5://proxy cannot be used"):
+        Server(QUICK).read("https://no.such.host/x")
+
+
 def test_what_is_not_released_for_this_machine(server: Releases, upstream: Upstream) -> None:
     """A file that is missing there is compiled; its server is asked for others still."""
     (server.root / f"{KUBELET}.sha256").unlink()
@@ -256,6 +283,7 @@ class Answer:
 
     location: str | None
     status: int = 200
+    headers: dict[str, str] = attrs.field(factory=dict)
 
     def get_redirect_location(self) -> str | None:
         return self.location
@@ -268,7 +296,7 @@ def redirect(monkeypatch: pytest.MonkeyPatch, places: dict[str, str | None]) -> 
     """Let servers answer with redirections."""
 
     @contextmanager
-    def ask(self: Server, url: str) -> Iterator[Answer]:
+    def ask(self: Server, url: str, headers: object) -> Iterator[Answer]:
         yield Answer(places[url])
 
     monkeypatch.setattr(Server, "ask", ask)
@@ -299,12 +327,13 @@ def test_redirections_that_are_not_followed(
 
 def test_an_archive_that_lacks_a_program(server: Releases, upstream: Upstream, cache: Path) -> None:
     """A release of another content is compiled, and not used in part."""
-    assert PLUGINS.release
-    some = content(PLUGINS)
-    del some["macvlan"]
-    server.publish(PLUGINS.release, some)
-    with pytest.raises(Unavailable, match=r"v1.9.1.tgz has no macvlan"):
-        PLUGINS.fetch(upstream, print)
+    for build, gone in ((PLUGINS, "macvlan"), (MULTUS, "multus-shim")):
+        assert build.release
+        some = content(build)
+        del some[gone]
+        server.publish(build.release, some)
+        with pytest.raises(Unavailable, match=rf"v{build.version}\S* has no {gone}"):
+            build.fetch(upstream, print)
     assert left_behind(cache) == []
 
 
@@ -332,7 +361,6 @@ def test_programs_that_are_there_are_not_downloaded_again(
 ) -> None:
     """The second `up` asks no server for what the first one downloaded, and compiles nothing."""
     first = components.obtain(print, (), upstream)
-    LOCAL_PATH.directory.mkdir(parents=True)
     monkeypatch.setattr(components, "missing_packages", list)
     monkeypatch.setattr(components, "provide", lambda *words: pytest.fail("all is there"))
     assert components.obtain(print, (), upstream) == first
@@ -358,8 +386,7 @@ def test_a_part_of_a_file_does_not_stay(server: Releases, tmp_path: Path) -> Non
 
 def test_what_a_download_left_does_not_count(upstream: Upstream, cache: Path) -> None:
     """A download that was killed begins again."""
-    assert COREDNS.release
-    place = COREDNS.release.place(COREDNS.name, COREDNS.version, COREDNS.in_release)
+    place = COREDNS.released
     work = place.with_name(f".{place.name}")
     work.mkdir(parents=True)
     (work / "coredns").write_text("half")
@@ -400,10 +427,10 @@ def test_another_release_is_another_directory() -> None:
     assert PLUGINS.release
     wanted = PLUGINS.in_release
     places = {
-        PLUGINS.release.place("a", "1", wanted),
-        PLUGINS.release.place("a", "2", wanted),
-        PLUGINS.release.place("a", "1", {"bridge": "bridge"}),
-        attrs.evolve(PLUGINS.release, archive="b").place("a", "1", wanted),
+        place_of(PLUGINS.release, "a", "1", wanted),
+        place_of(PLUGINS.release, "a", "2", wanted),
+        place_of(PLUGINS.release, "a", "1", {"bridge": "bridge"}),
+        place_of(attrs.evolve(PLUGINS.release, archive="b"), "a", "1", wanted),
     }
     assert len(places) == 4
 
@@ -424,18 +451,22 @@ def test_compiling_says_why_and_how_long(monkeypatch: pytest.MonkeyPatch, cache:
     assert lines == [
         "dl.k8s.io cannot be reached (no route): compiling kubernetes 1.34.4 from source"
         " (about 8 minutes on two cores, once)",
-        "Compiling local-path-provisioner 0.0.37 from source (about 1 minute on two cores, once)",
+        "Compiling local-path-provisioner 0.0.37 from source (about 2 minutes on two cores, once)",
     ]
 
 
 def test_a_long_download_reports_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In megabytes, now and then."""
+    """Once when the server sends something, and then in megabytes, now and then."""
     monkeypatch.setattr(releases, "REPORT_EVERY", -1)
     lines: list[str] = []
-    progress = Progress("Downloading x: kubelet", lines.append)
+    progress = Progress("x", "dl.k8s.io", lines.append, "kubelet")
     progress.count(12_000_000, 57_000_000)
     progress.count(12_000_000, 0)
-    assert lines == ["Downloading x: kubelet, 12 of 57 MB", "Downloading x: kubelet, 12 MB"]
+    assert lines == [
+        "Downloading x from dl.k8s.io",
+        "Downloading x: kubelet, 12 of 57 MB",
+        "Downloading x: kubelet, 12 MB",
+    ]
 
 
 ONE, OTHER = "a" * 64, "B" * 64
@@ -459,6 +490,53 @@ ONE, OTHER = "a" * 64, "B" * 64
 def test_lists_of_sums(text: str, expected: str) -> None:
     """Kubernetes publishes a sum alone, others lists as `sha256sum` prints them."""
     assert find_sum(text, "f.tgz") == expected
+
+
+def test_a_registry_that_wants_a_token(server: Releases, upstream: Upstream) -> None:
+    """Public registries give one to those who are not logged in."""
+    server.logins = True
+    (server.root / "token").write_text('{"token": "t"}')
+    LOCAL_PATH.fetch(upstream, print)
+    assert "/token?service=images" in server.asked
+    assert Path(LOCAL_PATH.programs(upstream)["local-path-provisioner"]).exists()
+
+
+def test_a_registry_that_gives_no_token(server: Releases, upstream: Upstream) -> None:
+    """What it keeps for itself is compiled."""
+    server.logins = True
+    (server.root / "token").write_text("no")
+    with pytest.raises(Unavailable, match="gives no token"):
+        LOCAL_PATH.fetch(upstream, print)
+
+
+def test_only_the_layers_that_are_needed_are_downloaded(
+    server: Releases, upstream: Upstream
+) -> None:
+    """Below the programs is a distribution, which may be large."""
+    LOCAL_PATH.fetch(upstream, print)
+    assert len([path for path in server.asked if "/blobs/" in path]) == 1
+
+
+@pytest.mark.parametrize("kind", ["blobs", "manifests"])
+def test_an_image_that_is_not_what_its_digest_says(
+    server: Releases, upstream: Upstream, cache: Path, kind: str
+) -> None:
+    """Nothing of it is used."""
+    assert LOCAL_PATH.release
+    for file in (server.path(LOCAL_PATH.release.origin) / kind).glob("sha256:*"):
+        file.write_bytes(file.read_bytes() + b" ")
+    with pytest.raises((LocalClusterError, Unavailable), match=r"is not what"):
+        LOCAL_PATH.fetch(upstream, print)
+    assert left_behind(cache) == []
+
+
+def test_an_image_for_other_machines(
+    server: Releases, upstream: Upstream, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its programs are compiled."""
+    monkeypatch.setattr(releases, "machine_architecture", lambda: "riscv64")
+    with pytest.raises(Unavailable, match="is not an image for this machine"):
+        LOCAL_PATH.fetch(upstream, print)
 
 
 def test_a_list_without_the_file(server: Releases, upstream: Upstream) -> None:

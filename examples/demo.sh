@@ -27,7 +27,7 @@ local_cluster() {
   base_image_log="$(mktemp)"
   rigel-k8s image "$image" >"$base_image_log" 2>&1 &
   base_image_build=$!
-  trap 'kill "$base_image_build" 2>/dev/null; rm -f "$base_image_log"' EXIT
+  trap 'kill "$base_image_build" 2>/dev/null || true; rm -f "$base_image_log"' EXIT
   rigel-k8s cluster up --name "$cluster" "$@"
   REGISTRY="$(rigel-k8s cluster status --name "$cluster" -o json |
     python3 -c 'import json, sys; print(json.load(sys.stdin)["registry"])')"

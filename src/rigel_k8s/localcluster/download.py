@@ -126,6 +126,8 @@ class Server:
         except urllib3.exceptions.TimeoutError as error:
             silence = f"{urlsplit(url).netloc} sent nothing for {self.patience.silence:g} s"
             raise Unavailable(silence, server=True) from error
+        except urllib3.exceptions.ProtocolError as error:
+            raise Unavailable(f"{url} broke off") from error
         except urllib3.exceptions.HTTPError as error:
             raise Unavailable(f"{url}: {error}") from error
 

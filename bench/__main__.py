@@ -42,7 +42,7 @@ def main() -> None:
     words = arguments()
     name = words.context.removeprefix("rigel-")
     if words.context == "rigel-bench":
-        localcluster.up(name, 2, report=print)
+        localcluster.up(name, 2, extras=["kubectl"], report=print)
     status = localcluster.status(name)
     tools: list[Tool] = [
         Rigel(words.context),

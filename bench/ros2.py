@@ -30,6 +30,8 @@ from rigel_lab import cluster as localcluster
 NODES = Path(__file__).parent / "ros2_nodes"
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ros2-talker-listener"
 OWN = "rigel-bench2"
+#: What its own cluster has besides.
+EXTRAS = ("--with", "multus", "--with", "kubectl")
 SPACE = "bench-ros2"
 LAN = {"mode": "macvlan", "interface": "eth0", "subnet": "10.199.0.0/16", "ipam": "static"}
 #: Rigelfile's `network` by the name in the tables.
@@ -125,7 +127,7 @@ def main() -> None:
     words = arguments()
     name = words.context.removeprefix("rigel-")
     if words.context == OWN:
-        rigel("cluster", "up", "--name", name, "--nodes", "3", "--with", "multus")
+        rigel("cluster", "up", "--name", name, "--nodes", "3", *EXTRAS)
         rigel("--context", OWN, "network", "install")
     status = localcluster.status(name)
     only = words.only.split(",")

@@ -9,10 +9,12 @@ say() {
 
 rigel() { rigel-k8s --context "$CONTEXT" "$@"; }
 
-# local_cluster NAME [OPTIONS of cluster up]: takes CONTEXT, or makes a cluster; fails without REGISTRY.
+# local_cluster NAME IMAGE [OPTIONS of cluster up]: takes CONTEXT, or makes a cluster, while `rigel image IMAGE`
+# builds the base image; fails without REGISTRY.
 local_cluster() {
   cluster="$1"
-  shift
+  local image="$2"
+  shift 2
   if [ -n "${CONTEXT:-}" ]; then
     if [ -z "${REGISTRY:-}" ]; then
       echo "error: CONTEXT=$CONTEXT also needs REGISTRY=<host/path>: where images are pushed to, and what" \
@@ -22,6 +24,10 @@ local_cluster() {
     return
   fi
   CONTEXT="rigel-$cluster"
+  base_image_log="$(mktemp)"
+  rigel-k8s image "$image" >"$base_image_log" 2>&1 &
+  base_image_build=$!
+  trap 'kill "$base_image_build" 2>/dev/null || true; rm -f "$base_image_log"' EXIT
   rigel-k8s cluster up --name "$cluster" "$@"
   REGISTRY="$(rigel-k8s cluster status --name "$cluster" -o json |
     python3 -c 'import json, sys; print(json.load(sys.stdin)["registry"])')"
@@ -32,6 +38,7 @@ base_image() {
   if [ "$CONTEXT" = "rigel-$cluster" ]; then
     BASE_IMAGE="$REGISTRY/ros:$2"
     say "A base image from packages, as $BASE_IMAGE"
+    wait "$base_image_build" || { cat "$base_image_log" >&2; exit 1; }
     rigel-k8s image "$1" --push "$BASE_IMAGE"
   fi
   export REGISTRY BASE_IMAGE="${BASE_IMAGE:-$3}"

@@ -12,6 +12,7 @@ from __future__ import annotations
 from xdist.scheduler import LoadScopeScheduling
 
 from rigel_lab.cluster.components import ON_REQUEST
+from rigel_lab.cluster.releases import Upstream
 
 #: The beginning of a path -> its lane; the first that fits counts.
 LANES = {
@@ -44,8 +45,8 @@ def lane_of(nodeid: str) -> str:
 
 def processes() -> int:
     """Return how many processes to take: none besides the first where all programs are built."""
-    builds = [build for some in ON_REQUEST.values() for build in some]
-    return 0 if all(build.directory.exists() for build in builds) else 3
+    builds, upstream = [build for some in ON_REQUEST.values() for build in some], Upstream.of(None)
+    return 0 if all(build.find(upstream) for build in builds) else 3
 
 
 if __name__ == "__main__":

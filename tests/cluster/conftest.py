@@ -69,6 +69,7 @@ def context() -> Iterator[str]:
         pytest.skip("the local cluster needs root; name a cluster with RIGEL_TEST_CONTEXT instead")
     name = "-".join(filter(None, ("test", os.environ.get("PYTEST_XDIST_WORKER"))))
     words = ["cluster", "up", "--name", name, "--nodes", "3", "--with", "multus"]
+    words += ["--with", "kubectl"]
     if run_rigel(*words, check=False, timeout=3600).returncode == 2:  # one of an older checkout
         run_rigel("cluster", "down", "--name", name)
         run_rigel(*words, timeout=3600)

@@ -152,6 +152,7 @@ def test_kubectl_reads_the_render(robot: Robot, context: str) -> None:
     if status.returncode:
         pytest.skip("no local cluster, which would bring kubectl along")
     kubectl = json.loads(status.stdout)["kubectl"]
+    assert kubectl, "the cluster was started without --with kubectl"
     done = subprocess.run(
         [*kubectl.split(), "--context", context, "apply", "--server-side", "--dry-run=server"]
         + ["--field-manager=rigel", "-f", "-"],

@@ -51,9 +51,9 @@ def cluster() -> None:
     "--with",
     "extras",
     multiple=True,
-    type=click.Choice(["multus", "observability", "prometheus-operator"]),
-    help="Images that the registry offers besides, built first; may be repeated, also for a"
-    " running cluster.",
+    type=click.Choice(["kubectl", "multus", "observability", "prometheus-operator"]),
+    help="Images that the registry offers besides, or a kubectl of the same version; may be"
+    " repeated, also for a running cluster.",
 )
 @click.option(
     "--layout",
@@ -61,6 +61,13 @@ def cluster() -> None:
     help="Where a new cluster's nodes have CNI and containerd [plain].",
 )
 @click.option("--data-dir", metavar="PATH", help="k3s' data directory [/var/lib/rancher/k3s].")
+@click.option(
+    "--mirror",
+    metavar="URL",
+    help="Where released programs come from: below it HOST/PATH is what upstream has at"
+    " https://HOST/PATH [$RIGEL_CLUSTER_MIRROR].",
+)
+@click.option("--from-source", is_flag=True, help="Compile every program, download none.")
 @json_option
 @click.pass_context
 def up(
@@ -71,17 +78,28 @@ def up(
     extras: tuple[str, ...],
     layout: str | None,
     data_dir: str | None,
+    mirror: str | None,
+    from_source: bool,  # noqa: FBT001
     output: str,
 ) -> None:
     """Start a cluster, or what of it does not run.
 
-    The first time its programs are built (about 15 minutes on two cores) and kept in a cache. The
+    The first time its programs are downloaded from their projects' releases; what cannot be
+    reached is compiled (all of it: about 15 minutes on two cores). They are kept in a cache. The
     context rigel-NAME is put into your kubeconfig and becomes the current one.
     """
     from rigel_k8s.commands import cluster as clusters
 
+    if from_source and mirror is not None:
+        raise click.UsageError("--mirror and --from-source exclude each other")
     status = clusters.up(
-        name, nodes, extras=extras, layout=layout, data_dir=data_dir, report=steps(ctx)
+        name,
+        nodes,
+        extras=extras,
+        layout=layout,
+        data_dir=data_dir,
+        mirror="none" if from_source else mirror,
+        report=steps(ctx),
     )
     if output == "json":
         print_json(attrs.asdict(status))
@@ -90,7 +108,8 @@ def up(
     click.echo(f"Cluster {name} is up: Kubernetes {status.kubernetes}, {count}")
     click.echo(f"  context   {status.context} (the current one now)")
     click.echo(f"  registry  {status.registry} (plain HTTP; nodes pull from it by the same name)")
-    click.echo(f"  kubectl   {status.kubectl}")
+    if status.kubectl:
+        click.echo(f"  kubectl   {status.kubectl}")
     click.echo(f"  logs      {status.logs}/*/logs")
     tell_offers(status)
 
@@ -129,7 +148,8 @@ def status(name: str, output: str) -> int:
         click.secho(f"  {problem}", fg="yellow")
     click.echo(f"  context   {found.context}")
     click.echo(f"  registry  {found.registry} (plain HTTP)")
-    click.echo(f"  kubectl   {found.kubectl}")
+    if found.kubectl:
+        click.echo(f"  kubectl   {found.kubectl}")
     click.echo(f"  logs      {found.logs}/*/logs")
     click.echo(f"  layout    {found.layout}")
     tell_offers(found)

@@ -39,6 +39,7 @@ def up(
     extras: Sequence[str],
     layout: str | None,
     data_dir: str | None,
+    mirror: str | None,
     report: Callable[[str], None],
 ) -> localcluster.ClusterStatus:
     """Start a cluster, or what of it does not run; see `localcluster.up`.
@@ -51,6 +52,7 @@ def up(
         extras=extras,
         layout=layout,
         data_dir=data_dir,
+        mirror=mirror,
         made={"observability": {exporter.UPSTREAM: partial(ros_exporter, report)}},
         report=report,
     )

@@ -11,7 +11,7 @@ from rigel_lab.cluster.components import Components
 from rigel_lab.cluster.layout import Layout
 from rigel_lab.cluster.oci import Image
 
-__all__ = ["DEPLOYMENTS", "images", "objects", "write"]
+__all__ = ["DEPLOYMENTS", "images", "objects"]
 
 DNS_NAME = "coredns"
 STORAGE_NAME = "local-path-provisioner"
@@ -201,11 +201,3 @@ def registry_note(layout: Layout) -> Object:
     text = json.dumps({"host": layout.registry, "hostFromClusterNetwork": layout.registry})
     data = {"localRegistryHosting.v1": text}
     return made("v1", "ConfigMap", "local-registry-hosting", "kube-public", data=data)
-
-
-def write(layout: Layout) -> Path:
-    """Write the manifests to one file and return it."""
-    path = layout.directory / "addons.json"
-    items = {"apiVersion": "v1", "kind": "List", "items": objects(layout)}
-    path.write_text(json.dumps(items))
-    return path

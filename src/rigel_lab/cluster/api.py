@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-import json
 import ssl
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import urllib3
 
-from rigel_k8s.errors import CommandFailed, LocalClusterError
+from rigel_k8s.errors import ClusterError, ConflictError, LocalClusterError
+from rigel_k8s.kube import Cluster, Manifest, ObjectRef
+from rigel_k8s.kube.target import Credentials, Target
 from rigel_lab.cluster import k3s, kubeconfig
-from rigel_lab.cluster.commands import run
 from rigel_lab.cluster.components import KUBERNETES_VERSION
 from rigel_lab.cluster.layout import SERVER, Layout
 
 __all__ = [
     "access",
     "admin",
+    "apply",
     "create_nodes",
-    "kubectl",
     "mark_lost",
     "ready",
     "ready_nodes",
+    "wait_for_deployment",
     "wait_until_ready",
 ]
 
@@ -71,18 +72,34 @@ def access(layout: Layout, context: str, server: str | None = None) -> dict[str,
     return kubeconfig.entries(context, server or layout.server, ca.certificate, *keys)
 
 
-def kubectl(layout: Layout, *words: str) -> str:
-    """Run kubectl as administrator and return what it printed."""
-    return run([layout.program("kubectl"), f"--kubeconfig={admin(layout)}", *words])
+def connect(layout: Layout) -> Cluster:
+    """Return a client of the API server, as administrator."""
+    admin(layout)
+    ca = layout.authority()
+    certificate, key = ca.directory / "admin.crt", ca.directory / "admin.key"
+    credentials = Credentials(certificate.read_text(), key.read_text())
+    target = Target(
+        layout.server,
+        f"rigel-{layout.name}",
+        authority=ca.certificate.read_text(),
+        credentials=lambda: credentials,
+    )
+    return Cluster(target)
 
 
 def create_nodes(layout: Layout, nodes: Sequence[str]) -> None:
     """Create the Node objects with their pod ranges; the kubelets find and fill them."""
-    path = layout.directory / "nodes.json"
-    items = [node_object(layout, node) for node in nodes]
-    path.write_text(json.dumps({"apiVersion": "v1", "kind": "List", "items": items}))
-    with suppress(CommandFailed):  # AlreadyExists, where the control plane was started again
-        kubectl(layout, "create", "-f", str(path))
+    with connect(layout) as cluster:
+        for node in nodes:
+            with suppress(ConflictError):  # where the control plane was started again
+                cluster.create(node_object(layout, node))
+
+
+def apply(layout: Layout, manifests: Iterable[Manifest]) -> None:
+    """Apply manifests in their order; what others have changed in them is set back."""
+    with connect(layout) as cluster:
+        for manifest in manifests:
+            cluster.apply(manifest, force=True)
 
 
 def node_object(layout: Layout, name: str) -> dict[str, Any]:
@@ -100,17 +117,51 @@ def node_object(layout: Layout, name: str) -> dict[str, Any]:
 def mark_lost(layout: Layout, node: str) -> None:
     """Tell the cluster that a node has ended, which it would believe Ready for a while."""
     condition = {"type": "Ready", "status": "Unknown", "reason": "MachineEnded"}
-    patch = json.dumps({"status": {"conditions": [condition]}})
-    with suppress(CommandFailed):  # NotFound, where somebody has deleted it
-        kubectl(layout, "patch", "node", node, "--subresource=status", f"--patch={patch}")
+    patch = {"status": {"conditions": [condition]}}
+    ref = ObjectRef("v1", "Node", "", node)
+    # The node is started again in any case; someone may have deleted its object.
+    with connect(layout) as cluster, suppress(ClusterError):
+        cluster.patch(ref, patch, style="strategic", subresource="status")
 
 
 def ready_nodes(layout: Layout) -> set[str]:
     """Return the names of the nodes that the cluster calls Ready."""
-    items = json.loads(kubectl(layout, "get", "nodes", "-o", "json"))["items"]
-    found = set()
-    for item in items:
-        conditions = {c["type"]: c["status"] for c in item["status"].get("conditions", [])}
-        if conditions.get("Ready") == "True":
-            found.add(item["metadata"]["name"])
-    return found
+    with connect(layout) as cluster:
+        nodes = cluster.nodes()
+    return {node["metadata"]["name"] for node in nodes if conditions(node).get("Ready") == "True"}
+
+
+def wait_for_deployment(layout: Layout, namespace: str, name: str, seconds: float = 120) -> None:
+    """Wait until the pods of a Deployment's present template are there and ready.
+
+    Raises:
+        LocalClusterError: they are not within the time; the details are the Deployment's reasons.
+    """
+    deadline = time.monotonic() + seconds
+    ref = ObjectRef("apps/v1", "Deployment", namespace, name)
+    with connect(layout) as cluster:
+        while not rolled_out(found := cluster.get(ref) or {}):
+            if time.monotonic() > deadline:
+                stated = (found.get("status") or {}).get("conditions") or []
+                raise LocalClusterError(
+                    f"{name} was not ready after {seconds:.0f} s",
+                    details=[str(each.get("message")) for each in stated],
+                    hint=f"the logs of its pods: {layout.directory}/node*/pod-logs/{namespace}_*",
+                )
+            time.sleep(0.2)
+
+
+def rolled_out(deployment: Manifest) -> bool:
+    """Return whether all pods of a Deployment are of its present template and available."""
+    status = deployment.get("status") or {}
+    if status.get("observedGeneration", 0) < deployment.get("metadata", {}).get("generation", 1):
+        return False
+    wanted = deployment["spec"]["replicas"]
+    counts = (status.get(key, 0) for key in ("replicas", "updatedReplicas", "availableReplicas"))
+    return all(count == wanted for count in counts)
+
+
+def conditions(item: Manifest) -> Mapping[str, str]:
+    """Return the conditions of an object's status: type -> status."""
+    found = (item.get("status") or {}).get("conditions") or []
+    return {each["type"]: each["status"] for each in found}

@@ -1,14 +1,16 @@
 """The programs of a local cluster: which there are, and how they get into the cache.
 
-Go programs are built; the rest comes from Debian packages that are downloaded and unpacked, never
-installed: installing them would start services and could displace Docker's containerd. It knows
-nothing of clusters.
+Go programs are downloaded where their projects release them, and compiled where that cannot be
+reached; the rest comes from Debian packages that are downloaded and unpacked, never installed:
+installing them would start services and could displace Docker's containerd. It knows nothing of
+clusters.
 """
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import attrs
@@ -16,8 +18,10 @@ import attrs
 from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.errors import CommandFailed, LocalClusterError
 from rigel_lab.cluster.commands import Report, run
+from rigel_lab.cluster.download import Unavailable
 from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.observability import OBSERVABILITY, OPERATOR
+from rigel_lab.cluster.releases import Release, ReleasedImage, Upstream
 
 __all__ = [
     "KUBERNETES_VERSION",
@@ -26,6 +30,7 @@ __all__ = [
     "PLUGINS",
     "WHEREABOUTS",
     "Components",
+    "names",
     "obtain",
 ]
 
@@ -40,15 +45,35 @@ KUBERNETES = GoBuild(
         "k8s.io/kubernetes/cmd/kube-scheduler",
         "k8s.io/kubernetes/cmd/kubelet",
         "k8s.io/kubernetes/cmd/kube-proxy",
-        "k8s.io/kubernetes/cmd/kubectl",
     ),
     tags="providerless",
     stamped=("k8s.io/component-base/version", "k8s.io/client-go/pkg/version"),
     minutes=8,
+    release=Release(f"https://dl.k8s.io/release/v{KUBERNETES_VERSION}/bin/linux/{{arch}}"),
 )
-COREDNS = GoBuild("coredns", "1.15.0", ("github.com/coredns/coredns",), minutes=4)
+#: A cluster does without it; people, tests and benchmarks may want one of the same version.
+KUBECTL = attrs.evolve(
+    KUBERNETES,
+    packages=("k8s.io/kubernetes/cmd/kubectl",),
+    minutes=2,
+    title=f"kubectl {KUBERNETES_VERSION}",
+)
+COREDNS = GoBuild(
+    "coredns",
+    "1.15.0",
+    ("github.com/coredns/coredns",),
+    minutes=4,
+    release=Release(
+        "https://github.com/coredns/coredns/releases/download/v1.15.0",
+        "coredns_1.15.0_linux_{arch}.tgz",
+    ),
+)
 LOCAL_PATH = GoBuild(
-    "local-path-provisioner", "0.0.37", ("github.com/rancher/local-path-provisioner",)
+    "local-path-provisioner",
+    "0.0.37",
+    ("github.com/rancher/local-path-provisioner",),
+    minutes=2,
+    release=ReleasedImage("registry-1.docker.io", "rancher/local-path-provisioner", "v0.0.37"),
 )
 #: What every cluster needs.
 GO_BUILDS = (KUBERNETES, COREDNS, LOCAL_PATH)
@@ -75,6 +100,7 @@ MULTUS = GoBuild(
     renamed={"passthru-cni": "passthru"},
     files={"multus-license": "LICENSE"},
     minutes=2,
+    release=ReleasedImage("ghcr.io", "k8snetworkplumbingwg/multus-cni", "v4.3.0-thick"),
 )
 WHEREABOUTS_MODULE = "github.com/k8snetworkplumbingwg/whereabouts"
 WHEREABOUTS = GoBuild(
@@ -121,13 +147,23 @@ PLUGINS = GoBuild(
     stamps=(f"{PLUGINS_MODULE}/pkg/utils/buildversion.BuildVersion=v1.9.1",),
     files={"cni-plugins-license": "LICENSE"},
     module=PLUGINS_MODULE,
+    release=Release(
+        "https://github.com/containernetworking/plugins/releases/download/v1.9.1",
+        "cni-plugins-linux-{arch}-v1.9.1.tgz",
+    ),
 )
 #: The kubelet of nodes laid out as k3s does: the same program, which says "+k3s1" of itself.
 K3S_KUBELET = attrs.evolve(
-    KUBERNETES, packages=("k8s.io/kubernetes/cmd/kubelet",), suffix="+k3s1", minutes=1
+    KUBERNETES,
+    packages=("k8s.io/kubernetes/cmd/kubelet",),
+    suffix="+k3s1",
+    title=f"kubelet {KUBERNETES_VERSION}+k3s1",
+    minutes=5,
+    release=None,
 )
 #: What is needed on request alone, by name; a program takes the place of one of the same name.
 ON_REQUEST = {
+    "kubectl": (KUBECTL,),
     "multus": (MULTUS, WHEREABOUTS, PLUGINS),
     "observability": OBSERVABILITY,
     "prometheus-operator": (OPERATOR,),
@@ -167,6 +203,11 @@ class Components:
         """Whether the Go programs are there still; who clears the cache takes all of it."""
         return all(Path(program).exists() for program in self.go.values())
 
+    def replace_missing(self, others: Components) -> Components:
+        """Return these programs, with others in the place of those that are no longer there."""
+        there = {name: path for name, path in self.go.items() if Path(path).exists()}
+        return attrs.evolve(self, go=others.go | there)
+
     def program(self, name: str) -> str:
         """Return the path of a program by its name.
 
@@ -183,28 +224,59 @@ class Components:
         )
 
 
-def obtain(report: Report, requested: Iterable[str] = ()) -> Components:
-    """Return all programs, built or downloaded where the cache lacks them.
+def names(requested: Iterable[str]) -> set[str]:
+    """Return what the programs and files of some names of ON_REQUEST are called."""
+    builds = [build for name in requested for build in ON_REQUEST[name]]
+    return {name for build in builds for name in build.in_release}
+
+
+def obtain(
+    report: Report, requested: Iterable[str] = (), upstream: Upstream | None = None
+) -> Components:
+    """Return all programs; what the cache lacks is downloaded, or compiled.
 
     Args:
         report: takes one line for each step.
         requested: names of ON_REQUEST, whose programs are wanted as well.
+        upstream: from where; None leaves it to the environment.
 
     Raises:
         LocalClusterError, CommandFailed: a build or a download failed.
     """
+    upstream = upstream or Upstream.of(None)
     builds = [*GO_BUILDS, *(build for name in requested for build in ON_REQUEST[name])]
-    found = Components(
-        {name: path for build in builds for name, path in build.programs().items()},
+    missing = [build for build in builds if not build.find(upstream)]
+    if missing or missing_packages():
+        provide(missing, upstream, report)
+    return Components(
+        {name: path for build in builds for name, path in build.programs(upstream).items()},
         str(cache_dir() / "debian"),
     )
-    if found.complete and not missing_packages():
-        return found
-    with locked(cache_dir() / "debian.lock"):
-        unpack(report)
-    for build in builds:
-        build.build(report)
-    return found
+
+
+def provide(builds: Sequence[GoBuild], upstream: Upstream, report: Report) -> None:
+    """Put programs and Debian packages into the cache.
+
+    What must be compiled in any case is, while the network brings the rest.
+    """
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        compiled = beside.submit(compile_all, [(b, "") for b in builds if not b.release], report)
+        with locked(cache_dir() / "debian.lock"):
+            unpack(report)
+        left = []
+        for build in (build for build in builds if build.release):
+            try:
+                build.fetch(upstream, report)
+            except Unavailable as error:
+                left.append((build, str(error)))
+        compiled.result()
+    compile_all(left, report)
+
+
+def compile_all(builds: Iterable[tuple[GoBuild, str]], report: Report) -> None:
+    """Compile programs, one after the other: each build uses all cores; with why, where known."""
+    for build, why in builds:
+        build.build(report, why)
 
 
 def missing_packages() -> list[str]:

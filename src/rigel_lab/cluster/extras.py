@@ -88,8 +88,9 @@ def image(
     )
 
 
-#: What can be asked for (`--with`): what nodes pull -> what makes it.
+#: What can be asked for (`--with`): what nodes pull -> what makes it. A kubectl is for people.
 EXTRAS: Mapping[str, Mapping[str, Callable[[Components], Image]]] = {
+    "kubectl": {},
     "multus": {
         MULTUS_IMAGE: multus,
         WHEREABOUTS_IMAGE: whereabouts,

@@ -1,4 +1,7 @@
-"""Go programs, built from the go.mod and go.sum in `lock/`, which pin every module by hash."""
+"""Go programs, built from the go.mod and go.sum in `lock/`, which pin every module by hash.
+
+Where their project releases them they can be downloaded instead (`releases`).
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,8 @@ import attrs
 from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.errors import LocalClusterError
 from rigel_lab.cluster.commands import Report, follow, run
+from rigel_lab.cluster.download import Unavailable
+from rigel_lab.cluster.releases import Published, Upstream, place_of
 
 __all__ = ["GoBuild"]
 
@@ -44,6 +49,8 @@ class GoBuild:
         minutes: about how long it takes on two cores.
         module: the Go module that they are of.
         module_version: the module's, where its programs count otherwise.
+        release: where its project publishes the same programs, if it does.
+        title: what it is, for people.
     """
 
     name: str
@@ -60,6 +67,10 @@ class GoBuild:
     module_version: str = attrs.field(
         default=attrs.Factory(lambda self: self.version, takes_self=True)
     )
+    release: Published | None = None
+    title: str = attrs.field(
+        default=attrs.Factory(lambda self: f"{self.name} {self.version}", takes_self=True)
+    )
 
     def common(self) -> str:
         """Return what comes before the usual directory of programs."""
@@ -72,8 +83,27 @@ class GoBuild:
 
     @property
     def directory(self) -> Path:
-        """Where the cache keeps its programs."""
+        """Where the cache keeps its programs when they were compiled here."""
         return cache_dir() / "go" / self.key()
+
+    @property
+    def in_release(self) -> dict[str, str]:
+        """Its programs and files -> what they are called in its project's release."""
+        files = {name: path.rsplit("/", 1)[-1] for name, path in self.files.items()}
+        return {name: name for name in self.program_names} | files
+
+    @property
+    def released(self) -> Path:
+        """Where the cache keeps its programs when they were downloaded."""
+        assert self.release
+        return place_of(self.release, self.name, self.version, self.in_release)
+
+    def find(self, upstream: Upstream) -> Path | None:
+        """Return the directory with its programs, None where the cache has none that are wanted."""
+        places = [self.directory]
+        if self.release and upstream.wanted:
+            places.append(self.released)
+        return next((place for place in places if place.exists()), None)
 
     @property
     def program_names(self) -> list[str]:
@@ -81,10 +111,10 @@ class GoBuild:
         built = [MAJOR.sub("", package).rsplit("/", 1)[-1] for package in self.packages]
         return [self.renamed.get(name, name) for name in built]
 
-    def programs(self) -> dict[str, str]:
-        """Return the paths of its programs and files by their names."""
-        names = [*self.program_names, *self.files]
-        return {name: str(self.directory / name) for name in names}
+    def programs(self, upstream: Upstream | None = None) -> dict[str, str]:
+        """Return the paths of its programs and files by their names; None is: those compiled."""
+        place = (upstream and self.find(upstream)) or self.directory
+        return {name: str(place / name) for name in (*self.program_names, *self.files)}
 
     def flags(self) -> list[str]:
         """Return the arguments of `go build` besides output and packages."""
@@ -109,13 +139,36 @@ class GoBuild:
             digest.update((self.lock / name).read_bytes())
         return f"{self.name}-{self.version}-{digest.hexdigest()[:12]}"
 
-    def build(self, report: Report) -> None:
+    def fetch(self, upstream: Upstream, report: Report) -> None:
+        """Download its programs into the cache, where they are not there yet.
+
+        Raises:
+            Unavailable: they are not released, or cannot be reached.
+            LocalClusterError: something else came than was released.
+        """
+        if self.release is None or not upstream.wanted:
+            raise Unavailable("")
+        with locked(cache_dir() / f"{self.key()}.lock"):
+            if not self.find(upstream):
+                place = self.released
+                upstream.fetch(
+                    self.release, self.in_release, place, title=self.title, report=report
+                )
+
+    def build(self, report: Report, why: str = "") -> None:
         """Build its programs into the cache, where they are not there yet.
 
         One process builds them, and others that want them wait for it.
+
+        Args:
+            report: takes one line for each step.
+            why: why they are not downloaded.
         """
-        with locked(cache_dir() / f"{self.name}.lock"):
+        with locked(cache_dir() / f"{self.key()}.lock"):
             if not self.directory.exists():
+                minutes = f"about {self.minutes} minute{'s' * (self.minutes > 1)}"
+                cause = f"{why}: compiling" if why else "Compiling"
+                report(f"{cause} {self.title} from source ({minutes} on two cores, once)")
                 self._build(report)
 
     def _build(self, report: Report) -> None:
@@ -123,12 +176,8 @@ class GoBuild:
         shutil.rmtree(work, ignore_errors=True)
         shutil.copytree(self.lock, work / "src")
         go, env = toolchain(report)
-        report(f"Building {self.name} {self.version}: fetching its modules")
+        report(f"Building {self.title}: fetching its modules")
         total = len(run([go, "list", "-deps", *self.packages], cwd=work / "src", env=env).split())
-        report(
-            f"Building {self.name} {self.version}: about {self.minutes} min on two cores, once"
-            " (kept in the cache)"
-        )
         follow(
             [go, "build", "-v", *self.flags(), "-o", f"{work / 'bin'}/", *self.packages],
             Progress(self.name, total, report).count,

@@ -29,6 +29,7 @@ from rigel_lab.cluster.layout import CONTROL_PLANE, Layout
 from rigel_lab.cluster.machine import Machine
 from rigel_lab.cluster.node import node, write_resolv_conf
 from rigel_lab.cluster.registry import Made, offer, push_images
+from rigel_lab.cluster.releases import Upstream
 from rigel_lab.cluster.requirements import check_name, require_host, require_root
 from rigel_lab.cluster.state import State
 from rigel_lab.cluster.status import ClusterStatus, status_of
@@ -48,6 +49,7 @@ def up(
     layout: str | None = None,
     data_dir: str | None = None,
     made: Made = NOTHING_MADE,
+    mirror: str | None = None,
     report: Report = lambda _: None,
 ) -> ClusterStatus:
     """Start a cluster, or what of it does not run, and return it.
@@ -61,6 +63,8 @@ def up(
         layout: "plain" or "k3s": where its nodes have CNI and containerd; None as with `nodes`.
         data_dir: k3s' data directory.
         made: images that others make for extras; asked for only where the extra is.
+        mirror: the URL that stands for upstream's servers, "none" to compile everything; None is
+            what the environment says.
         report: takes one line for each step.
 
     Raises:
@@ -72,14 +76,16 @@ def up(
     check_name(name)
     wish = Wish(nodes, extras, layout, data_dir)
     wish.check()
+    upstream = Upstream.of(mirror)
     file = kubeconfig.user_kubeconfig().absolute()
     kubeconfig.load(file)  # one that cannot be changed is told before anything is started
     with working_on(name):
-        state = remembered(name, wish, report)
+        state = remembered(name, wish, upstream, report)
         shared.acquire(name, state.node_paths.binds)
         started = start_machines(state, report)
         # Those of a cluster that was made anew, or whose `up` was broken off, are missing.
-        offer(state, wish.extras or (() if state.offers else state.extras), made, report)
+        asked = wish.extras or (() if state.offers else state.extras)
+        offer(state, asked, made, upstream, report)
         if started or not state.furnished:
             furnish(state, report)
         else:
@@ -108,25 +114,27 @@ def working_on(name: str) -> Iterator[None]:
         yield
 
 
-def remembered(name: str, wish: Wish, report: Report) -> State:
+def remembered(name: str, wish: Wish, upstream: Upstream, report: Report) -> State:
     """Return the state of a cluster that can go on, or of a new one."""
     state = State.load(name)
     if not state:
-        return create(name, wish, report)
+        return create(name, wish, upstream, report)
     state.require_known()
     if state.boot != paths.boot_id():
         report(f"Cluster {name} was lost when this machine restarted; making it anew")
         removal.remove(state, report)
-        return create(name, wish.or_as(state), report)
+        return create(name, wish.or_as(state), upstream, report)
     wish.compare(state)
     if not state.components.complete:
-        components.obtain(report, state.builds)
+        there = components.obtain(report, state.builds, upstream)
+        state.components = state.components.replace_missing(there)
+        state.save()
     return state
 
 
-def create(name: str, wish: Wish, report: Report) -> State:
+def create(name: str, wish: Wish, upstream: Upstream, report: Report) -> State:
     """Return the state of a cluster to be, with address ranges that nobody uses."""
-    parts = components.obtain(report, wish.builds)
+    parts = components.obtain(report, wish.builds, upstream)
     with shared.exclusive():
         others = [State.load(other) for other in paths.names()]
         state = State(
@@ -188,14 +196,12 @@ def furnish(state: State, report: Report) -> None:
     """Install DNS and storage, and wait until nodes and both are ready."""
     layout = state.layout
     report("Installing DNS and storage")
-    path = addons.write(layout)
-    api.kubectl(layout, "apply", "--server-side", "--force-conflicts", "-f", str(path))
+    api.apply(layout, addons.objects(layout))
     report("Waiting for the nodes to be Ready")
     wait_for_nodes(layout, state.node_names)
     report("Waiting for DNS and storage")
     for space, name in addons.DEPLOYMENTS:
-        words = ["rollout", "status", f"deployment/{name}", "--timeout=120s"]
-        api.kubectl(layout, "-n", space, *words)
+        api.wait_for_deployment(layout, space, name)
     state.furnished = True
     state.save()
 

@@ -1,12 +1,15 @@
-"""The programs that watch a cluster, as `--with observability` builds them.
+"""The programs that watch a cluster, as `--with observability` downloads or builds them.
 
 What they are put into is another matter (`observability_images`). All are built as upstream builds
 them but without C libraries: Promtail reads no systemd journal, Prometheus has no pages of its own.
+Loki's releases lack the configuration and licence of its image, kube-state-metrics is released as
+an image only: these are always built.
 """
 
 from __future__ import annotations
 
 from rigel_lab.cluster.gobuild import GoBuild
+from rigel_lab.cluster.releases import Release
 
 __all__ = [
     "KUBE_STATE_METRICS",
@@ -59,6 +62,11 @@ PROMETHEUS = GoBuild(
     },
     module_version="0.313.3",
     minutes=3,
+    release=Release(
+        "https://github.com/prometheus/prometheus/releases/download/v3.13.3",
+        "prometheus-3.13.3.linux-{arch}.tar.gz",
+        sums="sha256sums.txt",
+    ),
 )
 NODE_EXPORTER = GoBuild(
     "node-exporter",
@@ -66,6 +74,11 @@ NODE_EXPORTER = GoBuild(
     ("github.com/prometheus/node_exporter",),
     stamps=(f"{VERSION}=1.12.1",),
     files={"node-exporter-license": "LICENSE", "node-exporter-notice": "NOTICE"},
+    release=Release(
+        "https://github.com/prometheus/node_exporter/releases/download/v1.12.1",
+        "node_exporter-1.12.1.linux-{arch}.tar.gz",
+        sums="sha256sums.txt",
+    ),
 )
 KUBE_STATE_METRICS = GoBuild(
     "kube-state-metrics",

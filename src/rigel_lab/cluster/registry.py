@@ -14,6 +14,7 @@ from rigel_lab.cluster import components, oci
 from rigel_lab.cluster.commands import Report
 from rigel_lab.cluster.extras import extra_images, offered
 from rigel_lab.cluster.layout import Layout
+from rigel_lab.cluster.releases import Upstream
 from rigel_lab.cluster.state import State
 from rigel_lab.cluster.upstream import short
 
@@ -24,14 +25,18 @@ __all__ = ["Made", "offer", "push_images"]
 Made = Mapping[str, Mapping[str, Callable[[], Path]]]
 
 
-def offer(state: State, extras: Sequence[str], made: Made, report: Report) -> None:
+def offer(
+    state: State, extras: Sequence[str], made: Made, upstream: Upstream, report: Report
+) -> None:
     """Put what a cluster does not offer yet into its registry, which keeps it."""
     offers = offered(extras)
-    if not set(offers) <= set(state.offers):
+    if not components.names(extras) <= state.components.go.keys():
+        parts = components.obtain(report, extras, upstream).go
         # The programs of a running cluster stay what they are, also for a newer rigel.
-        parts = components.obtain(report, extras).go | state.components.go
+        state.components = attrs.evolve(state.components, go=parts | state.components.go)
+        remember(state, extras, ())
+    if not set(offers) <= set(state.offers):
         report(f"Adding {', '.join(extras)} to the registry")
-        state.components = attrs.evolve(state.components, go=parts)
         push_images(state.layout, extra_images(state.components, extras))
         remember(state, extras, offers)
     for extra in extras:

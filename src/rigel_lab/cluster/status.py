@@ -32,7 +32,7 @@ class ClusterStatus:
         running: whether all its machines run and the API server answers.
         registry: HOST:PORT to push to and to pull from, plain HTTP.
         kubernetes: the version, as `v1.34.4`.
-        kubectl: the path of a kubectl of the same version.
+        kubectl: the path of a kubectl of the same version; "" without `--with kubectl`.
         logs: the directory below which every component's log is.
         problems: what does not run, one line each.
         layout: how its nodes are laid out, as `plain` or `k3s (/var/lib/rancher/k3s)`.
@@ -77,7 +77,7 @@ def status_of(state: State) -> ClusterStatus:
         registry=layout.registry,
         kubernetes=f"v{state.kubernetes}",
         nodes=tuple(node_statuses(state, ask=not problems)),
-        kubectl=state.components.go["kubectl"],
+        kubectl=state.components.go.get("kubectl", ""),
         logs=str(state.directory),
         problems=problems,
         layout=describe(state.data_dir),

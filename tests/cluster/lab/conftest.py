@@ -155,7 +155,7 @@ class Host:
 
     def kubectl(self, name: str, *words: str, text: str | None = None, check: bool = True) -> str:
         """Run kubectl on a cluster."""
-        kubectl = components.obtain(print).program("kubectl")
+        kubectl = components.obtain(print, ["kubectl"]).program("kubectl")
         return self.run(kubectl, f"--context=rigel-{name}", *words, text=text, check=check)
 
     def processes(self) -> dict[str, str]:

@@ -277,7 +277,7 @@ def test_its_kubeconfig_works_from_elsewhere(host: Any, ranch: str) -> None:
     address = host.status(ranch)["nodes"][0]["address"]
     laptop = host.directory / "laptop.yaml"
     laptop.write_text(path.read_text().replace("127.0.0.1", address))
-    kubectl = components.obtain(print).program("kubectl")
+    kubectl = components.obtain(print, ["kubectl"]).program("kubectl")
     nodes = host.run(kubectl, f"--kubeconfig={laptop}", "get", "nodes", "-o", "name")
     assert nodes == "node/node1\n"
     assert f"https://{address}:6443" in laptop.read_text()

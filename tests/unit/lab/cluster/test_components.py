@@ -19,6 +19,7 @@ from rigel_lab.cluster.components import (
     Components,
 )
 from rigel_lab.cluster.gobuild import GoBuild, Progress, go_version, toolchain
+from rigel_lab.cluster.releases import Upstream
 
 BUILDS = [*GO_BUILDS, *(build for builds in ON_REQUEST.values() for build in builds)]
 
@@ -113,6 +114,25 @@ def test_progress_counts_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told[-1] == "Building x: 2 of 9 packages"
 
 
+def test_kubectl_is_built_on_request_alone() -> None:
+    """No cluster needs it, and one of the very same version can be asked for."""
+    assert "kubectl" not in KUBERNETES.program_names
+    [kubectl] = ON_REQUEST["kubectl"]
+    assert kubectl.program_names == ["kubectl"]
+    assert (kubectl.lock, kubectl.flags()) == (KUBERNETES.lock, KUBERNETES.flags())
+
+
+def test_programs_that_are_gone_are_replaced(tmp_path: Path) -> None:
+    """A running cluster keeps its programs, but for those whose cache was cleared."""
+    kept, new = tmp_path / "kept", tmp_path / "new"
+    kept.touch()
+    old = Components({"kubelet": str(kept), "coredns": str(tmp_path / "gone")}, "/debian")
+    now = Components({"kubelet": str(new), "coredns": str(new)}, "/other")
+    assert old.replace_missing(now) == Components(
+        {"kubelet": str(kept), "coredns": str(new)}, "/debian"
+    )
+
+
 def test_a_cleared_cache_is_noticed(tmp_path: Path) -> None:
     """Components whose programs were deleted are not complete."""
     assert not Components({"kubelet": str(tmp_path / "kubelet")}, str(tmp_path)).complete
@@ -133,11 +153,11 @@ def test_a_cleared_cache_is_noticed(tmp_path: Path) -> None:
 def test_only_what_is_asked_for_is_built(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, requested: list[str], more: list[str]
 ) -> None:
-    """A cluster needs three builds; each extra adds its own, one after the other."""
+    """A cluster needs three builds; each extra adds its own."""
     built: list[str] = []
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(components, "unpack", lambda report: None)
-    monkeypatch.setattr(GoBuild, "build", lambda self, report: built.append(self.name))
-    found = components.obtain(print, requested)
-    assert built == ["kubernetes", "coredns", "local-path-provisioner", *more]
+    monkeypatch.setattr(GoBuild, "build", lambda self, report, why: built.append(self.name))
+    found = components.obtain(print, requested, Upstream("none"))
+    assert sorted(built) == sorted(["kubernetes", "coredns", "local-path-provisioner", *more])
     assert ("loki" in found.go) == (requested == ["observability"])

@@ -34,7 +34,7 @@ def recorded() -> set[str]:
 @pytest.fixture(scope="session")
 def promtool() -> str:
     """Prometheus' own checker: RIGEL_PROMTOOL, the PATH's, or the local cluster's."""
-    built = sorted(map(str, Path(cache_dir()).glob("go/prometheus-[0-9]*/promtool")))
+    built = sorted(map(str, Path(cache_dir()).glob("*/prometheus-[0-9]*/promtool")))
     found = os.environ.get("RIGEL_PROMTOOL") or shutil.which("promtool") or (built or [None])[-1]
     if found is None:
         pytest.skip("no promtool: set RIGEL_PROMTOOL, or `rigel cluster up --with observability`")

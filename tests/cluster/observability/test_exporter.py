@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.cluster.conftest import run_rigel
 
 from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.manifests.observability.names import EXPORTER, EXPORTER_PORT
+from tests.cluster.conftest import run_rigel
 
 pytestmark = pytest.mark.cluster
 

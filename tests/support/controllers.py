@@ -6,7 +6,6 @@ then starts, then is ready; one that is deleted takes `ending` steps to go.
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -16,6 +15,8 @@ import attrs
 
 from rigel_k8s.kube.objects import ObjectRef, ref_of
 from rigel_k8s.kube.resources import Resource
+
+from .fields import copied
 
 if TYPE_CHECKING:
     from .fake_cluster import Store
@@ -78,9 +79,19 @@ class Controllers:
     kubelet: Callable[[Live], Live] = running
     ending: Mapping[str, int] = attrs.field(factory=dict)
     counted: dict[str, int] = attrs.field(factory=dict)
+    idle_at: int = 0
 
     def step(self, store: Store) -> None:
-        """Let each controller look once; what one makes the next sees in the next step."""
+        """Go one step on; what one controller makes the next one sees in the next step."""
+        before = store.version
+        if before == self.idle_at:
+            return  # nothing has changed since nothing was to be done
+        self.look(store)
+        ending = any(not lives(pod) for pod in of_kind(store, "Pod"))
+        self.idle_at = store.version if store.version == before and not ending else 0
+
+    def look(self, store: Store) -> None:
+        """Let each controller look once."""
         self.namespaces(store)
         self.garbage(store)
         for pod in of_kind(store, "Pod"):
@@ -151,14 +162,14 @@ class Controllers:
         for _ in range(wanted - len(pods)):
             store.version += 1
             names = {"name": f"{meta['name']}-{store.version}", "namespace": meta["namespace"]}
-            about = copy.deepcopy(template.get("metadata") or {})
+            about = copied(template.get("metadata") or {})
             notes = {**(about.get("annotations") or {}), MADE_FOR: meta["annotations"][MADE_FOR]}
             own = {**about, **names, "annotations": notes, "ownerReferences": [owner(replica_set)]}
             pod = {"apiVersion": "v1", "kind": "Pod", "metadata": own}
             store.commit(
                 ObjectRef("v1", "Pod", names["namespace"], names["name"]),
                 None,
-                {**pod, "spec": copy.deepcopy(template.get("spec") or {"containers": []})},
+                {**pod, "spec": copied(template.get("spec") or {"containers": []})},
             )
 
     def deployment(self, store: Store, live: Live) -> None:
@@ -200,11 +211,11 @@ class Controllers:
             meta = {
                 "name": name,
                 "namespace": live["metadata"]["namespace"],
-                "labels": copy.deepcopy(live["spec"]["template"]["metadata"].get("labels") or {}),
+                "labels": copied(live["spec"]["template"]["metadata"].get("labels") or {}),
                 "annotations": {REVISION: str(last + 1), MADE_FOR: live["metadata"]["name"]},
                 "ownerReferences": [owner(live)],
             }
-            spec = {"replicas": 0, "template": copy.deepcopy(live["spec"]["template"])}
+            spec = {"replicas": 0, "template": copied(live["spec"]["template"])}
             made = {"apiVersion": "apps/v1", "kind": "ReplicaSet", "metadata": meta, "spec": spec}
             found = store.commit(ref_of(made), None, made)
             sets.append(found)
@@ -229,8 +240,8 @@ class Controllers:
 
     def put(self, store: Store, live: Live, new: Live) -> None:
         old = store.objects.get(ref_of(live))
-        if old is not None:
-            store.commit(ref_of(live), old, copy.deepcopy(new))
+        if old is not None and old != new:
+            store.commit(ref_of(live), old, copied(new))
 
 
 def of_kind(store: Store, kind: str) -> Iterator[Live]:

@@ -7,7 +7,6 @@ contract.py, which real API servers are asked too: add to that first.
 
 from __future__ import annotations
 
-import copy
 import json
 import threading
 import time
@@ -25,6 +24,7 @@ from rigel_k8s.kube.watching import WatchEvent, label_selector
 
 from . import fields as ownership
 from .controllers import Controllers
+from .fields import copied
 
 Live = dict[str, Any]
 READS = ("get", "list", "try")
@@ -44,6 +44,7 @@ class Store:
         calls: the requests of clients: (verb, object or kind); a dry run is a "try".
         news: all that has happened, for watches.
         controllers: what runs beside the API server; None: nothing happens by itself.
+        before: called before each write with (verb, object), to see what is there by then.
         refuse: an admission: (object, whether it is a dry run) -> the error, or None.
         die_after: the client is killed right after so many writes.
     """
@@ -53,11 +54,18 @@ class Store:
     news: list[WatchEvent] = attrs.field(factory=list)
     kinds: dict[tuple[str, str], Resource] = attrs.field(factory=built_in)
     controllers: Controllers | None = None
+    before: Callable[[str, ObjectRef], None] = lambda verb, ref: None
     refuse: Callable[[Live, bool], Refusal | None] = lambda live, dry_run: None
     die_after: int | None = None
     dead: bool = False
     version: int = 100
     lock: threading.RLock = attrs.field(factory=threading.RLock)
+
+    def copied(self) -> Store:
+        """Return another cluster with the same objects."""
+        objects = {ref: copied(live) for ref, live in self.objects.items()}
+        controllers = self.controllers and attrs.evolve(self.controllers)
+        return Store(objects, controllers=controllers, version=self.version)
 
     def commit(self, ref: ObjectRef, old: Live | None, new: Live) -> Live:
         """Store an object; one that has not changed keeps its resourceVersion."""
@@ -75,7 +83,7 @@ class Store:
             self.remove(ref)
             return new
         self.objects[ref] = new
-        self.news.append(WatchEvent("MODIFIED" if old else "ADDED", copy.deepcopy(new)))
+        self.news.append(WatchEvent("MODIFIED" if old else "ADDED", copied(new)))
         return new
 
     def is_held(self, live: Live) -> bool:
@@ -91,7 +99,7 @@ class Store:
 
     def delete(self, ref: ObjectRef) -> None:
         """Delete an object, or mark it where something holds it."""
-        live = copy.deepcopy(self.objects[ref])
+        live = copied(self.objects[ref])
         live["metadata"].setdefault("deletionTimestamp", now())
         if self.is_held(live):
             self.commit(ref, self.objects[ref], live)
@@ -143,7 +151,7 @@ class FakeCluster:
         with self.store.lock:
             self.note("get", ref)
             self.store.tick()
-            return copy.deepcopy(self.objects.get(ref))
+            return copied(self.objects.get(ref))
 
     def list(
         self,
@@ -159,7 +167,7 @@ class FakeCluster:
             self.note("list", kind)
             self.store.tick()
             wanted = Selection(api_version, kind, namespace or "", label_selector(labels), fields)
-            found = [copy.deepcopy(live) for live in self.objects.values() if wanted.has(live)]
+            found = [copied(live) for live in self.objects.values() if wanted.has(live)]
         if metadata_only:
             return [{k: o[k] for k in ("apiVersion", "kind", "metadata")} for o in found]
         return found
@@ -178,8 +186,10 @@ class FakeCluster:
         wanted = Selection(api_version, kind, namespace or "", label_selector(labels), fields)
         deadline = time.monotonic() + seconds
         with self.store.lock:
+            if self.store.dead:
+                return
             self.note("list", kind)
-            there = [copy.deepcopy(live) for live in self.objects.values() if wanted.has(live)]
+            there = [copied(live) for live in self.objects.values() if wanted.has(live)]
             seen = len(self.store.news)
         yield from (WatchEvent("ADDED", live) for live in there)
         while time.monotonic() < deadline and not (cancel and cancel.is_set()):
@@ -188,7 +198,11 @@ class FakeCluster:
                     return
                 self.store.tick()
                 fresh, seen = self.store.news[seen:], len(self.store.news)
-            yield from (copy.deepcopy(event) for event in fresh if wanted.has(event.object))
+            yield from (
+                attrs.evolve(event, object=copied(event.object))
+                for event in fresh
+                if wanted.has(event.object)
+            )
             if not fresh:
                 time.sleep(0.001)
 
@@ -235,7 +249,7 @@ class FakeCluster:
             self.note("try" if dry_run else "create", ref)
             if self.there(ref, what) is not None:
                 raise refused(what, 409, "AlreadyExists", f'"{ref.name}" already exists')
-            new = defaulted(copy.deepcopy(dict(manifest)))
+            new = defaulted(copied(dict(manifest)))
             new["metadata"]["managedFields"] = ownership.recorded(
                 [], self.manager, "Update", ownership.leaves(new), (), ref.api_version
             )
@@ -246,7 +260,7 @@ class FakeCluster:
         with self.store.lock:
             self.note("try" if dry_run else "replace", ref)
             old = self.present(ref, what)
-            new = copy.deepcopy(dict(manifest))
+            new = copied(dict(manifest))
             return self.update(what, ref, old, new, dry_run=dry_run)
 
     def patch(
@@ -312,6 +326,8 @@ class FakeCluster:
         if self.store.dead:
             raise Killed
         self.calls.append((verb, about))
+        if isinstance(about, ObjectRef) and verb not in READS:
+            self.store.before(verb, about)
 
     def there(self, ref: ObjectRef, what: str) -> Live | None:
         """Return an object; Missing where its kind, or its namespace, is not there."""
@@ -347,7 +363,7 @@ class FakeCluster:
             if key in was:
                 meta[key] = was[key]
         if "status" in old:
-            new["status"] = copy.deepcopy(old["status"])
+            new["status"] = copied(old["status"])
         new = defaulted(new)
         set_now, gone = ownership.changed(old, new)
         mine = {
@@ -379,14 +395,14 @@ class FakeCluster:
             text = f"unable to create new content in namespace {ref.namespace}"
             raise refused(what, 403, "Forbidden", f"{text} because it is being terminated")
         if not dry_run:
-            stored = copy.deepcopy(self.store.commit(ref, old, new))
+            stored = copied(self.store.commit(ref, old, new))
             self.written()
             return stored
         if old is None:
             new["metadata"]["uid"] = str(uuid.uuid4())
         else:
             new["metadata"]["resourceVersion"] = old["metadata"]["resourceVersion"]
-        return copy.deepcopy(new)
+        return copied(new)
 
     def written(self) -> None:
         """Die where the test wants it."""
@@ -476,8 +492,8 @@ def free_of_status(manifest: Mapping[str, Any]) -> dict[str, Any]:
 def merge_patched(value: Any, patch: Any) -> Any:
     """Return a value with a JSON merge patch (RFC 7396)."""
     if not isinstance(patch, Mapping):
-        return copy.deepcopy(patch)
-    result = copy.deepcopy(dict(value)) if isinstance(value, Mapping) else {}
+        return copied(patch)
+    result = copied(dict(value)) if isinstance(value, Mapping) else {}
     for key, part in patch.items():
         if part is None:
             result.pop(key, None)

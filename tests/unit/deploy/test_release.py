@@ -8,6 +8,7 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s.deploy import revisions
 from rigel_k8s.deploy.refusals import Refused
 from rigel_k8s.deploy.release import deploy, diff, down, history, last_good, rollback
 from rigel_k8s.deploy.types import Desired, ObjectRef
@@ -135,6 +136,58 @@ def test_a_rollback_needs_somewhere_to_go(fake: Any, report: Any) -> None:
         rollback(fake, RELEASE, report=report)
     deploy(attrs.evolve(wanted, options={"x": 2}), fake, report=report)
     assert rollback(fake, RELEASE, report=report).options == {"x": 1}
+
+
+def test_a_rollback_goes_to_the_last_good_one(fake: Any, report: Any) -> None:
+    """Not to the first, nor to one that failed."""
+    for number in (1, 2, 3):
+        deploy(Desired(RELEASE, (config("a"),), options={"x": number}), fake, report=report)
+    fake.store.refuse = no_apply
+    with pytest.raises(Refusal):
+        deploy(Desired(RELEASE, (config("a", k="1"),), options={"x": 4}), fake, report=report)
+    fake.store.refuse = lambda live, dry_run: None
+    assert rollback(fake, RELEASE, report=report).options == {"x": 3}
+    assert rollback(fake, RELEASE, report=report).options == {"x": 3}
+    assert rollback(fake, RELEASE, 2, report=report).options == {"x": 2}
+
+
+def no_apply(live: Any, dry_run: Any) -> Refusal | None:
+    """Refuse what was not refused in the dry run: a quota that was used up meanwhile."""
+    if dry_run or live["kind"] in ("Lease", "Secret"):
+        return None
+    error = Refusal("exceeded quota")
+    error.status = 403
+    return error
+
+
+def test_an_apply_that_is_refused_ends_the_deploy(fake: Any, report: Any) -> None:
+    """Though its dry run was good: the revision has failed, and what ran before stays."""
+    deploy(Desired(RELEASE, (config("old"),)), fake, report=report)
+    fake.store.refuse = no_apply
+    with pytest.raises(Refusal, match="exceeded quota"):
+        deploy(Desired(RELEASE, (config("new"), workload())), fake, report=report)
+    assert [r.status for r in history(fake, RELEASE)] == ["good", "failed"]
+    assert fake.names("ConfigMap", "Deployment") == {"old"}
+
+
+def test_many_failures_do_not_push_the_last_good_revision_out(fake: Any, report: Any) -> None:
+    """It is what a rollback needs."""
+    deploy(Desired(RELEASE, (config("a"),)), fake, report=report)
+    good = revisions.records(fake, RELEASE)
+    failed = [
+        attrs.evolve(good[0].revision(), number=number, status="failed") for number in range(2, 14)
+    ]
+    for revision in failed:
+        revisions.create(fake, revision)
+    revisions.forget_old(fake, revisions.records(fake, RELEASE))
+    left = [record.number for record in revisions.records(fake, RELEASE)]
+    assert left == [1, *range(4, 14)]
+
+
+def test_old_revisions_are_forgotten(fake: Any, report: Any) -> None:
+    for number in range(12):
+        deploy(Desired(RELEASE, (config("a"),), options={"x": number}), fake, report=report)
+    assert [r.number for r in history(fake, RELEASE)] == list(range(3, 13))
 
 
 def test_down_leaves_nothing_but_data(fake: Any, report: Any) -> None:

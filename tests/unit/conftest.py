@@ -1,4 +1,4 @@
-"""A cluster in memory on which deploys run as on a real one."""
+"""A cluster in memory on which releases live as on a real one, and a reporter."""
 
 from __future__ import annotations
 

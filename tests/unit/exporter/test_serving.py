@@ -146,7 +146,7 @@ def served() -> Iterator[tuple[Half, Collection, str]]:
     collection = Collection(half, Config(interval=0.05))
     server = Server(0, collection.metrics, collection.well)
     collection.start()
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     yield half, collection, f"http://127.0.0.1:{server.server_address[1]}"
     half.go.set()
     collection.close()
@@ -180,7 +180,7 @@ def test_who_waits_no_longer_leaves_no_traceback(capfd: pytest.CaptureFixture[st
         return "x" * 10_000_000
 
     server = Server(0, metrics, lambda: True)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     before = threading.active_count()
     with socket.create_connection(("127.0.0.1", server.server_address[1])) as client:
         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))

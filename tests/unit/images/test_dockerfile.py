@@ -73,13 +73,17 @@ def test_steps_are_valid_shell(name: str) -> None:
         assert subprocess.run(["sh", "-n"], input=step, text=True, check=False).returncode == 0
 
 
-@pytest.mark.parametrize("name", CASES)
+APT = "apt-get install"
+
+
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if APT in dockerfile(case)])
 def test_apt_leaves_nothing_behind(name: str) -> None:
     """No layer has apt's lists or packages that were only recommended."""
-    for step in dockerfile(CASES[name]).split("\nRUN ")[1:]:
-        if "apt-get install" in step:
-            assert "--no-install-recommends" in step
-            assert "rm -rf /var/lib/apt/lists/*" in step
+    steps = [step for step in dockerfile(CASES[name]).split("\nRUN ")[1:] if APT in step]
+    assert steps
+    for step in steps:
+        assert "--no-install-recommends" in step
+        assert "rm -rf /var/lib/apt/lists/*" in step
 
 
 def test_the_sources_come_after_what_they_need() -> None:

@@ -108,6 +108,7 @@ def test_an_error_of_the_listener_ends_the_program(tmp_path: Path) -> None:
 def test_what_a_program_leaves_behind_does_not_hold_us_up() -> None:
     """A background process that keeps the output open does not keep us waiting."""
     lines: list[str] = []
+    begun = time.monotonic()
     leave = "import subprocess; print(subprocess.Popen(['sleep', '1000']).pid, flush=True)"
     stream(
         [sys.executable, "-c", leave],
@@ -116,7 +117,10 @@ def test_what_a_program_leaves_behind_does_not_hold_us_up() -> None:
         cancel=threading.Event(),
         on_line=lines.append,
     )
+    took = time.monotonic() - begun
+    assert alive(int(lines[0]))
     os.kill(int(lines[0]), 9)
+    assert took < 60, "of a thousand seconds"
 
 
 @pytest.mark.parametrize(

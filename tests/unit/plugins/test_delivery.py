@@ -148,7 +148,7 @@ def check(
     options: dict[str, Any] = {
         "publisher": "talker",
         "subscriber": "listener",
-        "timeout": Duration("0.3"),
+        "timeout": Duration("0.05"),
         "deployment_name": ObjectName("demo"),
         **more,
     }

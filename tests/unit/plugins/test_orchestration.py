@@ -177,7 +177,7 @@ class Registry(BaseHTTPRequestHandler):
 def registry() -> Iterator[str]:
     """HOST:PORT of a registry that answers."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), Registry)
-    thread = threading.Thread(target=server.serve_forever)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()
     yield f"127.0.0.1:{server.server_address[1]}"
     server.shutdown()

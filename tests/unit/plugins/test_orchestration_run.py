@@ -147,8 +147,11 @@ def test_labels_that_no_machine_has_are_told_before_anything_is_written(
     assert fake.writes == []
 
 
-def test_the_timeout_reaches_the_roll_out(run: Any, fake: FakeCluster) -> None:
+def test_the_timeout_reaches_the_roll_out(
+    run: Any, fake: FakeCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The flag's, the job's: whichever is said."""
+    monkeypatch.setattr(deploys, "DEFAULT_TIMEOUT", 5)
     fake.store.controllers = Controllers(unready)
     raw = {"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}
     with pytest.raises(RolloutFailed, match=r"not ready within 0\.2 s: talker"):

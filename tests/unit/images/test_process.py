@@ -6,7 +6,6 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 
 from rigel_k8s.errors import CommandFailed, Interrupted
 from rigel_k8s.images.process import hint, stream
+from tests.support.until import until
 
 ENV = dict(os.environ)
 
@@ -60,13 +60,6 @@ def ended(pid: int) -> bool:
     return not alive(pid)
 
 
-def wait_for(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to pass in 30 s"
-        time.sleep(0.02)
-
-
 @pytest.mark.parametrize("deaf", ["", "trap '' TERM; "])
 def test_cancel_ends_the_program_and_its_children(
     deaf: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -77,14 +70,14 @@ def test_cancel_ends_the_program_and_its_children(
     script = f"{deaf}sleep 1000 & echo $$ $! > {pids}.new; mv {pids}.new {pids}; echo up; wait"
 
     def cancel_when_up() -> None:
-        wait_for(pids.exists)
+        until(pids.exists, "process", 30, every=0.02)
         cancel.set()
 
     threading.Thread(target=cancel_when_up, daemon=True).start()
     with pytest.raises(Interrupted, match="the build was stopped"):
         run(script, cancel)
     for pid in map(int, pids.read_text().split()):
-        wait_for(partial(ended, pid))
+        until(partial(ended, pid), f"end of {pid}", 30, every=0.02)
 
 
 def test_an_error_of_the_listener_ends_the_program(tmp_path: Path) -> None:

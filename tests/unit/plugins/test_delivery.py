@@ -14,8 +14,9 @@ from rigel_k8s.manifests.scalars import Duration, ObjectName
 from rigel_k8s.plugins import delivery
 from rigel_k8s.plugins.delivery import Arrivals, Count, DeliveryJob, DeliveryOptions
 from rigel_k8s.plugins.nonce import ros_of
-from rigel_k8s.sequences.job import JobContext, Reporter
+from rigel_k8s.sequences.job import JobContext
 from rigel_k8s.settings import Application, Settings
+from tests.support.recorder import Recorder
 
 
 def lines(*numbers: int, nonce: str = "n1") -> list[str]:
@@ -116,24 +117,6 @@ class FakeCluster:
             raise AssertionError("the log was followed for ever")
 
 
-class Quiet:
-    """A reporter that keeps lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    warn = line
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        pass
-
-    def child(self, name: str) -> Reporter:
-        return self
-
-
 TWO = [pod("talker", "node1"), pod("listener", "node2")]
 
 
@@ -142,7 +125,7 @@ def check(
     cluster: FakeCluster,
     settings: Settings | None = None,
     **more: Any,
-) -> tuple[Quiet, JobContext]:
+) -> tuple[Recorder, JobContext]:
     monkeypatch.setattr(delivery, "connect", lambda settings: cluster)
     monkeypatch.setattr(delivery, "LOOK", 0.01)
     options: dict[str, Any] = {
@@ -152,7 +135,7 @@ def check(
         "deployment_name": ObjectName("demo"),
         **more,
     }
-    report = Quiet()
+    report = Recorder()
     job = JobContext("check", Application("noetic"), report, settings or Settings())
     DeliveryJob().run(DeliveryOptions(**options), job)
     return report, job
@@ -302,7 +285,7 @@ def test_a_check_that_is_stopped_is_interrupted_and_not_failed(
     """Ctrl-C while it waits says nothing about the messages."""
     cluster = FakeCluster(TWO, numbers=())
     monkeypatch.setattr(delivery, "connect", lambda settings: cluster)
-    job = JobContext("check", Application("noetic"), Quiet())
+    job = JobContext("check", Application("noetic"), Recorder())
     job.cancel.set()
     options = DeliveryOptions(publisher="talker", subscriber="listener")
     with pytest.raises(Interrupted):

@@ -18,28 +18,18 @@ from rigel_k8s.deploy import release as deploys
 from rigel_k8s.deploy.types import ObjectRef, ReleaseId, Revision
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
-from rigel_k8s.manifests.options import OrchestrationOptions
 from rigel_k8s.plugins.orchestration import OrchestrationJob, release_of
 from rigel_k8s.plugins.orchestration_digests import pins
 from rigel_k8s.plugins.orchestration_places import check_places
 from rigel_k8s.plugins.orchestration_release import prepare, timeout_of
 from rigel_k8s.plugins.orchestration_results import extract
 from rigel_k8s.plugins.orchestration_secrets import secret_of
-from rigel_k8s.rigelfile.source import Node, Span, made
-from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application, Settings
+from tests.support.options import options
 
 NOETIC = Application("noetic")
 DIGEST = "sha256:" + "ab" * 32
 OTHER = "sha256:" + "cd" * 32
-
-
-def options(raw: Mapping[str, Any]) -> OrchestrationOptions:
-    """Return plain data as options."""
-    found = structure(made(dict(raw), Node({}, Span(1, 1, 1, 1))), OrchestrationOptions)
-    assert not found.problems
-    assert isinstance(found.draft, OrchestrationOptions)
-    return found.draft
 
 
 class Cluster:

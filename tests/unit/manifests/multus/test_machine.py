@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.until import until
+
 SCRIPT = (files("rigel_k8s.manifests.multus") / "machine.sh").read_text("utf-8")
 EVERY = "sleep 2 &"  # between two looks of `keep`
 SHELLS = [
@@ -81,14 +83,14 @@ class Machine:
         """Tell it to end, as Kubernetes does; it ends well, and soon."""
         if self.kept is not None:
             self.kept.send_signal(signal.SIGTERM)
-            assert self.kept.wait(timeout=10) == 0
+            assert self.kept.wait(timeout=30) == 0
             self.kept = None
 
     def until(self, look: Callable[[], object]) -> None:
-        end = time.monotonic() + 15
-        while not look():
-            assert time.monotonic() < end, sorted(map(str, self.directory.rglob("*")))
-            time.sleep(0.05)
+        def files() -> list[str]:
+            return sorted(map(str, self.directory.rglob("*")))
+
+        until(look, "change", 30, every=0.05, last_words=files)
 
     def daemon_writes(self) -> None:
         text = DAEMON % (self.conf / "10-flannel.conflist")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,7 +19,7 @@ from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
 from rigel_k8s.settings import Settings
 from tests.support.controllers import Controllers, unready
 from tests.support.fake_cluster import FakeCluster
-from tests.support.manifests import RELEASE, claim, config, desired, workload
+from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
 from tests.support.recorder import Recorder
 
 
@@ -101,6 +103,79 @@ def test_a_rollback_passes_its_words_on(fake: Any, report: Recorder) -> None:
         releases.rollback(Settings(), None, 2, report)
     releases.rollback(Settings(adopt=True), None, 2, report)
     assert fake.list("v1", "ConfigMap", "n")[0]["data"] == {"k": "2"}
+
+
+def test_one_log_that_is_not_there_is_no_end(
+    fake: Any, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of several pods the others are shown; of one alone it is the error."""
+    deploy(desired(workload("broken"), workload("talker")), fake, report=report)
+
+    def read(self: Any, namespace: str, pod: str, *_: Any, **__: Any) -> Iterator[str]:
+        if "broken" in pod:
+            raise ClusterError("no log yet")
+        return iter(["hello"])
+
+    monkeypatch.setattr(FakeCluster, "logs", read)
+    found = list(logs.logs(Settings(), [], LogOptions()))
+    assert [(line.text, line.note) for line in found] == [("no log yet", True), ("hello", False)]
+    with pytest.raises(ClusterError, match="no log yet"):
+        list(logs.logs(Settings(), ["broken"], LogOptions()))
+
+
+def test_a_pod_that_comes_later_is_followed_from_its_beginning(
+    fake: Any, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What `--tail` leaves out is what was said before we looked."""
+    deploy(desired(workload()), fake, report=report)
+    tails: list[int | None] = []
+
+    def read(self: Any, *_: Any, tail: int | None, **__: Any) -> Iterator[str]:
+        tails.append(tail)
+        return iter(["hello"])
+
+    monkeypatch.setattr(FakeCluster, "logs", read)
+    following = logs.logs(Settings(), [], LogOptions(follow=True, tail=1))
+    first = next(following)
+    fake.delete(ref("Pod", first.pod))
+    assert next(following).pod != first.pod
+    following.close()  # type: ignore[attr-defined]
+    assert tails == [1, None]
+
+
+RIGELFILE = """
+application: {distro: noetic}
+jobs:
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with:
+      namespace: n
+      image: lab/app@sha256:%s
+      nodes: {talker: {args: talk}}
+      observability: {enabled: %s, grafana: {enabled: false}}
+"""
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_render_and_diff_show_the_stack_that_a_job_asks_for(
+    fake: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, enabled: bool
+) -> None:
+    """Before the application, as it is deployed; and nothing of it where it is not asked for."""
+    file = tmp_path / "Rigelfile"
+    file.write_text(RIGELFILE % ("ab" * 32, str(enabled).lower()))
+    monkeypatch.setattr(releases, "connect", lambda settings: fake)
+    rendered = releases.render(Settings(file), None).objects
+    named = [(o["kind"], o["metadata"]["name"]) for o in rendered]
+    assert (("Deployment", "loki") in named) is enabled
+    assert ("Deployment", "talker") in named
+    if enabled:
+        assert named.index(("Deployment", "loki")) < named.index(("Deployment", "talker"))
+    steps = [
+        (step.ref.kind, step.ref.name) for step in releases.diff(Settings(file), None).plan.steps
+    ]
+    assert (("Deployment", "loki") in steps) is enabled
+    assert ("Deployment", "talker") in steps
+    assert fake.writes == []
 
 
 LINES = [

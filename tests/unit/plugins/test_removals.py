@@ -90,6 +90,18 @@ def test_multus_of_others_is_never_removed(machine: FakeCluster, report: Recorde
     assert machine.writes == []
 
 
+def test_multus_is_not_removed_while_a_machine_is_away(
+    machine: FakeCluster, report: Recorder
+) -> None:
+    """It would come back with a configuration that leads nowhere, and start no pod."""
+    multus(machine, ours=True)
+    away = {"conditions": [{"type": "Ready", "status": "Unknown"}]}
+    machine.store.objects[ObjectRef("v1", "Node", "", "robot")]["status"] |= away
+    with pytest.raises(UserError, match="nothing was removed") as caught:
+        network_removal.remove(machine, Install(), report)  # type: ignore[arg-type]
+    assert caught.value.details == ("node robot is away and keeps Multus' configuration",)
+
+
 def test_who_uses_a_second_network(machine: FakeCluster) -> None:
     """A pod that is over does not, nor does one of the machine's own network."""
     machine.create(pod("arm", "lan"))
@@ -128,6 +140,27 @@ def test_grafanas_password_stays_with_the_data(stack: FakeCluster, report: Recor
 def test_grafanas_password_goes_with_the_data(stack: FakeCluster, report: Recorder) -> None:
     observability_removal.remove(stack, report, volumes=True, namespace="monitoring")  # type: ignore[arg-type]
     assert stack.names("ConfigMap", "PersistentVolumeClaim", "Secret") == set()
+
+
+def test_the_collector_ends_before_what_takes_its_lines(
+    fake: FakeCluster, report: Recorder
+) -> None:
+    """The last lines of a robot are those that somebody will look for."""
+    fake.create(namespace("monitoring"))
+    here = ReleaseId("monitoring", STACK)
+    objects = []
+    for kind, name in (("Deployment", "loki"), ("DaemonSet", "promtail")):
+        labels = {"app.kubernetes.io/name": name}
+        template = {"metadata": {"labels": labels}, "spec": {"containers": []}}
+        spec = {"selector": {"matchLabels": labels}, "template": template, "replicas": 0}
+        meta = {"name": name, "namespace": "monitoring"}
+        objects.append({"apiVersion": "apps/v1", "kind": kind, "metadata": meta, "spec": spec})
+    deploy(Desired(here, tuple(objects)), fake, report=report)  # type: ignore[arg-type]
+    fake.calls.clear()
+    observability_removal.remove(fake, report, volumes=False, namespace="monitoring")  # type: ignore[arg-type]
+    names = [ref.name for _, ref in fake.writes if isinstance(ref, ObjectRef)]
+    assert names[:2] == ["promtail", f"rigel.{STACK}"], "before the removal has its Lease"
+    assert fake.names("Deployment", "DaemonSet") == set()
 
 
 def test_a_stack_that_is_not_there_is_told(fake: FakeCluster, report: Recorder) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.deploy.types import ObjectRef
+from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
 
@@ -125,11 +125,7 @@ def talker(*, anonymous: bool = False) -> dict[str, Any]:
 
 def eventually(what: str, check: Callable[[], Any], seconds: float = 90) -> Any:
     """Wait for a promise to become true; fail with its words where it does not."""
-    deadline = time.monotonic() + seconds
-    while not (result := check()):
-        assert time.monotonic() < deadline, f"not so after {seconds:.0f} s: {what}"
-        time.sleep(0.5)
-    return result
+    return until(check, what, seconds, every=0.5)
 
 
 def test_orphans_of_a_lost_roscore_turn_unready_and_status_says_why(robot: Robot) -> None:

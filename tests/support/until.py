@@ -35,6 +35,6 @@ def until(
         except despite as error:
             problem = error
         if time.monotonic() > deadline:
-            more = last_words() if last_words else ""
+            more = (last_words and last_words()) or ""
             raise AssertionError(f"no {what} within {seconds:g} s {more}".strip()) from problem
         time.sleep(every)

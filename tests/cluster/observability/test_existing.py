@@ -25,9 +25,10 @@ from rigel_k8s.manifests.observability.release import stack_release
 from rigel_k8s.manifests.observability.stack import Boards
 from rigel_k8s.manifests.observability.stack import Stack as Parts
 from rigel_k8s.manifests.scalars import LabelKey, LabelValue
+from tests.support.recorder import Recorder
 
 from ..conftest import run_rigel
-from .conftest import Quiet, Stack, until
+from .conftest import Stack, until
 
 pytestmark = pytest.mark.cluster
 
@@ -128,7 +129,7 @@ def operated(cluster: Any, prometheus_operator: None) -> Iterator[str]:
     theirs = [space, *prometheus(namespace), robot(namespace)]
     for item in theirs:
         cluster.apply(item)
-    deploy(ours(namespace), cluster, report=Quiet())
+    deploy(ours(namespace), cluster, report=Recorder())
     yield namespace
     for item in reversed(theirs):
         cluster.delete(ref_of(item))

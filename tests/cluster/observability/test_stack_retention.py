@@ -19,8 +19,9 @@ from rigel_k8s.manifests.observability.loki import loki
 from rigel_k8s.manifests.observability.options import Loki, Observability
 from rigel_k8s.manifests.observability.stack import Stack as Parts
 from rigel_k8s.manifests.scalars import Retention
+from tests.support.recorder import Recorder
 
-from .conftest import Quiet, Stack, until
+from .conftest import Stack, until
 
 pytestmark = pytest.mark.cluster
 
@@ -67,7 +68,7 @@ def objects(stack: Stack) -> list[dict[str, Any]]:
 def put(stack: Stack, made: list[dict[str, Any]]) -> None:
     """Deploy it, and return when it answers."""
     release = ReleaseId(stack.namespace, "brief")
-    deploy(Desired(release, tuple(made), create_namespace=True), stack.cluster, report=Quiet())
+    deploy(Desired(release, tuple(made), create_namespace=True), stack.cluster, report=Recorder())
 
 
 def post(stack: Stack, path: str, body: Any = None) -> None:

@@ -10,6 +10,8 @@ import pytest
 
 from .lanes import BUILDS, LANES, Lanes, lane_of
 
+pytest.register_assert_rewrite("tests.support")
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(

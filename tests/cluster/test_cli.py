@@ -8,7 +8,6 @@ import pty
 import re
 import subprocess
 import sys
-import time
 import uuid
 import xmlrpc.client
 from collections.abc import Callable, Iterator
@@ -19,6 +18,7 @@ import pytest
 import yaml
 
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support.until import until
 
 from .background import Background
 
@@ -100,13 +100,7 @@ def robot(
     cluster.delete(ObjectRef("v1", "Namespace", "", name))
 
 
-def until(found: Callable[[], Any], seconds: float = 60) -> Any:
-    """Return what is found once it is; fail after some seconds."""
-    deadline = time.monotonic() + seconds
-    while not (result := found()):
-        assert time.monotonic() < deadline, "waited too long"
-        time.sleep(0.2)
-    return result
+DOOR = r"127\.0\.0\.1:(\d+) -> ros-master-\S+:11311"
 
 
 @pytest.fixture
@@ -254,7 +248,7 @@ def test_exec_gives_a_terminal(robot: Robot) -> None:
 def test_forward_reaches_a_port_of_a_node(robot: Robot, start: Any) -> None:
     """roscore answers on a local port; Ctrl-C ends it."""
     running = start("forward", "ros-master", ":11311")
-    port = int(until(lambda: running.found(r"127\.0\.0\.1:(\d+) -> ros-master-\S+:11311")).group(1))
+    port = int(until(lambda: running.found(DOOR), "open door").group(1))
     with xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}") as master:
         code, _, uri = master.lookupNode("/test", "/talker")  # type: ignore[misc]
     assert code == 1
@@ -267,16 +261,16 @@ def test_logs_follow_through_a_restart_and_a_roll_out(
 ) -> None:
     """A container that starts again, and the pod of the next version, go on in the same output."""
     running = start("logs", "-f", "--tail", "1", "talker")
-    until(lambda: running.found("said hello"))
+    until(lambda: running.found("said hello"), "hello")
     assert not running.found("talker begins"), "--tail left the beginning out"
     robot("exec", "talker", "--", "sh", "-c", "kill -INT 1")
-    until(lambda: running.found("talker begins"))
+    until(lambda: running.found("talker begins"), "beginning")
     before = robot("logs", "--previous", "--tail", "1", "talker").stdout
     assert before in [f"{line}\n" for line in running.lines]
     begun = len([line for line in running.lines if "talker begins" in line])
     robot.write(COLOR="green")
     robot("run", "job", "deploy", "--timeout", "2m")
-    until(lambda: len([x for x in running.lines if "talker begins" in x]) > begun)
+    until(lambda: len([x for x in running.lines if "talker begins" in x]) > begun, "new beginning")
     assert running.interrupt() == 130
     assert not any("Traceback" in line for line in running.lines)
 
@@ -309,7 +303,7 @@ def test_status_tells_orphans_and_the_way_out(robot: Robot, cluster: Any) -> Non
         lines = [line for line in done.stdout.splitlines() if "rollout restart" in line]
         return done if done.returncode == 1 and any("talker" in line for line in lines) else None
 
-    done = until(told, seconds=90)
+    done = until(told, "word of it", 90)
     assert "is an orphan" in done.stdout
     way_out = next(line for line in done.stdout.splitlines() if "rollout restart" in line)
     assert f"kubectl -n {robot.namespace} rollout restart deployment" in way_out

@@ -14,7 +14,7 @@ import subprocess
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -34,6 +34,8 @@ from rigel_k8s.jobs.types.dockerfile import Compiler, DockerfileJob, DockerfileO
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Application, Settings
 from rigel_lab import cluster as localcluster
+from tests.support.recorder import Recorder
+from tests.support.until import until
 
 USER, PASSWORD = "robot", "se:cret"
 #: As `htpasswd -nbB robot se:cret` writes it.
@@ -43,26 +45,6 @@ pytestmark = [
     pytest.mark.cluster,
     pytest.mark.skipif(shutil.which("podman") is None, reason="podman is not installed"),
 ]
-
-
-class Told:
-    """A reporter that remembers."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self.states: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    def warn(self, text: str) -> None:
-        self.lines.append(text)
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.states.append(state)
-
-    def child(self, name: str) -> Told:
-        return self
 
 
 @attrs.frozen
@@ -78,7 +60,7 @@ class Built:
     """What a build left: the shared data and what was told."""
 
     data: dict[str, Any]
-    told: Told
+    told: Recorder
 
 
 def build(
@@ -91,7 +73,7 @@ def build(
     **options: Any,
 ) -> Built:
     """Run a BuildX job with podman on the Dockerfile of a directory."""
-    told, data = Told(), dict[str, Any]()
+    told, data = Recorder(), dict[str, Any]()
     job = JobContext(
         name="build",
         application=Application("noetic", directory),
@@ -185,7 +167,7 @@ def options(registry: Registry, password: str = PASSWORD) -> ContainerRegistryOp
 
 def test_the_provider_logs_in(private_registry: Registry) -> None:
     """Good credentials connect, are handed to the jobs, and are told without the password."""
-    told = Told()
+    told = Recorder()
     connection = ContainerRegistry().connect(options(private_registry), "hub", told)
     assert connection == Credentials(private_registry.name, USER, PASSWORD)
     assert told.lines == [f"logged in to {private_registry.name} as {USER}"]
@@ -196,12 +178,12 @@ def test_the_provider_logs_in(private_registry: Registry) -> None:
 def test_the_provider_refuses_wrong_credentials(private_registry: Registry) -> None:
     """A wrong password fails before anything is built."""
     with pytest.raises(RigelK8sError, match=f'refuses user "{USER}"'):
-        ContainerRegistry().connect(options(private_registry, "wrong"), "hub", Told())
+        ContainerRegistry().connect(options(private_registry, "wrong"), "hub", Recorder())
 
 
 def test_the_provider_takes_a_registry_without_users(public_registry: Registry) -> None:
     """A registry that asks for no credentials is told as such."""
-    told = Told()
+    told = Recorder()
     ContainerRegistry().connect(options(public_registry), "hub", told)
     assert told.lines == [f"{public_registry.name} asks for no credentials"]
 
@@ -249,7 +231,7 @@ def test_a_pushed_image_is_pulled_by_the_digest_that_was_told(image: str, projec
     assert pulled.returncode == 0, pulled.stderr
     podman("rmi", "--force", by_digest)
     assert f"pushed {image}:1 ({digests[f'{image}:1']})" in built.told.lines
-    assert "3/3 COPY content /content" in built.told.states
+    assert any("3/3 COPY content /content" in text for text in built.told.texts)
 
 
 def test_the_same_tag_built_again_has_another_digest(image: str, project: Path) -> None:
@@ -290,14 +272,14 @@ def test_credentials_of_the_provider_push(private_registry: Registry, project: P
     assert "registry provider" in str(refused.value.hint)
     before = {file: file.read_text() for file in auth_files()}
     provider = ContainerRegistry()
-    credentials = provider.connect(options(private_registry), "hub", Told())
+    credentials = provider.connect(options(private_registry), "hub", Recorder())
     built = build(project, f"{name}:1", push=True, providers={"hub": credentials})
     provider.disconnect(credentials)
     digest = built.data[DIGESTS][f"{name}:1"]
     assert resolve_digest(f"{name}:1", credentials) == digest
     assert resolve_digest(f"{name}:1") is None
     assert {file: file.read_text() for file in auth_files()} == before
-    assert PASSWORD not in "".join([*built.told.lines, *built.told.states])
+    assert PASSWORD not in "".join(built.told.texts)
     podman("rmi", "--force", f"{name}:1", f"{name}:latest")
 
 
@@ -385,13 +367,13 @@ def test_an_interrupted_build_leaves_no_process(base_image: str, project: Path) 
     cancel = threading.Event()
 
     def cancel_when_it_runs() -> None:
-        wait_for(lambda: running(mark))
+        until(lambda: running(mark), "build", 120)
         cancel.set()
 
     threading.Thread(target=cancel_when_it_runs, daemon=True).start()
     with pytest.raises(Interrupted):
         build(project, "localhost/interrupted:1", cancel=cancel)
-    wait_for(lambda: not running(mark))
+    until(lambda: not running(mark), "end of the build", 120)
 
 
 def running(mark: str) -> list[str]:
@@ -403,13 +385,6 @@ def running(mark: str) -> list[str]:
             if b"sleep" in words[0] and mark.encode() in words[1:]:
                 found.append(file.parent.name)
     return found
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 120
-    while not condition():
-        assert time.monotonic() < deadline, "it did not come to pass in 120 s"
-        time.sleep(0.1)
 
 
 # ROS workspaces
@@ -484,7 +459,7 @@ def test_a_workspace_is_compiled_and_its_nodes_start(
         entrypoint=["echo entrypoint of $ROBOT"],
         docker_run=["echo one\necho two > /two"],
     )
-    DockerfileJob().run(options, JobContext("docker", Application("noetic", workspace), Told()))
+    DockerfileJob().run(options, JobContext("docker", Application("noetic", workspace), Recorder()))
     image = f"localhost/workspace-{compiler}:1"
     build(workspace, image, tags=[], force_tag_latest=False)
     for name in ("hello", "extra"):
@@ -543,7 +518,7 @@ def test_a_loaded_image_is_on_every_node(
         cluster.create(pod(namespace, f"{image}:1", node))
     for node in nodes:
         ref = ObjectRef("v1", "Pod", namespace, f"on-{node}")
-        wait_for(partial(succeeded, cluster, ref))
+        until(partial(succeeded, cluster, ref), f"success of {ref}", 120)
     podman("rmi", "--force", f"{image}:1", f"{image}:latest")
 
 

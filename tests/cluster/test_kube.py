@@ -7,7 +7,6 @@ import os
 import pty
 import socket
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -21,6 +20,7 @@ from rigel_k8s.kube import ObjectRef, connect
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.kubeconfig import load
 from rigel_k8s.settings import Settings
+from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
 
@@ -158,23 +158,15 @@ def test_a_watch_outlives_lost_connections_and_expired_versions(
 
     thread = threading.Thread(target=follow)
     thread.start()
-    until(lambda: ("ADDED", "c") in seen)
+    until(lambda: ("ADDED", "c") in seen, "what was there", 30)
     cluster.patch(ObjectRef("v1", "ConfigMap", namespace, "c"), {"data": {"a": "1"}})
-    until(lambda: ("DELETED", "c") in seen)
+    until(lambda: ("DELETED", "c") in seen, "end", 30)
     cluster.create(config(namespace))
-    until(lambda: seen[-1] == ("ADDED", "c"))
+    until(lambda: seen[-1] == ("ADDED", "c"), "new object", 30)
     over.set()
     thread.join(timeout=5)
     assert not thread.is_alive()
     assert len(opened) >= 3
-
-
-def until(condition: Any) -> None:
-    """Wait until a condition holds, 30 seconds at most."""
-    end = time.monotonic() + 30
-    while not condition():
-        assert time.monotonic() < end, "it did not come true within 30 s"
-        time.sleep(0.05)
 
 
 def test_logs_are_lines_and_a_follow_can_be_ended(cluster: Any, pod: ObjectRef) -> None:
@@ -234,10 +226,10 @@ def test_a_port_is_forwarded_once_for_each_connection(cluster: Any, pod: ObjectR
     )
     serving.start()
     with cluster.port_forward(pod.namespace, pod.name, {7000: 0, 7001: 0}) as forward:
-        until(lambda: answer(forward.ports[7000]) == b"pong\n")
+        until(lambda: answer(forward.ports[7000]) == b"pong\n", "pong", 30)
         assert answer(forward.ports[7001]) == b""
         assert any("7001" in error for error in forward.errors)
-        until(lambda: answer(forward.ports[7000]) == b"pong\n")
+        until(lambda: answer(forward.ports[7000]) == b"pong\n", "pong", 30)
         port = forward.ports[7000]
         with pytest.raises(UserError, match="cannot listen"):
             cluster.port_forward(pod.namespace, pod.name, {1: port}).__enter__()

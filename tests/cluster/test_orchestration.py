@@ -14,7 +14,7 @@ import yaml
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
-from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import down, history
@@ -22,6 +22,7 @@ from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.source import Node, Span, made
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application, Settings
+from tests.support.recorder import Recorder
 
 from .conftest import inside
 
@@ -31,39 +32,19 @@ GOLDEN = Path(__file__).parents[1] / "unit" / "manifests" / "golden"
 SHAPES = sorted(path for path in GOLDEN.glob("*.yaml") if ".with" not in path.name)
 PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
 
-Run = Callable[..., "Told"]
-
-
-class Told:
-    """A reporter that keeps lines and warnings."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self.warnings: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Nobody looks."""
-
-    def child(self, name: str) -> Reporter:
-        return self
+Run = Callable[..., "Recorder"]
 
 
 @pytest.fixture
 def run(context: str, namespace: str, base_image: str, tmp_path: Path) -> Run:
     """Run an orchestration job in the test's namespace."""
 
-    def call(raw: Mapping[str, Any], *, fill: bool = True, **more: Any) -> Told:
+    def call(raw: Mapping[str, Any], *, fill: bool = True, **more: Any) -> Recorder:
         images = {"ros_master_image": base_image, "image": base_image} if fill else {}
         raw = {**images, **raw}
         found = structure(made(raw, Node({}, Span(1, 1, 1, 1))), OrchestrationOptions)
         assert not found.problems
-        told = Told()
+        told = Recorder()
         settings = Settings(context=context, namespace=namespace)
         application = Application("noetic", tmp_path)
         job = JobContext("deploy", application, told, settings, raw=raw, **more)
@@ -214,7 +195,7 @@ def test_the_pull_secret_is_written_beside_the_release(
     assert all(token not in json.dumps([r.objects, r.options]) for r in history(cluster, release))
     run(job, providers=providers)
     assert cluster.get(ref)["metadata"]["resourceVersion"] == first["metadata"]["resourceVersion"]
-    down(cluster, release, volumes=False, report=Told())
+    down(cluster, release, volumes=False, report=Recorder())
     assert cluster.get(ref) is None
 
 

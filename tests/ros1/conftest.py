@@ -27,6 +27,7 @@ import pytest
 import rigel_k8s.inpod
 from rigel_k8s.app.master import ROSCORE
 from rigel_lab.images.ros1base import BaseImage, build
+from tests.support.until import until
 
 SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
 NODE = ("/bin/sh", "/rigel-k8s/ready.sh", "node")
@@ -355,9 +356,6 @@ def eventually() -> Callable[..., None]:
     """Wait until a condition holds; fails with what it last saw."""
 
     def wait(condition: Callable[[], object], what: str, seconds: float = 30) -> None:
-        deadline = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < deadline, f"after {seconds} s still not: {what}"
-            time.sleep(0.1)
+        until(condition, what, seconds)
 
     return wait

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+
 from tools.architecture import PICTURE, WORDS, layers, picture
 
 ROOT = Path(__file__).parents[2]

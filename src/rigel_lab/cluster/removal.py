@@ -13,6 +13,9 @@ from rigel_lab.cluster.state import State
 
 __all__ = ["remove"]
 
+#: What is mounted where, for this process.
+MOUNTS = Path("/proc/self/mountinfo")
+
 
 def remove(state: State, report: Report) -> None:
     """End a cluster's processes and take away what it made.
@@ -49,7 +52,7 @@ def remove_tree(path: Path) -> None:
     Raises:
         LocalClusterError: something is mounted in it.
     """
-    mounts = [line.split()[4] for line in Path("/proc/self/mountinfo").read_text().splitlines()]
+    mounts = [line.split()[4] for line in MOUNTS.read_text().splitlines()]
     if inside := [mount for mount in mounts if Path(mount).is_relative_to(path)]:
         raise LocalClusterError(f"{inside[0]} is mounted still", hint=f"umount {inside[0]}")
     for part in sorted(path.iterdir(), key=lambda part: part.name == "cluster.json"):

@@ -15,7 +15,6 @@ import shutil
 import subprocess
 import sys
 import tarfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -26,6 +25,7 @@ import yaml
 
 from rigel_k8s.oci import architecture, digest
 from rigel_lab.cluster import addons, components
+from tests.support import until as waiting
 
 OUTSIDE = "10.64.3.1"
 #: Ends a program when the tests end, however they do.
@@ -271,12 +271,7 @@ def until(
     true: Callable[[], object], what: str, otherwise: Callable[[], object] = lambda: None
 ) -> None:
     """Wait until something is true, or say what did not come."""
-    deadline = time.monotonic() + PATIENCE
-    while not true():
-        if time.monotonic() > deadline:
-            otherwise()
-            raise AssertionError(f"no {what} within {PATIENCE} s")
-        time.sleep(0.1)
+    waiting.until(true, what, PATIENCE, last_words=otherwise)
 
 
 @pytest.fixture(scope="module")

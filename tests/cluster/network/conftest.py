@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import time
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +18,8 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
 from rigel_lab.cluster import components
 from rigel_lab.cluster.network import bridge_name
+from tests.support import until as waiting
+from tests.support.recorder import Recorder
 
 #: Always there once Multus is: any image with a shell would do.
 IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
@@ -26,30 +27,9 @@ SLEEP = ["/bin/sh", "-c", "trap exit TERM; sleep 3600 & wait"]
 LAN = "lan"
 
 
-class Said:
-    """A reporter that keeps what it was told."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self.warnings: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.lines.append(f"{key}: {state}")
-
-
 def until(look: Callable[[], Any], what: str, seconds: float = 120) -> Any:
     """Return what is looked for once it is there, or say what did not come."""
-    end = time.monotonic() + seconds
-    while not (found := look()):
-        assert time.monotonic() < end, f"no {what} within {seconds:g} s"
-        time.sleep(0.3)
-    return found
+    return waiting.until(look, what, seconds, every=0.3)
 
 
 @attrs.frozen
@@ -275,6 +255,6 @@ def run(*words: str) -> None:
 
 
 @pytest.fixture
-def said() -> Said:
+def said() -> Recorder:
     """A reporter that keeps what it was told."""
-    return Said()
+    return Recorder()

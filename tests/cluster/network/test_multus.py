@@ -14,6 +14,7 @@ from rigel_k8s.network.multus.install import install
 from rigel_k8s.network.multus.interfaces import without_interface
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support.recorder import Recorder
 
 pytestmark = pytest.mark.cluster
 
@@ -24,13 +25,7 @@ PODS = 100
 @pytest.fixture(scope="module", autouse=True)
 def installed(cluster: Any) -> None:
     """Multus is there; where it is already, this writes nothing."""
-
-    class Silent:
-        def line(self, text: str) -> None: ...
-        def warn(self, text: str) -> None: ...
-        def progress(self, key: str, state: str, *, done: bool = False) -> None: ...
-
-    install(cluster, Install(), Silent())
+    install(cluster, Install(), Recorder())
 
 
 def test_a_pod_on_every_node_gets_its_interface(lab: Any) -> None:
@@ -59,14 +54,14 @@ def test_installing_again_writes_nothing(cluster: Any, said: Any) -> None:
     done = install(cluster, Install(), said)
     assert versions() == before
     assert done.ours
-    assert said.lines == said.warnings == []
+    assert said.entries == []
 
 
 def test_a_proof_leaves_nothing_behind(cluster: Any, said: Any) -> None:
     """A proof's pods, attachment and addresses are gone when it is over."""
     cluster.delete(ObjectRef("v1", "ConfigMap", RELEASE.namespace, "rigel-network-proof"))
     done = install(cluster, Install(), said)
-    assert [line for line in said.lines if "attaches pods" in line] != []
+    assert [text for text in said.texts if "attaches pods" in text] != []
     assert len(done.nodes) == len(cluster.nodes())
     left = [
         live["metadata"]["name"]

@@ -24,6 +24,7 @@ from rigel_k8s.network.preflight.services import NOBODYS, service_ranges
 from rigel_k8s.network.wiring import PodIdentity
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
+from tests.support.until import until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("multus")]
 
@@ -226,22 +227,16 @@ def test_the_dhcp_daemon(ask: Ask, machines: dict[str, Machine]) -> None:
         pytest.skip("somebody runs the dhcp daemon")
     daemon = subprocess.Popen(machines[first].inside("/opt/cni/bin/dhcp", "daemon"))
     try:
-        lines = until(lambda: [o for o in [ask(ipam="dhcp")] if f"on {', '.join(others)} " in o[0]])
+        lines = until(
+            lambda: [o for o in [ask(ipam="dhcp")] if f"on {', '.join(others)} " in o[0]],
+            "finding of the others alone",
+            20,
+        )
         assert [line.partition(":")[0] for line in lines[0]] == ["error dhcp-daemon"]
     finally:
         daemon.terminate()
         daemon.wait(10)
         subprocess.run(machines[first].inside("rm", "-f", "/run/cni/dhcp.sock"), check=True)
-
-
-def until(look: Callable[[], Any]) -> Any:
-    import time
-
-    end = time.monotonic() + 20
-    while not (found := look()):
-        assert time.monotonic() < end, "nothing came"
-        time.sleep(0.3)
-    return found
 
 
 def test_overlapping_the_pods_and_the_services(cluster: Any, ask: Ask) -> None:

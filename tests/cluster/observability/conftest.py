@@ -15,6 +15,8 @@ import attrs
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support import until as waiting
+from tests.support.recorder import Recorder
 
 from ..conftest import run_rigel
 
@@ -30,11 +32,7 @@ PATIENCE = 240.0
 
 def until(look: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
     """Return what a look gives as soon as it is anything."""
-    end = time.monotonic() + patience
-    while not (found := look()):
-        assert time.monotonic() < end, f"{what}: not within {patience:g} s"
-        time.sleep(1)
-    return found
+    return waiting.until(look, what, patience, every=1)
 
 
 @attrs.frozen
@@ -157,18 +155,5 @@ def remove(cluster: Any, namespace: str) -> None:
     """Take the stack off the cluster, with its data and its namespace."""
     from rigel_k8s.observability.removal import remove as remove_stack
 
-    remove_stack(cluster, Quiet(), volumes=True)
+    remove_stack(cluster, Recorder(), volumes=True)
     cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
-
-
-class Quiet:
-    """A reporter that says nothing."""
-
-    def line(self, text: str) -> None:
-        """Not shown."""
-
-    def warn(self, text: str) -> None:
-        """Not shown."""
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Not shown."""

@@ -21,9 +21,10 @@ from rigel_k8s.observability.manifests.stack import Stack as Parts
 from rigel_k8s.observability.options import Existing, ExistingPrometheus, Loki, Observability
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired
+from tests.support.recorder import Recorder
 
 from ..conftest import run_rigel
-from .conftest import Quiet, Stack, until
+from .conftest import Stack, until
 
 pytestmark = pytest.mark.cluster
 
@@ -124,7 +125,7 @@ def operated(cluster: Any, prometheus_operator: None) -> Iterator[str]:
     theirs = [space, *prometheus(namespace), robot(namespace)]
     for item in theirs:
         cluster.apply(item)
-    deploy(ours(namespace), cluster, report=Quiet())
+    deploy(ours(namespace), cluster, report=Recorder())
     yield namespace
     for item in reversed(theirs):
         cluster.delete(ref_of(item))

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.cluster.conftest import run_rigel
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
+from tests.cluster.conftest import run_rigel
+from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
 
@@ -115,16 +116,8 @@ class Demo:
 
 
 def eventually(what: str, check: Callable[[], Any], seconds: float = 90) -> Any:
-    """Wait for a promise to become true; fail with its words where it does not."""
-    deadline = time.monotonic() + seconds
-    while True:
-        try:
-            if result := check():
-                return result
-        except (RigelK8sError, StopIteration):
-            pass  # its pod is on its way
-        assert time.monotonic() < deadline, f"not so after {seconds:.0f} s: {what}"
-        time.sleep(0.5)
+    """Wait for a promise to become true; the pod may be on its way still."""
+    return until(check, what, seconds, every=0.5, despite=(RigelK8sError, StopIteration))
 
 
 @pytest.fixture(scope="module")

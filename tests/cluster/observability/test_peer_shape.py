@@ -12,9 +12,10 @@ import pytest
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.installation import installed_in
 from rigel_k8s.observability.removal import remove as remove_stack
+from tests.support.recorder import Recorder
 
 from ..conftest import inside
-from .conftest import Quiet, Stack
+from .conftest import Stack
 
 pytestmark = pytest.mark.cluster
 
@@ -36,7 +37,7 @@ def no_stack(watching: Stack) -> Iterator[None]:
 def take_away(stack: Stack) -> None:
     """Remove whatever stack is there; the namespace stays, as its end takes a while."""
     if installed_in(stack.cluster):
-        remove_stack(stack.cluster, Quiet(), volumes=True)
+        remove_stack(stack.cluster, Recorder(), volumes=True)
 
 
 def test_the_peers_shape_deploys_and_updates(

@@ -14,9 +14,10 @@ import attrs
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support.recorder import Recorder
 
 from ..conftest import run_rigel
-from .conftest import Quiet, Stack, until
+from .conftest import Stack, until
 
 pytestmark = pytest.mark.cluster
 
@@ -259,7 +260,7 @@ def test_data_outlive_the_stack(talker: Talker) -> None:
 
     stack = talker.stack
     last = talker.beyond(50)[-1]
-    remove(stack.cluster, Quiet(), volumes=False)
+    remove(stack.cluster, Recorder(), volumes=False)
     claims = stack.cluster.list("v1", "PersistentVolumeClaim", stack.namespace)
     assert {c["metadata"]["name"] for c in claims} >= {"loki-data", "prometheus-data"}
     assert stack.cluster.list("apps/v1", "Deployment", stack.namespace) == []

@@ -20,8 +20,9 @@ from rigel_k8s.observability.manifests.stack import Stack as Parts
 from rigel_k8s.observability.options import Loki, Observability
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired, ReleaseId
+from tests.support.recorder import Recorder
 
-from .conftest import Quiet, Stack, until
+from .conftest import Stack, until
 
 pytestmark = pytest.mark.cluster
 
@@ -68,7 +69,7 @@ def objects(stack: Stack) -> list[dict[str, Any]]:
 def put(stack: Stack, made: list[dict[str, Any]]) -> None:
     """Deploy it, and return when it answers."""
     release = ReleaseId(stack.namespace, "brief")
-    deploy(Desired(release, tuple(made), create_namespace=True), stack.cluster, report=Quiet())
+    deploy(Desired(release, tuple(made), create_namespace=True), stack.cluster, report=Recorder())
 
 
 def post(stack: Stack, path: str, body: Any = None) -> None:

@@ -11,26 +11,9 @@ import pytest
 from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
 from rigel_k8s.release.deploy import down
 from rigel_k8s.release.types import Desired, ReleaseId
+from tests.support.recorder import Recorder
 
 FOREVER = "trap 'exit 0' TERM; while true; do sleep 0.1; done"
-
-
-@attrs.define
-class Recorder:
-    """A reporter that remembers what it was told."""
-
-    lines: list[str] = attrs.field(factory=list)
-    warnings: list[str] = attrs.field(factory=list)
-    states: list[tuple[str, str, bool]] = attrs.field(factory=list)
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.states.append((key, state, done))
 
 
 @attrs.frozen

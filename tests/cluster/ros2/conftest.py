@@ -8,7 +8,6 @@ import random
 import re
 import subprocess
 import sys
-import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ import pytest
 import yaml
 
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support.until import until
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 HEARD = re.compile(r"I heard hello world from (\w+): \S+ (\d+)")
@@ -55,10 +55,8 @@ def rigel(*words: str, check: bool = True, **env: str) -> subprocess.CompletedPr
 
 
 def wait_until(done: Callable[[], Any], what: str, *, seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not done():
-        assert time.monotonic() < end, f"no {what} in {seconds} s"
-        time.sleep(0.3)
+    """Wait until something is done."""
+    until(done, what, seconds, every=0.3)
 
 
 @attrs.frozen

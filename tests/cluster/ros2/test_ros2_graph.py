@@ -20,6 +20,7 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import ReleaseId
+from tests.support.recorder import Recorder
 
 pytestmark = pytest.mark.cluster
 
@@ -41,28 +42,13 @@ for path in glob.glob("/proc/[0-9]*/cmdline"):
 ATTACHMENTS = "k8s.cni.cncf.io/v1"
 
 
-class Reporter:
-    """Keeps what was told."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    warn = line
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.lines.append(state)
-
-
 class Release:
     """Pods as a deploy makes them, each on a machine of the test's choice."""
 
     def __init__(self, cluster: Any, namespace: str, image: str, mode: str) -> None:
         self.cluster, self.namespace, self.image, self.mode = cluster, namespace, image, mode
         self.id = ReleaseId(namespace, "graph")
-        self.report = Reporter()
+        self.report = Recorder()
         self.apply("v1", "ConfigMap", "inpod", data=scripts())
 
     def apply(self, api_version: str, kind: str, name: str, **rest: Any) -> None:
@@ -170,7 +156,7 @@ def test_macvlan(release: Callable[[str], Release], machines: list[str]):
         assert pod.discovered_by == tuple(n for n in names if n != pod.pod)
         assert pod.address.startswith("10.231.0.")
     made.check()
-    assert "all 4 nodes discover each other" in made.report.lines[-1]
+    assert "all 4 nodes discover each other" in made.report.texts[-1]
 
 
 def test_pod_network(release: Callable[[str], Release], machines: list[str]):
@@ -180,7 +166,7 @@ def test_pod_network(release: Callable[[str], Release], machines: list[str]):
         made.node(name, machine)
     made.ready("one", "two")
     made.check()
-    told = made.report.lines[-1]
+    told = made.report.texts[-1]
     assert told.startswith(
         f"the pods on {machines[0]} and {machines[1]} do not discover each other"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -44,6 +45,41 @@ def test_every_object_is_marked_as_the_releases(case: str) -> None:
             template = item["spec"]["template"]["metadata"]["labels"]
             assert selector.items() <= template.items()
             assert template["rigel-k8s/release"] == made.release.name
+
+
+#: Containers that are no ROS program of ours: the exporter, and what a Rigelfile brings itself.
+NOT_ROS = ("ros-exporter", "sidecar", "mine")
+
+
+def ros_containers(case: str) -> list[dict[str, Any]]:
+    """Return the containers that run ROS programs, discovery servers and routers too."""
+    made = release((GOLDEN / f"{case}.with.yaml").read_text("utf-8"), files=FILES)
+    pods = [
+        item["spec"]["template"]["spec"] for item in made.objects if "Deployment" in item["kind"]
+    ]
+    found = [container for pod in pods for container in pod["containers"]]
+    return [container for container in found if container["name"] not in NOT_ROS]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_ros_container_is_asked_to_stop(case: str) -> None:
+    """Many ROS programs ignore SIGTERM: without the hook each update takes the whole grace."""
+    found = ros_containers(case)
+    assert found or case == "foreign-container"
+    for container in found:
+        hook = container["lifecycle"]["preStop"]["exec"]["command"]
+        assert hook[:2] == ["/bin/sh", "/rigel-k8s/stop.sh"], container["name"]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_no_startup_probe_gives_up_on_a_ros_program(case: str) -> None:
+    """A node that waits for its master for an hour is not killed for it."""
+    for container in ros_containers(case):
+        probe = container.get("startupProbe")
+        if probe is None:
+            assert "readinessProbe" not in container
+        else:
+            assert probe["failureThreshold"] * probe["periodSeconds"] > 10 * 365 * 86400
 
 
 def test_building_leaves_the_options_alone() -> None:

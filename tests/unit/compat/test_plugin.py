@@ -115,7 +115,9 @@ def test_importing_the_package_imports_nothing_else() -> None:
 def test_where_rigel_has_been_imported_it_is_a_plugin_of_rigels(rigel: None) -> None:
     """Rigel loads nothing but subclasses of its own; each name gives one class, always the same."""
     assert issubclass(rigel_k8s.DockerfilePlugin, Plugin)
-    assert rigel_k8s.DockerfilePlugin is rigel_k8s.DockerfilePlugin
+    before = rigel_k8s.DockerfilePlugin
+    assert rigel_k8s.BuildXPlugin is not before
+    assert rigel_k8s.DockerfilePlugin is before
     assert rigel_k8s.DockerfilePlugin.__name__ == "DockerfilePlugin"
     assert issubclass(rigel_k8s.ContainerRegistryProvider, Provider)
 

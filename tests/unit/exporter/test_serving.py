@@ -6,7 +6,6 @@ import json
 import socket
 import struct
 import threading
-import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from rigel_k8s.exporter.graph import Graph, Node, Samples
 from rigel_k8s.exporter.listening import STALE, STATUSES, Listening
 from rigel_k8s.exporter.metrics import FAMILIES, Sample, text
 from rigel_k8s.exporter.serving import Server
+from tests.support.until import until
 
 
 class Heard:
@@ -146,7 +146,7 @@ def served() -> Iterator[tuple[Half, Collection, str]]:
     collection = Collection(half, Config(interval=0.05))
     server = Server(0, collection.metrics, collection.well)
     collection.start()
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     yield half, collection, f"http://127.0.0.1:{server.server_address[1]}"
     half.go.set()
     collection.close()
@@ -163,13 +163,6 @@ def get(url: str) -> tuple[int, str]:
             return error.code, error.read().decode()
 
 
-def until(check) -> None:  # type: ignore[no-untyped-def]
-    deadline = time.monotonic() + 20
-    while not check():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
 def test_who_waits_no_longer_leaves_no_traceback(capfd: pytest.CaptureFixture[str]) -> None:
     """A kubelet's probe on a busy machine ends its connection while it is answered."""
     asked, gone = threading.Event(), threading.Event()
@@ -180,14 +173,14 @@ def test_who_waits_no_longer_leaves_no_traceback(capfd: pytest.CaptureFixture[st
         return "x" * 10_000_000
 
     server = Server(0, metrics, lambda: True)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     before = threading.active_count()
     with socket.create_connection(("127.0.0.1", server.server_address[1])) as client:
         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         client.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
         assert asked.wait(20)
     gone.set()
-    until(lambda: threading.active_count() <= before)
+    until(lambda: threading.active_count() <= before, "end of threads", 20, every=0.02)
     server.shutdown()
     server.server_close()
     assert capfd.readouterr().err == ""
@@ -202,7 +195,7 @@ def test_a_scrape_waits_for_no_look(served: tuple[Half, Collection, str]) -> Non
     assert "ros_node_up" not in body
     assert get(f"{url}/healthz")[0] == 503
     half.go.set()
-    until(lambda: get(f"{url}/healthz") == (200, "ok\n"))
+    until(lambda: get(f"{url}/healthz") == (200, "ok\n"), "health", 20, every=0.02)
     assert 'ros_node_up{ros_node="/talker",workload=""} 1' in get(f"{url}/metrics")[1]
     assert get(f"{url}/")[0] == 404
 
@@ -213,9 +206,10 @@ def test_a_look_that_fails_is_counted_and_the_next_one_made(
     half, _, url = served
     half.fails = True
     half.go.set()
-    until(lambda: "ros_exporter_failures_total{} 2" in get(f"{url}/metrics")[1])
+    failures = "ros_exporter_failures_total{} 2"
+    until(lambda: failures in get(f"{url}/metrics")[1], failures, 20, every=0.02)
     half.fails = False
-    until(lambda: get(f"{url}/healthz")[0] == 200)
+    until(lambda: get(f"{url}/healthz")[0] == 200, "health", 20, every=0.02)
     assert "a look that went wrong" in capsys.readouterr().err
 
 

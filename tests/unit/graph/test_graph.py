@@ -19,6 +19,7 @@ from rigel_k8s.graph.members import Member, members
 from rigel_k8s.graph.words import Finding, listed
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.release.types import ReleaseId
+from tests.support.recorder import Recorder
 
 NOTE = {"mode": "macvlan", "interface": "net1", "domain": 3, "middleware": "fastdds", "ros": "2"}
 PROBE = ["/bin/sh", "/rigel-k8s/ready.sh", "dds", "--domain", "3"]
@@ -261,20 +262,6 @@ def test_not_running():
     assert found["a"].problem == "its container does not run"
 
 
-class Reporter:
-    def __init__(self) -> None:
-        self.warnings: list[str] = []
-
-    def line(self, text: str) -> None:
-        pass
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        pass
-
-
 @pytest.fixture
 def looks(monkeypatch: pytest.MonkeyPatch) -> list[Graph | None]:
     """What successive looks find; the last one for ever."""
@@ -294,14 +281,14 @@ GOOD = Graph((), (), ())
 DOUBT = Graph((), (), (Finding("deaf", "no multicast", "set network"),))
 
 
-def run_check(report: Reporter, cancel: threading.Event | None = None) -> None:
+def run_check(report: Recorder, cancel: threading.Event | None = None) -> None:
     graphs.check(RELEASE, None, report, cancel or threading.Event())  # type: ignore[arg-type]
 
 
 def test_check_has_patience(looks: list[Graph | None]):
     """Discovery takes a moment: what a later look does not find any more is no error."""
     looks += [WRONG, WRONG, GOOD]
-    run_check(Reporter())
+    run_check(Recorder())
     assert len(looks) == 1
 
 
@@ -310,7 +297,7 @@ def test_check_ends_in_an_error(looks: list[Graph | None], monkeypatch: pytest.M
     monkeypatch.setattr(graphs, "PATIENCE", 0.05)
     looks.append(WRONG)
     with pytest.raises(graphs.GraphError) as caught:
-        run_check(Reporter())
+        run_check(Recorder())
     assert caught.value.exit_code == 1
     assert caught.value.message.startswith("app in robots is deployed, but")
     assert caught.value.details == ("node2 is deaf; look",)
@@ -334,13 +321,13 @@ def test_check_ends_well_where_the_last_look_does(
     """The look that decides is the longer one."""
     monkeypatch.setattr(graphs, "PATIENCE", 0.0)
     looks += [WRONG, WRONG, GOOD]
-    run_check(Reporter())
+    run_check(Recorder())
 
 
 def test_check_without_network(looks: list[Graph | None]):
     """What the Rigelfile did not promise is a warning, at once."""
     looks.append(DOUBT)
-    report = Reporter()
+    report = Recorder()
     run_check(report)
     assert report.warnings == ["no multicast; set network"]
 
@@ -348,7 +335,7 @@ def test_check_without_network(looks: list[Graph | None]):
 def test_check_of_ros_1(looks: list[Graph | None]):
     """A release without DDS is left alone."""
     looks.append(None)
-    run_check(Reporter())
+    run_check(Recorder())
 
 
 def test_check_can_be_stopped(looks: list[Graph | None]):
@@ -357,7 +344,7 @@ def test_check_can_be_stopped(looks: list[Graph | None]):
     cancel = threading.Event()
     cancel.set()
     with pytest.raises(Interrupted):
-        run_check(Reporter(), cancel)
+        run_check(Recorder(), cancel)
 
 
 def test_listed():

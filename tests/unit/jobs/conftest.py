@@ -10,38 +10,16 @@ import attrs
 import pytest
 
 from rigel_k8s.jobs.execution import Surroundings
-from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.steps import Branches, Job
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.model import ComponentSpec
 from rigel_k8s.rigelfile.source import Node, Span
 from rigel_k8s.settings import Application, Settings
+from tests.support.recorder import Recorder
 
 HERE = Span(1, 1, 1, 1)
 Work = Callable[[JobContext], None]
-
-
-class Told:
-    """A reporter that keeps what it is told: (reporter's path, kind, text)."""
-
-    def __init__(self, path: str = "", told: list[tuple[str, str, str]] | None = None) -> None:
-        self.path = path
-        self.told = [] if told is None else told
-
-    def line(self, text: str) -> None:
-        self.told.append((self.path, "line", text))
-
-    def warn(self, text: str) -> None:
-        self.told.append((self.path, "warn", text))
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.told.append((self.path, "progress", f"{key} {state}{' .' if done else ''}"))
-
-    def child(self, name: str) -> Reporter:
-        return Told(f"{self.path}/{name}", self.told)
-
-    def of(self, kind: str) -> list[str]:
-        return [text for _, told, text in self.told if told == kind]
 
 
 @attrs.define
@@ -75,12 +53,12 @@ def make_branches(matrix: Mapping[str, list[Any]], body: Any) -> Branches:
 
 
 @pytest.fixture
-def told() -> Told:
-    return Told()
+def told() -> Recorder:
+    return Recorder()
 
 
 @pytest.fixture
-def around(told: Told) -> Surroundings:
+def around(told: Recorder) -> Surroundings:
     """Surroundings where a job's options are the data it sees, and a matrix is what it is."""
     return Surroundings(
         application=Application("noetic"),

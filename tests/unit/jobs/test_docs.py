@@ -12,8 +12,7 @@ from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.runner import prepare_job, run_sequence
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
-
-from .conftest import Told
+from tests.support.recorder import Recorder
 
 PAGE = Path(__file__).parents[3] / "docs" / "plugins.md"
 
@@ -27,7 +26,7 @@ def project(tmp_path: Path) -> Path:
     return tmp_path / "Rigelfile"
 
 
-def test_the_example_runs(project: Path, told: Told) -> None:
+def test_the_example_runs(project: Path, told: Recorder) -> None:
     """One job type in a file beside the Rigelfile, and data from one job to the next."""
     data = run_sequence(load(project), "both", settings=Settings(project), report=told)
     assert told.of("line") == ["hello robot", "hello robot", "hello robot"]

@@ -15,8 +15,9 @@ from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.scope import Scope
 from rigel_k8s.jobs.steps import Jobs, Serving
 from rigel_k8s.settings import Settings
+from tests.support.recorder import Recorder
 
-from .conftest import Meeting, Told, make_branches, make_job
+from .conftest import Meeting, make_branches, make_job
 
 
 def until_cancelled(job: JobContext) -> None:
@@ -40,7 +41,9 @@ def test_jobs_run_in_order_and_see_what_earlier_ones_stored(around: Surroundings
     assert data == {"image": "talker@sha256:1", "deployed": "talker@sha256:1"}
 
 
-def test_branches_run_side_by_side_each_with_its_own_data(around: Surroundings, told: Told) -> None:
+def test_branches_run_side_by_side_each_with_its_own_data(
+    around: Surroundings, told: Recorder
+) -> None:
     """One branch per combination, all at once; none sees another's data, the trunk sees none."""
     meet, seen, lock = Meeting(4), [], threading.Lock()
 
@@ -65,7 +68,7 @@ def test_branches_run_side_by_side_each_with_its_own_data(around: Surroundings, 
         ("noetic", "arm64", ["noetic"]),
     ]
     assert data == {"shared": []}
-    paths = {path for path, kind, _ in told.told if kind == "line"}
+    paths = {path for path, kind, _ in told.entries if kind == "line"}
     assert "/distro=noetic, arch=arm64/build" in paths
     assert len(paths) == 4
 
@@ -94,7 +97,7 @@ def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(around: Surro
 
 
 def test_the_failed_job_and_the_stopped_one_are_told_apart(
-    around: Surroundings, told: Told
+    around: Surroundings, told: Recorder
 ) -> None:
     """Progress ends with failed for the culprit, with stopped for the others."""
     meet = Meeting(2)
@@ -106,8 +109,8 @@ def test_the_failed_job_and_the_stopped_one_are_told_apart(
     body = Jobs((make_job("deploy", work),))
     with pytest.raises(JobFailed):
         run_steps(Jobs((make_branches({"robot": ["r1", "r2"]}, body),)), around)
-    assert ("/robot=r2", "progress", "deploy failed") in told.told
-    assert ("/robot=r1", "progress", "deploy stopped") in told.told
+    assert ("/robot=r2", "progress", "deploy: failed") in told.entries
+    assert ("/robot=r1", "progress", "deploy: stopped") in told.entries
 
 
 def test_an_error_of_the_user_keeps_exit_code_two(around: Surroundings) -> None:
@@ -254,7 +257,9 @@ def test_a_job_that_gives_up_by_itself_is_a_failure(around: Surroundings) -> Non
         run_steps(Jobs((make_job("shell", work),)), around)
 
 
-def test_a_job_that_was_stopped_and_says_so_is_not_told(around: Surroundings, told: Told) -> None:
+def test_a_job_that_was_stopped_and_says_so_is_not_told(
+    around: Surroundings, told: Recorder
+) -> None:
     """Interrupted is the right end of a cancelled job."""
     meet = Meeting(2)
 
@@ -285,7 +290,9 @@ def test_a_part_of_a_stopped_run_is_stopped_from_its_start() -> None:
     assert calls == [1, 2]
 
 
-def test_what_goes_wrong_after_the_first_failure_is_told(around: Surroundings, told: Told) -> None:
+def test_what_goes_wrong_after_the_first_failure_is_told(
+    around: Surroundings, told: Recorder
+) -> None:
     """The first failure is raised; one of a job that was being stopped is a warning."""
     meet = Meeting(2)
 
@@ -303,7 +310,7 @@ def test_what_goes_wrong_after_the_first_failure_is_told(around: Surroundings, t
     assert told.of("warn") == [warned]
 
 
-def test_an_empty_matrix_runs_nothing_and_says_so(around: Surroundings, told: Told) -> None:
+def test_an_empty_matrix_runs_nothing_and_says_so(around: Surroundings, told: Recorder) -> None:
     """No combination, no branch; the user is told, since it may not be meant."""
     ran: list[int] = []
     body = Jobs((make_job("build", lambda job: ran.append(1)),))

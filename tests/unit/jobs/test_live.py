@@ -21,8 +21,9 @@ from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.providers import Declared
 from rigel_k8s.jobs.steps import Jobs
 from rigel_k8s.settings import Application
+from tests.support.recorder import Recorder
 
-from .conftest import Told, make_branches, make_job
+from .conftest import make_branches, make_job
 
 
 @attrs.define
@@ -96,7 +97,7 @@ def test_a_provider_that_refuses_is_named_and_the_connected_are_let_go(
     assert events == ["connect good", "connect bad", "disconnect connection of good"]
 
 
-def test_a_provider_that_does_not_disconnect_is_told(around: Surroundings, told: Told) -> None:
+def test_a_provider_that_does_not_disconnect_is_told(around: Surroundings, told: Recorder) -> None:
     """What was done stays done; the rest is disconnected all the same."""
     events: list[str] = []
     sulky = declare("sulky", NotingProvider(events, sulks=True))
@@ -109,7 +110,7 @@ def test_a_provider_that_does_not_disconnect_is_told(around: Surroundings, told:
     assert events[-1] == "disconnect connection of good"
 
 
-def test_a_job_that_ignores_cancel_is_left_and_told(around: Surroundings, told: Told) -> None:
+def test_a_job_that_ignores_cancel_is_left_and_told(around: Surroundings, told: Recorder) -> None:
     """After a failure the others are waited for, for the grace and no longer."""
     release, meet = threading.Event(), threading.Barrier(2)
 

@@ -15,8 +15,7 @@ from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.names import BUILTIN, by_name
 from rigel_k8s.jobs.registry import importable, job_type, known, provider_type
 from rigel_k8s.settings import Application
-
-from .conftest import Told
+from tests.support.recorder import Recorder
 
 
 @pytest.fixture
@@ -212,7 +211,7 @@ def rigel_style(beside: Path, process: str = "pass") -> Any:
 
 
 def context(**more: Any) -> JobContext:
-    return JobContext("j", Application("noetic"), Told(), vars={"v": 1}, **more)
+    return JobContext("j", Application("noetic"), Recorder(), vars={"v": 1}, **more)
 
 
 def test_a_class_of_rigels_interface_runs_as_rigel_would_run_it(beside: Path) -> None:
@@ -284,7 +283,7 @@ def test_a_provider_of_rigels_interface_is_connected(beside: Path) -> None:
         "    def disconnect(self): self.data[self.name].append('disconnected')\n",
     )
     provider = provider_type("robots.Robots", beside)
-    connection = provider.connect({"k": 1}, "r", Told())
+    connection = provider.connect({"k": 1}, "r", Recorder())
     assert connection == ["connected", {"k": 1}]
     provider.disconnect(connection)
     assert connection == ["connected", {"k": 1}, "disconnected"]

@@ -14,8 +14,7 @@ from rigel_k8s.errors import JobFailed, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs.runner import run_job, run_sequence
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
-
-from .conftest import Told
+from tests.support.recorder import Recorder
 
 TYPES = """
 import attrs
@@ -81,24 +80,26 @@ def settings(directory: Path, text: str) -> Settings:
     return Settings(rigelfile=path)
 
 
-def sequence(directory: Path, text: str, told: Told, name: str = "s") -> dict[str, Any]:
+def sequence(directory: Path, text: str, told: Recorder, name: str = "s") -> dict[str, Any]:
     chosen = settings(directory, text)
     return run_sequence(load(chosen.rigelfile), name, settings=chosen, report=told)
 
 
-def job(directory: Path, text: str, told: Told, name: str = "j") -> dict[str, Any]:
+def job(directory: Path, text: str, told: Recorder, name: str = "j") -> dict[str, Any]:
     chosen = settings(directory, text)
     return run_job(load(chosen.rigelfile), name, settings=chosen, report=told)
 
 
-def test_a_job_runs_with_its_options(directory: Path, told: Told) -> None:
+def test_a_job_runs_with_its_options(directory: Path, told: Recorder) -> None:
     """vars are in, the reporter bears the job's name, the data comes back."""
     text = "vars: {v: hello}\njobs: {j: {plugin: mine.Say, with: {say: '{{ vars.v }}', number: 2}}}"
     assert job(directory, text, told) == {"said": ["hello"]}
-    assert ("/j", "line", "hello 2") in told.told
+    assert ("/j", "line", "hello 2") in told.entries
 
 
-def test_a_sequence_runs_its_stages_in_order_with_overrides(directory: Path, told: Told) -> None:
+def test_a_sequence_runs_its_stages_in_order_with_overrides(
+    directory: Path, told: Recorder
+) -> None:
     """`with` of a stage's entry replaces the job's keys one by one, and only there."""
     text = """
 jobs:
@@ -114,7 +115,7 @@ sequences:
     assert told.of("line") == ["a 7", "ab 0", "ab 0", "a 1"]
 
 
-def test_a_stage_matrix_gives_each_branch_its_values(directory: Path, told: Told) -> None:
+def test_a_stage_matrix_gives_each_branch_its_values(directory: Path, told: Recorder) -> None:
     """Also where the values come from vars, and keep their types."""
     text = """
 vars: {ns: [1, 2]}
@@ -126,7 +127,7 @@ sequences:
     assert sorted(told.of("line")) == ["x 1", "x 2", "y 1", "y 2"]
 
 
-def test_a_matrix_may_come_from_what_a_job_stored(directory: Path, told: Told) -> None:
+def test_a_matrix_may_come_from_what_a_job_stored(directory: Path, told: Recorder) -> None:
     """`{{ data.x }}` as a matrix' values, known only when the stage starts."""
     (directory / "lists.py").write_text(
         "class L:\n    options = dict\n    def check(self, o, a): return ()\n"
@@ -143,7 +144,7 @@ sequences:
     assert sorted(told.of("line")) == ["p 0", "q 0"]
 
 
-def test_a_sequences_own_matrix_runs_all_stages_for_each(directory: Path, told: Told) -> None:
+def test_a_sequences_own_matrix_runs_all_stages_for_each(directory: Path, told: Recorder) -> None:
     """Rigel ignores it."""
     text = """
 jobs:
@@ -156,7 +157,9 @@ sequences:
     assert sorted(told.of("line")) == ["x 0", "x! 0", "y 0", "y! 0"]
 
 
-def test_the_whole_sequence_is_checked_before_the_first_job(directory: Path, told: Told) -> None:
+def test_the_whole_sequence_is_checked_before_the_first_job(
+    directory: Path, told: Recorder
+) -> None:
     """Problems of the last job, of a branch and of a provider keep the first from running."""
     text = """
 providers: {p: {provider: mine.Provider, with: {sya: x}}}
@@ -170,7 +173,7 @@ sequences:
 """
     with pytest.raises(ProblemsError) as caught:
         sequence(directory, text, told)
-    assert told.told == []
+    assert told.entries == []
     found = "\n".join(caught.value.details)
     assert re.search(r"Rigelfile:3:.*\"sya\".*did you mean \"?say", found)
     assert re.search(r"Rigelfile:6:.*must not be negative.*\[bad-number\]", found)
@@ -182,7 +185,7 @@ sequences:
 
 
 def test_jobs_that_the_sequence_does_not_use_are_not_its_matter(
-    directory: Path, told: Told
+    directory: Path, told: Recorder
 ) -> None:
     """A broken job elsewhere in the file is `rigel check`'s to tell."""
     text = """
@@ -193,7 +196,7 @@ sequences: {s: {stages: [{jobs: [a]}]}}
     assert told.of("line") == ["a 0"]
 
 
-def test_warnings_are_told_once_and_stop_nothing(directory: Path, told: Told) -> None:
+def test_warnings_are_told_once_and_stop_nothing(directory: Path, told: Recorder) -> None:
     """With their place, before the first job."""
     text = """
 jobs: {a: {plugin: mine.Say, with: {say: a, number: 13}}}
@@ -202,10 +205,10 @@ sequences: {s: {stages: [{jobs: [a, a]}]}}
     sequence(directory, text, told)
     (warning,) = told.of("warn")
     assert "brings bad luck" in warning
-    assert told.told[0][1] == "warn"
+    assert told.entries[0][1] == "warn"
 
 
-def test_data_that_nobody_stored_is_told_with_its_place(directory: Path, told: Told) -> None:
+def test_data_that_nobody_stored_is_told_with_its_place(directory: Path, told: Recorder) -> None:
     """Unknown until the job runs, and then an error of the user's."""
     text = "jobs: {j: {plugin: mine.Say, with: {say: '{{ data.nobody }}'}}}"
     with pytest.raises(JobFailed, match=r"^job j: ") as caught:
@@ -214,7 +217,7 @@ def test_data_that_nobody_stored_is_told_with_its_place(directory: Path, told: T
     assert "nobody" in "\n".join(caught.value.details)
 
 
-def test_what_check_finds_in_data_stops_the_job(directory: Path, told: Told) -> None:
+def test_what_check_finds_in_data_stops_the_job(directory: Path, told: Recorder) -> None:
     """Options that only the data completes are checked before run, too."""
     (directory / "lists.py").write_text(
         "class L:\n    options = dict\n    def check(self, o, a): return ()\n"
@@ -230,7 +233,7 @@ sequences: {s: {stages: [{jobs: [l, a]}]}}
 
 
 def test_providers_surround_a_job(
-    directory: Path, told: Told, capsys: pytest.CaptureFixture[str]
+    directory: Path, told: Recorder, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All that are declared are connected, and disconnected after a failure too."""
     text = """
@@ -253,7 +256,7 @@ jobs: {j: {plugin: mine.Say, with: {say: fail}}}
     ],
 )
 def test_two_deploys_of_one_release_side_by_side_are_refused(
-    directory: Path, told: Told, stages: str
+    directory: Path, told: Recorder, stages: str
 ) -> None:
     """Before anything runs: branches of a matrix, a job and its dependency, two dependencies."""
     text = f"""
@@ -265,7 +268,7 @@ sequences: {{s: {{stages: {stages}}}}}
 """
     with pytest.raises(UserError, match="would work on demo at the same time") as caught:
         sequence(directory, text, told)
-    assert told.told == []
+    assert told.entries == []
     assert caught.value.hint
 
 
@@ -279,7 +282,7 @@ sequences: {{s: {{stages: {stages}}}}}
     ],
 )
 def test_deploys_one_after_the_other_or_of_two_releases_are_fine(
-    directory: Path, told: Told, stages: str
+    directory: Path, told: Recorder, stages: str
 ) -> None:
     """The peer's deploy and update are one after the other; robots have a release each."""
     text = f"""
@@ -290,7 +293,7 @@ sequences: {{s: {{stages: {stages}}}}}
     assert len(told.of("line")) == 2
 
 
-def test_a_matrix_value_that_is_no_list_is_told(directory: Path, told: Told) -> None:
+def test_a_matrix_value_that_is_no_list_is_told(directory: Path, told: Recorder) -> None:
     """A template that gives a text where a list is needed."""
     text = """
 vars: {w: x}
@@ -315,7 +318,7 @@ class Store:
     [("{w: x}", "must be a list, not str"), ("{other: [x]}", "data.w")],
 )
 def test_a_matrix_that_data_spoils_is_told(
-    directory: Path, told: Told, store: str, words: str
+    directory: Path, told: Recorder, store: str, words: str
 ) -> None:
     """What an earlier job stored is no list, or not there: known only when the stage starts."""
     (directory / "lists.py").write_text(STORING)
@@ -330,7 +333,7 @@ sequences: {s: {stages: [{jobs: [l]}, {parallel: [{jobs: [a]}], matrix: {w: "{{ 
     assert caught.value.exit_code == 2
 
 
-def test_keys_that_are_not_known_yet_are_no_conflict(directory: Path, told: Told) -> None:
+def test_keys_that_are_not_known_yet_are_no_conflict(directory: Path, told: Recorder) -> None:
     """Each branch stores its own release's name; before the run both look alike."""
     (directory / "lists.py").write_text(STORING)
     text = """
@@ -343,7 +346,7 @@ sequences: {s: {stages: [{parallel: [{jobs: [l, a]}], matrix: {n: [1, 2]}}]}}
     assert len(told.of("line")) == 2
 
 
-def test_a_class_for_rigel_gets_what_rigel_would_give(directory: Path, told: Told) -> None:
+def test_a_class_for_rigel_gets_what_rigel_would_give(directory: Path, told: Recorder) -> None:
     """Raw data as it is written, vars, application, connections."""
     text = """
 vars: {v: 1}
@@ -357,7 +360,7 @@ jobs: {j: {plugin: mine.Rigels, with: {a: [1, "1.10"], b: "{{ vars.v }}"}}}
 
 @pytest.mark.parametrize(("run", "what"), [(run_job, "job"), (run_sequence, "sequence")])
 def test_an_unknown_name_is_told_with_the_nearest(
-    directory: Path, told: Told, run: Any, what: str
+    directory: Path, told: Recorder, run: Any, what: str
 ) -> None:
     """Of jobs for `run job`, of sequences for `run sequence`."""
     text = """
@@ -369,7 +372,7 @@ sequences: {deploy_all: {stages: [{jobs: [deploy]}]}}
         run(load(chosen.rigelfile), "deplyo", settings=chosen, report=told)
 
 
-def test_a_failed_run_is_an_error_of_this_package(directory: Path, told: Told) -> None:
+def test_a_failed_run_is_an_error_of_this_package(directory: Path, told: Recorder) -> None:
     """Whatever fails, callers catch one base class."""
     text = "jobs: {j: {plugin: mine.Say, with: {say: fail}}}"
     with pytest.raises(RigelK8sError):

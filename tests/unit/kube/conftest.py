@@ -8,10 +8,10 @@ from typing import Any, TypeAlias
 
 import attrs
 import pytest
-from tests.support.http_server import Exchange, HttpServer, serving
 
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.target import Target
+from tests.support.http_server import Exchange, HttpServer, serving
 
 Serve: TypeAlias = Callable[..., tuple[Cluster, HttpServer]]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from tests.support.http_server import Exchange, HttpServer, Request
 
 from rigel_k8s.errors import ClusterError, NotFoundError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support.http_server import Exchange, HttpServer, Request
 
 REF = ObjectRef("v1", "ConfigMap", "robot", "c")
 PATH = "/api/v1/namespaces/robot/configmaps"

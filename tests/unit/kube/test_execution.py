@@ -17,12 +17,12 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from tests.support.http_server import Exchange
-from tests.support.websocket import Channels
 
 from rigel_k8s.errors import ClusterError, NotFoundError, UserError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.kube.target import Credentials
+from tests.support.http_server import Exchange
+from tests.support.websocket import Channels
 
 STDIN, STDOUT, STDERR, RESULT, RESIZE, CLOSE = 0, 1, 2, 3, 4, 255
 POD = ("robot", "talker")

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.support.http_server import Exchange
 
 from rigel_k8s.kube.cluster import Cluster
+from tests.support.http_server import Exchange
 
 SLOW = 0.05  # seconds that an answer takes
 CONTAINER = ("n", "talker", "node")

@@ -14,7 +14,6 @@ from urllib.parse import urlsplit
 
 import attrs
 import pytest
-from tests.support.http_server import Exchange, HttpServer, serving
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import transport as module
@@ -22,6 +21,7 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.kube.transport import Stream, Transport
 from rigel_k8s.proxy import proxy_for
+from tests.support.http_server import Exchange, HttpServer, serving
 
 
 def transport_to(serve: Any, answer: Any, **target: Any) -> tuple[Transport, HttpServer]:

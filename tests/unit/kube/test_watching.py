@@ -8,10 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.support.http_server import Exchange
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import watching
+from tests.support.http_server import Exchange
 
 Answer = Callable[[Exchange], None]
 

@@ -80,9 +80,9 @@ def test_no_two_objects_are_one(case: str) -> None:
 @pytest.mark.parametrize("case", sorted(CASES))
 def test_no_program_has_rights_on_its_machine(case: str) -> None:
     """Nobody but Promtail is root, none keeps a capability, none writes where it is not told to."""
-    for item in made(case).objects:
-        if item["kind"] not in ("Deployment", "DaemonSet"):
-            continue
+    workloads = [o for o in made(case).objects if o["kind"] in ("Deployment", "DaemonSet")]
+    assert workloads
+    for item in workloads:
         pod = item["spec"]["template"]["spec"]
         root = item["metadata"]["name"] == "promtail"
         assert pod["securityContext"].get("runAsNonRoot", False) is not root

@@ -31,28 +31,9 @@ from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import request_of
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
+from tests.support.recorder import Recorder
 
 NOETIC = Application(distro="noetic")
-
-
-class Report:
-    """Keeps what was told."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self.warnings: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Not kept."""
-
-    def child(self, name: str) -> Report:
-        return self
 
 
 class Cluster:
@@ -127,7 +108,7 @@ def asked(raw: Mapping[str, Any], *objects: Any) -> Any:
 
 
 def job(raw: Mapping[str, Any] | None = None) -> JobContext:
-    return JobContext("job", NOETIC, Report(), Settings(), raw=raw or {})
+    return JobContext("job", NOETIC, Recorder(), Settings(), raw=raw or {})
 
 
 def test_what_one_application_does_not_say_stays_as_another_said_it(last: dict[str, Any]) -> None:
@@ -260,7 +241,7 @@ def test_data_that_nobody_keeps_are_told_of(
 ) -> None:
     """A cluster without a default StorageClass loses them with the pod."""
     found = asked({"enabled": True, "prometheus": {"persistence": {"enabled": False}}})
-    report = Report()
+    report = Recorder()
     observability_install._warn_of_lost_data(found, report)
     assert [warning.split()[0] for warning in report.warnings] == ["loki"]
 

@@ -17,19 +17,10 @@ from rigel_k8s.release.readiness import Readiness
 from rigel_k8s.release.status import WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.release.wait import GRACE, Waiter, is_optional
+from tests.support.recorder import Recorder
 
 NEEDED = ObjectRef("apps/v1", "Deployment", "robots", "talker")
 EXTRA = ObjectRef("apps/v1", "Deployment", "robots", "ros-exporter")
-
-
-class Told:
-    """A reporter that remembers."""
-
-    def __init__(self) -> None:
-        self.warnings: list[str] = []
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
 
 
 @pytest.fixture
@@ -40,7 +31,7 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return clock
 
 
-def waiter(told: Told, remedy: str = "") -> Waiter:
+def waiter(told: Recorder, remedy: str = "") -> Waiter:
     made = Waiter(
         cast(Any, None),
         ReleaseId("robots", "app"),
@@ -57,7 +48,7 @@ def waiter(told: Told, remedy: str = "") -> Waiter:
 
 
 def test_what_is_needed_is_waited_for_whatever_else_there_is(now: list[float]) -> None:
-    told = Told()
+    told = Recorder()
     made = waiter(told)
     assert not made.enough([NEEDED, EXTRA])
     now[0] += 10 * GRACE
@@ -66,7 +57,7 @@ def test_what_is_needed_is_waited_for_whatever_else_there_is(now: list[float]) -
 
 
 def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float]) -> None:
-    told = Told()
+    told = Recorder()
     made = waiter(told)
     now[0] += 10 * GRACE
     assert not made.enough([EXTRA])
@@ -81,7 +72,7 @@ def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float])
 
 
 def test_its_remedy_is_told_where_it_has_one(now: list[float]) -> None:
-    told = Told()
+    told = Recorder()
     made = waiter(told, "do that")
     made.enough([EXTRA])
     now[0] += GRACE + 1
@@ -90,7 +81,7 @@ def test_its_remedy_is_told_where_it_has_one(now: list[float]) -> None:
 
 
 def test_its_while_begins_anew_when_a_needed_one_falls_back(now: list[float]) -> None:
-    made = waiter(Told())
+    made = waiter(Recorder())
     assert not made.enough([EXTRA])
     now[0] += GRACE + 1
     assert not made.enough([NEEDED, EXTRA])
@@ -98,7 +89,7 @@ def test_its_while_begins_anew_when_a_needed_one_falls_back(now: list[float]) ->
 
 
 def test_nothing_is_told_where_it_is_ready_in_time(now: list[float]) -> None:
-    told = Told()
+    told = Recorder()
     assert waiter(told).enough([])
     assert told.warnings == []
 
@@ -118,7 +109,7 @@ def test_status_is_good_without_it() -> None:
 def test_of_two_causes_one_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two that hold at a time would take turns as the present state, a line each half second."""
     shown: list[str] = []
-    made = waiter(Told())
+    made = waiter(Recorder())
     causes = [(NEEDED, Cause("image", "cannot be pulled")), (NEEDED, Cause("mount", "no file"))]
     monkeypatch.setattr(Waiter, "current", lambda *_: iter(causes))
     monkeypatch.setattr(Waiter, "show", lambda _, ref, text, **__: shown.append(text))

@@ -11,43 +11,16 @@ import pytest
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
 from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import deploy, diff, down, history, last_good, rollback
 from rigel_k8s.release.refusals import Refused
-from rigel_k8s.release.types import Desired, ReleaseId
-
-RELEASE = ReleaseId("n", "demo")
-
-
-def config(name: str, **data: str) -> dict[str, Any]:
-    meta = {"name": name, "namespace": "n"}
-    return {"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta, "data": data}
-
-
-def workload(name: str = "talker") -> dict[str, Any]:
-    meta = {"name": name, "namespace": "n"}
-    template = {"metadata": {"labels": {"a": "b"}}}
-    return {
-        "apiVersion": "apps/v1",
-        "kind": "Deployment",
-        "metadata": meta,
-        "spec": {"selector": {"matchLabels": {"a": "b"}}, "template": template},
-    }
-
-
-def ready(live: dict[str, Any]) -> None:
-    """Be a controller that makes everything ready at once."""
-    if live["kind"] == "Deployment":
-        live["status"] = {
-            "observedGeneration": live["metadata"]["generation"],
-            "replicas": 1,
-            "updatedReplicas": 1,
-            "availableReplicas": 1,
-        }
+from rigel_k8s.release.types import Desired
+from tests.support.controllers import unready
+from tests.support.manifests import RELEASE, claim, config, workload
 
 
 def test_the_order_of_writes(fake: Any, report: Any) -> None:
     """Lease, pending revision, configuration, workloads, good revision, Lease given back."""
-    fake.settle = ready
     deploy(Desired(RELEASE, (workload(), config("c"))), fake, report=report)
     assert [(verb, ref.name) for verb, ref in fake.writes] == [
         ("create", "rigel.demo"),
@@ -61,7 +34,6 @@ def test_the_order_of_writes(fake: Any, report: Any) -> None:
 
 def test_an_unchanged_deploy_costs_one_list_for_each_kind(fake: Any, report: Any) -> None:
     """And one for the revisions, and the namespace: nothing else."""
-    fake.settle = ready
     wanted = Desired(RELEASE, (workload(), config("c"), config("d")))
     deploy(wanted, fake, report=report)
     fake.calls.clear()
@@ -72,13 +44,13 @@ def test_an_unchanged_deploy_costs_one_list_for_each_kind(fake: Any, report: Any
 def test_all_refusals_are_told_before_any_write(fake: Any, report: Any) -> None:
     """What a dry run is refused with, for each object, in one error."""
 
-    def refuse(manifest: Any) -> Refusal:
+    def refuse(manifest: Any, dry_run: Any) -> Refusal:
         error = Refusal("invalid")
         error.status, error.reason = 422, "Invalid"
         error.causes = (Cause("FieldValueInvalid", "must be small", "data"),)
         return error
 
-    fake.refuse = refuse
+    fake.store.refuse = refuse
     with pytest.raises(Refused) as caught:
         deploy(Desired(RELEASE, (config("a"), config("b"))), fake, report=report)
     assert caught.value.details == (
@@ -91,15 +63,17 @@ def test_all_refusals_are_told_before_any_write(fake: Any, report: Any) -> None:
 def test_a_webhook_without_dry_run_does_not_stop_a_deploy(fake: Any, report: Any) -> None:
     """What cannot be tried is taken as it is written; an object of others is still seen."""
 
-    def refuse(manifest: Any) -> Refusal:
+    def refuse(manifest: Any, dry_run: Any) -> Refusal | None:
+        if not dry_run:
+            return None
         error = Refusal('admission webhook "x" does not support dry run')
         error.status = 400
         return error
 
-    fake.refuse = refuse
+    fake.store.refuse = refuse
     deploy(Desired(RELEASE, (config("a", k="1"),)), fake, report=report)
     assert fake.objects[ObjectRef("v1", "ConfigMap", "n", "a")]["data"] == {"k": "1"}
-    fake.store(config("theirs"))
+    fake.as_manager("argo").create(config("theirs"))
     with pytest.raises(ClusterError, match="managed by others"):
         diff(Desired(RELEASE, (config("theirs"),)), fake)
 
@@ -107,17 +81,20 @@ def test_a_webhook_without_dry_run_does_not_stop_a_deploy(fake: Any, report: Any
 def test_what_we_may_not_do_is_the_clusters_own_error(fake: Any, report: Any) -> None:
     """A 403 about who we are is no problem of the Rigelfile."""
 
-    def refuse(manifest: Any) -> Refusal:
+    def refuse(manifest: Any, dry_run: Any) -> Refusal:
         return Forbidden("you may not")
 
-    fake.refuse = refuse
+    fake.store.refuse = refuse
     with pytest.raises(Refusal, match="you may not"):
         diff(Desired(RELEASE, (config("a"),)), fake)
 
 
 def test_a_namespace_that_is_being_deleted_is_told(fake: Any, report: Any) -> None:
     """Nothing can be put into it."""
-    fake.objects[ObjectRef("v1", "Namespace", "", "n")]["metadata"]["deletionTimestamp"] = "now"
+    held = config("held")
+    held["metadata"]["finalizers"] = ["example.com/hold"]
+    fake.create(held)
+    fake.delete(ObjectRef("v1", "Namespace", "", "n"))
     with pytest.raises(ClusterError, match="is being deleted") as caught:
         diff(Desired(RELEASE, (config("a"),)), fake)
     assert "kubectl wait" in (caught.value.hint or "")
@@ -125,9 +102,8 @@ def test_a_namespace_that_is_being_deleted_is_told(fake: Any, report: Any) -> No
 
 def test_a_failure_marks_the_revision_and_prunes_nothing(fake: Any, report: Any) -> None:
     """What ran before stays until the new is ready; the next deploy knows all of it."""
-    fake.settle = ready
     deploy(Desired(RELEASE, (config("old"),)), fake, report=report)
-    fake.settle = lambda live: None
+    fake.store.controllers.kubelet = unready
     with pytest.raises(RolloutFailed, match=r"1 of 1 not ready within 0\.1 s: talker"):
         deploy(Desired(RELEASE, (workload(),)), fake, report=report, timeout=0.1)
     failed = history(fake, RELEASE)[-1]
@@ -137,7 +113,6 @@ def test_a_failure_marks_the_revision_and_prunes_nothing(fake: Any, report: Any)
     good = last_good(fake, RELEASE)
     assert good is not None
     assert good.number == 1
-    fake.settle = ready
     rollback(fake, RELEASE, report=report)
     names = {r.name for r in fake.objects if r.kind in ("ConfigMap", "Deployment")}
     assert names == {"old"}
@@ -162,12 +137,61 @@ def test_a_rollback_needs_somewhere_to_go(fake: Any, report: Any) -> None:
     assert rollback(fake, RELEASE, report=report).options == {"x": 1}
 
 
+def test_a_rollback_goes_to_the_last_good_one(fake: Any, report: Any) -> None:
+    """Not to the first, nor to one that failed."""
+    for number in (1, 2, 3):
+        deploy(Desired(RELEASE, (config("a"),), options={"x": number}), fake, report=report)
+    fake.store.refuse = no_apply
+    with pytest.raises(Refusal):
+        deploy(Desired(RELEASE, (config("a", k="1"),), options={"x": 4}), fake, report=report)
+    fake.store.refuse = lambda live, dry_run: None
+    assert rollback(fake, RELEASE, report=report).options == {"x": 3}
+    assert rollback(fake, RELEASE, report=report).options == {"x": 3}
+    assert rollback(fake, RELEASE, 2, report=report).options == {"x": 2}
+
+
+def no_apply(live: Any, dry_run: Any) -> Refusal | None:
+    """Refuse what was not refused in the dry run: a quota that was used up meanwhile."""
+    if dry_run or live["kind"] in ("Lease", "Secret"):
+        return None
+    error = Refusal("exceeded quota")
+    error.status = 403
+    return error
+
+
+def test_an_apply_that_is_refused_ends_the_deploy(fake: Any, report: Any) -> None:
+    """Though its dry run was good: the revision has failed, and what ran before stays."""
+    deploy(Desired(RELEASE, (config("old"),)), fake, report=report)
+    fake.store.refuse = no_apply
+    with pytest.raises(Refusal, match="exceeded quota"):
+        deploy(Desired(RELEASE, (config("new"), workload())), fake, report=report)
+    assert [r.status for r in history(fake, RELEASE)] == ["good", "failed"]
+    assert fake.names("ConfigMap", "Deployment") == {"old"}
+
+
+def test_many_failures_do_not_push_the_last_good_revision_out(fake: Any, report: Any) -> None:
+    """It is what a rollback needs."""
+    deploy(Desired(RELEASE, (config("a"),)), fake, report=report)
+    good = revisions.records(fake, RELEASE)
+    failed = [
+        attrs.evolve(good[0].revision(), number=number, status="failed") for number in range(2, 14)
+    ]
+    for revision in failed:
+        revisions.create(fake, revision)
+    revisions.forget_old(fake, revisions.records(fake, RELEASE))
+    left = [record.number for record in revisions.records(fake, RELEASE)]
+    assert left == [1, *range(4, 14)]
+
+
+def test_old_revisions_are_forgotten(fake: Any, report: Any) -> None:
+    for number in range(12):
+        deploy(Desired(RELEASE, (config("a"),), options={"x": number}), fake, report=report)
+    assert [r.number for r in history(fake, RELEASE)] == list(range(3, 13))
+
+
 def test_down_leaves_nothing_but_data(fake: Any, report: Any) -> None:
     """Objects, revisions and the Lease go; a claim stays unless volumes are asked for."""
-    claim = {**config("data"), "kind": "PersistentVolumeClaim"}
-    claim["spec"] = {}
-    fake.settle = lambda live: live.update(status={"phase": "Bound"})
-    deploy(Desired(RELEASE, (config("a"), claim)), fake, report=report)
+    deploy(Desired(RELEASE, (config("a"), claim())), fake, report=report)
     down(fake, RELEASE, volumes=False, report=report)
     assert {ref.kind for ref in fake.objects} == {"Namespace", "PersistentVolumeClaim"}
     down(fake, RELEASE, volumes=True, report=report)

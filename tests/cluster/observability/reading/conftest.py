@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ import attrs
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
+from tests.support import until as waiting
 
 from ...background import Background
 
@@ -64,11 +64,7 @@ time.sleep(1000)
 
 def until(look: Callable[[], T], what: str, patience: float = 180) -> T:
     """Return what a look gives as soon as it is anything."""
-    end = time.monotonic() + patience
-    while not (found := look()):
-        assert time.monotonic() < end, f"{what}: not within {patience:g} s"
-        time.sleep(0.5)
-    return found
+    return waiting.until(look, what, patience, every=0.5)
 
 
 @attrs.frozen

@@ -10,10 +10,8 @@ import pytest
 
 from rigel_k8s.app.deploying import prepare as orchestration_release
 from rigel_k8s.app.deploying.prepare import Preparation, prepare
-from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.rigelfile.source import Node, Span, made
-from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application, Settings
+from tests.support.options import options
 
 
 class Cluster:
@@ -37,10 +35,8 @@ class Cluster:
 
 def prepared(network: object, cluster: Cluster, *, preflight: bool) -> Preparation:
     raw = {"image": "app@sha256:" + "ab" * 32, "network": network, "nodes": {"talker": {}}}
-    found = structure(made(raw, Node({}, Span(1, 1, 1, 1))), OrchestrationOptions)
-    assert isinstance(found.draft, OrchestrationOptions), found.problems
     return prepare(
-        found.draft,
+        options(raw),
         raw,
         Application("jazzy"),
         Settings(),

@@ -17,30 +17,21 @@ import pytest
 from rigel_k8s.app.deploying.digests import pins
 from rigel_k8s.app.deploying.places import check_places
 from rigel_k8s.app.deploying.prepare import prepare, timeout_of
-from rigel_k8s.app.deploying.results import extract
-from rigel_k8s.app.deploying.secrets import secret_of
-from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.deploying.results import extract, newest_pod
+from rigel_k8s.app.deploying.secrets import secret_of, write_pull_secret
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.images.credentials import Credentials
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob, release_of
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import deploy as deploys
-from rigel_k8s.release.types import ReleaseId, Revision
-from rigel_k8s.rigelfile.source import Node, Span, made
-from rigel_k8s.rigelfile.structure import structure
+from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
+from tests.support.fake_cluster import FakeCluster
+from tests.support.options import options
 
 NOETIC = Application("noetic")
 DIGEST = "sha256:" + "ab" * 32
 OTHER = "sha256:" + "cd" * 32
-
-
-def options(raw: Mapping[str, Any]) -> OrchestrationOptions:
-    """Return plain data as options."""
-    found = structure(made(dict(raw), Node({}, Span(1, 1, 1, 1))), OrchestrationOptions)
-    assert not found.problems
-    assert isinstance(found.draft, OrchestrationOptions)
-    return found.draft
 
 
 class Cluster:
@@ -178,7 +169,7 @@ class Registry(BaseHTTPRequestHandler):
 def registry() -> Iterator[str]:
     """HOST:PORT of a registry that answers."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), Registry)
-    thread = threading.Thread(target=server.serve_forever)
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
     thread.start()
     yield f"127.0.0.1:{server.server_address[1]}"
     server.shutdown()
@@ -267,6 +258,18 @@ def test_an_unconnected_provider_takes_no_secret_away(revision: object) -> None:
     assert "rigel-k8s-application-registry" in json.dumps(found.desired.objects)
     found = prepare(options(raw), raw, NOETIC, Settings(), cluster, providers={})  # type: ignore[arg-type]
     assert "imagePullSecrets" not in json.dumps(found.desired.objects)
+
+
+def test_an_unchanged_pull_secret_is_not_written(fake: FakeCluster) -> None:
+    """And a changed one is, in a namespace that may have to be made first."""
+    wanted = Desired(ReleaseId("robots", "demo"), (), create_namespace=True)
+    for password, writes in (("one", 2), ("one", 0), ("two", 1)):
+        fake.calls.clear()
+        write_pull_secret(wanted, [Credentials("localhost:1", "me", password)], fake)  # type: ignore[arg-type]
+        assert len(fake.writes) == writes
+    fake.calls.clear()
+    write_pull_secret(wanted, [], fake)  # type: ignore[arg-type]
+    assert fake.calls == []
 
 
 # Places
@@ -393,6 +396,23 @@ def archive(**files: str) -> io.BytesIO:
             opened.addfile(info, io.BytesIO(text.encode()))
     stream.seek(0)
     return stream
+
+
+def test_results_come_from_the_newest_pod_that_is_ready_and_stays(fake: FakeCluster) -> None:
+    release = ReleaseId("n", "demo")
+    with pytest.raises(RigelK8sError, match="no pod of demo in n is ready"):
+        newest_pod(release, fake)  # type: ignore[arg-type]
+    fake.store.controllers = None
+    labels = {"app.kubernetes.io/name": "demo", "rigel-k8s/release": "demo"}
+    pods = {"old": "True", "new": "True", "late": "False", "ending": "True"}
+    for second, (name, ready) in enumerate(pods.items()):
+        meta: dict[str, Any] = {"name": name, "namespace": "n", "labels": labels}
+        meta["creationTimestamp"] = f"2026-01-01T00:00:0{second}Z"
+        if name == "ending":
+            meta |= {"deletionTimestamp": "2026-01-01T00:00:09Z", "finalizers": ["x/hold"]}
+        status = {"conditions": [{"type": "Ready", "status": ready}]}
+        fake.create({"apiVersion": "v1", "kind": "Pod", "metadata": meta, "status": status})
+    assert newest_pod(release, fake) == "new"  # type: ignore[arg-type]
 
 
 def test_results_are_unpacked_into_their_directory(tmp_path: Path) -> None:

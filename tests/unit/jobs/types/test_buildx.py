@@ -19,33 +19,14 @@ from rigel_k8s.jobs.types import buildx, clusterload
 from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions, image_names
 from rigel_k8s.oci import host_platform
 from rigel_k8s.settings import Application, Settings
+from tests.support.recorder import Recorder
 
 HOST = host_platform()
 OTHER = "linux/arm64" if HOST == "linux/amd64" else "linux/amd64"
 
 
-class Told:
-    """A reporter that remembers."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self.warnings: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.lines.append(f"{key}: {state}")
-
-    def child(self, name: str) -> Told:
-        return self
-
-
 @attrs.define
-class Recorder:
+class RecordingEngine:
     """An engine that builds nothing and remembers what it was asked."""
 
     able: tuple[str, ...] = (HOST,)
@@ -66,8 +47,8 @@ class Recorder:
 
 
 @pytest.fixture
-def engine(monkeypatch: pytest.MonkeyPatch) -> Recorder:
-    recorder = Recorder()
+def engine(monkeypatch: pytest.MonkeyPatch) -> RecordingEngine:
+    recorder = RecordingEngine()
 
     def find(tool: str, environ: object) -> Engine:
         return recorder
@@ -79,11 +60,11 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> Recorder:
 @pytest.fixture
 def job(tmp_path: Path) -> JobContext:
     (tmp_path / "Dockerfile").write_text("FROM scratch\n")
-    return JobContext("build", Application("noetic", tmp_path), Told())
+    return JobContext("build", Application("noetic", tmp_path), Recorder())
 
 
-def told(job: JobContext) -> Told:
-    assert isinstance(job.report, Told)
+def told(job: JobContext) -> Recorder:
+    assert isinstance(job.report, Recorder)
     return job.report
 
 
@@ -105,7 +86,7 @@ def test_tags_are_rigels(options: dict[str, Any], names: list[str]) -> None:
     assert list(image_names(BuildXOptions(**options))) == names
 
 
-def test_digests_are_kept_for_the_deploy(engine: Recorder, job: JobContext) -> None:
+def test_digests_are_kept_for_the_deploy(engine: RecordingEngine, job: JobContext) -> None:
     """Every pushed name leads to its digest, `latest` without its tag too; earlier ones stay."""
     job.data[DIGESTS] = {"other:1": "sha256:x", "h:5/app:1": "sha256:old"}
     before = job.data[DIGESTS]
@@ -117,16 +98,16 @@ def test_digests_are_kept_for_the_deploy(engine: Recorder, job: JobContext) -> N
         "h:5/app": "sha256:1",
     }
     assert before == {"other:1": "sha256:x", "h:5/app:1": "sha256:old"}
-    assert "pushed h:5/app:1 (sha256:0)" in told(job).lines
+    assert "pushed h:5/app:1 (sha256:0)" in told(job).texts
 
 
 def test_rigels_default_platforms_are_built_where_possible(
-    engine: Recorder, job: JobContext
+    engine: RecordingEngine, job: JobContext
 ) -> None:
     """Left out, platforms are amd64 and arm64; what cannot be emulated is left out and told."""
     BuildXJob().run(BuildXOptions("h:5/app"), job)
     assert engine.asked["build"].platforms == ()
-    (line,) = [line for line in told(job).lines if OTHER in line]
+    (line,) = [line for line in told(job).texts if OTHER in line]
     assert "get an emulator" in line
     engine.able = (HOST, OTHER)
     BuildXJob().run(BuildXOptions("h:5/app"), job)
@@ -134,7 +115,7 @@ def test_rigels_default_platforms_are_built_where_possible(
 
 
 def test_platforms_that_were_asked_for_are_never_left_out(
-    engine: Recorder, job: JobContext
+    engine: RecordingEngine, job: JobContext
 ) -> None:
     """A written platform is built even if its RUN steps may fail; that is warned of."""
     BuildXJob().run(BuildXOptions("h:5/app", platforms=[HOST, OTHER]), job)
@@ -145,7 +126,7 @@ def test_platforms_that_were_asked_for_are_never_left_out(
 
 @pytest.mark.parametrize("platforms", [[], [HOST]])
 def test_this_machines_platform_is_no_option(
-    platforms: list[str], engine: Recorder, job: JobContext
+    platforms: list[str], engine: RecordingEngine, job: JobContext
 ) -> None:
     """Building for this machine alone asks for no platform, and warns of nothing."""
     BuildXJob().run(BuildXOptions("h:5/app", platforms=platforms), job)
@@ -153,7 +134,7 @@ def test_this_machines_platform_is_no_option(
     assert told(job).warnings == []
 
 
-def test_context_and_dockerfile_are_relative(engine: Recorder, job: JobContext) -> None:
+def test_context_and_dockerfile_are_relative(engine: RecordingEngine, job: JobContext) -> None:
     """The context to the application's directory, the Dockerfile to the context."""
     place = job.application.dir / "docker"
     place.mkdir()
@@ -164,27 +145,27 @@ def test_context_and_dockerfile_are_relative(engine: Recorder, job: JobContext) 
     assert engine.asked["build"].dockerfile == place / "robot.Dockerfile"
 
 
-def test_a_missing_dockerfile_is_told(engine: Recorder, job: JobContext) -> None:
+def test_a_missing_dockerfile_is_told(engine: RecordingEngine, job: JobContext) -> None:
     """The error names the file and what writes one."""
     with pytest.raises(UserError, match=r"there is no .*/none") as caught:
         BuildXJob().run(BuildXOptions("h:5/app", dockerfile="none"), job)
     assert "DockerfilePlugin" in str(caught.value.hint)
 
 
-def test_build_arguments_are_text(engine: Recorder, job: JobContext) -> None:
+def test_build_arguments_are_text(engine: RecordingEngine, job: JobContext) -> None:
     """Scalars of YAML become the text that YAML has for them."""
     BuildXJob().run(BuildXOptions("h:5/app", buildargs={"A": True, "B": 1.5, "C": "x"}), job)
     assert engine.asked["build"].buildargs == {"A": "true", "B": "1.5", "C": "x"}
 
 
-def test_nothing_of_the_job_stays_on_the_machine(engine: Recorder, job: JobContext) -> None:
+def test_nothing_of_the_job_stays_on_the_machine(engine: RecordingEngine, job: JobContext) -> None:
     """The directory with credentials and archives is gone after the job."""
     BuildXJob().run(BuildXOptions("h:5/app"), job)
     assert not engine.asked["session"].directory.exists()
 
 
 def test_cluster_load_hands_the_archive_to_the_cluster(
-    engine: Recorder, job: JobContext, monkeypatch: pytest.MonkeyPatch
+    engine: RecordingEngine, job: JobContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The image is kept by the engine, saved, and loaded into the context of the command line."""
     loaded: list[tuple[str, str]] = []

@@ -10,12 +10,13 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types import delivery
 from rigel_k8s.jobs.types.delivery import Arrivals, Count, DeliveryJob, DeliveryOptions
 from rigel_k8s.jobs.types.nonce import ros_of
 from rigel_k8s.objects.scalars import Duration, ObjectName
 from rigel_k8s.settings import Application, Settings
+from tests.support.recorder import Recorder
 
 
 def lines(*numbers: int, nonce: str = "n1") -> list[str]:
@@ -116,24 +117,6 @@ class FakeCluster:
             raise AssertionError("the log was followed for ever")
 
 
-class Quiet:
-    """A reporter that keeps lines."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.lines.append(text)
-
-    warn = line
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        pass
-
-    def child(self, name: str) -> Reporter:
-        return self
-
-
 TWO = [pod("talker", "node1"), pod("listener", "node2")]
 
 
@@ -142,17 +125,17 @@ def check(
     cluster: FakeCluster,
     settings: Settings | None = None,
     **more: Any,
-) -> tuple[Quiet, JobContext]:
+) -> tuple[Recorder, JobContext]:
     monkeypatch.setattr(delivery, "connect", lambda settings: cluster)
     monkeypatch.setattr(delivery, "LOOK", 0.01)
     options: dict[str, Any] = {
         "publisher": "talker",
         "subscriber": "listener",
-        "timeout": Duration("0.3"),
+        "timeout": Duration("0.05"),
         "deployment_name": ObjectName("demo"),
         **more,
     }
-    report = Quiet()
+    report = Recorder()
     job = JobContext("check", Application("noetic"), report, settings or Settings())
     DeliveryJob().run(DeliveryOptions(**options), job)
     return report, job
@@ -302,7 +285,7 @@ def test_a_check_that_is_stopped_is_interrupted_and_not_failed(
     """Ctrl-C while it waits says nothing about the messages."""
     cluster = FakeCluster(TWO, numbers=())
     monkeypatch.setattr(delivery, "connect", lambda settings: cluster)
-    job = JobContext("check", Application("noetic"), Quiet())
+    job = JobContext("check", Application("noetic"), Recorder())
     job.cancel.set()
     options = DeliveryOptions(publisher="talker", subscriber="listener")
     with pytest.raises(Interrupted):

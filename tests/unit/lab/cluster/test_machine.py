@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 from pathlib import Path
 
@@ -73,5 +74,11 @@ def test_scripts_quote_what_they_are_given(tmp_path: Path) -> None:
         environment={"PATH": "/bin"},
         binds={tmp_path / "it's here" / "cni": "/var/lib/cni"},
     )
+    odd = str(tmp_path / "it's here")
     for script in (machine.init_script(), machine.launch_script()):
         subprocess.run(["sh", "-n"], input=script, text=True, check=True)
+        lines = [line for line in script.splitlines() if "here" in line]
+        words = [word for line in lines for word in shlex.split(line) if "here" in word]
+        assert words
+        assert all(word.lstrip(">").startswith((odd, "--config=it's here")) for word in words)
+        assert not any(word in ("here", "it's") for word in words)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import attrs
 import pytest
-from tests.support.release_server import Fault, Releases
 
 from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_lab.cluster import components, download, releases
@@ -31,6 +30,7 @@ from rigel_lab.cluster.download import Patience, Server, Unavailable, find_sum
 from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.observability import NODE_EXPORTER, PROMETHEUS
 from rigel_lab.cluster.releases import Progress, Release, Upstream, place_of
+from tests.support.release_server import Fault, Releases
 
 FILES = [KUBERNETES, COREDNS, PLUGINS, PROMETHEUS, NODE_EXPORTER]
 IMAGES = [LOCAL_PATH, MULTUS]

@@ -17,6 +17,7 @@ from rigel_lab.images.base.build import EPOCH, Recipe
 from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.ros1base import REFERENCES, BaseImage, build, load, overlay, push
 from rigel_lab.images.ros1base.packages import PACKAGES
+from tests.support.recorder import Recorder
 
 MMDEBSTRAP = """#!/bin/sh
 echo "I: downloading packages with apt..." >&2
@@ -29,24 +30,6 @@ ENGINE = """#!/bin/sh
 printf '%s %s\\n' "$(basename "$0")" "$*" >>"$LOG"
 [ -z "$FAIL" ] || { echo "no space left" >&2; exit 125; }
 """
-
-
-class Reporter:
-    """Remembers what it was told."""
-
-    def __init__(self) -> None:
-        self.said: list[str] = []
-
-    def line(self, text: str) -> None:
-        self.said.append(text)
-
-    warn = line
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        self.said.append(f"{key}: {state}")
-
-    def child(self, name: str) -> Reporter:
-        return self
 
 
 @pytest.fixture
@@ -106,11 +89,11 @@ def test_same_bytes():
 
 def test_cache(programs: Path):
     """The second build is the first one's file; --force builds again."""
-    report = Reporter()
+    report = Recorder()
     first = build(report)
     assert first.built
     assert first.reference == REFERENCES["core"]
-    assert "root file system: downloading packages with apt..." in report.said
+    assert "root file system: downloading packages with apt..." in report.texts
     assert "python3-rospy" in programs.read_text()
     programs.unlink()
     assert not build(report).built
@@ -121,7 +104,7 @@ def test_cache(programs: Path):
 
 def test_variants(programs: Path):
     """Each variant has an archive of its own."""
-    assert build(Reporter()).archive != build(Reporter(), variant="devel").archive
+    assert build(Recorder()).archive != build(Recorder(), variant="devel").archive
 
 
 def test_another_overlay_is_another_archive(programs: Path):
@@ -135,12 +118,12 @@ def test_another_overlay_is_another_archive(programs: Path):
         {"config": {"User": "1"}},
     ]
     recipes = [attrs.evolve(base, **change) for change in changes]  # type: ignore[arg-type]
-    assert len({build_recipe(recipe, Reporter()).archive for recipe in recipes}) == len(recipes)
+    assert len({build_recipe(recipe, Recorder()).archive for recipe in recipes}) == len(recipes)
 
 
 def test_no_file_is_younger_than_the_epoch(programs: Path):
     """mmdebstrap is told the time, so that the same packages are the same bytes."""
-    build(Reporter())
+    build(Recorder())
     assert programs.read_text().splitlines()[-1] == str(EPOCH)
 
 
@@ -148,7 +131,7 @@ def test_failed_build(programs: Path, monkeypatch: pytest.MonkeyPatch):
     """mmdebstrap's own words are told, and nothing is left in the cache."""
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(CommandFailed, match="exit code 25") as failure:
-        build(Reporter())
+        build(Recorder())
     assert "E: no such mirror" in failure.value.details
     assert failure.value.hint
     assert not list((programs.parent / "cache").rglob("*.tar"))
@@ -159,16 +142,16 @@ def test_no_mmdebstrap(programs: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PATH", str(programs.parent))
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     with pytest.raises(RigelK8sError, match="mmdebstrap") as failure:
-        build(Reporter())
+        build(Recorder())
     assert "apt-get install mmdebstrap" in str(failure.value.hint)
 
 
 def test_load_and_push(programs: Path, tmp_path: Path):
     """Podman is taken before docker; a registry without a certificate is said to podman."""
     image = BaseImage("localhost/a:1", tmp_path / "a.tar", built=False)
-    assert load(image, Reporter()) == "podman"
-    push(image, "10.0.0.1:5000/ros:noetic", Reporter(), plain_http=True)
-    push(image, "10.0.0.1:5000/ros:noetic", Reporter(), engine="docker", plain_http=True)
+    assert load(image, Recorder()) == "podman"
+    push(image, "10.0.0.1:5000/ros:noetic", Recorder(), plain_http=True)
+    push(image, "10.0.0.1:5000/ros:noetic", Recorder(), engine="docker", plain_http=True)
     called = programs.read_text().splitlines()
     assert called[0] == f"podman load --input {tmp_path / 'a.tar'}"
     assert "podman tag localhost/a:1 10.0.0.1:5000/ros:noetic" in called
@@ -180,7 +163,7 @@ def test_failed_load(programs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     """The engine's own words are told."""
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(CommandFailed, match="podman load") as failure:
-        load(BaseImage("localhost/a:1", tmp_path / "a.tar", built=False), Reporter())
+        load(BaseImage("localhost/a:1", tmp_path / "a.tar", built=False), Recorder())
     assert failure.value.details == ("no space left",)
 
 
@@ -188,7 +171,7 @@ def test_no_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Without podman and docker the error says which to install."""
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(RigelK8sError, match="neither podman nor docker") as failure:
-        load(BaseImage("localhost/a:1", tmp_path / "a.tar", built=False), Reporter())
+        load(BaseImage("localhost/a:1", tmp_path / "a.tar", built=False), Recorder())
     assert "install podman" in str(failure.value.hint)
 
 

@@ -16,6 +16,7 @@ import pytest
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_lab.images.ros2base import REFERENCES, build, overlay, packages, wheels
+from tests.support.recorder import Recorder
 
 FILES = Path(overlay.__file__).parent / "files"
 MMDEBSTRAP = """#!/bin/sh
@@ -31,21 +32,6 @@ PIP = """#!/bin/sh
 for word; do target=$word; done
 cp "$WHEEL" "$target"
 """
-
-
-class Quiet:
-    """A reporter that says nothing."""
-
-    def line(self, text: str) -> None:
-        pass
-
-    warn = line
-
-    def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        pass
-
-    def child(self, name: str) -> Quiet:
-        return self
 
 
 def wheel(path: Path, **members: str) -> Path:
@@ -148,23 +134,23 @@ def programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_second_build_is_the_first_ones_file(programs: Path) -> None:
     """Wheels go into the root file system; another distribution is another archive."""
-    first = build(Quiet())
+    first = build(Recorder())
     assert (first.built, first.reference) == (True, REFERENCES["jazzy"])
     told = programs.read_text()
     assert f"opt/ros/jazzy/{wheels.SITE}/a/__init__.py" in told
     assert "python3-numpy" in told
     assert "compileall" in told
-    assert not build(Quiet()).built
-    assert build(Quiet(), distro="kilted").archive != first.archive
+    assert not build(Recorder()).built
+    assert build(Recorder(), distro="kilted").archive != first.archive
     assert len(list(first.archive.parent.iterdir())) == 2
 
 
 def test_other_wheels_are_another_image(programs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A renewed lock file is built, not overlooked in the cache."""
-    first = build(Quiet())
+    first = build(Recorder())
     module = sys.modules["rigel_lab.images.ros2base.build"]
     monkeypatch.setattr(module, "lock", lambda distro: "ros-rclpy==9")
-    assert build(Quiet()).archive != first.archive
+    assert build(Recorder()).archive != first.archive
 
 
 def test_a_wheel_with_another_digest_or_none_is_refused(
@@ -179,11 +165,11 @@ def test_a_wheel_with_another_digest_or_none_is_refused(
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
     digest = hashlib.sha256(found.read_bytes()).hexdigest()
     lock = "ros-demo==1 --hash=sha256:"
-    fetched = wheels.fetch(f"{lock}{digest}", tmp_path / "right", Quiet())
+    fetched = wheels.fetch(f"{lock}{digest}", tmp_path / "right", Recorder())
     assert [path.name for path in fetched] == [found.name]
     for wrong in (f"{lock}{'0' * 64}", "ros-demo==1"):
         with pytest.raises(CommandFailed, match="downloading ROS 2's wheels") as failure:
-            wheels.fetch(wrong, tmp_path / "wrong", Quiet())
+            wheels.fetch(wrong, tmp_path / "wrong", Recorder())
         assert "hashes" in "\n".join(failure.value.details).lower()
 
 
@@ -193,7 +179,7 @@ def test_wheels_that_are_not_the_locked_ones_end_the_build(
     """pip's own words are told, and nothing is left in the cache."""
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(CommandFailed, match="downloading ROS 2's wheels") as failure:
-        build(Quiet())
+        build(Recorder())
     assert "DO NOT MATCH THE HASHES" in failure.value.details[-1]
     assert not list((programs.parent / "cache").rglob("*.tar"))
 
@@ -204,7 +190,7 @@ def test_without_pip_the_error_says_how_to_get_it(
     """A Python of uv's has none."""
     monkeypatch.setenv("PATH", "/nonexistent")
     with pytest.raises(RigelK8sError, match="pip, which downloads") as failure:
-        build(Quiet())
+        build(Recorder())
     assert "python3-pip" in str(failure.value.hint)
 
 
@@ -214,7 +200,7 @@ def test_other_processors_are_told_that_there_are_no_wheels(
     """Before anything is downloaded."""
     monkeypatch.setattr("platform.machine", lambda: "aarch64")
     with pytest.raises(RigelK8sError, match="no wheels of ROS 2 for arm64"):
-        build(Quiet())
+        build(Recorder())
 
 
 @pytest.mark.parametrize("shell", ["sh", "bash"])

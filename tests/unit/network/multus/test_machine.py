@@ -14,7 +14,10 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = str(files("rigel_k8s.network.multus") / "machine.sh")
+from tests.support.until import until
+
+SCRIPT = (files("rigel_k8s.network.multus") / "machine.sh").read_text("utf-8")
+EVERY = "sleep 2 &"  # between two looks of `keep`
 SHELLS = [
     words for words in (["dash"], ["bash", "--posix"], ["busybox", "sh"]) if shutil.which(words[0])
 ]
@@ -37,6 +40,9 @@ class Machine:
         for name in ("multus-shim", "passthru"):
             (self.image / name).write_text(f"{name} 1")
         self.kept: subprocess.Popen[bytes] | None = None
+        self.script = directory / "machine.sh"
+        assert EVERY in SCRIPT
+        self.script.write_text(SCRIPT.replace(EVERY, "sleep 0.05 &"))
 
     def environment(self, **more: str) -> dict[str, str]:
         return {
@@ -57,7 +63,7 @@ class Machine:
 
     def run(self, word: str, **more: str) -> tuple[int, str]:
         done = subprocess.run(
-            [*self.shell, SCRIPT, word],
+            [*self.shell, str(self.script), word],
             check=False,
             env=self.environment(**more),
             capture_output=True,
@@ -68,7 +74,7 @@ class Machine:
     def keep(self, **more: str) -> None:
         self.end()
         self.kept = subprocess.Popen(
-            [*self.shell, SCRIPT, "keep"],
+            [*self.shell, str(self.script), "keep"],
             env=self.environment(**more),
             stdout=subprocess.DEVNULL,
         )
@@ -77,14 +83,14 @@ class Machine:
         """Tell it to end, as Kubernetes does; it ends well, and soon."""
         if self.kept is not None:
             self.kept.send_signal(signal.SIGTERM)
-            assert self.kept.wait(timeout=10) == 0
+            assert self.kept.wait(timeout=30) == 0
             self.kept = None
 
     def until(self, look: Callable[[], object]) -> None:
-        end = time.monotonic() + 15
-        while not look():
-            assert time.monotonic() < end, sorted(map(str, self.directory.rglob("*")))
-            time.sleep(0.05)
+        def files() -> list[str]:
+            return sorted(map(str, self.directory.rglob("*")))
+
+        until(look, "change", 30, every=0.05, last_words=files)
 
     def daemon_writes(self) -> None:
         text = DAEMON % (self.conf / "10-flannel.conflist")
@@ -118,7 +124,7 @@ def test_the_configuration_outlives_the_daemon(machine: Machine) -> None:
     machine.keep()
     machine.until((machine.conf / "00-multus.conf").exists)
     (machine.generated / "00-multus.conf").unlink()
-    time.sleep(2.5)
+    time.sleep(0.5)  # ten looks
     assert (machine.conf / "00-multus.conf").exists()
     machine.end()
     assert (machine.conf / "00-multus.conf").exists()

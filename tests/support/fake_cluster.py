@@ -1,0 +1,562 @@
+"""A cluster in memory that refuses what Kubernetes refuses; the one fake of `kube.Cluster`.
+
+It has UIDs, resourceVersions, preconditions, field ownership, finalizers, namespaces and dry runs;
+controllers.py adds those of Kubernetes' controllers that releases need. Whatever it promises is in
+contract.py, which real API servers are asked too: add to that first.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, timezone
+from typing import Any
+
+import attrs
+
+from rigel_k8s.kube.failures import Missing, Refusal, refusal
+from rigel_k8s.kube.resources import Resource, built_in
+from rigel_k8s.kube.watching import WatchEvent, label_selector
+from rigel_k8s.objects.refs import ObjectRef, ref_of
+
+from . import fields as ownership
+from .controllers import Controllers
+from .fields import copied
+
+Live = dict[str, Any]
+READS = ("get", "list", "try")
+#: Kinds whose `generation` counts the changes of their spec.
+GENERATIONS = ("Deployment", "DaemonSet", "StatefulSet", "ReplicaSet", "Job")
+
+
+class Killed(BaseException):
+    """The process that used the cluster is dead: `except Exception` does not save it."""
+
+
+@attrs.define
+class Store:
+    """What is on the cluster, whoever looks at it.
+
+    Attributes:
+        calls: the requests of clients: (verb, object or kind); a dry run is a "try".
+        news: all that has happened, for watches.
+        controllers: what runs beside the API server; None: nothing happens by itself.
+        before: called before each write with (verb, object), to see what is there by then.
+        refuse: an admission: (object, whether it is a dry run) -> the error, or None.
+        die_after: the client is killed right after so many writes.
+    """
+
+    objects: dict[ObjectRef, Live] = attrs.field(factory=dict)
+    calls: list[tuple[str, ObjectRef | str]] = attrs.field(factory=list)
+    news: list[WatchEvent] = attrs.field(factory=list)
+    kinds: dict[tuple[str, str], Resource] = attrs.field(factory=built_in)
+    controllers: Controllers | None = None
+    before: Callable[[str, ObjectRef], None] = lambda verb, ref: None
+    refuse: Callable[[Live, bool], Refusal | None] = lambda live, dry_run: None
+    die_after: int | None = None
+    dead: bool = False
+    version: int = 100
+    lock: threading.RLock = attrs.field(factory=threading.RLock)
+
+    def copied(self) -> Store:
+        """Return another cluster with the same objects."""
+        objects = {ref: copied(live) for ref, live in self.objects.items()}
+        controllers = self.controllers and attrs.evolve(self.controllers)
+        return Store(objects, controllers=controllers, version=self.version)
+
+    def commit(self, ref: ObjectRef, old: Live | None, new: Live) -> Live:
+        """Store an object; one that has not changed keeps its resourceVersion."""
+        meta = new["metadata"]
+        if old is not None and substance(old) == substance(new):
+            return old
+        self.version += 1
+        meta["resourceVersion"] = str(self.version)
+        meta.setdefault("uid", str(uuid.uuid4()))
+        meta.setdefault("creationTimestamp", now())
+        if ref.kind in GENERATIONS:
+            same = old is not None and old.get("spec") == new.get("spec")
+            meta["generation"] = (old or new)["metadata"].get("generation", 0) + (0 if same else 1)
+        if meta.get("deletionTimestamp") and not self.is_held(new):
+            self.remove(ref)
+            return new
+        self.objects[ref] = new
+        self.news.append(WatchEvent("MODIFIED" if old else "ADDED", copied(new)))
+        return new
+
+    def is_held(self, live: Live) -> bool:
+        """Whether something holds an object that is being deleted."""
+        running = live["kind"] == "Pod" and (live.get("spec") or {}).get("nodeName")
+        return bool(live["metadata"].get("finalizers") or running or live["kind"] == "Namespace")
+
+    def remove(self, ref: ObjectRef) -> None:
+        if live := self.objects.pop(ref, None):
+            self.version += 1
+            gone = {**live, "metadata": {**live["metadata"], "resourceVersion": str(self.version)}}
+            self.news.append(WatchEvent("DELETED", gone))
+
+    def delete(self, ref: ObjectRef) -> None:
+        """Delete an object, or mark it where something holds it."""
+        live = copied(self.objects[ref])
+        live["metadata"].setdefault("deletionTimestamp", now())
+        if self.is_held(live):
+            self.commit(ref, self.objects[ref], live)
+        else:
+            self.remove(ref)
+
+    def tick(self) -> None:
+        """Let the controllers go one step on."""
+        if self.controllers is not None:
+            self.controllers.step(self)
+
+
+@attrs.define
+class FakeCluster:
+    """One client of a `Store`; `as_manager` is another one."""
+
+    store: Store = attrs.field(factory=Store)
+    manager: str = "rigel"
+    namespace: str = "default"
+    server: str = "https://fake"
+    context_name: str = "fake"
+
+    def __enter__(self) -> FakeCluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing is kept open."""
+
+    def as_manager(self, manager: str) -> FakeCluster:
+        """Return a client that writes as another field manager."""
+        return attrs.evolve(self, manager=manager)
+
+    @property
+    def objects(self) -> dict[ObjectRef, Live]:
+        return self.store.objects
+
+    @property
+    def calls(self) -> list[tuple[str, ObjectRef | str]]:
+        return self.store.calls
+
+    @property
+    def writes(self) -> list[tuple[str, ObjectRef | str]]:
+        """The requests that were to change something, refused ones too."""
+        return [call for call in self.calls if call[0] not in READS]
+
+    # Reading.
+
+    def get(self, ref: ObjectRef) -> Live | None:
+        with self.store.lock:
+            self.note("get", ref)
+            self.store.tick()
+            return copied(self.objects.get(ref))
+
+    def list(
+        self,
+        api_version: str,
+        kind: str,
+        namespace: str | None = None,
+        *,
+        labels: str | Mapping[str, str] | None = None,
+        fields: str | None = None,
+        metadata_only: bool = False,
+    ) -> list[Live]:
+        with self.store.lock:
+            self.note("list", kind)
+            self.store.tick()
+            wanted = Selection(api_version, kind, namespace or "", label_selector(labels), fields)
+            found = [copied(live) for live in self.objects.values() if wanted.has(live)]
+        if metadata_only:
+            return [{k: o[k] for k in ("apiVersion", "kind", "metadata")} for o in found]
+        return found
+
+    def watch(
+        self,
+        api_version: str,
+        kind: str,
+        namespace: str | None = None,
+        *,
+        labels: str | Mapping[str, str] | None = None,
+        fields: str | None = None,
+        seconds: float = 300.0,
+        cancel: threading.Event | None = None,
+    ) -> Iterator[WatchEvent]:
+        wanted = Selection(api_version, kind, namespace or "", label_selector(labels), fields)
+        deadline = time.monotonic() + seconds
+        with self.store.lock:
+            if self.store.dead:
+                return
+            self.note("list", kind)
+            there = [copied(live) for live in self.objects.values() if wanted.has(live)]
+            seen = len(self.store.news)
+        yield from (WatchEvent("ADDED", live) for live in there)
+        while time.monotonic() < deadline and not (cancel and cancel.is_set()):
+            with self.store.lock:
+                if self.store.dead:
+                    return
+                self.store.tick()
+                fresh, seen = self.store.news[seen:], len(self.store.news)
+            yield from (
+                attrs.evolve(event, object=copied(event.object))
+                for event in fresh
+                if wanted.has(event.object)
+            )
+            if not fresh:
+                time.sleep(0.001)
+
+    def nodes(self) -> Sequence[Live]:
+        return self.list("v1", "Node")
+
+    def serves(self, api_version: str, kind: str) -> bool:
+        with self.store.lock:
+            self.store.tick()
+            return (api_version, kind) in self.store.kinds
+
+    def events(self, live: Mapping[str, Any]) -> Sequence[Live]:
+        about = f"involvedObject.uid={live['metadata']['uid']}"
+        return self.list("v1", "Event", live["metadata"].get("namespace"), fields=about)
+
+    # Writing.
+
+    def apply(
+        self, manifest: Mapping[str, Any], *, force: bool = False, dry_run: bool = False
+    ) -> Live:
+        ref, what = ref_of(manifest), f"apply {ref_of(manifest)}"
+        with self.store.lock:
+            self.note("try" if dry_run else "apply", ref)
+            old = self.there(ref, what)
+            said = ownership.leaves(manifest)
+            base: Live = old or {**dict(manifest), "metadata": own_names(ref)}
+            others = ownership.conflicts(base, said, self.manager)
+            if others and not force:
+                raise field_conflict(what, others)
+            new = ownership.merged(base, {**manifest, "metadata": free_of_status(manifest)})
+            entries = base["metadata"].get("managedFields") or []
+            before = ownership.owned(base, self.manager, "Apply")
+            theirs = {path for _, path in others}
+            kept = ownership.recorded(entries, self.manager, "Apply", said, theirs, ref.api_version)
+            still = {p for e in kept for p in ownership.paths(e["fieldsV1"])}
+            for path in before - still:
+                new = ownership.without(new, path)
+            new["metadata"]["managedFields"] = kept
+            return self.write(what, ref, old, new, dry_run=dry_run)
+
+    def create(self, manifest: Mapping[str, Any], *, dry_run: bool = False) -> Live:
+        ref, what = ref_of(manifest), f"create {ref_of(manifest)}"
+        with self.store.lock:
+            self.note("try" if dry_run else "create", ref)
+            if self.there(ref, what) is not None:
+                raise refused(what, 409, "AlreadyExists", f'"{ref.name}" already exists')
+            new = defaulted(copied(dict(manifest)))
+            new["metadata"]["managedFields"] = ownership.recorded(
+                [], self.manager, "Update", ownership.leaves(new), (), ref.api_version
+            )
+            return self.write(what, ref, None, new, dry_run=dry_run)
+
+    def replace(self, manifest: Mapping[str, Any], *, dry_run: bool = False) -> Live:
+        ref, what = ref_of(manifest), f"replace {ref_of(manifest)}"
+        with self.store.lock:
+            self.note("try" if dry_run else "replace", ref)
+            old = self.present(ref, what)
+            new = copied(dict(manifest))
+            return self.update(what, ref, old, new, dry_run=dry_run)
+
+    def patch(
+        self,
+        ref: ObjectRef,
+        body: Mapping[str, Any],
+        *,
+        style: str = "merge",
+        subresource: str = "",
+        dry_run: bool = False,
+    ) -> Live:
+        assert style == "merge", "the fake has merge patches only"
+        what = f"patch {ref}"
+        with self.store.lock:
+            self.note("try" if dry_run else "patch", ref)
+            old = self.present(ref, what)
+            new = merge_patched(old, body)
+            return self.update(what, ref, old, new, dry_run=dry_run)
+
+    def delete(
+        self,
+        ref: ObjectRef,
+        *,
+        uid: str | None = None,
+        propagation: str = "Background",
+        grace_seconds: int | None = None,
+        dry_run: bool = False,
+    ) -> bool:
+        what = f"delete {ref}"
+        with self.store.lock:
+            self.note("try" if dry_run else "delete", ref)
+            live = self.there(ref, what)
+            if live is None:
+                return False
+            if uid and uid != live["metadata"]["uid"]:
+                raise wrong_uid(what, uid, live)
+            if not dry_run:
+                self.store.delete(ref)
+                self.written()
+            return True
+
+    # Pods.
+
+    def logs(self, *args: Any, **options: Any) -> Iterator[str]:
+        return iter(["last words"])
+
+    def runs(self, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
+        """Whether a container of a pod runs, as its status says: there is no runtime to ask."""
+        live = self.objects.get(ObjectRef("v1", "Pod", namespace, pod)) or {}
+        states = (live.get("status") or {}).get("containerStatuses") or []
+        return all("running" in s["state"] for s in states if s["name"] == container)
+
+    def parallel(
+        self, function: Callable[[Any], Any], items: Iterable[Any], *, width: int = 1
+    ) -> list[Any]:
+        """One after the other, so that the order of requests can be told."""
+        return [function(item) for item in items]
+
+    # What the requests have in common.
+
+    def note(self, verb: str, about: ObjectRef | str) -> None:
+        """Take a request; nobody is there to send one after a kill."""
+        if self.store.dead:
+            raise Killed
+        self.calls.append((verb, about))
+        if isinstance(about, ObjectRef) and verb not in READS:
+            self.store.before(verb, about)
+
+    def there(self, ref: ObjectRef, what: str) -> Live | None:
+        """Return an object; Missing where its kind, or its namespace, is not there."""
+        resource = self.store.kinds.get((ref.api_version, ref.kind))
+        if resource is None:
+            error = Missing(f"cannot {what}: the cluster has no kind {ref.kind}")
+            error.status, error.reason = 404, "NoKind"
+            raise error
+        home = ObjectRef("v1", "Namespace", "", ref.namespace)
+        if resource.namespaced and home not in self.objects:
+            raise refused(what, 404, "NotFound", f'namespaces "{ref.namespace}" not found')
+        return self.objects.get(ref)
+
+    def present(self, ref: ObjectRef, what: str) -> Live:
+        live = self.there(ref, what)
+        if live is None:
+            raise refused(what, 404, "NotFound", f'"{ref.name}" not found')
+        return live
+
+    def update(self, what: str, ref: ObjectRef, old: Live, new: Live, *, dry_run: bool) -> Live:
+        """Store what an update (not an apply) makes of an object."""
+        meta, was = new["metadata"], old["metadata"]
+        if meta.get("uid") not in (None, was["uid"]):
+            raise wrong_uid(what, meta["uid"], old)
+        if meta.get("resourceVersion") not in (None, was["resourceVersion"]):
+            text = "the object has been modified; please apply your changes to the latest version"
+            raise refused(
+                what, 409, "Conflict", f'Operation cannot be fulfilled on "{ref.name}": {text}'
+            )
+        entries = meta.get("managedFields") or was.get("managedFields") or []
+        for key in ("uid", "creationTimestamp", "generation", "deletionTimestamp"):
+            meta.pop(key, None)
+            if key in was:
+                meta[key] = was[key]
+        if "status" in old:
+            new["status"] = copied(old["status"])
+        new = defaulted(new)
+        set_now, gone = ownership.changed(old, new)
+        mine = {
+            path
+            for entry in entries
+            if ownership.is_of(entry, self.manager, "Update")
+            for path in ownership.paths(entry["fieldsV1"])
+        }
+        meta["managedFields"] = ownership.recorded(
+            entries,
+            self.manager,
+            "Update",
+            (mine | set_now) - gone,
+            set_now | gone,
+            ref.api_version,
+        )
+        return self.write(what, ref, old, new, dry_run=dry_run)
+
+    def write(
+        self, what: str, ref: ObjectRef, old: Live | None, new: Live, *, dry_run: bool
+    ) -> Live:
+        """Check what is to be stored, and store it where it is no dry run."""
+        new = defaulted(new)
+        if error := self.store.refuse(new, dry_run):
+            raise error
+        check(what, ref, old, new)
+        home = self.objects.get(ObjectRef("v1", "Namespace", "", ref.namespace)) or {"metadata": {}}
+        if old is None and home["metadata"].get("deletionTimestamp"):
+            text = f"unable to create new content in namespace {ref.namespace}"
+            raise refused(what, 403, "Forbidden", f"{text} because it is being terminated")
+        if not dry_run:
+            stored = copied(self.store.commit(ref, old, new))
+            self.written()
+            return stored
+        if old is None:
+            new["metadata"]["uid"] = str(uuid.uuid4())
+        else:
+            new["metadata"]["resourceVersion"] = old["metadata"]["resourceVersion"]
+        return copied(new)
+
+    def written(self) -> None:
+        """Die where the test wants it."""
+        if self.store.die_after is not None:
+            self.store.die_after -= 1
+            if self.store.die_after <= 0:
+                self.store.dead = True
+                raise Killed
+
+    # For tests.
+
+    def settle(self, steps: int = 50) -> None:
+        """Let the controllers do all that they have to."""
+        with self.store.lock:
+            for _ in range(steps):
+                self.store.tick()
+
+    def revive(self) -> None:
+        """Let requests through again after a kill: another process sends them."""
+        self.store.dead, self.store.die_after = False, None
+
+    def names(self, *kinds: str) -> set[str]:
+        """Return the names of all objects of some kinds."""
+        return {ref.name for ref in self.objects if ref.kind in kinds}
+
+
+@attrs.frozen
+class Selection:
+    """Which objects a list or a watch is about."""
+
+    api_version: str
+    kind: str
+    namespace: str
+    labels: str
+    fields: str | None
+
+    def has(self, live: Mapping[str, Any]) -> bool:
+        ref = ref_of(live)
+        if (ref.api_version, ref.kind) != (self.api_version, self.kind):
+            return False
+        if self.namespace not in ("", ref.namespace):
+            return False
+        own = live["metadata"].get("labels") or {}
+        return all(fits(term, own) for term in filter(None, self.labels.split(","))) and all(
+            at(live, term.partition("=")[0]) == term.partition("=")[2]
+            for term in filter(None, (self.fields or "").split(","))
+        )
+
+
+def fits(term: str, labels: Mapping[str, str]) -> bool:
+    """Whether labels fulfil one term of a selector: `a=b`, `a!=b`, `a` or `!a`."""
+    if "!=" in term:
+        key, _, value = term.partition("!=")
+        return labels.get(key) != value
+    if "=" in term:
+        key, _, value = term.partition("=")
+        return labels.get(key) == value.removeprefix("=")
+    return term[1:] not in labels if term.startswith("!") else term in labels
+
+
+def at(live: Mapping[str, Any], path: str) -> str:
+    found: Any = live
+    for key in path.split("."):
+        found = (found or {}).get(key)
+    return str(found or "")
+
+
+def now() -> str:
+    return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def substance(live: Live) -> Live:
+    meta = {k: v for k, v in live["metadata"].items() if k not in ("resourceVersion", "generation")}
+    return {**live, "metadata": meta}
+
+
+def own_names(ref: ObjectRef) -> dict[str, str]:
+    return {"name": ref.name, **({"namespace": ref.namespace} if ref.namespace else {})}
+
+
+def free_of_status(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the part of an applied manifest's metadata that an apply may set."""
+    names = (*ownership.UNOWNED_META[2:],)
+    return {key: value for key, value in manifest["metadata"].items() if key not in names}
+
+
+def merge_patched(value: Any, patch: Any) -> Any:
+    """Return a value with a JSON merge patch (RFC 7396)."""
+    if not isinstance(patch, Mapping):
+        return copied(patch)
+    result = copied(dict(value)) if isinstance(value, Mapping) else {}
+    for key, part in patch.items():
+        if part is None:
+            result.pop(key, None)
+        else:
+            result[key] = merge_patched(result.get(key), part)
+    return result
+
+
+def defaulted(live: Live) -> Live:
+    """Fill in what Kubernetes fills in, as far as somebody has tripped over it."""
+    if live["kind"] == "Deployment":
+        spec = live["spec"]
+        spec.setdefault("replicas", 1)
+        strategy = spec.setdefault("strategy", {})
+        if strategy.setdefault("type", "RollingUpdate") == "RollingUpdate":
+            rolling = strategy.setdefault("rollingUpdate", {})
+            rolling.setdefault("maxSurge", "25%")
+            rolling.setdefault("maxUnavailable", "25%")
+    return live
+
+
+def check(what: str, ref: ObjectRef, old: Live | None, new: Live) -> None:
+    """Raise where Kubernetes' own validation refuses."""
+    if ref.kind != "Deployment":
+        return
+    spec, causes = new["spec"], []
+    if spec["strategy"]["type"] == "Recreate" and spec["strategy"].get("rollingUpdate"):
+        text = "Forbidden: may not be specified when strategy `type` is 'Recreate'"
+        causes.append(cause("FieldValueForbidden", text, "spec.strategy.rollingUpdate"))
+    if old is not None and old["spec"]["selector"] != spec["selector"]:
+        text = f"Invalid value: {json.dumps(spec['selector'])}: field is immutable"
+        causes.append(cause("FieldValueInvalid", text, "spec.selector"))
+    if causes:
+        told = ", ".join(f"{c['field']}: {c['message']}" for c in causes)
+        text = f'Deployment.apps "{ref.name}" is invalid: {told}'
+        raise refused(what, 422, "Invalid", text, causes)
+
+
+def cause(reason: str, message: str, field: str) -> dict[str, str]:
+    return {"reason": reason, "message": message, "field": field}
+
+
+def field_conflict(what: str, others: Sequence[tuple[str, ownership.Path]]) -> Refusal:
+    causes = [
+        cause(
+            "FieldManagerConflict", f'conflict with "{manager}" using v1', ownership.name_of(path)
+        )
+        for manager, path in others
+    ]
+    told = ", ".join(c["field"] for c in causes)
+    text = f"Apply failed with {len(causes)} conflict(s): {told}"
+    return refused(what, 409, "Conflict", text, causes)
+
+
+def wrong_uid(what: str, uid: str, live: Live) -> Refusal:
+    text = f"Precondition failed: UID in precondition: {uid}, UID in object meta: "
+    return refused(what, 409, "Conflict", text + live["metadata"]["uid"])
+
+
+def refused(
+    what: str, status: int, reason: str, message: str, causes: Sequence[Mapping[str, str]] = ()
+) -> Refusal:
+    """Return the error that the client makes of such an answer."""
+    answer = {"message": message, "reason": reason, "details": {"causes": list(causes)}}
+    body = json.dumps(answer).encode()
+    return refusal(status, body, what, context="fake", server="https://fake")

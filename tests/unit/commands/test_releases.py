@@ -1,0 +1,204 @@
+"""What the commands on a release pass on, and what they make of the answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.commands import releases
+from rigel_k8s.commands.logs import read as logs
+from rigel_k8s.commands.logs.lines import LogOptions
+from rigel_k8s.commands.releases import Status
+from rigel_k8s.commands.targets import Release
+from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
+from rigel_k8s.release import apply
+from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus, status
+from rigel_k8s.settings import Settings
+from tests.support.controllers import Controllers, unready
+from tests.support.fake_cluster import FakeCluster
+from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
+from tests.support.recorder import Recorder
+
+
+@pytest.fixture(autouse=True)
+def release(fake: FakeCluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The release that every command finds."""
+
+    def found(settings: Settings, job: str | None = None) -> Release:
+        return Release(fake, RELEASE)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(releases, "release", found)
+    monkeypatch.setattr(logs, "release", found)
+
+
+def test_down_leaves_volumes_unless_they_are_asked_for(fake: Any, report: Recorder) -> None:
+    deploy(desired(config(), claim()), fake, report=report)
+    found, plan = releases.down(Settings(), None, report, volumes=False)
+    assert found == RELEASE
+    assert sorted((step.action, step.ref.name) for step in plan.steps) == [
+        ("forget", "data"),
+        ("prune", "c"),
+    ]
+    assert fake.names("PersistentVolumeClaim") == {"data"}
+    releases.down(Settings(), None, report, volumes=True)
+    assert fake.names("PersistentVolumeClaim") == set()
+
+
+def test_down_of_nothing_is_told(report: Recorder) -> None:
+    with pytest.raises(UserError, match="there is no release demo in the namespace n"):
+        releases.down(Settings(), None, report, volumes=True)
+
+
+def test_down_waits_as_long_as_it_may(
+    fake: Any, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(apply, "SLICE", 0.05)
+    deploy(desired(workload()), fake, report=report)
+    fake.store.controllers = Controllers(ending={"talker": 10**9})
+    with pytest.raises(ClusterError, match=r"did not end within 0\.1 s"):
+        releases.down(Settings(timeout=0.1), None, report, volumes=False)
+
+
+def test_status_is_well_when_all_is_ready(fake: Any, report: Recorder) -> None:
+    deploy(desired(workload(), workload("listener")), fake, report=report)
+    assert releases.status(Settings(), None, graph=False).ok
+
+
+def test_status_is_not_well_while_something_is_not_ready(fake: Any, report: Recorder) -> None:
+    """One of two is enough."""
+    deploy(desired(workload("ready")), fake, report=report)
+    fake.store.controllers = Controllers(unready)
+    with pytest.raises(RolloutFailed):
+        deploy(desired(workload("ready"), workload("late")), fake, report=report, timeout=0.1)
+    found = releases.status(Settings(), None, graph=False)
+    assert not found.ok
+    assert {w.name: w.ok for w in found.release.workloads} == {"ready": False, "late": False}
+
+
+def test_one_workload_is_enough() -> None:
+    good = WorkloadStatus("Deployment", "a", 1, 1, True, "", ())
+    bad = WorkloadStatus("Deployment", "b", 0, 1, False, "", ())
+    assert Status(ReleaseStatus(RELEASE, 1, "good", (good, good)), None).ok
+    assert not Status(ReleaseStatus(RELEASE, 1, "good", (good, bad)), None).ok
+
+
+def test_status_of_nothing_is_told(fake: Any) -> None:
+    with pytest.raises(UserError, match="there is no release demo"):
+        status(fake, RELEASE)
+
+
+def test_a_rollback_passes_its_words_on(fake: Any, report: Recorder) -> None:
+    """The revision's number, the time, and who may be overwritten."""
+    for number in (1, 2, 3):
+        deploy(desired(config(k=str(number))), fake, report=report)
+    assert releases.rollback(Settings(), None, 1, report).number == 4
+    assert fake.list("v1", "ConfigMap", "n")[0]["data"] == {"k": "1"}
+    fake.as_manager("kubectl").patch(
+        next(r for r in fake.objects if r.name == "c"), {"data": {"k": "9"}}
+    )
+    with pytest.raises(ClusterError, match="managed by others"):
+        releases.rollback(Settings(), None, 2, report)
+    releases.rollback(Settings(adopt=True), None, 2, report)
+    assert fake.list("v1", "ConfigMap", "n")[0]["data"] == {"k": "2"}
+
+
+def test_one_log_that_is_not_there_is_no_end(
+    fake: Any, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of several pods the others are shown; of one alone it is the error."""
+    deploy(desired(workload("broken"), workload("talker")), fake, report=report)
+
+    def read(self: Any, namespace: str, pod: str, *_: Any, **__: Any) -> Iterator[str]:
+        if "broken" in pod:
+            raise ClusterError("no log yet")
+        return iter(["hello"])
+
+    monkeypatch.setattr(FakeCluster, "logs", read)
+    found = list(logs.logs(Settings(), [], LogOptions()))
+    assert [(line.text, line.note) for line in found] == [("no log yet", True), ("hello", False)]
+    with pytest.raises(ClusterError, match="no log yet"):
+        list(logs.logs(Settings(), ["broken"], LogOptions()))
+
+
+def test_a_pod_that_comes_later_is_followed_from_its_beginning(
+    fake: Any, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What `--tail` leaves out is what was said before we looked."""
+    deploy(desired(workload()), fake, report=report)
+    tails: list[int | None] = []
+
+    def read(self: Any, *_: Any, tail: int | None, **__: Any) -> Iterator[str]:
+        tails.append(tail)
+        return iter(["hello"])
+
+    monkeypatch.setattr(FakeCluster, "logs", read)
+    following = logs.logs(Settings(), [], LogOptions(follow=True, tail=1))
+    first = next(following)
+    fake.delete(ref("Pod", first.pod))
+    assert next(following).pod != first.pod
+    following.close()  # type: ignore[attr-defined]
+    assert tails == [1, None]
+
+
+RIGELFILE = """
+application: {distro: noetic}
+jobs:
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with:
+      namespace: n
+      image: lab/app@sha256:%s
+      nodes: {talker: {args: talk}}
+      observability: {enabled: %s, grafana: {enabled: false}}
+"""
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_render_and_diff_show_the_stack_that_a_job_asks_for(
+    fake: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, enabled: bool
+) -> None:
+    """Before the application, as it is deployed; and nothing of it where it is not asked for."""
+    file = tmp_path / "Rigelfile"
+    file.write_text(RIGELFILE % ("ab" * 32, str(enabled).lower()))
+    monkeypatch.setattr(releases, "connect", lambda settings: fake)
+    rendered = releases.render(Settings(file), None).objects
+    named = [(o["kind"], o["metadata"]["name"]) for o in rendered]
+    assert (("Deployment", "loki") in named) is enabled
+    assert ("Deployment", "talker") in named
+    if enabled:
+        assert named.index(("Deployment", "loki")) < named.index(("Deployment", "talker"))
+    steps = [
+        (step.ref.kind, step.ref.name) for step in releases.diff(Settings(file), None).plan.steps
+    ]
+    assert (("Deployment", "loki") in steps) is enabled
+    assert ("Deployment", "talker") in steps
+    assert fake.writes == []
+
+
+LINES = [
+    "2026-01-01T00:00:01.000000001Z [INFO] [1763728000.1]: hello",
+    "2026-01-01T00:00:02.000000001Z [WARN] [1763728000.2]: late",
+    "2026-01-01T00:00:03.000000001Z [ERROR] [1763728000.3]: lost",
+]
+
+
+@pytest.mark.parametrize(
+    ("level", "said"),
+    [(None, ["hello", "late", "lost"]), ("warn", ["late", "lost"]), ("error", ["lost"])],
+)
+def test_logs_of_a_level_are_of_that_level_and_above(
+    fake: Any,
+    report: Recorder,
+    monkeypatch: pytest.MonkeyPatch,
+    level: str | None,
+    said: list[str],
+) -> None:
+    """What a pod itself says is filtered too, not only what is stored."""
+    deploy(desired(workload()), fake, report=report)
+    monkeypatch.setattr(FakeCluster, "logs", lambda *_, **__: iter(LINES))
+    found = logs.logs(Settings(), [], LogOptions(level=level, parsed=True))
+    assert [line.text.rpartition(": ")[2] for line in found if not line.note] == said

@@ -1,0 +1,24 @@
+"""A cluster in memory on which releases live as on a real one, and a reporter."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.support.controllers import Controllers
+from tests.support.fake_cluster import FakeCluster, Store
+from tests.support.recorder import Recorder
+
+
+@pytest.fixture
+def fake() -> FakeCluster:
+    """A cluster in memory, with controllers, and the namespace `n`."""
+    cluster = FakeCluster(Store(controllers=Controllers()))
+    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}})
+    cluster.calls.clear()
+    return cluster
+
+
+@pytest.fixture
+def report() -> Recorder:
+    """A reporter that remembers."""
+    return Recorder()

@@ -1,0 +1,200 @@
+"""The orchestration job as a whole: what comes before what, and what ends it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rigel_k8s import kube
+from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed, UserError
+from rigel_k8s.graph import check as graph
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.types import orchestration
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob
+from rigel_k8s.network.multus import install as network_install
+from rigel_k8s.network.preflight import examine as preflight
+from rigel_k8s.observability import install as observability_install
+from rigel_k8s.release import deploy as deploys
+from rigel_k8s.release.types import ReleaseId, Revision
+from rigel_k8s.settings import Application, Settings
+from tests.support.controllers import Controllers, unready
+from tests.support.fake_cluster import FakeCluster
+from tests.support.options import options
+from tests.support.recorder import Recorder
+
+IMAGE = "lab/app@sha256:" + "ab" * 32
+NODES = {"talker": {"args": ["talk"]}}
+WHOLE = {
+    "image": IMAGE,
+    "nodes": NODES,
+    "network": {"mode": "macvlan", "interface": "eth0", "subnet": "10.1.0.0/24", "install": True},
+    "observability": {"enabled": True},
+    "results": {"source_path": "/data", "target": "results"},
+}
+STEPS = [
+    "places",
+    "network installed",
+    "network looked at",
+    "stack",
+    "pull secret",
+    "deploy",
+    "graph",
+    "results",
+]
+
+
+@pytest.fixture
+def run(
+    fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., None]:
+    """Run a job on the fake: run(raw, distro="noetic", timeout=1)."""
+    monkeypatch.setattr(kube, "connect", lambda settings: fake)
+
+    def call(raw: dict[str, Any], *, distro: str = "jazzy", **words: Any) -> None:
+        where = Settings(namespace="n", **words)
+        job = JobContext("deploy", Application(distro), report, where, raw=raw)
+        OrchestrationJob().run(options(raw), job)
+
+    return call
+
+
+@pytest.fixture
+def steps(monkeypatch: pytest.MonkeyPatch) -> tuple[list[str], dict[str, RigelK8sError]]:
+    """The steps that were taken, and what some of them are to fail with."""
+    taken: list[str] = []
+    fails: dict[str, RigelK8sError] = {}
+
+    def step(name: str, result: Any = None) -> Callable[..., Any]:
+        def call(*_: Any, **__: Any) -> Any:
+            taken.append(name)
+            if name in fails:
+                raise fails[name]
+            return result
+
+        return call
+
+    revision = Revision(ReleaseId("n", "demo"), 1, "good", "", (), ())
+    monkeypatch.setattr(orchestration, "check_places", step("places"))
+    monkeypatch.setattr(network_install, "install", step("network installed"))
+    monkeypatch.setattr(preflight, "check", step("network looked at"))
+    monkeypatch.setattr(observability_install, "ensure", step("stack"))
+    monkeypatch.setattr(orchestration, "write_pull_secret", step("pull secret"))
+    monkeypatch.setattr(deploys, "deploy", step("deploy", revision))
+    monkeypatch.setattr(graph, "check", step("graph"))
+    monkeypatch.setattr(orchestration, "copy_results", step("results", "results/data"))
+    return taken, fails
+
+
+def test_a_deploy_goes_its_way(run: Any, steps: Any, report: Recorder) -> None:
+    """What the cluster lacks is known before anything is written, and the graph when it runs."""
+    run(WHOLE)
+    assert steps[0] == STEPS
+    assert report.lines[-1] == "results copied to results/data"
+
+
+@pytest.mark.parametrize("failing", [s for s in STEPS if s not in ("stack", "results")])
+def test_nothing_comes_after_a_step_that_failed(run: Any, steps: Any, failing: str) -> None:
+    taken, fails = steps
+    fails[failing] = UserError("no")
+    with pytest.raises(UserError):
+        run(WHOLE)
+    assert taken == STEPS[: STEPS.index(failing) + 1]
+
+
+def test_a_stack_that_is_not_ready_is_the_last_word(run: Any, steps: Any, report: Recorder) -> None:
+    """The robots run all the same, and the job has failed."""
+    taken, fails = steps
+    fails["stack"] = RolloutFailed("loki is not ready")
+    with pytest.raises(RolloutFailed, match="loki"):
+        run(WHOLE)
+    assert taken == STEPS
+    assert report.warnings == ["loki is not ready; the application is deployed all the same"]
+
+
+def test_ros_1_has_no_graph_to_look_at(run: Any, steps: Any) -> None:
+    """A master knows its nodes."""
+    run({"image": IMAGE, "nodes": NODES}, distro="noetic")
+    assert steps[0] == ["places", "pull secret", "deploy"]
+
+
+def test_results_that_are_not_there_do_not_fail_a_deploy(
+    run: Any, steps: Any, report: Recorder
+) -> None:
+    """Unless they are waited for."""
+    steps[1]["results"] = ClusterError("no results")
+    run(WHOLE)
+    assert "`results: {wait: 1m}`" in report.warnings[-1]
+    with pytest.raises(ClusterError, match="no results"):
+        run({**WHOLE, "results": {**WHOLE["results"], "wait": "1s"}})  # type: ignore[dict-item]
+
+
+# With the fake.
+
+
+def test_labels_that_no_machine_has_are_told_before_anything_is_written(
+    run: Any, fake: FakeCluster
+) -> None:
+    fake.create({"apiVersion": "v1", "kind": "Node", "metadata": {"name": "node1", "labels": {}}})
+    fake.calls.clear()
+    placed = {"talker": {"args": ["talk"], "placement": {"node": "node2"}}}
+    with pytest.raises(UserError, match="no node of the cluster has the labels"):
+        run({"image": IMAGE, "nodes": placed}, distro="noetic")
+    assert fake.writes == []
+
+
+def test_the_timeout_reaches_the_roll_out(
+    run: Any, fake: FakeCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The flag's, the job's: whichever is said."""
+    monkeypatch.setattr(deploys, "DEFAULT_TIMEOUT", 5)
+    fake.store.controllers = Controllers(unready)
+    raw = {"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}
+    with pytest.raises(RolloutFailed, match=r"not ready within 0\.2 s: talker"):
+        run(raw, distro="noetic", timeout=0.2)
+    with pytest.raises(RolloutFailed, match=r"not ready within 1 s: talker"):
+        run({**raw, "timeout": "1s"}, distro="noetic")
+
+
+def test_a_cancelled_job_ends_its_deploy(
+    fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kube, "connect", lambda settings: fake)
+    cancel = threading.Event()
+    cancel.set()
+    raw = {"image": IMAGE, "nodes": NODES}
+    where = Settings(namespace="n")
+    job = JobContext("deploy", Application("noetic"), report, where, raw=raw, cancel=cancel)
+    with pytest.raises(RigelK8sError, match="before anything was changed"):
+        OrchestrationJob().run(options(raw), job)
+    assert fake.names("Deployment", "ConfigMap") == set()
+
+
+def test_adopt_reaches_the_deploy(run: Any, fake: FakeCluster) -> None:
+    meta = {"name": "talker", "namespace": "n"}
+    labels = {"app.kubernetes.io/name": "talker"}
+    template = {"metadata": {"labels": labels}, "spec": {"containers": []}}
+    spec = {"selector": {"matchLabels": labels}, "template": template}
+    theirs = {"apiVersion": "apps/v1", "kind": "Deployment", "metadata": meta, "spec": spec}
+    fake.as_manager("kubectl").create(theirs)
+    raw = {"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}
+    with pytest.raises(RigelK8sError, match="managed by others"):
+        run(raw, distro="noetic")
+    run(raw, distro="noetic", adopt=True)
+
+
+def test_errors_of_the_preflight_end_the_deploy(report: Recorder) -> None:
+    """Warnings are told; all errors are in one."""
+    finding = preflight.Finding
+    beware = finding("mtu", "the MTU is odd", "mind it", severity="warning")
+    preflight.tell([beware], report)
+    assert report.warnings == ["the MTU is odd: mind it"]
+    lacks = finding("no-multus", "there is no Multus", "install it")
+    with pytest.raises(ClusterError, match=r"there is no Multus \[no-multus\]"):
+        preflight.tell([beware, lacks], report)
+    wrong = finding("no-interface", "no eth7", "name another", fault="rigelfile")
+    with pytest.raises(UserError, match="2 things keep the network") as caught:
+        preflight.tell([lacks, wrong], report)
+    assert "no eth7 [no-interface]" in caught.value.details

@@ -1,0 +1,157 @@
+"""A deploy that is killed after any of its writes orphans nothing, whatever is done next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pytest
+
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.deploy import deploy, diff, down, history, rollback
+from rigel_k8s.release.lease import PROCESS, lease_ref, process
+from rigel_k8s.release.types import Desired
+from tests.support.controllers import Controllers
+from tests.support.fake_cluster import FakeCluster, Killed, Store
+from tests.support.manifests import RELEASE, claim, config, desired, workload
+from tests.support.recorder import Recorder
+
+LEASE = lease_ref(RELEASE)
+VOLUME = {
+    "apiVersion": "v1",
+    "kind": "PersistentVolume",
+    "metadata": {"name": "v"},
+    "spec": {"capacity": {"storage": "1Mi"}},
+}
+IDLE: Mapping[str, Any] = {"replicas": 0}
+EMPTY: Desired = desired(create_namespace=True)
+#: What is there before, and what the killed deploy wants.
+SHAPES: Mapping[str, tuple[Desired, Desired]] = {
+    "first": (EMPTY, desired(config("a"), workload(**IDLE))),
+    "first with its namespace": (EMPTY, desired(config("a"), create_namespace=True)),
+    "nothing changes": (desired(config("a")), desired(config("a"))),
+    "only options change": (desired(config("a")), desired(config("a"), options={"x": 1})),
+    "a value changes": (desired(config("a", k="1")), desired(config("a", k="2"))),
+    "one goes, one comes": (desired(config("a"), config("b")), desired(config("a"), config("c"))),
+    "all goes": (desired(config("a"), workload(**IDLE)), desired()),
+    "a kind changes": (desired(config("talker")), desired(workload(**IDLE))),
+    "a workload changes": (desired(workload(**IDLE)), desired(workload(image="app:2", **IDLE))),
+    "a name moves": (
+        desired(workload("old", singleton="/talker")),
+        desired(workload("new", singleton="/talker")),
+    ),
+    "a master and its nodes": (
+        desired(workload("ros-master", first=True), workload("a")),
+        desired(workload("ros-master", "app:2", first=True), workload("b")),
+    ),
+    "data": (desired(config("a"), claim()), desired(config("b"), claim("more"))),
+    "a volume": (desired(config("a")), desired(config("a"), VOLUME)),
+    "much of all": (
+        desired(*(config(f"c{n}") for n in range(5)), workload("x", **IDLE)),
+        desired(*(config(f"c{n}", k="2") for n in range(3, 7)), workload("y", **IDLE)),
+    ),
+}
+PROTECTED = ("PersistentVolumeClaim", "PersistentVolume")
+
+
+def killed(old: Desired, new: Desired) -> Iterator[tuple[FakeCluster, int]]:
+    """Yield clusters on which a deploy of `new` was killed after its first, second, ... write."""
+    before = FakeCluster(Store(controllers=Controllers()))
+    if not new.create_namespace:
+        before.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}})
+    if old.objects:
+        deploy(old, before, report=Recorder())
+    for limit in range(1, 40):
+        fake = FakeCluster(before.store.copied())
+        fake.store.die_after = limit
+        try:
+            deploy(new, fake, report=Recorder())
+        except Killed:
+            fake.revive()
+            bury(fake)
+            yield fake, limit
+        else:
+            return
+    raise AssertionError("a deploy of so many writes")
+
+
+def bury(fake: FakeCluster) -> None:
+    """Make the Lease that the killed process has left one of a process that is gone."""
+    if LEASE in fake.objects:
+        boot, space, pid, _ = process().split()
+        dead = f"{boot} {space} {pid} 0"
+        fake.objects[LEASE]["metadata"]["annotations"][PROCESS] = dead
+
+
+def left(fake: FakeCluster) -> set[ObjectRef]:
+    """Return all objects that are there, without what Kubernetes makes of them.
+
+    A dead Lease stays where nothing was left to write: it holds up nobody.
+    """
+    fake.settle(10)
+    made = ("Namespace", "ReplicaSet", "Pod")
+    return {ref for ref in fake.objects if ref.kind not in made} - {LEASE}
+
+
+def without_records(fake: FakeCluster) -> set[ObjectRef]:
+    return {ref for ref in left(fake) if ref.kind != "Secret"}
+
+
+def refs(wanted: Desired) -> set[ObjectRef]:
+    found = set()
+    for one in wanted.objects:
+        meta = one["metadata"]
+        names = (meta.get("namespace", ""), meta["name"])
+        found.add(ObjectRef(one["apiVersion"], one["kind"], *names))
+    return found
+
+
+def data(*of: Desired) -> set[ObjectRef]:
+    """Return what holds data, and stays until somebody asks for its end."""
+    return {ref for wanted in of for ref in refs(wanted) if ref.kind in PROTECTED}
+
+
+@pytest.fixture(params=SHAPES)
+def shape(request: pytest.FixtureRequest) -> tuple[Desired, Desired]:
+    return SHAPES[request.param]
+
+
+def test_the_same_deploy_again_sees_it_through(shape: tuple[Desired, Desired]) -> None:
+    """Just what it wants is there, once, and the next deploy has nothing to do."""
+    old, new = shape
+    for fake, limit in killed(old, new):
+        last = deploy(new, fake, report=Recorder())
+        kept = without_records(fake) - data(old)
+        assert kept == refs(new) - data(old), f"killed after write {limit}"
+        assert {item.ref for item in last.inventory} == refs(new)
+        assert all(fake.objects[item.ref]["metadata"]["uid"] == item.uid for item in last.inventory)
+        assert "pending" not in {r.status for r in history(fake, RELEASE)}
+        assert diff(new, fake).changes == ()
+
+
+def test_another_deploy_ends_what_was_begun(shape: tuple[Desired, Desired]) -> None:
+    """Neither the old nor the new leaves anything behind but data."""
+    third = desired(config("third"))
+    for fake, limit in killed(*shape):
+        deploy(third, fake, report=Recorder())
+        kept = without_records(fake) - data(*shape)
+        assert kept == refs(third), f"killed after write {limit}"
+        assert "pending" not in {r.status for r in history(fake, RELEASE)}
+
+
+def test_down_leaves_nothing(shape: tuple[Desired, Desired]) -> None:
+    for fake, limit in killed(*shape):
+        down(fake, RELEASE, volumes=True, report=Recorder())
+        assert left(fake) == set(), f"killed after write {limit}"
+
+
+@pytest.mark.parametrize("name", [name for name, (old, _) in SHAPES.items() if old.objects])
+def test_a_rollback_goes_back_to_what_was_good(name: str) -> None:
+    """As long as the killed deploy has not become good itself."""
+    old, new = SHAPES[name]
+    for fake, limit in killed(old, new):
+        if [r.status for r in history(fake, RELEASE)] != ["good", "pending"]:
+            continue
+        rollback(fake, RELEASE, report=Recorder())
+        kept = without_records(fake) - data(new)
+        assert kept == refs(old) - data(new), f"killed after write {limit}"

@@ -17,6 +17,7 @@ import os
 import sys
 import time
 
+import container
 import dds_local
 import rtps
 
@@ -84,7 +85,8 @@ def check_interface(name):
 def own(domain, port):
     """Return the container's processes that take part."""
     found = dds_local.participants([port] if port else ())
-    found = [process for process in found if DAEMON not in process.command]
+    visitors = container.visitors()
+    found = [p for p in found if p.pid not in visitors and DAEMON not in p.command]
     if port:
         wanted = [process for process in found if process.domain is None]
         if not wanted:
@@ -133,7 +135,8 @@ def reads(found):
 
 def check_zenoh(port):
     """A process of this container is connected to the router."""
-    found = dds_local.connections(port)
+    visitors = container.visitors()
+    found = [(peer, pid) for peer, pid in dds_local.connections(port) if pid not in visitors]
     if not found:
         text = "no process of this container is connected to a zenoh router yet (TCP port %d)"
         raise NotReady(text % port)

@@ -18,6 +18,7 @@ from rigel_k8s.manifests.application import (
 from rigel_k8s.manifests.distros import ros_of
 from rigel_k8s.manifests.images import pinned
 from rigel_k8s.manifests.master import master_deployment, master_service
+from rigel_k8s.manifests.naming import ROS_ANNOTATION
 from rigel_k8s.manifests.network.modes import network_objects, wiring
 from rigel_k8s.manifests.network.plan import network_of, network_plan
 from rigel_k8s.manifests.network.readiness import ready_words
@@ -142,7 +143,9 @@ def bound_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
     mark = {MASTER_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:12]}
     over = {"spec": {"template": {"metadata": {"annotations": mark}}}}
     for item in made:
-        stays = is_master(item) or item["metadata"]["name"] == EXPORTER
+        notes = item["metadata"].get("annotations", {})
+        without_ros = notes.get(ROS_ANNOTATION) == "none"
+        stays = is_master(item) or item["metadata"]["name"] == EXPORTER or without_ros
         follows = masters and item["kind"] == "Deployment" and not stays
         yield merge(item, over) if follows else item
 

@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.inpod import MOUNT_PATH
-from rigel_k8s.manifests.naming import NAME_LABEL
+from rigel_k8s.manifests.naming import NAME_LABEL, ROS_ANNOTATION
 from rigel_k8s.manifests.network.wiring import NETWORK_ANNOTATION
 
 __all__ = ["MULTICAST", "Member", "members"]
@@ -80,6 +80,8 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
     note = parsed(annotations.get(NETWORK_ANNOTATION), {})
     container = mounting(spec)
     if "mode" not in note or note.get("ros") == "1" or container is None:
+        return None
+    if annotations.get(ROS_ANNOTATION) == "none":  # beside ROS nodes: nobody expects it
         return None
     env = {e["name"]: str(e.get("value") or "") for e in container.get("env") or []}
     interface = note.get("interface")

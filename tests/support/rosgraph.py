@@ -176,6 +176,12 @@ class Node(Rpc):
         with self._changed:
             assert self._changed.wait_for(lambda: self._links.get(topic), seconds), topic
 
+    def hang_up(self, topic: str) -> None:
+        """End the connections of a topic; who wants it may come back."""
+        with self._changed:
+            for link in self._links.pop(topic, []):
+                link.close()
+
     def ended(self, topic: str, seconds: float = 10) -> bool:
         """Wait until the subscribers of a topic have closed their connections."""
         for link in self._links.get(topic, []):

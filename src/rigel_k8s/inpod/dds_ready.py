@@ -19,6 +19,7 @@ import time
 
 import container
 import dds_local
+import interfaces
 import rtps
 
 try:
@@ -73,12 +74,12 @@ def told(process, port):
 
 def check_interface(name):
     """The second network is there."""
-    if name not in dds_local.interfaces():
+    if name not in interfaces.addresses():
         text = "%s is missing: Multus did not attach the second network when this pod was made; "
         raise NotReady((text + "delete the pod once Multus runs on its machine") % name)
-    if dds_local.address_of(name) is None:
+    if interfaces.address_of(name) is None:
         raise NotReady("%s has no IPv4 address, so DDS cannot use it" % name)
-    if not dds_local.is_up(name):
+    if not interfaces.is_up(name):
         raise NotReady("%s is down" % name)
 
 

@@ -81,7 +81,7 @@ def test_a_node_that_does_not_answer_is_not_up(
     graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is registered still: that it hangs is what somebody wants to be told of."""
-    monkeypatch.setattr(ros1_view, "ANSWER", 0.1)
+    monkeypatch.setattr(ros1_view, "ANSWER", 1.0)
     graph.master.add("/hangs", graph.silent(), ["/chatter"])
     graph.node("/talker", ["/chatter"])
     found = nodes(ros1.look())

@@ -300,3 +300,37 @@ def test_a_topic_that_is_refused_keeps_no_other_from_being_heard(
     ros1.subscribe("/chatter")
     ros1.look()
     node.connected("/chatter")
+
+
+@pytest.mark.parametrize("answer", [[-1, "no", 0], [1, "", []], [1, "", ["TCPROS", "x", "y"]], "?"])
+def test_a_publisher_that_says_nothing_of_use_is_asked_again(
+    graph: RosGraph, ros1: Ros1, answer: object
+) -> None:
+    """It may still be starting."""
+    node = graph.node("/talker", ["/chatter"])
+    asked = threading.Event()
+
+    def request(*_: object) -> object:
+        asked.set()
+        return answer
+
+    node.requestTopic = request  # type: ignore[method-assign, assignment]
+    ros1.subscribe("/chatter")
+    ros1.look()
+    assert asked.wait(10)
+    del node.requestTopic
+    node.connected("/chatter")
+
+
+def test_a_publisher_that_is_silent_is_asked_again(
+    graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its deadline is a few seconds, and it holds nobody else up."""
+    monkeypatch.setattr(ros1_topic, "_ANSWER", 0.05)
+    node = graph.node("/talker", ["/chatter"])
+    graph.master.add("/silent", graph.silent(), ["/chatter"])
+    hearing = ros1.subscribe("/chatter")
+    ros1.look()
+    node.connected("/chatter")
+    node.publish("/chatter", TEXT)
+    until(lambda: hearing.samples().messages == 1, "the other publisher is heard")

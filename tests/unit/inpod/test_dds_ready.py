@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from types import ModuleType
 
 import pytest
+from tests.support.rosgraph import until
 
 #: Binds UDP ports, says so, and reads what it is sent where it is to.
 PARTICIPANT = """
@@ -32,7 +33,7 @@ there = socket.create_connection(("127.0.0.1", int(sys.argv[1])))
 print("up", flush=True)
 sys.stdin.read()
 """
-DOMAIN = 90 + os.getpid() % 10  # others on this machine may have participants
+DOMAIN = 40 + os.getpid() % 20  # others on this machine may have participants
 PORT = 7410 + 250 * DOMAIN
 
 
@@ -41,6 +42,7 @@ class Pod:
 
     def __init__(self, dds_ready: ModuleType, cleanup: ExitStack) -> None:
         self.dds_ready, self._cleanup = dds_ready, cleanup
+        self.processes: list[int] = []
 
     def starts(self, text: str, *words: str) -> int:
         """Start a process and wait until it is up; its id."""
@@ -52,11 +54,17 @@ class Pod:
         self._cleanup.callback(process.kill)
         assert process.stdout is not None
         assert process.stdout.readline() == "up\n"
+        self.processes.append(process.pid)
         return process.pid
 
     def participates(self, *, reads: bool = True, port: int = PORT) -> int:
         ports = (str(port), str(port + 1))
         return self.starts(PARTICIPANT, "reads" if reads else "hangs", *ports)
+
+    def stop(self, pid: int) -> None:
+        """Stop a process by a signal; the kernel takes a moment."""
+        os.kill(pid, signal.SIGSTOP)
+        until(lambda: self.dds_ready.dds_local.state(pid) == "T", "the process is stopped")
 
     def probe(self, *words: str) -> str:
         try:
@@ -78,9 +86,10 @@ def pod(
     script: Callable[[str], ModuleType], monkeypatch: pytest.MonkeyPatch, visitors: set[int]
 ) -> Iterator[Pod]:
     monkeypatch.setattr(script("container"), "visitors", lambda: visitors)
-    monkeypatch.setattr(script("dds_ready"), "READS", 0.3)
     with ExitStack() as cleanup:
-        yield Pod(script("dds_ready"), cleanup)
+        found = Pod(script("dds_ready"), cleanup)
+        monkeypatch.setattr(script("container"), "processes", lambda: found.processes)
+        yield found
 
 
 def test_a_participant_that_reads_is_ready(pod: Pod):
@@ -105,13 +114,14 @@ def test_one_socket_in_a_domains_range_is_no_participant(pod: Pod):
 def test_a_stopped_participant_says_so_at_once(pod: Pod):
     """Seconds later it would only be told to hang."""
     pid = pod.participates()
-    os.kill(pid, signal.SIGSTOP)
+    pod.stop(pid)
     assert pod.dds().endswith("is stopped by a signal")
     os.kill(pid, signal.SIGCONT)
     assert pod.dds().endswith(f"at domain {DOMAIN}")
 
 
-def test_a_participant_that_does_not_read_hangs(pod: Pod):
+def test_a_participant_that_does_not_read_hangs(pod: Pod, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pod.dds_ready, "READS", 0.3)
     pod.participates(reads=False)
     line = pod.dds()
     assert f"hangs: what was sent to its UDP port {PORT} was not read within" in line
@@ -130,7 +140,7 @@ def test_what_exec_started_does_not_count(pod: Pod, visitors: set[int]):
     visitors.add(tool)
     assert "yet" in pod.dds()
     own = pod.participates()
-    os.kill(tool, signal.SIGSTOP)
+    pod.stop(tool)
     assert pod.dds().startswith(f"process {own} (")
 
 
@@ -157,7 +167,7 @@ def test_a_zenoh_client_is_connected_to_its_router(pod: Pod, visitors: set[int])
         assert pod.probe("zenoh", "--port", port) == line
         pid = pod.starts(CLIENT, port)
         assert pod.probe("zenoh", "--port", port) == "connected to the zenoh router at 127.0.0.1"
-        os.kill(pid, signal.SIGSTOP)
+        pod.stop(pid)
         assert pod.probe("zenoh", "--port", port) == f"process {pid} is stopped by a signal"
         os.kill(pid, signal.SIGCONT)
         visitors.add(pid)

@@ -7,7 +7,9 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -93,6 +95,17 @@ def imported(text: str) -> set[str]:
         elif isinstance(node, ast.ImportFrom) and not node.level:  # the exporter's way
             found.add(str(node.module))
     return found
+
+
+def test_what_exec_starts_is_marked(script: Callable[[str], ModuleType]):
+    """The readiness probe knows by it a tool that was left in the background."""
+    done = subprocess.run(
+        ["/bin/sh", str(ROOM / "exec.sh"), "env"],
+        capture_output=True,
+        text=True,
+        env={"PATH": "/usr/bin:/bin"},
+    )
+    assert script("container").EXEC_MARK.decode() in done.stdout.splitlines()
 
 
 def test_contracts():

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -60,7 +61,11 @@ def stopped() -> Callable[..., list[str]]:
     def run(*names: str, seconds: int = 8) -> list[str]:
         words = [*unshare, sys.executable, "-S", "-c", FIRST, NODE, *names]
         pipe = subprocess.PIPE
-        with subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as container:
+        with (
+            subprocess.Popen(words, stdin=pipe, stdout=pipe, text=True) as container,
+            ExitStack() as cleanup,
+        ):
+            cleanup.callback(container.kill)
             assert container.stdout is not None
             assert container.stdout.readline() == "up\n"
             children = Path(f"/proc/{container.pid}/task/{container.pid}/children").read_text()
@@ -68,7 +73,7 @@ def stopped() -> Callable[..., list[str]]:
             enter += ["--user", "--preserve-credentials"] if user else []
             hook = [*enter, "/bin/sh", str(STOP), str(seconds)]  # as `kubectl exec` runs it
             assert subprocess.run(hook, timeout=60).returncode == 0
-            return str(container.communicate(timeout=60)[0]).splitlines()
+            return str(container.communicate(timeout=20)[0]).splitlines()
 
     return run
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 from tests.support.rosgraph import RosGraph, ros_graph, until
 
-from rigel_k8s.exporter import ros1_topic, ros1_view
+from rigel_k8s.exporter import ros1_stream, ros1_topic, ros1_view
 from rigel_k8s.exporter.graph import Graph, Node, Topic
 from rigel_k8s.exporter.ros1 import Ros1
 
@@ -334,3 +334,32 @@ def test_a_publisher_that_is_silent_is_asked_again(
     node.connected("/chatter")
     node.publish("/chatter", TEXT)
     until(lambda: hearing.samples().messages == 1, "the other publisher is heard")
+
+
+def test_a_lost_word_is_no_lost_master(
+    graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is asked a second time before it is said to be away."""
+    answers = [lambda caller: "?", graph.master.getPid]
+    monkeypatch.setattr(
+        graph.master, "getPid", lambda caller: answers.pop(0)(caller), raising=False
+    )
+    found = ros1.look()
+    assert found.master is not None
+    assert found.master.up
+
+
+def test_a_message_that_is_too_large_is_counted_and_not_kept(
+    graph: RosGraph, ros1: Ros1, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros1_stream, "LARGEST_KEPT", 10)
+    node = graph.node("/camera", ["/image"])
+    hearing = ros1.subscribe("/image", keep=1)
+    ros1.look()
+    node.connected("/image")
+    node.publish("/image", bytes(5000))
+    node.publish("/image", b"small")
+    kept: list[bytes] = []
+    until(lambda: kept.extend(hearing.samples().payloads) or kept, "the small one is kept")
+    assert kept == [b"small"]
+    assert hearing.samples().size == 5005

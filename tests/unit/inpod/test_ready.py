@@ -291,6 +291,7 @@ def test_a_starting_roscore_has_its_parameters_first(
     monkeypatch.setattr(pod.ready, "roscore_runs", lambda: True)
     with pytest.raises(pod.ready.NotReady, match="has not set /rosversion yet"):
         pod.ready.look_master(starting=True)
+    assert pod.ready.look_master(starting=False), "once it runs nothing of it is asked for"
     graph.master.parameters["/rosversion"] = "1.16.0"
     assert pod.ready.look_master(starting=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 
 import pytest
 
@@ -169,6 +170,47 @@ def test_crashed_node(pods, eventually):
     pod.signal("python /talker.py two", signal.SIGKILL)
     assert "/two" in pod.probe().stdout
     assert "has crashed" in pod.probe().stdout
+
+
+def nodes(master) -> str:
+    """The names that the master knows, with the ends that nobody knows beforehand."""
+    return str(master.exec(*EXEC, "rosnode", "list").stdout)
+
+
+@pytest.mark.parametrize("left", [False, True], ids=["execd", "left-in-the-background"])
+def test_a_tool_that_was_killed(pods, eventually, left):
+    """What `rigel exec` starts is none of the pod's nodes, not even registered and dead."""
+    master = pods.master()
+    pod = pods.node("talker", "/talker.py", "talker", files=FILES)
+    tool = "rostopic hz /talker_topic"
+    words = ("bash", "-c", f"{tool} & sleep 0.1") if left else tool.split()
+    with subprocess.Popen(pod.entering(*EXEC, *words), stdout=subprocess.DEVNULL):
+        eventually(lambda: "/rostopic_" in nodes(master), "the tool is registered")
+        assert pod.probe().stdout == "ready: /talker\n"
+        pod.signal("rostopic hz", signal.SIGKILL)
+        eventually(lambda: not pod.pids("rostopic hz"), "the tool is dead")
+    assert "/rostopic_" in nodes(master), "it was to stay registered"
+    assert pod.probe().stdout == "ready: /talker\n"
+
+
+def test_a_tool_makes_nothing_ready(pods, eventually):
+    """While the pod's own node has not started, a visitor's does not stand for it."""
+    master = pods.master()
+    pod = pods.start("talker", "sleep", "60", files=FILES)
+    with subprocess.Popen(pod.entering(*EXEC, "/talker.py", "visitor")):
+        eventually(lambda: pods.registered(master, "/visitor"), "the visitor is registered")
+        assert "no process of this container listens yet" in pod.probe().stdout
+        pod.signal("python /talker.py", signal.SIGINT)
+
+
+def test_stopped_on_purpose(pods, eventually):
+    """One of several that `rosnode kill` has ended leaves a ready pod."""
+    master = pods.master()
+    pod = pods.node("three", "bash", "-c", THREE, files=FILES)
+    eventually(lambda: pod.probe().stdout.count("/") == 3, "all three nodes found")
+    assert "killed" in master.exec(*EXEC, "rosnode", "kill", "/two").stdout
+    eventually(lambda: not pod.pids("python /talker.py two"), "the node has ended")
+    assert pod.probe().stdout == "ready: /one, /three\n"
 
 
 def test_restarted_by_a_shell(pods, eventually):

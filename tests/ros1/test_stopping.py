@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import subprocess
@@ -124,24 +125,34 @@ def terminated(master, pod):
     return said, took
 
 
-@pytest.mark.parametrize("client", ["rospy", "roscpp"])
+COMMANDS = {
+    "first": "exec {node}",
+    "rosrun": "exec {rosrun}",
+    "shell": "{node}; true",
+    "background": "{node} & wait",
+    "deaf-shell": "trap '' TERM; {node}; true",
+    "two-shells": "nohup sh -c '{node}; true'; true",
+}
+#: Each command with each client library once, and each shell with most of them; the rest is slow.
+DAILY = {
+    *(("bash", "first", "rospy"), ("sh", "first", "roscpp"), ("bash", "rosrun", "roscpp")),
+    *(("sh", "rosrun", "rospy"), ("sh", "shell", "rospy"), ("bash", "shell", "roscpp")),
+    *(("bash", "background", "rospy"), ("sh", "background", "roscpp")),
+    *(("sh", "deaf-shell", "roscpp"), ("bash", "two-shells", "rospy")),
+}
+
+
 @pytest.mark.parametrize(
-    "command",
+    ("shell", "command", "client"),
     [
-        "exec {node}",
-        "exec {rosrun}",
-        "{node}; true",
-        "{node} & wait",
-        "trap '' TERM; {node}; true",
-        "nohup sh -c '{node}; true'; true",
+        pytest.param(*case, marks=[] if case in DAILY else pytest.mark.slow, id="-".join(case))
+        for case in itertools.product(("bash", "sh"), COMMANDS, NODES)
     ],
-    ids=["first", "rosrun", "shell", "background", "deaf-shell", "two-shells"],
 )
-@pytest.mark.parametrize("shell", ["bash", "sh"])
 def test_unregistered(pods, shell, command, client):
     """Whatever process 1 is, the node is unregistered in time and the container ends by itself."""
     master = pods.master()
-    command = command.format(node=NODES[client], rosrun=ROSRUN[client])
+    command = COMMANDS[command].format(node=NODES[client], rosrun=ROSRUN[client])
     pod = pods.node("node", shell, "-c", command, files=FILES)
     said, took = terminated(master, pod)
     assert said.startswith("gone")

@@ -22,8 +22,8 @@ EARS = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
 sys.dont_write_bytecode = True
-import dds_local, dds_standin
-ears = [dds_standin.StandIn(0, {n: a}) for n, a in dds_local.interfaces().items()]
+import dds_standin, interfaces
+ears = [dds_standin.StandIn(0, {n: a}) for n, a in interfaces.addresses().items()]
 print("hears", flush=True)
 until = time.time() + 10
 while not any(ear.beacons for ear in ears) and time.time() < until:
@@ -39,9 +39,9 @@ MOUTH = """
 import sys
 sys.path.insert(0, sys.argv[1])
 sys.dont_write_bytecode = True
-import dds_local, dds_standin
+import dds_standin, interfaces
 name = sys.argv[2]
-dds_standin.StandIn(0, {name: dds_local.address_of(name)}).beacon("over " + name)
+dds_standin.StandIn(0, {name: interfaces.address_of(name)}).beacon("over " + name)
 """
 #: Tells which participants Cyclone DDS knows, whenever a line comes.
 WATCHER = """
@@ -62,9 +62,9 @@ STAND_IN = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
 sys.dont_write_bytecode = True
-import dds_local, dds_standin
+import dds_standin, interfaces
 dds_standin.LEASE = 3600
-one = dds_standin.StandIn(0, dds_local.interfaces())
+one = dds_standin.StandIn(0, interfaces.addresses())
 one.announce()
 until = time.time() + 10
 while not one.participants and time.time() < until:

@@ -68,7 +68,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
         path = ("nodes", str(key))
         problems = [
             *check_node(str(key), options, ros),
-            *check_update(("update",), node.update, ros, anonymous=node.anonymous),
+            *check_update(("update",), node.update, node.ros or ros, anonymous=node.anonymous),
             *check_readiness(("readiness",), node.readiness),
             *check_fixed(("patch",), node.patch),
         ]
@@ -131,7 +131,7 @@ def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
             message = f'"{key}" becomes "{name}" on Kubernetes, which is the name of {taken[name]};'
             yield Problem(path, f"{message} choose another key", "name-taken", at_key=True)
         taken.setdefault(name, f'"{key}"')
-        if ros != "none" and not node.anonymous and not node.launch:
+        if "none" not in (ros, node.ros) and not node.anonymous and not node.launch:
             ros_names[full_name(key, node)].append(str(key))
     for name, keys in ros_names.items():
         for key in keys[1:]:
@@ -215,6 +215,7 @@ def check_containers(options: OrchestrationOptions, ros: Ros) -> Iterator[Proble
         *(
             (("nodes", str(k), "patch"), n.patch, [NODE_CONTAINER])
             for k, n in options.nodes.items()
+            if n.ros is None
         ),
     ]
     for path, patch, first in written:

@@ -24,7 +24,7 @@ from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.images import allowed, images_of, pinned
-from rigel_k8s.objects.naming import Ros
+from rigel_k8s.objects.naming import ROS_ANNOTATION, Ros
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, MASTER_URI, Object, scripts_config
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
@@ -162,7 +162,9 @@ def bound_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
     mark = {MASTER_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:12]}
     over = {"spec": {"template": {"metadata": {"annotations": mark}}}}
     for item in made:
-        stays = is_master(item) or item["metadata"]["name"] == EXPORTER
+        notes = item["metadata"].get("annotations", {})
+        without_ros = notes.get(ROS_ANNOTATION) == "none"
+        stays = is_master(item) or item["metadata"]["name"] == EXPORTER or without_ros
         follows = masters and item["kind"] == "Deployment" and not stays
         yield merge(item, over) if follows else item
 

@@ -72,6 +72,11 @@ def master_deployment(
 
 
 def master_service(around: Surroundings) -> Object:
-    """Return the Service by which all pods find roscore."""
+    """Return the Service by which all pods find roscore.
+
+    It keeps its only address when a probe times out on a busy machine: taking it away would cut
+    the whole graph off from a master that still works.
+    """
     port = {"name": "ros", "port": MASTER_PORT, "targetPort": MASTER_PORT, "protocol": "TCP"}
-    return service(around, MASTER_NAME, [port])
+    made = service(around, MASTER_NAME, [port])
+    return {**made, "spec": {**made["spec"], "publishNotReadyAddresses": True}}

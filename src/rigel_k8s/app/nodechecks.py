@@ -35,6 +35,8 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     if node.image is None and options.image is None:
         message = f'"{key}" has no image: give it one here, or one for all nodes as `image`'
         yield Problem((), message, "missing-image", at_key=True)
+    yield from check_ros(node, ros)
+    ros = node.ros or ros
     yield from check_name(key, node, ros)
     problems = list(check_command(node)) if ros != "none" else list(check_plain(node))
     yield from problems or check_appended(node, ros)
@@ -66,11 +68,19 @@ def check_name(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]:
         yield Problem(("replicas",), message, "duplicate-node")
 
 
+def check_ros(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield a readiness that a program without ROS beside ROS nodes never reaches."""
+    if node.ros == "none" and (node.readiness == "ros" or (node.readiness == "dds" and ros == "1")):
+        message = f"a program without ROS (ros: none) never becomes ready by {node.readiness}"
+        yield Problem(("readiness",), f"{message}: use a command or a file", "not-ros", at_key=True)
+
+
 def check_plain(node: NodeOptions) -> Iterator[Problem]:
-    """Yield what a plain DDS program would not understand."""
+    """Yield what a program without ROS would not understand."""
+    what = "program without ROS" if node.ros else "plain DDS application"
     for key in ROS_ONLY:
         if getattr(node, key):
-            message = f"a plain DDS application (ros: none) has no {key}: use args and env"
+            message = f"a {what} (ros: none) has no {key}: use args and env"
             yield Problem((key,), message, "not-ros", at_key=True)
     for name in ("command", "args"):
         yield from check_line(name, getattr(node, name))

@@ -19,7 +19,12 @@ from rigel_k8s.network.modes import wire_pod
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
-from rigel_k8s.objects.naming import NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
+from rigel_k8s.objects.naming import (
+    NODE_ANNOTATION,
+    ROS_ANNOTATION,
+    ROS_NAME_ANNOTATION,
+    object_name,
+)
 from rigel_k8s.objects.overlay import merge, plain
 from rigel_k8s.objects.podoptions import PortOptions, Volume
 from rigel_k8s.objects.pods import Object, compact, probes, stop_hook
@@ -71,8 +76,10 @@ class Node:
 
     @property
     def ros_name(self) -> str | None:
-        """The full ROS name, None where it is made at start."""
-        return None if self.options.anonymous else full_name(self.key, self.options)
+        """The full ROS name, None where it is made at start or there is no ROS."""
+        if self.options.anonymous or self.options.ros == "none":
+            return None
+        return full_name(self.key, self.options)
 
     @property
     def identity(self) -> PodIdentity:
@@ -97,6 +104,8 @@ class Node:
 
 def node_objects(around: Surroundings, node: Node, plan: NetworkPlan) -> Iterator[Object]:
     """Yield a node's objects."""
+    if node.options.ros == "none":
+        around = attrs.evolve(around, ros="none")
     command = command_of(around.ros, node.key, node.options, node.files)
     if command.files:
         yield config_map(around, parameters_config(node), command.files, part_of=node.name)
@@ -117,8 +126,10 @@ def node_deployment(
     """Return a node's Deployment with the user's patch laid over it."""
     options = node.options
     name = node.ros_name if around.ros != "none" else None
-    wired = wire_pod(plan, node.identity)
+    wired = wiring_of(node, plan)
     told = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
+    if node.options.ros == "none":
+        told[ROS_ANNOTATION] = "none"
     made = deployment(
         around,
         node.name,
@@ -136,6 +147,15 @@ def node_deployment(
     )
     merged: Object = merge(made, options.patch)
     return merged
+
+
+def wiring_of(node: Node, plan: NetworkPlan) -> Wiring:
+    """Return what the network adds to a node; a program without ROS gets no variable of ROS."""
+    if node.options.ros is None:
+        return wire_pod(plan, node.identity)
+    if plan.ros == "1":  # all its variables are ROS' own
+        return attrs.evolve(wire_pod(plan, node.identity), env={})
+    return wire_pod(attrs.evolve(plan, ros="none"), node.identity)
 
 
 def pod_spec(

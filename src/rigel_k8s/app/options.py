@@ -96,6 +96,10 @@ class NodeOptions:
 
     name: RosName | None = option("its ROS name where it differs from the key")
     namespace: RosName | None = option("the ROS namespace it lives in")
+    ros: Literal["none"] | None = option(
+        "none: a program without ROS beside ROS nodes; it gets no name, argument or variable of"
+        " ROS, no probe unless one is asked for, and is not looked for in the graph"
+    )
     image: ImageRef | None = option("the image (default: the job's `image`)")
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] | None = option("when to pull it")
     labels: Mapping[LabelKey, LabelValue] = option("labels of the Deployment and its pods", {})

@@ -12,9 +12,6 @@ from rigel_k8s.exporter.config import Config, ConfigFailed, read
 from rigel_k8s.exporter.graph import Half
 from rigel_k8s.exporter.serving import Server
 
-#: Seconds in which a participant that has just joined hears of the others; before, all seem gone.
-JOINING = 4.0
-
 
 def main(arguments: list[str]) -> int:
     """Serve until SIGTERM or SIGINT; return the exit code, 2 for a wrong configuration."""
@@ -35,12 +32,14 @@ def main(arguments: list[str]) -> int:
 
 
 def _serve(half: Half, config: Config, ended: threading.Event) -> int:
-    collection = Collection(half, config, after=JOINING if config.ros != "1" else 0.0)
+    collection = Collection(half, config, after=config.joining if config.ros != "1" else 0.0)
     try:
         server = Server(config.port, collection.metrics, collection.well)
     except OSError as error:
         return _fail(f"port {config.port}: {error.strerror}", 1)
     with server:
+        sys.stdout.write(f"ros-exporter: serving metrics at port {server.server_address[1]}\n")
+        sys.stdout.flush()
         collection.start()
         threading.Thread(target=server.serve_forever, name="http", daemon=True).start()
         ended.wait()

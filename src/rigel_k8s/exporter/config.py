@@ -11,6 +11,7 @@ __all__ = ["Config", "ConfigFailed", "read"]
 
 INTERVAL = 10.0
 PORT = 9419
+JOINING = 4.0
 
 
 class ConfigFailed(Exception):
@@ -37,7 +38,9 @@ class Config(NamedTuple):
         clock: hear /clock.
         tf: hear /tf.
         interval: seconds between two looks at the graph.
-        port: where metrics are served.
+        port: where metrics are served; 0 for any free one, which is printed.
+        joining: seconds in which a participant of DDS that has just joined hears of the others;
+            before, all seem gone.
     """
 
     ros: str = "1"
@@ -57,6 +60,7 @@ class Config(NamedTuple):
     tf: bool = False
     interval: float = INTERVAL
     port: int = PORT
+    joining: float = JOINING
 
 
 _CHOICES = {"ros": ("1", "2", "none"), "mode": ("multicast", "peers", "discovery-server")}

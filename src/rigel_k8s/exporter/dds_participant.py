@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from struct import pack
 from typing import Protocol
 
 from rigel_k8s.exporter import dds_discovery as discovery
@@ -22,7 +21,7 @@ from rigel_k8s.exporter.dds_discovery import Endpoint, Place, Told
 from rigel_k8s.exporter.dds_peer import SERVER, Peer
 from rigel_k8s.exporter.dds_reliable import Change, Incoming, Outgoing
 from rigel_k8s.exporter.dds_samples import Hearing, Source
-from rigel_k8s.inpod import rtps
+from rigel_k8s.inpod import rtps, spdp
 
 __all__ = ["LEASE", "NAME", "Participant"]
 
@@ -63,11 +62,7 @@ class Participant:
 
     def announcement(self) -> bytes:
         """Return the message that announces us."""
-        inline = self._inline(rtps.SPDP_WRITER, 1) if self._is_client else b""
-        payload = discovery.participant_payload(self.own)
-        ends = rtps.SPDP_READER, rtps.SPDP_WRITER
-        content = wire.data(*ends, 1, inline, payload, is_key=False)
-        return wire.message(self.own.prefix, self.own.vendor, b"", [content])
+        return bytes(spdp.announcement(self.own))
 
     @property
     def _is_client(self) -> bool:
@@ -76,13 +71,12 @@ class Participant:
 
     def _inline(self, writer: bytes, number: int, *pairs: tuple[int, bytes]) -> bytes:
         """Return a sample's inline QoS; a server passes on only what tells its own identity."""
-        sample = self.own.prefix + writer + pack("<iI", 0, number)
-        related = [(pid, sample) for pid in (rtps.PID_RELATED, rtps.PID_RELATED_FAST_DDS)]
-        return bytes(rtps.parameters([*pairs, *(related if self._is_client else [])]))
+        related = rtps.identity(self.own.prefix, writer, number) if self._is_client else []
+        return bytes(rtps.parameters([*pairs, *related]))
 
     def farewell(self) -> bytes:
         """Return the message that takes us back."""
-        return bytes(rtps.farewell(self.own.prefix, self.own.vendor))
+        return bytes(spdp.farewell(self.own.prefix, self.own.vendor))
 
     def tick(self, now: float) -> None:
         """Forget who is gone, ask who is silent; about once a second."""

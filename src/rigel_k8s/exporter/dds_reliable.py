@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rigel_k8s.exporter import dds_wire as wire
+from rigel_k8s.inpod import rtps
 
 __all__ = ["Assembly", "Change", "Incoming", "Outgoing"]
 
@@ -160,7 +161,7 @@ class Outgoing:
     def add(self, inline: bytes, payload: bytes, *, is_key: bool = False) -> int:
         """Keep a sample; return its number."""
         self.last += 1
-        self._kept[self.last] = wire.data(
+        self._kept[self.last] = rtps.data(
             self.reader, self.writer, self.last, inline, payload, is_key=is_key
         )
         return self.last

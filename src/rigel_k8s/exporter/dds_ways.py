@@ -6,20 +6,17 @@ of peers, discovery servers. It must not know what the packets say.
 
 from __future__ import annotations
 
-import fcntl
 import selectors
 import socket
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from struct import pack
 
 from rigel_k8s.exporter.dds_discovery import Place
 from rigel_k8s.inpod import rtps
+from rigel_k8s.inpod.interfaces import IP_MULTICAST_ALL, address_of, membership
 
 __all__ = ["Resolver", "Sockets", "addresses"]
 
-_SIOCGIFADDR = 0x8915
-_MULTICAST_ALL = 49  # IP_MULTICAST_ALL, which Python does not name
 _ROOM = 4 << 20  # bytes of a socket's buffer that are asked for; the kernel gives what it may
 _AT_ONCE = 64  # packets that are read from a socket before the others have their turn
 _ANEW = 10.0  # seconds after which names are resolved anew
@@ -31,20 +28,11 @@ def addresses(interface: str | None) -> dict[str, str]:
     Where there is nothing but the loopback, that is it.
     """
     every = [interface] if interface else [name for _, name in socket.if_nameindex()]
-    found = {name: _address(name) for name in every}
+    found = {name: address_of(name) for name in every}
     usable = {name: address for name, address in found.items() if address}
     if len(usable) > 1:
         usable.pop("lo", None)
     return usable
-
-
-def _address(name: str) -> str:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
-        try:
-            answer = fcntl.ioctl(asking, _SIOCGIFADDR, pack("256s", name.encode()[:15]))
-        except OSError:
-            return ""
-    return socket.inet_ntoa(answer[20:24])
 
 
 class Sockets:
@@ -72,15 +60,16 @@ class Sockets:
             raise
 
     def _open(self, domain: int, name: str, address: str, *, is_multicast: bool) -> None:
+        joined = membership(rtps.GROUP, name)
         mouth = self._add(_bound(address, 0))
-        mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _membership(name))
+        mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, joined)
         self._mouths[address] = mouth
         self.meta.append(mouth.getsockname())
         self.data.append(self._add(_bound(address, 0)).getsockname())
         if is_multicast:
             ear = self._add(_bound(rtps.GROUP, rtps.announcement_port(domain)))
-            ear.setsockopt(socket.IPPROTO_IP, _MULTICAST_ALL, 0)
-            ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(name))
+            ear.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+            ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
 
     def _add(self, found: socket.socket) -> socket.socket:
         found.setblocking(False)
@@ -123,11 +112,6 @@ def _bound(address: str, port: int) -> socket.socket:
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     found.bind((address, port))
     return found
-
-
-def _membership(name: str) -> bytes:
-    """Return a struct ip_mreqn of the group on an interface."""
-    return socket.inet_aton(rtps.GROUP) + pack("=4si", b"", socket.if_nametoindex(name))
 
 
 class Resolver:

@@ -1,6 +1,6 @@
 """What reliable endpoints say to each other in RTPS, read without copying, and written.
 
-Why: inpod/rtps.py announces a participant and reads such announcements; who also wants to know the
+Why: inpod/rtps.py has the headers and DATA, all that announcements need; who also wants to know the
 endpoints, and to count samples, needs DATA_FRAG, HEARTBEAT, ACKNACK and GAP (DDSI-RTPS 2.5: 9.4.5).
 It must not know sockets, time, or what the data mean.
 """
@@ -21,7 +21,6 @@ __all__ = [
     "Heartbeat",
     "Item",
     "acknack",
-    "data",
     "gap",
     "heartbeat",
     "message",
@@ -29,8 +28,7 @@ __all__ = [
 ]
 
 ACKNACK, HEARTBEAT, GAP, INFO_SOURCE, DATA_FRAG = 0x06, 0x07, 0x08, 0x0C, 0x16
-LITTLE, FINAL = 0x01, 0x02
-INLINE, WITH_DATA, WITH_KEY, FRAGMENT_KEY = 0x02, 0x04, 0x08, 0x04
+FINAL = 0x02
 ANYBODY = b"\0" * 12
 WIDEST = 256  # the most numbers that one ACKNACK or GAP names
 
@@ -103,26 +101,20 @@ def read(message: memoryview, own: bytes) -> Iterator[tuple[bytes, Item]]:
             elif kind == INFO_SOURCE:
                 source = bytes(body[8:20])
             elif is_for_us and kind in _READERS:
-                yield source, _READERS[kind](body, flags, "<" if flags & LITTLE else ">")
+                yield source, _READERS[kind](body, flags, "<" if flags & rtps.LITTLE else ">")
         except (error, IndexError) as cause:
             raise rtps.Malformed("a submessage ends before it should") from cause
 
 
-def _data(body: memoryview, flags: int, order: str) -> Data:
-    number, at, status, key = _number(body, 12, order), 4 + _offset(body, order), 0, b""
-    if flags & INLINE:
-        at, status, key = _inline(body, at, order)
-    payload = body[at:] if flags & (WITH_DATA | WITH_KEY) else body[:0]
-    if flags & WITH_KEY and not status:
-        status = 3  # nothing but a key: who forgot to say why
-    return Data(bytes(body[8:12]), number, payload, status, key)
+def _data(body: memoryview, flags: int, _: str) -> Data:
+    return Data(*rtps.read_data(body, flags))
 
 
 def _fragment(body: memoryview, flags: int, order: str) -> Fragment:
     first, _, size, total = unpack_from(order + "IHHI", body, 20)
     at = 4 + _offset(body, order)
-    if flags & INLINE:
-        at = _inline(body, at, order)[0]
+    if flags & rtps.INLINE:
+        at = rtps.inline_qos(body, at, order)[0]
     if not first or not size:
         raise rtps.Malformed("a fragment without a number or a size")
     return Fragment(bytes(body[8:12]), _number(body, 12, order), first, size, total, body[at:])
@@ -156,18 +148,6 @@ def _offset(body: memoryview, order: str) -> int:
     return int(unpack_from(order + "H", body, 2)[0])
 
 
-def _inline(body: memoryview, at: int, order: str) -> tuple[int, int, bytes]:
-    """Return (where the inline QoS ends, its status, its key hash)."""
-    status, key = 0, b""
-    pairs, at = rtps.parameter_list(body, at, order)
-    for pid, value in pairs:
-        if pid == rtps.PID_STATUS:
-            status = value[3] & 3
-        elif pid == rtps.PID_KEY_HASH:
-            key = bytes(value[:16])
-    return at, status, key
-
-
 def _number(body: memoryview, at: int, order: str) -> int:
     high, low = unpack_from(order + "iI", body, at)
     return int((high << 32) + low)
@@ -185,17 +165,8 @@ def _numbers(body: memoryview, at: int, order: str) -> tuple[int, tuple[int, ...
 
 def message(prefix: bytes, vendor: bytes, to: bytes, submessages: Iterable[bytes]) -> bytes:
     """Return a message to the participant `to`, to anybody where that is empty."""
-    aim = pack("<BBH", rtps.INFO_DST, LITTLE, 12) + to if to else b""
+    aim = pack("<BBH", rtps.INFO_DST, rtps.LITTLE, 12) + to if to else b""
     return bytes(rtps.header(prefix, vendor)) + aim + b"".join(submessages)
-
-
-def data(
-    reader: bytes, writer: bytes, number: int, inline: bytes, payload: bytes, *, is_key: bool
-) -> bytes:
-    """Return a DATA submessage; `inline` is a parameter list or empty."""
-    flags = LITTLE | (WITH_KEY if is_key else WITH_DATA) | (INLINE if inline else 0)
-    body = pack("<HH", 0, 16) + reader + writer + _packed(number) + inline + payload
-    return pack("<BBH", rtps.DATA, flags, len(body)) + body
 
 
 def heartbeat(
@@ -203,7 +174,7 @@ def heartbeat(
 ) -> bytes:
     """Return a HEARTBEAT, which a reader must answer unless it is final."""
     body = reader + writer + _packed(first) + _packed(last) + pack("<I", count)
-    return pack("<BBH", HEARTBEAT, LITTLE | (FINAL if final else 0), len(body)) + body
+    return pack("<BBH", HEARTBEAT, rtps.LITTLE | (FINAL if final else 0), len(body)) + body
 
 
 def acknack(
@@ -211,17 +182,17 @@ def acknack(
 ) -> bytes:
     """Return an ACKNACK: all before `base` is there, `missing` (from `base` on) is wanted."""
     body = reader + writer + _packed(base) + _bits(base, missing) + pack("<I", count)
-    return pack("<BBH", ACKNACK, LITTLE | (FINAL if final else 0), len(body)) + body
+    return pack("<BBH", ACKNACK, rtps.LITTLE | (FINAL if final else 0), len(body)) + body
 
 
 def gap(reader: bytes, writer: bytes, start: int, end: int) -> bytes:
     """Return a GAP: there is nothing from `start` to before `end`."""
     body = reader + writer + _packed(start) + _packed(end) + pack("<I", 0)
-    return pack("<BBH", GAP, LITTLE, len(body)) + body
+    return pack("<BBH", GAP, rtps.LITTLE, len(body)) + body
 
 
 def _packed(number: int) -> bytes:
-    return pack("<iI", number >> 32, number & 0xFFFFFFFF)
+    return bytes(rtps.sequence_number(number))
 
 
 def _bits(base: int, numbers: Iterable[int]) -> bytes:

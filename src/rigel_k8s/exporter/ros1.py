@@ -58,7 +58,8 @@ class Ros1:
         self._slave: Slave | None = None
         self._host = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or ""
         self._loop = asyncio.new_event_loop()
-        threading.Thread(target=self._loop.run_forever, name="ros1", daemon=True).start()
+        self._thread = threading.Thread(target=self._loop.run_forever, name="ros1", daemon=True)
+        self._thread.start()
 
     # -- the graph --
 
@@ -238,15 +239,19 @@ class Ros1:
         return ros1_messages.transforms(payload)
 
     def close(self) -> None:
-        """Leave the graph with all subscribers."""
+        """Leave the graph with all subscribers; nothing runs on afterwards."""
         hearings = list(self._hearings.values())
         self._hearings.clear()
         for hearing in hearings:
             hearing.publishers(())
-        self._run(self._unregister([hearing.topic for hearing in hearings]))
-        if self._slave:
-            self._slave.close()
-        self._loop.call_soon_threadsafe(self._loop.stop)
+        try:
+            self._run(self._unregister([hearing.topic for hearing in hearings]))
+        finally:
+            if self._slave:
+                self._slave.close()
+            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._thread.join(_LOOK)
+            self._loop.close()
 
     def _run(self, coroutine: Coroutine[Any, Any, T]) -> T:
         future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)

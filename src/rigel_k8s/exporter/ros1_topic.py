@@ -5,14 +5,15 @@ It counts what comes; who the publishers are, it is told.
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
-import xmlrpc.client
 from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Any
 
 from rigel_k8s.exporter.graph import Samples
+from rigel_k8s.exporter.ros1_calls import CallFailed, Conversation
 from rigel_k8s.exporter.ros1_stream import Stream, StreamFailed
 
 __all__ = ["Hearing"]
@@ -144,18 +145,16 @@ def _address(uri: str, topic: str, caller: str) -> tuple[str, int]:
         StreamFailed: it does not say.
     """
     try:
-        with xmlrpc.client.ServerProxy(uri, transport=_Transport()) as publisher:
-            answer: Any = publisher.requestTopic(caller, topic, [["TCPROS"]])
-        return str(answer[2][1]), int(answer[2][2])
-    except Exception as error:  # http.client's, expat's and xmlrpc's own share no base
+        _, host, port = asyncio.run(_asked(uri, topic, caller))
+        return str(host), int(port)
+    except (CallFailed, ValueError, TypeError) as error:
         raise StreamFailed(str(error)) from error
 
 
-class _Transport(xmlrpc.client.Transport):
-    """One call with a deadline."""
-
-    def make_connection(self, host: Any) -> Any:
-        """Return the connection, which waits no longer than _ANSWER."""
-        connection = super().make_connection(host)
-        connection.timeout = _ANSWER
-        return connection
+async def _asked(uri: str, topic: str, caller: str) -> Any:
+    """Return a publisher's answer: the protocol, and where."""
+    talk = Conversation(uri, caller, _ANSWER)
+    try:
+        return await talk.call("requestTopic", topic, [["TCPROS"]])
+    finally:
+        talk.close()

@@ -11,7 +11,7 @@ import attrs
 from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.network.modes import MODES
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
-from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION
 
 __all__ = ["Member", "members"]
 
@@ -87,6 +87,8 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
     note = parsed(annotations.get(NETWORK_ANNOTATION), {})
     container = mounting(spec)
     if "mode" not in note or note.get("ros") == "1" or container is None:
+        return None
+    if annotations.get(ROS_ANNOTATION) == "none":  # beside ROS nodes: nobody expects it
         return None
     env = {e["name"]: str(e.get("value") or "") for e in container.get("env") or []}
     interface = note.get("interface")

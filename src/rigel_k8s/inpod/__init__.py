@@ -22,12 +22,14 @@ _NAMES = (
     "dds_ready.py",
     "dds_standin.py",
     "exec.sh",
+    "interfaces.py",
     "memory.py",
     "rc.sh",
     "ready.py",
     "ready.sh",
     "rosrpc.py",
     "rtps.py",
+    "spdp.py",
     "stop.sh",
 )
 

@@ -3,13 +3,20 @@
 Why: under host networking several pods share one address, so an address alone does not tell whose
 node it is; the listening process does. Processes of other containers (hostPID, a shared process
 namespace) are left out by their cgroup.
+
+What `kubectl exec` starts runs in the container without being part of it: a tool that someone calls
+for a moment is not one of the pod's nodes, neither while it runs nor after it was killed.
 """
 
 import os
 
+PROC = "/proc"
+GONE = (0, 0)
+EXEC_MARK = b"RIGEL_K8S_EXEC=1"  # rc.sh sets it, so that a tool left in the background is known too
+
 
 class Listeners(object):
-    """The TCP ports on which this container's processes listen.
+    """The TCP ports on which the processes of this container's own command listen.
 
     Attributes:
         pids: port -> process id; None where the owner could not be told.
@@ -17,48 +24,84 @@ class Listeners(object):
 
     def __init__(self):
         """Look now."""
-        inodes = _listening()
-        self.pids = {}
+        inodes, visiting = _listening(), visitors()
+        self.pids, visited = {}, set()
         hidden = False
         for pid in processes():
             try:
-                held = sockets(pid)
+                ports = [inodes[inode] for inode in sockets(pid) if inode in inodes]
             except OSError:
-                hidden = True
+                hidden = hidden or pid not in visiting
                 continue
-            for inode in held:
-                if inode in inodes:
-                    self.pids[inodes[inode]] = pid
+            if pid in visiting:
+                visited.update(ports)
+            else:
+                self.pids.update((port, pid) for port in ports)
         if hidden:  # of another user: any port of this network namespace may be theirs
-            for port in inodes.values():
+            for port in set(inodes.values()) - visited:
                 self.pids.setdefault(port, None)
 
 
 def processes():
     """Return the ids of this container's processes but this one."""
     own, me = _cgroup("self"), os.getpid()
-    found = (int(name) for name in os.listdir("/proc") if name.isdigit())
+    found = (int(name) for name in os.listdir(PROC) if name.isdigit())
     return [pid for pid in sorted(found) if pid != me and _cgroup(pid) == own]
+
+
+def visitors():
+    """Return the ids of those processes that the container's own command did not start.
+
+    An exec'd process has no parent in sight, as the container's command has none, and started
+    later. What it leaves behind when it ends is the child of process 1 and carries EXEC_MARK.
+    Where parents are no help (hostPID shows the runtime as everyone's) only the mark tells.
+    """
+    found = {pid: _parent_and_start(pid) for pid in processes()}
+    found = {pid: known for pid, known in found.items() if known != GONE}
+    roots = {pid: _root(pid, found) for pid in found}
+    first = min(set(roots.values()), key=lambda pid: (found[pid][1], pid)) if roots else None
+    return {
+        pid
+        for pid, root in roots.items()
+        if (root != first and found[root][0] == 0) or _is_marked(pid)
+    }
 
 
 def command(pid):
     """Return a process's arguments as one short line, "" where it is gone."""
-    text = _read("/proc/%s/cmdline" % pid).replace(b"\0", b" ").decode("utf-8", "replace")
+    text = _read(PROC + "/%s/cmdline" % pid).replace(b"\0", b" ").decode("utf-8", "replace")
     return text.strip()[:80]
 
 
 def started():
     """Return a mark of this container's present life: another one after a restart."""
-    return _read("/proc/1/stat").rpartition(b")")[2].split()[19].decode()
+    return str(_parent_and_start(1)[1])
+
+
+def _parent_and_start(pid):
+    """Return (the parent's id, when the process started), or GONE."""
+    fields = _read(PROC + "/%s/stat" % pid).rpartition(b")")[2].split()
+    return (int(fields[1]), int(fields[19])) if fields else GONE
+
+
+def _root(pid, found):
+    """Return the oldest ancestor that is one of `found`, a process itself where it has none."""
+    while found[pid][0] in found:
+        pid = found[pid][0]
+    return pid
+
+
+def _is_marked(pid):
+    return EXEC_MARK in _read(PROC + "/%s/environ" % pid).split(b"\0")
 
 
 def _cgroup(pid):
-    return _read("/proc/%s/cgroup" % pid)
+    return _read(PROC + "/%s/cgroup" % pid)
 
 
 def sockets(pid):
     """Return the inodes of a process's sockets; OSError where they are another user's to see."""
-    folder = "/proc/%s/fd" % pid
+    folder = PROC + "/%s/fd" % pid
     found = []
     for name in os.listdir(folder):
         try:
@@ -73,7 +116,7 @@ def sockets(pid):
 def _listening():
     """Return inode -> port of every listening TCP socket of the network namespace."""
     found = {}
-    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+    for table in (PROC + "/net/tcp", PROC + "/net/tcp6"):
         for line in _read(table).decode("ascii").splitlines()[1:]:
             fields = line.split()
             if fields[3] == "0A":

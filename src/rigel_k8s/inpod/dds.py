@@ -23,6 +23,7 @@ import sys
 import time
 
 import dds_local
+import interfaces
 import rtps
 from dds_standin import StandIn
 
@@ -75,7 +76,7 @@ class Look(object):
         """Nothing is sent yet."""
         self.arguments = arguments
         self.until = time.time() + arguments.seconds
-        self.interfaces = dds_local.interfaces()
+        self.interfaces = interfaces.addresses()
         wanted = [arguments.interface] if arguments.interface else list(self.interfaces)
         usable = {name: self.interfaces.get(name) for name in wanted}
         self.own = dds_local.participants()
@@ -110,7 +111,7 @@ class Look(object):
         """Return the container's own state."""
         return {
             "interfaces": self.interfaces,
-            "down": [name for name in self.interfaces if not dds_local.is_up(name)],
+            "down": [name for name in self.interfaces if not interfaces.is_up(name)],
             "participants": [of_process(process) for process in self.own],
             "routers": self._routers(),
         }

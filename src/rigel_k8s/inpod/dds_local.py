@@ -1,12 +1,11 @@
-"""What a container has for DDS: interfaces, its processes' sockets, from /proc and ioctl. Python 3.
+"""What a container has for DDS: its processes' sockets, from /proc. Python 3.
 
-Why: "no participant", "the wrong domain" and "net1 is missing" are found here without a packet, and
-the listening process tells whose participant it is where several pods share an address.
+Why: "no participant" and "the wrong domain" are found here without a packet, and the
+listening process tells whose participant it is where several pods share an address.
 Contract: reads only; knows the ports of RTPS (rtps.py) and nothing else of it.
 """
 
-import fcntl
-from struct import pack, unpack_from
+from struct import pack
 
 import container
 import rtps
@@ -16,8 +15,6 @@ try:
 except ImportError:  # not CPython
     import socket
 
-SIOCGIFFLAGS, SIOCGIFADDR = 0x8913, 0x8915
-UP_AND_RUNNING = 0x41
 STOPPED = "Tt"  # a process' state: by a signal, by a debugger
 
 
@@ -45,24 +42,6 @@ class Socket(object):
 
     def __init__(self, address, port, waiting, inode):
         self.address, self.port, self.waiting, self.inode = address, port, waiting, inode
-
-
-def interfaces():
-    """Return name -> IPv4 address of every interface but the loopback; None without an address."""
-    names = [name for _, name in socket.if_nameindex()]
-    return {name: address_of(name) for name in names if name != "lo"}
-
-
-def address_of(name):
-    """Return an interface's IPv4 address, None where it has none or is not there."""
-    answer = _asked(SIOCGIFADDR, name)
-    return socket.inet_ntoa(answer[20:24]) if answer else None
-
-
-def is_up(name):
-    """Whether an interface is up and has a link."""
-    answer = _asked(SIOCGIFFLAGS, name)
-    return bool(answer) and unpack_from("H", answer, 16)[0] & UP_AND_RUNNING == UP_AND_RUNNING
 
 
 def participants(also=()):
@@ -108,17 +87,6 @@ def state(pid):
             return file.read().rpartition(")")[2].split()[0]
     except (OSError, IndexError):
         return ""
-
-
-def _asked(request, name):
-    """Return the answer of an interface's ioctl, None where it has none."""
-    asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
-        return fcntl.ioctl(asking.fileno(), request, pack("256s", name.encode()[:15]))
-    except OSError:
-        return None
-    finally:
-        asking.close()
 
 
 def _domains(ports):

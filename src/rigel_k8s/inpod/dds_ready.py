@@ -17,7 +17,9 @@ import os
 import sys
 import time
 
+import container
 import dds_local
+import interfaces
 import rtps
 
 try:
@@ -72,19 +74,20 @@ def told(process, port):
 
 def check_interface(name):
     """The second network is there."""
-    if name not in dds_local.interfaces():
+    if name not in interfaces.addresses():
         text = "%s is missing: Multus did not attach the second network when this pod was made; "
         raise NotReady((text + "delete the pod once Multus runs on its machine") % name)
-    if dds_local.address_of(name) is None:
+    if interfaces.address_of(name) is None:
         raise NotReady("%s has no IPv4 address, so DDS cannot use it" % name)
-    if not dds_local.is_up(name):
+    if not interfaces.is_up(name):
         raise NotReady("%s is down" % name)
 
 
 def own(domain, port):
     """Return the container's processes that take part."""
     found = dds_local.participants([port] if port else ())
-    found = [process for process in found if DAEMON not in process.command]
+    visitors = container.visitors()
+    found = [p for p in found if p.pid not in visitors and DAEMON not in p.command]
     if port:
         wanted = [process for process in found if process.domain is None]
         if not wanted:
@@ -133,7 +136,8 @@ def reads(found):
 
 def check_zenoh(port):
     """A process of this container is connected to the router."""
-    found = dds_local.connections(port)
+    visitors = container.visitors()
+    found = [(peer, pid) for peer, pid in dds_local.connections(port) if pid not in visitors]
     if not found:
         text = "no process of this container is connected to a zenoh router yet (TCP port %d)"
         raise NotReady(text % port)

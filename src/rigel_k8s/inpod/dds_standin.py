@@ -9,13 +9,15 @@ and has nothing that others could match. Its beacons are ignored by every DDS.
 import os
 import select
 import socket
-from struct import pack
 
+import interfaces
 import rtps
+import spdp
 
 NAME = "rigel-k8s graph check"  # what a tool that lists participants shows
 LEASE = 5  # seconds; others forget it even where its farewell is lost
-MULTICAST_ALL = 49  # IP_MULTICAST_ALL, which Python does not name
+#: It announces and detects participants, and has nothing else to match.
+ENDPOINTS = 0x01 | 0x02
 
 
 class StandIn(object):
@@ -75,12 +77,12 @@ class StandIn(object):
 
     def close(self):
         """Take the announcement back from everybody who may know it."""
-        message = rtps.farewell(self.prefix)
+        message = spdp.farewell(self.prefix)
         for name, mouth in self._mouths.items():
             for target in [self._group(), *self._asked]:
                 self._send(name, message, target)
             for prefix, target in self._as_client.values():
-                self._send(name, rtps.farewell(prefix, rtps.FAST_DDS), target)
+                self._send(name, spdp.farewell(prefix, rtps.FAST_DDS), target)
             mouth.close()
         for ear in self._ears:
             ear.close()
@@ -92,10 +94,10 @@ class StandIn(object):
             heard[ear] = heard.get(ear, 0) + 1
         if self._as_client:
             self._take_answer(rtps.addressee(message))
-        for found in rtps.announced(message):
-            if found["prefix"] == self.prefix.hex() or found["name"] == NAME or found["leaving"]:
+        for found, leaves in spdp.announced(message):
+            if found.prefix == self.prefix or found.name == NAME or leaves:
                 continue
-            known = self.participants.setdefault(found["prefix"], dict(found, sources=[]))
+            known = self.participants.setdefault(found.prefix.hex(), as_json(found))
             if source not in known["sources"]:
                 known["sources"].append(source)
 
@@ -107,8 +109,9 @@ class StandIn(object):
     def _announcement(self, name, prefix, vendor):
         mouth = self._mouths[name]
         port = mouth.getsockname()[1]
-        address = self.addresses[name]
-        return rtps.announcement(prefix, self.domain, NAME, address, port, LEASE, vendor)
+        places = ((self.addresses[name], port),)
+        own = spdp.Told(prefix, vendor, self.domain, NAME, meta=places, data=places)
+        return spdp.announcement(own._replace(lease=LEASE, endpoints=ENDPOINTS))
 
     def _group(self):
         return rtps.GROUP, rtps.announcement_port(self.domain)
@@ -121,13 +124,28 @@ class StandIn(object):
             pass  # no way there: then nobody will answer, which is what is told
 
 
+def as_json(told):
+    """Return a participant as JSON has it, its `sources` yet unknown."""
+    return {
+        "prefix": told.prefix.hex(),
+        "vendor": rtps.vendor_name(told.vendor),
+        "domain": told.domain,
+        "name": told.name,
+        "user_data": told.user_data,
+        "locators": list(told.meta),
+        "lease": told.lease,
+        "sources": [],
+    }
+
+
 def _ear(name, domain):
     """Return a socket that hears the group on one interface, and nothing that is sent to others."""
     ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     ear.bind((rtps.GROUP, rtps.announcement_port(domain)))
-    ear.setsockopt(socket.IPPROTO_IP, MULTICAST_ALL, 0)
-    ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(name))
+    ear.setsockopt(socket.IPPROTO_IP, interfaces.IP_MULTICAST_ALL, 0)
+    joined = interfaces.membership(rtps.GROUP, name)
+    ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
     return ear
 
 
@@ -135,10 +153,6 @@ def _mouth(name, address):
     """Return a socket that sends through one interface and takes the answers."""
     mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     mouth.bind((address, 0))
-    mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _membership(name))
+    joined = interfaces.membership(rtps.GROUP, name)
+    mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, joined)
     return mouth
-
-
-def _membership(name):
-    """Return a struct ip_mreqn of the group on an interface."""
-    return socket.inet_aton(rtps.GROUP) + pack("=4si", b"", socket.if_nametoindex(name))

@@ -9,6 +9,8 @@
 # comes on top of its base, and process 1 may be a shell that had not sourced it when it started.
 # Where no process shows one, it sources the distribution's own setup. Where there is a discovery
 # server, tools here become super clients: others are told only of what concerns their own topics.
+# RIGEL_K8S_EXEC marks what is started from here: the readiness probe (container.py) must not take a
+# tool for one of the pod's nodes.
 # Needs sh and tr; sets nothing but exported variables.
 
 unset PROMPT_COMMAND
@@ -70,6 +72,7 @@ if _rigel_find; then
 elif [ -r "/opt/ros/${ROS_DISTRO:-}/setup.sh" ]; then
   . "/opt/ros/$ROS_DISTRO/setup.sh"
 fi
+if [ $$ != 1 ]; then export RIGEL_K8S_EXEC=1; fi
 if [ -n "${ROS_DISCOVERY_SERVER:-}" ]; then export ROS_SUPER_CLIENT=TRUE; fi
 unset -f _rigel_read _rigel_get _rigel_find _rigel_take
 unset _rigel_best _rigel_environ _rigel_length _rigel_line _rigel_one _rigel_value

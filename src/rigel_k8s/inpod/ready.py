@@ -104,6 +104,8 @@ class Look(object):
         """Return the node as it is now, None where it has ended in order."""
         uri, alive = self._ask("lookupNode", node.name), self._here(node.uri)
         if uri == node.uri and not alive:
+            if not self._is_listed(node.name):  # it has unregistered, as `rosnode kill` lets it
+                return None
             raise NotReady("%s has crashed: it is registered, but its process is gone" % node)
         if uri and self._here(uri):  # the same, or started again by a shell or by roslaunch
             return self._node(node.name, uri)
@@ -113,6 +115,15 @@ class Look(object):
         if alive:
             raise NotReady(self._orphan(node, "does not know it"))
         return None
+
+    def _is_listed(self, name):
+        """Return whether a node has any topic or service at the master.
+
+        `lookupNode` goes on to return the name of a node that has taken leave but had subscribed to
+        a parameter.
+        """
+        state = self._ask("getSystemState") or [[], [], []]
+        return any(name in names for part in state for _, names in part)
 
     def _complete(self, nodes):
         """The master has restarted, yet knows the nodes: make sure that it knows all of them."""

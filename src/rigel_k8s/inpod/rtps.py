@@ -1,12 +1,12 @@
-"""RTPS, the protocol below every DDS: just enough to announce a participant and read others.
+"""RTPS, the protocol below every DDS: headers, samples and parameter lists, read and written.
 
 Why: whether ROS 2 nodes discover each other shows only on the wire, and images hold no tool for it.
 Contract: bytes in, bytes out; no socket, no clock. Written after OMG's DDSI-RTPS 2.5: 8.3 messages,
-9.4 their encoding, 8.5.3 and 9.6.3 participant announcements (SPDP), 9.6.1 ports and addresses.
+9.4 their encoding, 9.6.1 ports and addresses. What samples say is spdp.py's and the exporter's.
 Python 3.6 and newer, nothing but the standard library.
 """
 
-from struct import error, pack, unpack_from
+from struct import pack, unpack_from
 
 GROUP = "239.255.0.1"  # where participants announce themselves
 SPDP_READER, SPDP_WRITER = b"\x00\x01\x00\xc7", b"\x00\x01\x00\xc2"
@@ -35,16 +35,10 @@ INFO_TS, INFO_DST, DATA, BEACON = (
 )  # from 0x80 on a submessage is a vendor's own
 LITTLE, INLINE, WITH_DATA, WITH_KEY = 0x01, 0x02, 0x04, 0x08
 
-PID_LEASE, PID_DOMAIN, PID_VERSION, PID_VENDOR = 0x0002, 0x000F, 0x0015, 0x0016
-PID_USER_DATA, PID_DEFAULT_UNICAST, PID_META_UNICAST = 0x002C, 0x0031, 0x0032
-PID_META_MULTICAST, PID_GUID, PID_ENDPOINTS, PID_NAME = 0x0033, 0x0050, 0x0058, 0x0062
 PID_KEY_HASH, PID_STATUS, PID_SENTINEL = 0x0070, 0x0071, 0x0001
 PID_RELATED, PID_RELATED_FAST_DDS = 0x0083, 0x800F  # the identity of a sample
 
 GONE = b"\x00\x00\x00\x03"  # disposed and unregistered; always big end first
-
-#: We announce and detect participants, and have nothing else to match.
-ENDPOINTS = 0x01 | 0x02
 
 
 class Malformed(Exception):
@@ -67,44 +61,6 @@ def domain_of(port):
     return domain if 0 <= domain <= 232 else None
 
 
-def announcement(prefix, domain, name, address, port, lease, vendor=UNKNOWN):
-    """Return the announcement of a participant.
-
-    Args:
-        prefix: the 12 bytes that tell it from all others.
-        address, port: where it takes answers.
-        lease: seconds after which others may forget it.
-        vendor: FAST_DDS for one that a discovery server is to answer.
-    """
-    place = locator(address, port)
-    text = name.encode() + b"\0"
-    told = [
-        (PID_VERSION, VERSION),
-        (PID_VENDOR, vendor),
-        (PID_GUID, prefix + PARTICIPANT),
-        (PID_DOMAIN, pack("<I", domain)),
-        (PID_META_UNICAST, place),
-        (PID_DEFAULT_UNICAST, place),
-        (PID_LEASE, pack("<iI", lease, 0)),
-        (PID_ENDPOINTS, pack("<I", ENDPOINTS)),
-        (PID_NAME, pack("<I", len(text)) + text),
-    ]
-    flags, content = LITTLE | WITH_DATA, serialized(told)
-    if vendor == FAST_DDS:
-        sample = prefix + SPDP_WRITER + pack("<iI", 0, 1)
-        inline = parameters([(PID_RELATED, sample), (PID_RELATED_FAST_DDS, sample)])
-        flags, content = flags | INLINE, inline + content
-    return header(prefix, vendor) + _data(flags, content, 1)
-
-
-def farewell(prefix, vendor=UNKNOWN):
-    """Return the message that takes a participant's announcement back."""
-    key = [(PID_GUID, prefix + PARTICIPANT)]
-    inline = parameters([(PID_KEY_HASH, prefix + PARTICIPANT), (PID_STATUS, GONE)])
-    data = _data(LITTLE | INLINE | WITH_KEY, inline + serialized(key), 2)
-    return header(prefix, vendor) + data
-
-
 def beacon(prefix, text):
     """Return a message that every participant must ignore (8.3.4.1), and that carries a text."""
     body = padded(text.encode())
@@ -124,24 +80,9 @@ def addressee(message):
     return next((body for kind, _, body in submessages(message) if kind == INFO_DST), None)
 
 
-def announced(message):
-    """Return what each announcement in a message tells about a participant.
-
-    prefix: hex, vendor: its name, domain: None where it is not told, name, user_data: texts,
-    locators: the (address, port) pairs at which it takes announcements, lease: seconds,
-    leaving: whether it is a farewell.
-
-    Raises:
-        Malformed: it is no RTPS message.
-    """
-    try:
-        return [
-            _participant(message, flags, body)
-            for kind, flags, body in submessages(message)
-            if kind == DATA and body[8:12] == SPDP_WRITER
-        ]
-    except (error, IndexError):
-        raise Malformed("an announcement ends before it should")
+def vendor_name(raw):
+    """Return the name of who made an implementation, from the two bytes of a header."""
+    return VENDORS.get(raw[0] << 8 | raw[1], "vendor " + raw.hex())
 
 
 def submessages(message):
@@ -165,55 +106,6 @@ def submessages(message):
         at = end
 
 
-def _participant(message, flags, body):
-    order = "<" if flags & LITTLE else ">"
-    found = {
-        "prefix": message[8:20].hex(),
-        "vendor": _vendor(message[6:8]),
-        "domain": None,
-        "name": "",
-        "user_data": "",
-        "locators": [],
-        "lease": None,
-        "leaving": bool(flags & WITH_KEY),
-    }
-    at = 4 + unpack_from(order + "H", body, 2)[0]
-    if flags & INLINE:
-        inline, at = parameter_list(body, at, order)
-        found["leaving"] = any(v[3] & 3 for pid, v in inline if pid == PID_STATUS)
-    if flags & (WITH_DATA | WITH_KEY):
-        order = "<" if body[at + 1] & 1 else ">"
-        for pid, value in parameter_list(body, at + 4, order)[0]:
-            _take(found, pid, value, order)
-    return found
-
-
-def _vendor(raw):
-    return VENDORS.get(raw[0] << 8 | raw[1], "vendor " + raw.hex())
-
-
-def _take(found, pid, value, order):
-    if pid == PID_GUID:
-        found["prefix"] = value[:12].hex()
-    elif pid == PID_DOMAIN:
-        (found["domain"],) = unpack_from(order + "I", value)
-    elif pid == PID_NAME:
-        found["name"] = _text(value, order)
-    elif pid == PID_USER_DATA:
-        found["user_data"] = _text(value, order)
-    elif pid == PID_LEASE:
-        (found["lease"],) = unpack_from(order + "i", value)
-    elif pid == PID_META_UNICAST:
-        kind, port = unpack_from(order + "iI", value)
-        if kind == UDP4:
-            found["locators"].append((".".join(str(n) for n in value[20:24]), port))
-
-
-def _text(value, order):
-    (size,) = unpack_from(order + "I", value)
-    return value[4 : 4 + size].rstrip(b"\0").decode("utf-8", "replace")
-
-
 def parameter_list(body, at, order):
     """Return (pairs of id and value, where it ends)."""
     pairs = []
@@ -233,10 +125,51 @@ def header(prefix, vendor):
     return b"RTPS" + VERSION + vendor + prefix
 
 
-def _data(flags, content, number):
-    """Return a DATA submessage from the announcer; `number` is its sequence number."""
-    body = pack("<HH", 0, 16) + SPDP_READER + SPDP_WRITER + pack("<iI", 0, number) + content
+def data(reader, writer, number, inline, payload, *, is_key=False):
+    """Return a DATA submessage; `inline` is a parameter list or empty."""
+    flags = LITTLE | (WITH_KEY if is_key else WITH_DATA) | (INLINE if inline else 0)
+    body = pack("<HH", 0, 16) + reader + writer + sequence_number(number) + inline + payload
     return pack("<BBH", DATA, flags, len(body)) + body
+
+
+def read_data(body, flags):
+    """Return (writer, sequence number, payload, status, key hash) of a DATA submessage.
+
+    payload: begins with its encapsulation, and is empty where there is none; status: 1 disposed,
+    2 unregistered, 3 both; key hash: empty where it is not told.
+    """
+    order = "<" if flags & LITTLE else ">"
+    high, low = unpack_from(order + "iI", body, 12)
+    at, status, key = 4 + unpack_from(order + "H", body, 2)[0], 0, b""
+    if flags & INLINE:
+        at, status, key = inline_qos(body, at, order)
+    if flags & WITH_KEY and not status:
+        status = 3  # nothing but a key: who forgot to say why
+    payload = body[at:] if flags & (WITH_DATA | WITH_KEY) else body[:0]
+    return bytes(body[8:12]), (high << 32) + low, payload, status, key
+
+
+def inline_qos(body, at, order):
+    """Return (where a sample's inline QoS ends, its status, its key hash)."""
+    status, key = 0, b""
+    pairs, at = parameter_list(body, at, order)
+    for pid, value in pairs:
+        if pid == PID_STATUS:
+            status = value[3] & 3
+        elif pid == PID_KEY_HASH:
+            key = bytes(value[:16])
+    return at, status, key
+
+
+def identity(prefix, writer, number):
+    """Return the parameters of a sample's own identity; a server passes on only what has them."""
+    sample = prefix + writer + sequence_number(number)
+    return [(PID_RELATED, sample), (PID_RELATED_FAST_DDS, sample)]
+
+
+def sequence_number(number):
+    """Return a sample's number."""
+    return pack("<iI", number >> 32, number & 0xFFFFFFFF)
 
 
 def serialized(pairs):

@@ -12,6 +12,7 @@ __all__ = [
     "LONGEST",
     "NAME_LABEL",
     "NODE_ANNOTATION",
+    "ROS_ANNOTATION",
     "ROS_NAME_ANNOTATION",
     "Ros",
     "labels",
@@ -29,6 +30,8 @@ NAME_LABEL = "app.kubernetes.io/name"
 ROS_NAME_ANNOTATION = "rigel-k8s/ros-name"
 #: On a Deployment and its pods: the key in `nodes` that they were made from.
 NODE_ANNOTATION = "rigel-k8s/node"
+#: "none" on the pods of a program without ROS beside ROS nodes.
+ROS_ANNOTATION = "rigel-k8s/ros"
 #: What a label's value, and so a Kubernetes name here, may have.
 LONGEST = 63
 

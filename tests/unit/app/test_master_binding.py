@@ -56,3 +56,16 @@ def test_the_master_comes_first() -> None:
         if FIRST_ANNOTATION in item["metadata"].get("annotations", {})
     ]
     assert first == ["ros-master"]
+
+
+def test_the_master_keeps_its_address_while_its_probe_fails() -> None:
+    """A probe that times out on a busy machine must not cut the graph off from its master."""
+    made = draft(
+        OrchestrationOptions(nodes={"talker": NodeOptions(image=ImageRef("app:1"))}),
+        ReleaseId("lab", "app"),
+        Application("noetic"),
+        {"ready.sh": ""},
+    ).finish()
+    [service] = [item for item in made.objects if item["kind"] == "Service"]
+    assert service["metadata"]["name"] == "ros-master"
+    assert service["spec"]["publishNotReadyAddresses"] is True

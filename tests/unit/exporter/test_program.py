@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import json
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -36,6 +35,7 @@ def run(program: Path, *words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-S", "-W", "error", "-m", "rigel_k8s.exporter", *words],
         env={"PYTHONPATH": str(program), "PATH": "/usr/bin:/bin"},
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
@@ -44,21 +44,20 @@ def run(program: Path, *words: str) -> subprocess.Popen[str]:
 @pytest.mark.parametrize("ros", ["1", "2"])
 def test_it_serves_until_it_is_told_to_end(program: Path, tmp_path: Path, ros: str) -> None:
     """Nothing of it is missing; without a master or anybody in the domain it is well."""
-    file, port = tmp_path / "config.json", free_port()
-    told = {"ros": ros, "port": port, "interval": 0.1, "master_uri": "http://127.0.0.1:9"}
-    file.write_text(json.dumps(told | ({"interface": "lo"} if ros == "2" else {})))
+    file = tmp_path / "config.json"
+    told = {"ros": ros, "port": 0, "interval": 0.1, "master_uri": "http://127.0.0.1:9"}
+    more = {"interface": "lo", "joining": 0.01} if ros == "2" else {}
+    file.write_text(json.dumps(told | more))
     with run(program, str(file)) as process:
-        text = scrape(port, process)
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line.startswith("ros-exporter: serving metrics at port ")
+        text = scrape(int(line.split()[-1]), process)
         process.send_signal(signal.SIGTERM)
         assert process.wait(30) == 0
         assert process.stderr is not None
         assert process.stderr.read() == ""
     assert f'ros_exporter_info{{version="{__version__}",ros="{ros}",middleware=""}} 1' in text
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return int(taken.getsockname()[1])
 
 
 def scrape(port: int, process: subprocess.Popen[str]) -> str:

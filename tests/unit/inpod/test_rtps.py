@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import struct
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-
-import rigel_k8s.inpod
 
 PACKETS = Path(__file__).parent / "packets"
 PREFIX = bytes(range(1, 13))
@@ -20,16 +18,22 @@ def packet(name: str) -> bytes:
     return bytes.fromhex("".join((PACKETS / f"{name}.hex").read_text().split()))
 
 
-@pytest.fixture(scope="module")
-def rtps() -> ModuleType:
+@pytest.fixture
+def rtps(script: Callable[[str], ModuleType]) -> ModuleType:
     """The script as a module, as its neighbours in the pod import it."""
-    path = Path(rigel_k8s.inpod.__file__).parent / "rtps.py"
-    spec = importlib.util.spec_from_file_location("rtps", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("rtps")
+
+
+@pytest.fixture
+def spdp(script: Callable[[str], ModuleType]) -> ModuleType:
+    """The neighbour that reads and writes announcements."""
+    return script("spdp")
+
+
+@pytest.fixture
+def told_as_json(script: Callable[[str], ModuleType]) -> Callable[..., object]:
+    """What the look from inside a pod prints of a participant."""
+    return script("dds_standin").as_json  # type: ignore[no-any-return]
 
 
 @pytest.mark.parametrize(
@@ -85,9 +89,16 @@ def rtps() -> ModuleType:
         ),
     ],
 )
-def test_real_announcements(rtps: ModuleType, name: str, told: dict[str, object]):
+def test_real_announcements(
+    spdp: ModuleType,
+    told_as_json: Callable[..., object],
+    name: str,
+    told: dict[str, object],
+):
     """What real participants announce is read: who, whose, which domain, where to answer."""
-    assert rtps.announced(packet(name)) == [{**told, "leaving": False}]
+    [(found, leaves)] = spdp.announced(packet(name))
+    assert told_as_json(found) == {**told, "sources": []}
+    assert not leaves
 
 
 @pytest.mark.parametrize(
@@ -97,14 +108,14 @@ def test_real_announcements(rtps: ModuleType, name: str, told: dict[str, object]
         ("cyclonedds-11-leaving", "0110c315bd653a3ea42f49fc"),
     ],
 )
-def test_real_farewells(rtps: ModuleType, name: str, prefix: str):
+def test_real_farewells(spdp: ModuleType, name: str, prefix: str):
     """A participant that takes its announcement back is leaving, not announced."""
-    (found,) = rtps.announced(packet(name))
-    assert (found["prefix"], found["leaving"]) == (prefix, True)
+    [(found, leaves)] = spdp.announced(packet(name))
+    assert (found.prefix.hex(), leaves) == (prefix, True)
 
 
 @pytest.mark.parametrize("path", sorted(PACKETS.glob("*.hex")), ids=lambda path: path.stem)
-def test_broken_packets(rtps: ModuleType, path: Path):
+def test_broken_packets(rtps: ModuleType, spdp: ModuleType, path: Path):
     """However a packet is cut or spoilt, it is read or it is malformed; nothing else happens."""
     whole = packet(path.stem)
     spoilt = [whole[:end] for end in range(len(whole))]
@@ -112,7 +123,7 @@ def test_broken_packets(rtps: ModuleType, path: Path):
     refused = 0
     for message in spoilt:
         try:
-            rtps.announced(message)
+            spdp.announced(message)
             rtps.beacon_text(message)
             rtps.addressee(message)
         except rtps.Malformed:
@@ -120,45 +131,62 @@ def test_broken_packets(rtps: ModuleType, path: Path):
     assert 0 < refused < len(spoilt)
 
 
-def test_announcement(rtps: ModuleType):
-    """Ours says what it was given, and matches nothing but other announcements."""
-    message = rtps.announcement(PREFIX, 7, "graph", "10.1.2.3", 4567, 5)
-    (found,) = rtps.announced(message)
-    assert found == {
-        "prefix": PREFIX.hex(),
-        "vendor": "vendor 0000",
-        "domain": 7,
-        "name": "graph",
-        "user_data": "",
-        "locators": [("10.1.2.3", 4567)],
-        "lease": 5,
-        "leaving": False,
-    }
-    endpoints = struct.pack("<HHI", 0x0058, 4, 0x03)
-    assert endpoints in message
+def test_announcement(rtps: ModuleType, spdp: ModuleType):
+    """What is announced is read again as it was told."""
+    told = spdp.Told(
+        PREFIX,
+        b"\x01\x10",
+        domain=7,
+        name="graph",
+        properties=(("PARTICIPANT_TYPE", "CLIENT"), ("a", "")),
+        meta=(("10.1.2.3", 4567), ("10.1.2.4", 1)),
+        data=(("10.1.2.3", 4568),),
+        lease=5.0,
+        endpoints=3,
+    )
+    assert spdp.announced(spdp.announcement(told)) == [(told, False)]
 
 
-def test_farewell(rtps: ModuleType):
+def test_farewell(spdp: ModuleType):
     """Ours is one that the same reader understands."""
-    (found,) = rtps.announced(rtps.farewell(PREFIX))
-    assert (found["prefix"], found["leaving"]) == (PREFIX.hex(), True)
+    [(found, leaves)] = spdp.announced(spdp.farewell(PREFIX))
+    assert (found.prefix, leaves) == (PREFIX, True)
 
 
-def test_for_a_discovery_server(rtps: ModuleType):
+def test_a_farewell_without_a_payload(rtps: ModuleType, spdp: ModuleType):
+    """The key hash tells who leaves, where there is nothing else."""
+    inline = rtps.parameters([(rtps.PID_KEY_HASH, PREFIX + b"abcd"), (rtps.PID_STATUS, rtps.GONE)])
+    data = rtps.data(rtps.SPDP_READER, rtps.SPDP_WRITER, 2, inline, b"", is_key=True)
+    [(found, leaves)] = spdp.announced(rtps.header(bytes(12), rtps.UNKNOWN) + data)
+    assert (found.prefix, leaves) == (PREFIX, True)
+
+
+def test_for_a_discovery_server(rtps: ModuleType, spdp: ModuleType):
     """A discovery server is asked as Fast DDS asks: its vendor, the sample's identity inline."""
-    message = rtps.announcement(PREFIX, 0, "graph", "10.1.2.3", 4567, 5, rtps.FAST_DDS)
+    message = spdp.announcement(spdp.Told(PREFIX, rtps.FAST_DDS, meta=(("10.1.2.3", 4567),)))
     assert message[6:8] == rtps.FAST_DDS
     assert struct.pack("<HH", 0x800F, 24) + PREFIX + rtps.SPDP_WRITER in message
-    assert rtps.announced(message)[0]["prefix"] == PREFIX.hex()
+    assert spdp.announced(message)[0][0].prefix == PREFIX
+    plain = spdp.announcement(spdp.Told(PREFIX, rtps.UNKNOWN))
+    assert struct.pack("<HH", 0x800F, 24) not in plain
 
 
-def test_beacon(rtps: ModuleType):
+def test_a_sample_is_read_as_it_was_written(rtps: ModuleType):
+    """Its number goes beyond 32 bits."""
+    number = (5 << 32) + 7
+    message = rtps.header(PREFIX, rtps.UNKNOWN)
+    message += rtps.data(b"read", b"writ", number, b"", b"\0\1\0\0payload ")
+    [(_, flags, body)] = rtps.submessages(message)
+    assert rtps.read_data(body, flags) == (b"writ", number, b"\0\1\0\0payload ", 0, b"")
+
+
+def test_beacon(rtps: ModuleType, spdp: ModuleType):
     """A beacon is a submessage of a vendor's own, which participants must ignore (8.3.4.1)."""
     message = rtps.beacon(PREFIX, "talker-1")
     assert message[:4] == b"RTPS"
     assert message[20] >= 0x80
     assert rtps.beacon_text(message) == "talker-1"
-    assert rtps.announced(message) == []
+    assert spdp.announced(message) == []
     assert rtps.beacon_text(packet("fastdds-2.14")) is None
 
 
@@ -174,5 +202,5 @@ def test_ports(rtps: ModuleType, domain: int, announcements: int, first: int):
 
 
 def test_module_is_not_kept():
-    """The tests above load the script by its path: no module of that name hides another's."""
-    assert "rtps" not in sys.modules
+    """The tests above load scripts by their own names: no such module hides another's."""
+    assert not {"rtps", "spdp"} & set(sys.modules)

@@ -7,7 +7,9 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -41,7 +43,12 @@ def test_shell_syntax(name: str, shell: str):
 
 
 #: For ROS 2 and plain DDS, whose images have Python 3.
-DDS = {"dds.py", "dds_local.py", "dds_ready.py", "dds_standin.py", "rtps.py"}
+DDS = {
+    *("dds.py", "dds_local.py", "dds_ready.py", "dds_standin.py"),
+    *("interfaces.py", "rtps.py", "spdp.py"),
+}
+#: What runs when somebody asks for the graph.
+LOOK = ("dds.py", "dds_standin.py", "spdp.py")
 
 
 @pytest.mark.parametrize("name", sorted(n for n in scripts() if n.endswith(".py") and n not in DDS))
@@ -68,14 +75,14 @@ def test_standard_library_only():
     own = {name.removesuffix(".py") for name in scripts()}
     quick = {"os", "sys", "time", "_socket", "socket", "_thread", "thread", "struct", "fcntl"}
     for name, text in scripts().items():
-        if name.endswith(".py") and name not in ("dds.py", "dds_standin.py"):
+        if name.endswith(".py") and name not in LOOK:
             assert imported(text) <= own | quick, name
 
 
 def test_the_look_needs_the_standard_library_only():
     """What runs when somebody asks for the graph may load slowly, but nothing has to be there."""
     own = {name.removesuffix(".py") for name in scripts()}
-    for name in ("dds.py", "dds_standin.py"):
+    for name in LOOK:
         assert imported(scripts()[name]) <= own | sys.stdlib_module_names, name
 
 
@@ -85,9 +92,20 @@ def imported(text: str) -> set[str]:
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
+        elif isinstance(node, ast.ImportFrom) and not node.level:  # the exporter's way
             found.add(str(node.module))
     return found
+
+
+def test_what_exec_starts_is_marked(script: Callable[[str], ModuleType]):
+    """The readiness probe knows by it a tool that was left in the background."""
+    done = subprocess.run(
+        ["/bin/sh", str(ROOM / "exec.sh"), "env"],
+        capture_output=True,
+        text=True,
+        env={"PATH": "/usr/bin:/bin"},
+    )
+    assert script("container").EXEC_MARK.decode() in done.stdout.splitlines()
 
 
 def test_contracts():

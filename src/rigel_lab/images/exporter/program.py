@@ -12,7 +12,7 @@ __all__ = ["PREFIX", "entries"]
 PREFIX = "opt/rigel-k8s"
 
 #: In-pod scripts that the exporter imports.
-_SCRIPTS = ("__init__.py", "rosrpc.py", "rtps.py")
+_SCRIPTS = ("__init__.py", "interfaces.py", "rosrpc.py", "rtps.py", "spdp.py")
 
 #: For programs that ask who they are; nobody logs in.
 _ETC = (

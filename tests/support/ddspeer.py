@@ -1,0 +1,64 @@
+"""Another DDS participant on the loopback: a socket that announces itself and hears others."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rigel_k8s.inpod import rtps, spdp
+
+__all__ = ["Peer", "peer", "some_domain"]
+
+
+def some_domain() -> int:
+    """Return a domain that hardly anyone else on this machine is in, nor in the one after it."""
+    return 62 + os.getpid() % 19 * 2  # from 102 on a domain's ports are the system's to give
+
+
+class Peer:
+    """A participant at its domain's first port; `heard` is what others announced to it."""
+
+    def __init__(self, domain: int, name: str) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", rtps.participant_port(domain, 0)))
+        self.socket.settimeout(0.05)
+        place = (self.socket.getsockname(),)
+        self.told = spdp.Told(os.urandom(12), domain=domain, name=name, meta=place, data=place)
+        self.heard: list[tuple[spdp.Told, bool]] = []
+
+    def answer(self) -> None:
+        """Take in what has come, and tell each of its senders of oneself."""
+        while True:
+            try:
+                message = self.socket.recv(65536)
+            except TimeoutError:
+                return
+            found = spdp.announced(message)
+            self.heard += found
+            for told, leaves in found:
+                if not leaves:
+                    self.socket.sendto(spdp.announcement(self.told), told.meta[0])
+
+    def leave(self, told: spdp.Told) -> None:
+        """Tell a participant that this one is gone."""
+        self.socket.sendto(spdp.farewell(self.told.prefix), told.meta[0])
+
+    def until(self, condition: Callable[[], object], what: str, seconds: float = 20) -> None:
+        """Answer until a condition holds."""
+        end = time.monotonic() + seconds
+        while not condition():
+            self.answer()
+            assert time.monotonic() < end, f"after {seconds} s still not: {what}"
+
+
+@contextmanager
+def peer(domain: int, name: str = "other") -> Iterator[Peer]:
+    """Make a participant for a while."""
+    found = Peer(domain, name)
+    try:
+        yield found
+    finally:
+        found.socket.close()

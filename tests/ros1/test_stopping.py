@@ -124,7 +124,15 @@ def terminated(master, pod):
     return said, took
 
 
-@pytest.mark.parametrize("client", ["rospy", "roscpp"])
+@pytest.mark.parametrize(
+    ("shell", "client"),
+    [
+        ("bash", "rospy"),
+        ("sh", "roscpp"),
+        pytest.param("sh", "rospy", marks=pytest.mark.slow),
+        pytest.param("bash", "roscpp", marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize(
     "command",
     [
@@ -137,7 +145,6 @@ def terminated(master, pod):
     ],
     ids=["first", "rosrun", "shell", "background", "deaf-shell", "two-shells"],
 )
-@pytest.mark.parametrize("shell", ["bash", "sh"])
 def test_unregistered(pods, shell, command, client):
     """Whatever process 1 is, the node is unregistered in time and the container ends by itself."""
     master = pods.master()

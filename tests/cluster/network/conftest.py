@@ -17,8 +17,12 @@ import pytest
 from rigel_k8s.deploy.types import ObjectRef
 from rigel_k8s.kube import connect
 from rigel_k8s.localcluster import components
+from rigel_k8s.localcluster.api import mark_lost
 from rigel_k8s.localcluster.network import bridge_name
+from rigel_k8s.localcluster.state import find
 from rigel_k8s.settings import Settings
+
+from ...support import shared
 
 #: Always there once Multus is: any image with a shell would do.
 IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
@@ -142,7 +146,7 @@ class Lab:
 
 @attrs.frozen
 class Own:
-    """A local cluster that belongs to one test module.
+    """A local cluster that belongs to the tests that break one.
 
     Attributes:
         directory: where the machine keeps the nodes' files.
@@ -160,8 +164,9 @@ class Own:
         return self.context.removeprefix("rigel-")
 
     def stop(self, node: str) -> None:
-        """Switch a node off, and wait until the cluster knows."""
+        """Switch a node off, and tell the cluster, which would find out in 50 s."""
         os.kill(int((self.directory / node / "process").read_text().split()[0]), 9)
+        mark_lost(find(self.name).layout, node)
         until(lambda: not self.is_up(node), f"loss of {node}")
 
     def is_up(self, node: str) -> bool:
@@ -188,14 +193,15 @@ class Own:
         return base / "k3s/data/cni" if self.data_dir else base / "opt-cni/bin"
 
 
-@pytest.fixture(scope="module", params=[None, "/data"], ids=["plain", "k3s with /data"])
+@pytest.fixture(scope="session", params=[None, "/data"], ids=["plain", "k3s with /data"])
 def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
-    """A cluster of two nodes that may be broken; ended with the module."""
+    """A cluster of two nodes that may be broken, for all tests that break one."""
     if os.geteuid() != 0:
         pytest.skip("a cluster of one's own needs root")
     from rigel_k8s import localcluster
 
-    name, data_dir = f"network-{os.getpid()}", request.param
+    name, data_dir = shared.mine("test-own"), request.param
+    localcluster.down(name)  # that of a run that was killed
     kubeconfig = tmp_path_factory.mktemp("kube") / "config"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KUBECONFIG", str(kubeconfig))
@@ -210,8 +216,7 @@ def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         settings = Settings(context=f"rigel-{name}", kubeconfig=kubeconfig)
         with connect(settings) as cluster:
             yield Own(cluster, f"rigel-{name}", Path(status.logs), data_dir)
-        if os.environ.get("RIGEL_TEST_KEEP") != "1":
-            localcluster.down(name, report=print)
+        localcluster.down(name, report=print)
 
 
 @pytest.fixture
@@ -247,14 +252,14 @@ class Leases:
 
 @pytest.fixture
 def leases(own: Own, tmp_path: Path) -> Iterator[Leases]:
-    """A DHCP server (busybox') on the segment of the machines, with leases of 20 s."""
+    """A DHCP server (busybox') on the segment of the machines, with leases of 12 s."""
     place, link = f"dhcp-{os.getpid()}", f"dhcp{os.getpid()}"
     found = Leases(tmp_path / "leases", components.obtain(print).program("busybox"))
     network = found.subnet
     (tmp_path / "udhcpd.conf").write_text(
-        f"interface eth0\nstart {network}.50\nend {network}.99\nauto_time 1\nmin_lease 10\n"
+        f"interface eth0\nstart {network}.50\nend {network}.99\nauto_time 1\nmin_lease 5\n"
         f"lease_file {found.file}\npidfile {tmp_path / 'pid'}\n"
-        "option subnet 255.255.255.0\noption lease 20\n"
+        "option subnet 255.255.255.0\noption lease 12\n"
     )
     run("ip", "netns", "add", place)
     run("ip", "link", "add", link, "type", "veth", "peer", "name", "eth0", "netns", place)

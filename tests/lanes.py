@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from xdist.scheduler import LoadScopeScheduling
 
-#: The beginning of a path -> its lane, the longest lane first; the first that fits counts.
+#: The beginning of a path -> its lane, in the order in which they begin. The longest counts.
 LANES = {
     "tests/cluster/observability/": "observability",
+    "tests/cluster/observability/test_peer_shape.py": "observability",  # takes the stack away
     "tests/cluster/ros2/modes/": "ros2 modes",
     "tests/cluster/ros2/": "ros2",
     "tests/cluster/network/test_own_cluster.py": "own clusters",  # leaves it as it was
@@ -22,6 +23,8 @@ LANES = {
     "tests/cluster/network/test_k3s_guide.py": "own clusters",
     "tests/cluster/localcluster/": "machines",
     "tests/cluster/network/": "network",
+    "tests/cluster/observability/test_local_images.py": "images of the stack",
+    "tests/cluster/observability/test_stack_retention.py": "a Loki of its own",
 }
 #: What begins while the shared cluster starts; what needs no cluster and fills the gaps at the end.
 FIRST, LAST = "tests/unit/", ("tests/ros1/", "tests/ros2/")
@@ -38,14 +41,18 @@ class Lanes(LoadScopeScheduling):
 
 def lane_of(nodeid: str) -> str:
     """Return the lane of a test."""
-    file = nodeid.split("::")[0]
-    return next((lane for start, lane in LANES.items() if file.startswith(start)), file)
+    return LANES.get(start_of(nodeid)) or nodeid.split("::")[0]
+
+
+def start_of(nodeid: str) -> str:
+    """Return the longest beginning of a test's path that stands in LANES, "" for none."""
+    return max(filter(nodeid.startswith, LANES), key=len, default="")
 
 
 def turn_of(nodeid: str, *, built: bool) -> tuple[int, int]:
     """Return when a test's turn is: the smaller, the earlier.
 
-    While the cluster's programs are still to be built, what needs none of them comes first.
+    While programs are still to be built, what needs none of them comes first.
     """
     if nodeid.startswith(RULES):
         return (0 if built else 3, 0)
@@ -54,4 +61,4 @@ def turn_of(nodeid: str, *, built: bool) -> tuple[int, int]:
     if nodeid.startswith(LAST):
         return (2 if built else 0, 1)
     starts = list(LANES)
-    return (1, next((starts.index(s) for s in starts if nodeid.startswith(s)), len(starts)))
+    return (1, starts.index(start) if (start := start_of(nodeid)) else len(starts))

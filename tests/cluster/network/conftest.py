@@ -194,8 +194,10 @@ class Own:
 
 
 @pytest.fixture(scope="session", params=[None, "/data"], ids=["plain", "k3s with /data"])
-def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
-    """A cluster of two nodes that may be broken, for all tests that break one."""
+def started(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[Settings, Path, str | None]]:
+    """How to reach a cluster of two nodes that may be broken, its directory, and k3s'."""
     if os.geteuid() != 0:
         pytest.skip("a cluster of one's own needs root")
     from rigel_k8s import localcluster
@@ -205,18 +207,20 @@ def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     kubeconfig = tmp_path_factory.mktemp("kube") / "config"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KUBECONFIG", str(kubeconfig))
-        status = localcluster.up(
-            name,
-            2,
-            extras=("multus",),
-            layout="k3s" if data_dir else "plain",
-            data_dir=data_dir,
-            report=print,
-        )
-        settings = Settings(context=f"rigel-{name}", kubeconfig=kubeconfig)
-        with connect(settings) as cluster:
-            yield Own(cluster, f"rigel-{name}", Path(status.logs), data_dir)
-        localcluster.down(name, report=print)
+        layout = "k3s" if data_dir else "plain"
+        more: dict[str, Any] = {"extras": ("multus",), "layout": layout, "data_dir": data_dir}
+        status = localcluster.up(name, 2, **more, report=print)
+    yield Settings(context=f"rigel-{name}", kubeconfig=kubeconfig), Path(status.logs), data_dir
+    localcluster.down(name, report=print)
+
+
+@pytest.fixture(scope="module")
+def own(started: tuple[Settings, Path, str | None]) -> Iterator[Own]:
+    """The cluster that may be broken; the next module has it as this one leaves it."""
+    settings, directory, data_dir = started
+    with pytest.MonkeyPatch.context() as patch, connect(settings) as cluster:
+        patch.setenv("KUBECONFIG", str(settings.kubeconfig))
+        yield Own(cluster, str(settings.context), directory, data_dir)
 
 
 @pytest.fixture

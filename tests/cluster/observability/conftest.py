@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -16,6 +15,7 @@ import pytest
 
 from rigel_k8s.deploy.types import ObjectRef
 
+from ...support import shared
 from ..conftest import run_rigel
 
 T = TypeVar("T")
@@ -33,7 +33,7 @@ def until(look: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
     end = time.monotonic() + patience
     while not (found := look()):
         assert time.monotonic() < end, f"{what}: not within {patience:g} s"
-        time.sleep(1)
+        time.sleep(0.5)
     return found
 
 
@@ -122,13 +122,18 @@ def _images(context: str) -> None:
     """The stack's images in the local cluster's registry, built politely beside other tests."""
     from rigel_k8s.localcluster.extras import EXTRAS
 
-    if os.environ.get("RIGEL_TEST_CONTEXT"):
+    if not shared.possible():
         return
     extras = [name for name in EXTRAS if name != "multus"]
     build = f"from rigel_k8s.localcluster import components; components.obtain(print, {extras})"
-    subprocess.run(["nice", "-n", "19", sys.executable, "-c", build], check=True)
-    words = ["cluster", "up", "--name", context.removeprefix("rigel-")]
-    run_rigel(*words, *(word for extra in extras for word in ("--with", extra)))
+    words = ["cluster", "up", "--name", shared.NAME]
+    words += [word for extra in extras for word in ("--with", extra)]
+
+    def offer() -> None:
+        subprocess.run(["nice", "-n", "19", sys.executable, "-c", build], check=True)
+        run_rigel(*words)
+
+    shared.once("extras", offer)
 
 
 @pytest.fixture(scope="session")
@@ -155,9 +160,11 @@ def stack(watching: Stack) -> str:
 
 def remove(cluster: Any, namespace: str) -> None:
     """Take the stack off the cluster, with its data and its namespace."""
+    from rigel_k8s.plugins.observability_found import installed_in
     from rigel_k8s.plugins.observability_removal import remove as remove_stack
 
-    remove_stack(cluster, Quiet(), volumes=True)
+    if installed_in(cluster):
+        remove_stack(cluster, Quiet(), volumes=True)
     cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
 
 

@@ -12,7 +12,7 @@ import yaml
 
 from rigel_k8s import boards
 from rigel_k8s.deploy.release import deploy
-from rigel_k8s.deploy.types import Desired, ref_of
+from rigel_k8s.deploy.types import Desired, ObjectRef, ref_of
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.manifests.observability.images import PROMETHEUS_IMAGE
 from rigel_k8s.manifests.observability.options import (
@@ -179,3 +179,23 @@ def test_their_grafana_would_find_our_dashboards(cluster: Any, operated: str) ->
     found = cluster.list("v1", "ConfigMap", operated, labels={"grafana_dashboard": "1"})
     shown = {key for one in found for key in one["data"]}
     assert shown == set(boards.dashboards())
+
+
+def test_the_operator_runs_a_prometheus(
+    cluster: Any, namespace: str, prometheus_operator: None
+) -> None:
+    """Upstream's manifests run unchanged, and what the operator makes becomes ready."""
+    spec = {"image": PROMETHEUS_IMAGE, "version": PROMETHEUS_IMAGE.rpartition(":")[2]}
+    meta = {"name": "own", "namespace": namespace}
+    kind = {"apiVersion": "monitoring.coreos.com/v1", "kind": "Prometheus"}
+    cluster.create({**kind, "metadata": meta, "spec": spec})
+    pod = ObjectRef("v1", "Pod", namespace, "prometheus-own-0")
+
+    def answer() -> bool:
+        try:
+            told = cluster.proxied(pod, "-/ready", port=9090).decode()
+        except ClusterError:
+            return False
+        return "Prometheus Server is Ready" in told
+
+    until(answer, "the operator's Prometheus")

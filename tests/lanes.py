@@ -19,7 +19,7 @@ LANES = {
     "tests/cluster/ros2/modes/": "ros2 modes",
     "tests/cluster/ros2/": "ros2",
     "tests/cluster/network/test_own_cluster.py": "own clusters",  # leaves it as it was
-    "tests/cluster/network/test_preflight_own.py": "own clusters",  # leaves Multus on it
+    "tests/cluster/network/test_preflight_own.py": "own clusters",  # wants no Multus, leaves it
     "tests/cluster/network/test_k3s_guide.py": "own clusters",
     "tests/cluster/localcluster/": "machines",
     "tests/cluster/network/": "network",

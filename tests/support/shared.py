@@ -16,7 +16,10 @@ from itertools import chain
 from pathlib import Path
 
 from rigel_k8s.cache import locked
+from rigel_k8s.deploy.types import ObjectRef
+from rigel_k8s.kube import connect
 from rigel_k8s.localcluster import components
+from rigel_k8s.settings import Settings
 
 __all__ = ["NAME", "begin", "built", "end", "mine", "once", "possible", "start_cluster"]
 
@@ -83,11 +86,18 @@ def start_cluster() -> None:
 
 
 def bring_up() -> None:
-    """Run `rigel cluster up`, after `down` where it is one of another shape."""
+    """Run `rigel cluster up`, after `down` where it is one of another shape.
+
+    What tests of a run that was killed have left on it is deleted.
+    """
     words = ["cluster", "up", "--name", mine(NAME), "--nodes", "3", "--with", "multus"]
     if run(*words, check=False) == 2:
         run("cluster", "down", "--name", NAME)
         run(*words)
+    with connect(Settings(context=f"rigel-{NAME}")) as cluster:
+        for space in cluster.list("v1", "Namespace"):
+            if (name := space["metadata"]["name"]).startswith("t-"):
+                cluster.delete(ObjectRef("v1", "Namespace", "", name))
 
 
 def run(*words: str, check: bool = True) -> int:

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import yaml
 from rigel_k8s.deploy.types import ObjectRef
 
 from ....support.rust import Missing, rustdds_node
+from ..conftest import projects
 
 IMAGES = Path(__file__).parents[3] / "images"
 SCRIPTS = Path(__file__).parents[4] / "examples/ros2-talker-listener/talker_listener/scripts"
@@ -135,11 +136,25 @@ class Release:
         return pod["spec"].get("nodeName") == machine and ready in told
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="class")
 def deployed(
-    project: Callable[..., Any], interop_image: str, ros2_image: str
-) -> Callable[..., Release]:
-    """Deploy tests/images/interop with other options: deployed(network=..., nodes=...)."""
+    cluster: Any,
+    context: str,
+    registry: str,
+    interop_image: str,
+    ros2_image: str,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Callable[..., Release]]:
+    """Deploy tests/images/interop with other options: deployed(network=..., nodes=...).
+
+    What a class of tests has deployed goes with it: idle nodes and their probes use a processor.
+    """
+    with projects(cluster, context, registry, tmp_path_factory.mktemp("modes")) as project:
+        yield deployer(project, ros2_image)
+
+
+def deployer(project: Callable[..., Any], ros2_image: str) -> Callable[..., Release]:
+    """Return what deploys, by what makes projects."""
 
     def deploy(distro: str = "jazzy", **options: Any) -> Release:
         made = project("../tests/images/interop", ros2_image, lambda job: job.update(options))

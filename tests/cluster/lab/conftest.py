@@ -275,8 +275,11 @@ def until(
 
 
 @pytest.fixture(scope="module")
-def host() -> Iterator[Host]:
-    """A machine, ended with all that is on it."""
+def host(context: str) -> Iterator[Host]:
+    """A machine, ended with all that is on it.
+
+    The shared cluster is there meanwhile: what clusters set of the kernel stays as they set it.
+    """
     # Not below /tmp, which may be a file system that cannot hold images.
     directory = Path("/var/lib/rigel-k8s-test", str(os.getpid()))
     directory.mkdir(parents=True)

@@ -17,9 +17,13 @@ from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
 from rigel_lab.cluster import components
+from rigel_lab.cluster.api import mark_lost
 from rigel_lab.cluster.network import bridge_name
+from rigel_lab.cluster.state import find
 from tests.support import until as waiting
 from tests.support.recorder import Recorder
+
+from ...support import shared
 
 #: Always there once Multus is: any image with a shell would do.
 IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
@@ -122,7 +126,7 @@ class Lab:
 
 @attrs.frozen
 class Own:
-    """A local cluster that belongs to one test module.
+    """A local cluster that belongs to the tests that break one.
 
     Attributes:
         directory: where the machine keeps the nodes' files.
@@ -140,8 +144,9 @@ class Own:
         return self.context.removeprefix("rigel-")
 
     def stop(self, node: str) -> None:
-        """Switch a node off, and wait until the cluster knows."""
+        """Switch a node off, and tell the cluster, which would find out in 50 s."""
         os.kill(int((self.directory / node / "process").read_text().split()[0]), 9)
+        mark_lost(find(self.name).layout, node)
         until(lambda: not self.is_up(node), f"loss of {node}")
 
     def is_up(self, node: str) -> bool:
@@ -168,30 +173,34 @@ class Own:
         return base / "k3s/data/cni" if self.data_dir else base / "opt-cni/bin"
 
 
-@pytest.fixture(scope="module", params=[None, "/data"], ids=["plain", "k3s with /data"])
-def own(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Own]:
-    """A cluster of two nodes that may be broken; ended with the module."""
+@pytest.fixture(scope="session", params=[None, "/data"], ids=["plain", "k3s with /data"])
+def started(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[Settings, Path, str | None]]:
+    """How to reach a cluster of two nodes that may be broken, its directory, and k3s'."""
     if os.geteuid() != 0:
         pytest.skip("a cluster of one's own needs root")
     from rigel_lab import cluster as localcluster
 
-    name, data_dir = f"network-{os.getpid()}", request.param
+    name, data_dir = shared.mine("test-own"), request.param
+    localcluster.down(name)  # that of a run that was killed
     kubeconfig = tmp_path_factory.mktemp("kube") / "config"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("KUBECONFIG", str(kubeconfig))
-        status = localcluster.up(
-            name,
-            2,
-            extras=("multus",),
-            layout="k3s" if data_dir else "plain",
-            data_dir=data_dir,
-            report=print,
-        )
-        settings = Settings(context=f"rigel-{name}", kubeconfig=kubeconfig)
-        with connect(settings) as cluster:
-            yield Own(cluster, f"rigel-{name}", Path(status.logs), data_dir)
-        if os.environ.get("RIGEL_TEST_KEEP") != "1":
-            localcluster.down(name, report=print)
+        layout = "k3s" if data_dir else "plain"
+        more: dict[str, Any] = {"extras": ("multus",), "layout": layout, "data_dir": data_dir}
+        status = localcluster.up(name, 2, **more, report=print)
+    yield Settings(context=f"rigel-{name}", kubeconfig=kubeconfig), Path(status.logs), data_dir
+    localcluster.down(name, report=print)
+
+
+@pytest.fixture(scope="module")
+def own(started: tuple[Settings, Path, str | None]) -> Iterator[Own]:
+    """The cluster that may be broken; the next module has it as this one leaves it."""
+    settings, directory, data_dir = started
+    with pytest.MonkeyPatch.context() as patch, connect(settings) as cluster:
+        patch.setenv("KUBECONFIG", str(settings.kubeconfig))
+        yield Own(cluster, str(settings.context), directory, data_dir)
 
 
 @pytest.fixture
@@ -220,8 +229,12 @@ class Leases:
     def there(self) -> set[str]:
         """Return the addresses that it has given out and not taken back."""
         words = [self.busybox, "dumpleases", "-d", "-f", str(self.file)]
-        done = subprocess.run(words, check=True, capture_output=True, text=True)
-        rows = [line.split() for line in done.stdout.splitlines()[1:]]
+
+        def look() -> list[str]:  # nothing while the server writes the file
+            done = subprocess.run(words, check=False, capture_output=True, text=True)
+            return done.stdout.splitlines() if done.returncode == 0 else []
+
+        rows = [line.split() for line in until(look, "readable leases")[1:]]
         return {row[1] for row in rows if row[-1] != "expired"}
 
 

@@ -12,7 +12,10 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.network.multus.removal import remove
+from rigel_k8s.network.options import Install
 from rigel_lab import cluster as localcluster
+from tests.support.recorder import Recorder
 
 pytestmark = pytest.mark.cluster
 
@@ -38,9 +41,10 @@ def commands() -> list[tuple[str, list[str]]]:
 
 @pytest.fixture(scope="module")
 def laptop(own: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A directory with a kubeconfig and the guide's Rigelfile, and nothing else."""
+    """A directory with a kubeconfig and the guide's Rigelfile; the cluster is without Multus."""
     if not own.data_dir:
         pytest.skip("of k3s only")
+    remove(own.cluster, Install(), Recorder())
     place = tmp_path_factory.mktemp("laptop")
     (place / "k3s.yaml").write_text(localcluster.kubeconfig_text(own.name))
     (rigelfile,) = blocks("yaml")

@@ -18,9 +18,6 @@ from tests.support.recorder import Recorder
 
 pytestmark = pytest.mark.cluster
 
-WAVES = 3
-PODS = 100
-
 
 @pytest.fixture(scope="module", autouse=True)
 def installed(cluster: Any) -> None:
@@ -77,16 +74,17 @@ def test_a_proof_leaves_nothing_behind(cluster: Any, said: Any) -> None:
     assert left == []
 
 
-def test_whereabouts_gives_no_address_twice(lab: Any) -> None:
-    """Hundreds of pods come and go over all nodes: at no time do two have one address.
+@pytest.mark.parametrize(("waves", "size"), [(2, 30), pytest.param(3, 100, marks=pytest.mark.slow)])
+def test_whereabouts_gives_no_address_twice(lab: Any, waves: int, size: int) -> None:
+    """Many pods come and go over all nodes: at no time do two have one address.
 
     What is looked at is each pod's interface, not what anybody has written down. Each wave starts
     while the one before is still ending, and ends up with no address left over.
     """
     lab.attachment("10.213.0.0/16")
     held: set[str] = set()
-    for wave in range(WAVES):
-        names = [f"w{wave}-{number}" for number in range(PODS)]
+    for wave in range(waves):
+        names = [f"w{wave}-{number}" for number in range(size)]
         lab.cluster.parallel(lab.cluster.create, [lab.pod(name) for name in names])
         pods = lab.cluster.parallel(lab.running, names)
         told = {pod["metadata"]["name"]: lab.address_of(pod) for pod in pods}
@@ -98,7 +96,7 @@ def test_whereabouts_gives_no_address_twice(lab: Any) -> None:
             ref = ObjectRef("v1", "Pod", lab.namespace, name)
             lab.cluster.delete(ref, grace_seconds=0)
     lab.until(lambda: not lab.pods(), "end of all pods", 300)
-    assert len(held) >= PODS
+    assert len(held) >= size
     lab.until(lambda: not allocated(lab.cluster, "10.213.0.0-16"), "addresses given back", 120)
 
 

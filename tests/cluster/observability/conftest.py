@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -18,6 +17,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from tests.support import until as waiting
 from tests.support.recorder import Recorder
 
+from ...support import shared
 from ..conftest import run_rigel
 
 T = TypeVar("T")
@@ -120,13 +120,18 @@ def _images(context: str) -> None:
     """The stack's images in the local cluster's registry, built politely beside other tests."""
     from rigel_lab.cluster.extras import EXTRAS
 
-    if os.environ.get("RIGEL_TEST_CONTEXT"):
+    if not shared.possible():
         return
     extras = [name for name in EXTRAS if name != "multus"]
     build = f"from rigel_lab.cluster import components; components.obtain(print, {extras})"
-    subprocess.run(["nice", "-n", "19", sys.executable, "-c", build], check=True)
-    words = ["cluster", "up", "--name", context.removeprefix("rigel-")]
-    run_rigel(*words, *(word for extra in extras for word in ("--with", extra)))
+    words = ["cluster", "up", "--name", shared.NAME]
+    words += [word for extra in extras for word in ("--with", extra)]
+
+    def offer() -> None:
+        subprocess.run(["nice", "-n", "19", sys.executable, "-c", build], check=True)
+        run_rigel(*words)
+
+    shared.once("extras", offer)
 
 
 @pytest.fixture(scope="session")
@@ -153,7 +158,9 @@ def stack(watching: Stack) -> str:
 
 def remove(cluster: Any, namespace: str) -> None:
     """Take the stack off the cluster, with its data and its namespace."""
+    from rigel_k8s.observability.installation import installed_in
     from rigel_k8s.observability.removal import remove as remove_stack
 
-    remove_stack(cluster, Recorder(), volumes=True)
+    if installed_in(cluster):
+        remove_stack(cluster, Recorder(), volumes=True)
     cluster.delete(ObjectRef("v1", "Namespace", "", namespace))

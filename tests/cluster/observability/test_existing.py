@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.objects.scalars import LabelKey, LabelValue
 from rigel_k8s.observability import boards
 from rigel_k8s.observability.manifests.desired import stack_release
@@ -176,3 +176,23 @@ def test_their_grafana_would_find_our_dashboards(cluster: Any, operated: str) ->
     found = cluster.list("v1", "ConfigMap", operated, labels={"grafana_dashboard": "1"})
     shown = {key for one in found for key in one["data"]}
     assert shown == set(boards.dashboards())
+
+
+def test_the_operator_runs_a_prometheus(
+    cluster: Any, namespace: str, prometheus_operator: None
+) -> None:
+    """Upstream's manifests run unchanged, and what the operator makes becomes ready."""
+    spec = {"image": PROMETHEUS_IMAGE, "version": PROMETHEUS_IMAGE.rpartition(":")[2]}
+    meta = {"name": "own", "namespace": namespace}
+    kind = {"apiVersion": "monitoring.coreos.com/v1", "kind": "Prometheus"}
+    cluster.create({**kind, "metadata": meta, "spec": spec})
+    pod = ObjectRef("v1", "Pod", namespace, "prometheus-own-0")
+
+    def answer() -> bool:
+        try:
+            told = cluster.proxied(pod, "-/ready", port=9090).decode()
+        except ClusterError:
+            return False
+        return "Prometheus Server is Ready" in told
+
+    until(answer, "the operator's Prometheus")

@@ -130,20 +130,6 @@ def test_the_exporter_comes_with_them(place: Place) -> None:
     place.ended(pod)
 
 
-def test_the_operator_runs_a_prometheus(place: Place, prometheus_operator: None) -> None:
-    """Upstream's manifests run unchanged, and what the operator makes becomes ready."""
-    place.cluster.create(
-        {
-            "apiVersion": "monitoring.coreos.com/v1",
-            "kind": "Prometheus",
-            "metadata": {"name": "own", "namespace": place.namespace},
-            "spec": {"image": observability_images.PROMETHEUS_IMAGE, "version": "v3.13.3"},
-        }
-    )
-    pod = ObjectRef("v1", "Pod", place.namespace, "prometheus-own-0")
-    assert "Prometheus Server is Ready" in place.answer(pod, 9090, "-/ready")
-
-
 def test_an_archive_is_pushed_where_it_is_not_there(registry: str, tmp_path: Path) -> None:
     """The same image twice is one upload; another one takes its name over."""
     first, second = (archive(tmp_path / name, name.encode()) for name in ("one", "two"))
@@ -164,17 +150,3 @@ def archive(path: Path, content: bytes) -> Path:
         tar.add(file, "file")
     write_archive(path, [layer], {"Cmd": ["/file"]}, "localhost/x:1", created=0)
     return path
-
-
-def test_pods_have_series_of_cadvisor_and_no_metrics_server(cluster: Any) -> None:
-    """Each pod's processor and memory are in the kubelet's answer; metrics.k8s.io is nobody's."""
-    node = cluster.nodes()[0]["metadata"]["name"]
-    answer = cluster.proxied(ObjectRef("v1", "Node", "", node), "metrics/cadvisor").decode()
-    pod = next(
-        pod["metadata"]["name"]
-        for pod in cluster.list("v1", "Pod", fields=f"spec.nodeName={node},status.phase=Running")
-    )
-    for name in ("container_cpu_usage_seconds_total", "container_memory_working_set_bytes"):
-        lines = [line for line in answer.splitlines() if line.startswith(name)]
-        assert any(f'pod="{pod}"' in line for line in lines), (name, pod)
-    assert not cluster.serves("metrics.k8s.io/v1beta1", "PodMetrics")

@@ -25,13 +25,12 @@ PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
 
 @pytest.fixture
 def no_stack(watching: Stack) -> Iterator[None]:
-    """The stack of the other tests is away, with what its claims hold."""
+    """The stack of the other tests is away, with what its claims hold; it does not come back."""
     if not watching.ours:
         pytest.skip("the cluster has a stack that is not of these tests")
     take_away(watching)
     yield
     take_away(watching)
-    watching.deploy()
 
 
 def take_away(stack: Stack) -> None:

@@ -387,3 +387,17 @@ def test_what_is_not_run_here_is_taken_by_the_api_server(
     for item in render_stack(request_of(UNRUN[what]), namespace).desired.objects:
         made = cluster.apply(item, dry_run=True, force=True)
         assert made["metadata"]["name"] == item["metadata"]["name"]
+
+
+def test_pods_have_series_of_cadvisor_and_no_metrics_server(cluster: Any) -> None:
+    """Each pod's processor and memory are in the kubelet's answer; metrics.k8s.io is nobody's."""
+    node = cluster.nodes()[0]["metadata"]["name"]
+    answer = cluster.proxied(ObjectRef("v1", "Node", "", node), "metrics/cadvisor").decode()
+    pod = next(
+        pod["metadata"]["name"]
+        for pod in cluster.list("v1", "Pod", fields=f"spec.nodeName={node},status.phase=Running")
+    )
+    for name in ("container_cpu_usage_seconds_total", "container_memory_working_set_bytes"):
+        lines = [line for line in answer.splitlines() if line.startswith(name)]
+        assert any(f'pod="{pod}"' in line for line in lines), (name, pod)
+    assert not cluster.serves("metrics.k8s.io/v1beta1", "PodMetrics")

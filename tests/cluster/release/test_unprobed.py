@@ -21,7 +21,7 @@ from rigel_k8s.settings import Application
 pytestmark = pytest.mark.cluster
 
 LIVES = [number / 20 for number in range(10)]  # seconds until each run's node crashes
-AT_ONCE = 4
+AT_ONCE = len(LIVES)
 
 
 def release(make: Any, name: str, command: str) -> Desired:

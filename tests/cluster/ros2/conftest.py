@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
@@ -22,6 +23,8 @@ import yaml
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
 
+from ...support import shared
+
 EXAMPLES = Path(__file__).parents[3] / "examples"
 HEARD = re.compile(r"I heard hello world from (\w+): \S+ (\d+)")
 STATUS = "k8s.v1.cni.cncf.io/network-status"
@@ -36,6 +39,8 @@ with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
     fcntl.ioctl(any_socket, 0x8914, struct.pack("16sh", name, flags | 1 if up else flags & ~1))
 """
 
+#: One after the other: a namespace that is being deleted may still have its nodes.
+DOMAINS = itertools.cycle(range(6))
 Change = Callable[[dict[str, Any]], None]
 Make = Callable[..., "Project"]
 
@@ -137,9 +142,13 @@ class Project:
 
 
 def apart(*, ros1: bool) -> dict[str, Any]:
-    """Return a subnet and a DDS domain that hardly anybody else has on this wire."""
-    subnet = f"10.{random.randint(200, 250)}.{random.randint(0, 255)}.0/24"
-    return {"subnet": subnet, **({} if ros1 else {"domain_id": random.randint(1, 101)})}
+    """Return a subnet and a DDS domain that hardly any other test has on this wire.
+
+    Each process of the test run has some to itself; tests that name one name others.
+    """
+    process = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 8
+    subnet = f"10.{232 + process}.{random.randint(0, 255)}.0/24"
+    return {"subnet": subnet, **({} if ros1 else {"domain_id": 20 + 6 * process + next(DOMAINS)})}
 
 
 @contextmanager
@@ -186,8 +195,9 @@ def own_cluster(tmp_path_factory: Any) -> Iterator[Make]:
 
     if os.geteuid() != 0:
         pytest.skip("the local cluster needs root")
-    name = f"ros2-{os.getpid()}"
+    name = shared.mine("test-ros2")
     context = f"rigel-{name}"
+    rigel("cluster", "down", "--name", name)  # that of a run that was killed
     rigel("cluster", "up", "--name", name, "--nodes", "3", "--with", "multus")
     try:
         told = rigel("cluster", "status", "--name", name, "-o", "json").stdout

@@ -16,6 +16,8 @@ import pytest
 
 from rigel_lab.cluster.network import link_name
 
+from .conftest import projects
+
 pytestmark = pytest.mark.cluster
 
 TALKERS = {"talker_1", "talker_2"}
@@ -23,6 +25,13 @@ Make = Callable[..., Any]
 
 
 LAN = {"mode": "macvlan", "interface": "eth0", "ipam": "static"}
+
+
+@pytest.fixture
+def project(cluster: Any, context: str, registry: str, tmp_path: Path) -> Iterator[Make]:
+    """Make projects for one test: twenty nodes are too many to run beside the next."""
+    with projects(cluster, context, registry, tmp_path) as make:
+        yield make
 
 
 def test_without_a_network_it_is_deaf_and_that_is_told(project: Make, ros2_image: str) -> None:

@@ -76,7 +76,7 @@ def until(found: Callable[[], Any], what: str, patience: float = PATIENCE) -> An
         except Refusal as refused:
             if refused.status != 503:  # nothing is ready behind the Service for a moment
                 raise
-        time.sleep(3)
+        time.sleep(0.5)
     raise AssertionError(f"{what}: not within {patience:g} s")
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,41 +18,12 @@ import yaml
 
 from rigel_k8s.objects.refs import ObjectRef
 
+from ....support.rust import Missing, rustdds_node
+from ..conftest import projects
+
 IMAGES = Path(__file__).parents[3] / "images"
 SCRIPTS = Path(__file__).parents[4] / "examples/ros2-talker-listener/talker_listener/scripts"
 HEARD = re.compile(r"I heard hello world from (\w+): \S+ (\d+)")
-
-
-def cache() -> Path:
-    """Return where a second run finds what was built."""
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "rigel-k8s" / "test-images"
-
-
-def rustdds_node() -> Path:
-    """Return the node on RustDDS, built where the cache lacks it: a minute."""
-    source = IMAGES / "rustdds"
-    files = [source / "Cargo.toml", source / "Cargo.lock", source / "src" / "main.rs"]
-    key = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
-    built = cache() / f"rustdds-node-{key}"
-    if built.exists():
-        return built
-    if not (cargo := shutil.which("cargo")):
-        pytest.skip("no cargo, which would build the node on RustDDS")
-    target = cache() / "rustdds"
-    machine = "x86_64-unknown-linux-gnu"
-    words = ["build", "--quiet", "--locked", "--target", machine, "--target-dir", str(target)]
-    done = subprocess.run(
-        [cargo, *words, "--manifest-path", str(source / "Cargo.toml")],
-        env={**os.environ, "RUSTFLAGS": "-C target-feature=+crt-static"},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=1800,
-    )
-    assert done.returncode == 0, done.stderr
-    shutil.copy(target / machine / "debug" / "rustdds-node", built)
-    return built
 
 
 def wheels(requirements: Path, target: Path) -> None:
@@ -74,7 +44,10 @@ def wheels(requirements: Path, target: Path) -> None:
 def build(registry: str, base: str, context: Path, tag: str) -> str:
     """Build tests/images/interop on a base image, push it, and return its name."""
     shutil.copytree(IMAGES / "interop", context)
-    shutil.copy2(rustdds_node(), context / "rustdds-node")
+    try:
+        shutil.copy2(rustdds_node(), context / "rustdds-node")
+    except Missing as missing:
+        pytest.skip(str(missing))
     for script in SCRIPTS.iterdir():
         shutil.copy2(script, context / "nodes")
     wheels(context / "requirements.txt", context / "wheels")
@@ -163,11 +136,25 @@ class Release:
         return pod["spec"].get("nodeName") == machine and ready in told
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="class")
 def deployed(
-    project: Callable[..., Any], interop_image: str, ros2_image: str
-) -> Callable[..., Release]:
-    """Deploy tests/images/interop with other options: deployed(network=..., nodes=...)."""
+    cluster: Any,
+    context: str,
+    registry: str,
+    interop_image: str,
+    ros2_image: str,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Callable[..., Release]]:
+    """Deploy tests/images/interop with other options: deployed(network=..., nodes=...).
+
+    What a class of tests has deployed goes with it: idle nodes and their probes use a processor.
+    """
+    with projects(cluster, context, registry, tmp_path_factory.mktemp("modes")) as project:
+        yield deployer(project, ros2_image)
+
+
+def deployer(project: Callable[..., Any], ros2_image: str) -> Callable[..., Release]:
+    """Return what deploys, by what makes projects."""
 
     def deploy(distro: str = "jazzy", **options: Any) -> Release:
         made = project("../tests/images/interop", ros2_image, lambda job: job.update(options))

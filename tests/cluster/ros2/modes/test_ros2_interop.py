@@ -7,15 +7,17 @@ from typing import Any
 
 import pytest
 
+from .conftest import deployer
+
 pytestmark = pytest.mark.cluster
 
 TALKERS = {"fast_talker", "cyclone_talker", "rust_talker"}
 
 
 @pytest.fixture(scope="module")
-def interop(deployed: Callable[..., Any], multus: None) -> Any:
+def interop(project: Callable[..., Any], ros2_image: str, interop_image: str, multus: None) -> Any:
     """tests/images/interop as it is: three talkers and three listeners over macvlan."""
-    return deployed()
+    return deployer(project, ros2_image)()
 
 
 def test_the_talkers_and_listeners_are_on_three_machines(interop: Any) -> None:

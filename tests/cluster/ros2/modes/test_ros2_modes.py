@@ -23,7 +23,7 @@ NODES = {"talker_1": TALKER, "talker_2": TALKER, "listener": LISTENER}
 BOTH = {"talker_1", "talker_2"}
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="class")
 def by_peers(deployed: Deploy) -> Any:
     return deployed(network={"mode": "peers"}, nodes=NODES)
 
@@ -77,7 +77,7 @@ class TestPeersOfCyclone:
         release.until_heard("listener", BOTH)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="class")
 def by_servers(deployed: Deploy) -> Any:
     return deployed(network={"mode": "discovery-server", "servers": 2}, nodes=NODES)
 
@@ -130,7 +130,7 @@ class TestHost:
         release.until_heard("listener", BOTH)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="class")
 def by_router(deployed: Deploy, interop_image: str) -> Any:
     router = {"image": interop_image, "command": ["zenoh_node.py", "router"]}
     nodes = {

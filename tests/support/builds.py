@@ -1,0 +1,64 @@
+"""Builds what the tests need beside them, in the order in which they need it.
+
+`./run test` starts it in the background: what a test wants before it is there, the test waits for.
+
+usage: python -m tests.support.builds
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+from rigel_lab.cluster import components
+
+from .rust import Missing, rustdds_node
+
+STARTED = time.monotonic()
+
+
+def report(line: str) -> None:
+    """Print a line with the minutes since the start."""
+    print(f"{(time.monotonic() - STARTED) / 60:5.1f}  {line}", flush=True)  # noqa: T201
+
+
+def programs(*requested: str) -> Callable[[], object]:
+    """Return what builds a local cluster's programs."""
+    return lambda: components.obtain(report, requested)
+
+
+def image(*words: str) -> Callable[[], object]:
+    """Return what builds a base image."""
+    command = [sys.executable, "-m", "rigel_k8s", "image", *words]
+    return lambda: subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+
+
+#: The first three are what the first tests on the cluster wait for.
+STEPS: dict[str, Callable[[], object]] = {
+    "the local cluster": programs("multus", "kubectl"),
+    "the ROS 1 base image": image("ros1-base"),
+    "the ROS 2 base image": image("ros2-base"),
+    "the observability stack": programs("observability"),
+    "the exporter's image": image("ros-exporter"),
+    "the ROS 2 base image, kilted": image("ros2-base", "--distro", "kilted"),
+    "the node on RustDDS": rustdds_node,
+    "a kubelet that says k3s": programs("k3s"),
+    "the Prometheus operator": programs("prometheus-operator"),
+}
+
+
+def main() -> None:
+    """Build everything; what fails is the failure of the tests that need it."""
+    for what, step in STEPS.items():
+        report(what)
+        try:
+            step()
+        except (Missing, Exception) as error:
+            report(f"{what}: {error}")
+    report("all is built")
+
+
+if __name__ == "__main__":
+    main()

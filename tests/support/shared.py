@@ -1,0 +1,117 @@
+"""What the processes of one test run share: a directory, a kubeconfig, one local cluster.
+
+The process that the user starts makes the directory; those that xdist starts find it by
+RIGEL_TEST_RUN. What is done once is done under a lock in there.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from itertools import chain
+from pathlib import Path
+
+from rigel_k8s.cache import locked
+from rigel_k8s.kube import connect
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.settings import Settings
+from rigel_lab.cluster import components
+from rigel_lab.cluster.releases import Upstream
+
+__all__ = ["NAME", "begin", "built", "end", "mine", "once", "possible", "start_cluster"]
+
+#: The local cluster of the tests.
+NAME = "test"
+RUN = "RIGEL_TEST_RUN"
+BUILT = "RIGEL_TEST_BUILT"
+#: Seconds: what a cluster is made of may have to be built.
+BUILDS = 3600
+
+
+def begin() -> None:
+    """Make the run's directory, in the process that the user started.
+
+    The tests have a kubeconfig of their own in it, as `cluster up` changes the current context.
+    """
+    os.environ[RUN] = tempfile.mkdtemp(prefix="rigel-test-")
+    needed = [*components.GO_BUILDS, *chain.from_iterable(components.ON_REQUEST.values())]
+    upstream = Upstream.of(None)
+    os.environ[BUILT] = str(int(all(build.find(upstream) for build in needed)))
+    if not os.environ.get("RIGEL_TEST_CONTEXT"):
+        os.environ["KUBECONFIG"] = str(directory() / "kubeconfig")
+
+
+def end() -> None:
+    """End the clusters, unless RIGEL_TEST_KEEP=1, and remove the run's directory."""
+    for cluster in directory().glob("*.cluster"):
+        if os.environ.get("RIGEL_TEST_KEEP") != "1":
+            run("cluster", "down", "--name", cluster.stem)
+    shutil.rmtree(directory())
+
+
+def mine(name: str) -> str:
+    """Return the name of a cluster, which the run's end will take away if its test did not."""
+    (directory() / f"{name}.cluster").touch()
+    return name
+
+
+def directory() -> Path:
+    """Return the directory that the processes share."""
+    return Path(os.environ[RUN])
+
+
+def built() -> bool:
+    """Return whether all programs were built when the run began."""
+    return os.environ[BUILT] == "1"
+
+
+def once(name: str, do: Callable[[], object]) -> None:
+    """Do something once in a run, whichever process comes first; the others wait."""
+    with locked(directory() / f"{name}.lock"):
+        if not (directory() / name).exists():
+            do()
+            (directory() / name).touch()
+
+
+def possible() -> bool:
+    """Return whether a local cluster is the tests' own affair, and can be started."""
+    return os.geteuid() == 0 and not os.environ.get("RIGEL_TEST_CONTEXT")
+
+
+def start_cluster() -> None:
+    """Start the local cluster, or wait until another process has."""
+    once(NAME, bring_up)
+
+
+def bring_up() -> None:
+    """Run `rigel cluster up`, after `down` where it is one of another shape.
+
+    What tests of a run that was killed have left on it is deleted.
+    """
+    words = ["cluster", "up", "--name", mine(NAME), "--nodes", "3"]
+    words += ["--with", "multus", "--with", "kubectl"]
+    if run(*words, check=False) == 2:
+        run("cluster", "down", "--name", NAME)
+        run(*words)
+    with connect(Settings(context=f"rigel-{NAME}")) as cluster:
+        for space in cluster.list("v1", "Namespace"):
+            if (name := space["metadata"]["name"]).startswith("t-"):
+                cluster.delete(ObjectRef("v1", "Namespace", "", name))
+
+
+def run(*words: str, check: bool = True) -> int:
+    """Run the command line and return its exit code; a failure shows its output."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rigel_k8s", *words],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=BUILDS,
+    )
+    if check and done.returncode != 0:
+        raise AssertionError(f"rigel {' '.join(words)}\n{done.stdout}\n{done.stderr}")
+    return done.returncode

@@ -11,7 +11,7 @@ import yaml
 
 pytestmark = pytest.mark.cluster
 
-GOLDEN = Path(__file__).parents[1] / "unit" / "manifests" / "network" / "golden"
+GOLDEN = Path(__file__).parents[1] / "unit" / "network" / "golden"
 CASES = sorted(GOLDEN.glob("*.case.yaml"))
 
 

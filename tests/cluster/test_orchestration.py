@@ -28,7 +28,7 @@ from .conftest import inside
 
 pytestmark = pytest.mark.cluster
 
-GOLDEN = Path(__file__).parents[1] / "unit" / "manifests" / "golden"
+GOLDEN = Path(__file__).parents[1] / "unit" / "app" / "golden"
 SHAPES = sorted(path for path in GOLDEN.glob("*.yaml") if ".with" not in path.name)
 PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
 
@@ -55,7 +55,9 @@ def run(context: str, namespace: str, base_image: str, tmp_path: Path) -> Run:
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda path: path.stem)
-def test_kubernetes_accepts_every_golden_shape(cluster: Any, namespace: str, shape: Path) -> None:
+def test_kubernetes_accepts_every_golden_shape(
+    cluster: Any, namespace: str, multus: None, shape: Path
+) -> None:
     """A server-side dry run takes each object as it is."""
     for item in yaml.safe_load_all(shape.read_text("utf-8")):
         if "namespace" in item["metadata"]:

@@ -15,7 +15,7 @@ from xdist.scheduler import LoadScopeScheduling
 #: The beginning of a path -> its lane, in the order in which they begin. The longest counts.
 LANES = {
     "tests/cluster/observability/": "observability",
-    "tests/cluster/observability/test_peer_shape.py": "observability",  # takes the stack away
+    "tests/cluster/observability/test_src_plugin.py": "observability",  # takes the stack away
     "tests/cluster/ros2/modes/": "ros2 modes",
     "tests/cluster/ros2/": "ros2",
     "tests/cluster/network/test_own_cluster.py": "own clusters",  # leaves it as it was

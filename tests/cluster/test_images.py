@@ -25,12 +25,17 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.registry import DIGESTS, resolve_digest
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions
 from rigel_k8s.jobs.types.container_registry import ContainerRegistry, ContainerRegistryOptions
-from rigel_k8s.jobs.types.dockerfile import Compiler, DockerfileJob, DockerfileOptions, EnvVar
+from rigel_k8s.jobs.types.dockerfile import (
+    Compiler,
+    DockerfileJob,
+    DockerfileOptions,
+    DockerfileVariable,
+)
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Application, Settings
 from rigel_lab import cluster as localcluster
@@ -169,7 +174,7 @@ def test_the_provider_logs_in(private_registry: Registry) -> None:
     """Good credentials connect, are handed to the jobs, and are told without the password."""
     told = Recorder()
     connection = ContainerRegistry().connect(options(private_registry), "hub", told)
-    assert connection == Credentials(private_registry.name, USER, PASSWORD)
+    assert connection == RegistryCredentials(private_registry.name, USER, PASSWORD)
     assert told.lines == [f"logged in to {private_registry.name} as {USER}"]
     assert PASSWORD not in repr(connection)
     ContainerRegistry().disconnect(connection)
@@ -455,7 +460,7 @@ def test_a_workspace_is_compiled_and_its_nodes_start(
         ros_image=base_image,
         rosdep=False,
         rosinstall=["deps.rosinstall"],
-        env=[EnvVar("ROBOT", "r2")],
+        env=[DockerfileVariable("ROBOT", "r2")],
         entrypoint=["echo entrypoint of $ROBOT"],
         docker_run=["echo one\necho two > /two"],
     )

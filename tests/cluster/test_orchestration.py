@@ -13,13 +13,13 @@ import yaml
 
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import down, history
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.rigelfile.source import Node, Span, made
+from rigel_k8s.rigelfile.source import Span, YamlNode, node_of
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application, Settings
 from tests.support.recorder import Recorder
@@ -42,7 +42,7 @@ def run(context: str, namespace: str, base_image: str, tmp_path: Path) -> Run:
     def call(raw: Mapping[str, Any], *, fill: bool = True, **more: Any) -> Recorder:
         images = {"ros_master_image": base_image, "image": base_image} if fill else {}
         raw = {**images, **raw}
-        found = structure(made(raw, Node({}, Span(1, 1, 1, 1))), OrchestrationOptions)
+        found = structure(node_of(raw, YamlNode({}, Span(1, 1, 1, 1))), OrchestrationOptions)
         assert not found.problems
         told = Recorder()
         settings = Settings(context=context, namespace=namespace)
@@ -122,7 +122,7 @@ def test_a_launch_file_runs_in_its_namespace_with_its_parameters(
 def test_a_partial_job_changes_only_what_it_names(
     cluster: Any, namespace: str, run: Run, base_image: str
 ) -> None:
-    """The peer's update_k8s: strategy and readiness; image, volumes and master stay."""
+    """src.plugin's update_k8s: strategy and readiness; image, volumes and master stay."""
     args = PUB.split()
     spec = {"template": {"spec": {"containers": [{"name": "ros-app", "args": args}]}}}
     volumes = {"volumes": [{"name": "data"}]}
@@ -183,7 +183,7 @@ def test_the_pull_secret_is_written_beside_the_release(
 ) -> None:
     """Pods get it, no revision has it, an unchanged one is not written again, down takes it."""
     registry = base_image.split("/")[0]
-    providers = {"registry": Credentials(registry, "me", "pa55word")}
+    providers = {"registry": RegistryCredentials(registry, "me", "pa55word")}
     job = {"nodes": {"pub": {"args": PUB}}}
     run(job, providers=providers)
     ref = ObjectRef("v1", "Secret", namespace, "rigel-k8s-application-registry")

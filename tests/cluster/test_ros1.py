@@ -262,7 +262,7 @@ def test_a_node_that_left_the_rigelfile_is_pruned(robot: Robot) -> None:
 
 
 def test_a_job_that_describes_a_part_resets_and_prunes_nothing(robot: Robot) -> None:
-    """The peer's update job names no master, no nodes, no images: they stay as they are."""
+    """src.plugin's update job names no master, no nodes, no images: they stay as they are."""
     robot.write({"talker": talker(), "listener": python(LISTENER)})
     robot.deploy()
     before = {n: robot.pods(n)[0]["metadata"]["uid"] for n in ("ros-master", "talker", "listener")}

@@ -25,7 +25,7 @@ import pytest
 
 import rigel_k8s.inpod
 from rigel_k8s.cache import locked
-from rigel_k8s.graph.findings import Graph, graph
+from rigel_k8s.graph.findings import DiscoveryGraph, graph
 from rigel_k8s.graph.looks import look
 from rigel_k8s.graph.members import Member
 from rigel_k8s.network.modes.peers import peer_name
@@ -249,11 +249,11 @@ class Lab:
         }
         return Member(**{**told, **more})
 
-    def graph(self, mode: str = "macvlan", **more: Any) -> Graph:
+    def graph(self, mode: str = "macvlan", **more: Any) -> DiscoveryGraph:
         """What `rigel` finds out about the pods."""
         return self.graph_of(self.members(mode, **more))
 
-    def graph_of(self, found: Sequence[Member]) -> Graph:
+    def graph_of(self, found: Sequence[Member]) -> DiscoveryGraph:
         """What `rigel` finds out about some of them."""
         self.settled()
         return graph(found, look(self, found))  # type: ignore[arg-type]

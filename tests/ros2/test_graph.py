@@ -12,7 +12,7 @@ import pytest
 
 import rigel_k8s.inpod
 from rigel_k8s.graph.check import PATIENCE
-from rigel_k8s.graph.findings import Graph
+from rigel_k8s.graph.findings import DiscoveryGraph
 
 pytestmark = pytest.mark.cluster
 
@@ -85,11 +85,11 @@ rclpy.spin(node)
 """
 
 
-def told(graph: Graph) -> list[str]:
+def told(graph: DiscoveryGraph) -> list[str]:
     return [f"{finding.kind}: {finding.message}" for finding in graph.findings]
 
 
-def looked(look: Callable[[], Graph], *lines: str) -> Graph:
+def looked(look: Callable[[], DiscoveryGraph], *lines: str) -> DiscoveryGraph:
     """The graph once it tells just these lines: a busy machine may need as long as a deploy has."""
     until = time.monotonic() + PATIENCE
     while told(found := look()) != list(lines) and time.monotonic() < until:

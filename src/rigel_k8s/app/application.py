@@ -1,4 +1,4 @@
-"""The one application of the peer's keys: a Deployment of the release's name."""
+"""The one application of src.plugin's keys: a Deployment of the release's name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import Object, compact, probes, stop_hook
 from rigel_k8s.objects.workloads import (
-    Surroundings,
+    ReleaseContext,
     deployment,
     pull_policy,
     readiness_of,
@@ -38,7 +38,7 @@ def has_application(options: OrchestrationOptions) -> bool:
     return bool(options.application_image or options.additional_k8s_params.application)
 
 
-def application_identity(around: Surroundings, options: OrchestrationOptions) -> PodIdentity:
+def application_identity(around: ReleaseContext, options: OrchestrationOptions) -> PodIdentity:
     """Return what the network knows the application by."""
     image = str(options.application_image or around.default_image)
     policy = pull_policy(None, pinned=bool(remote_selector(options.distributed)))
@@ -48,7 +48,7 @@ def application_identity(around: Surroundings, options: OrchestrationOptions) ->
 
 
 def application_deployment(
-    around: Surroundings, options: OrchestrationOptions, wired: Wiring, asked: Sequence[str]
+    around: ReleaseContext, options: OrchestrationOptions, wired: Wiring, asked: Sequence[str]
 ) -> Object:
     """Return the application's Deployment with the user's own parts laid over it.
 
@@ -86,7 +86,7 @@ def application_deployment(
 
 
 def container(
-    around: Surroundings,
+    around: ReleaseContext,
     options: OrchestrationOptions,
     wired: Wiring,
     asked: Sequence[str],

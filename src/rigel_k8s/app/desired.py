@@ -13,7 +13,7 @@ from rigel_k8s.app.application import application_deployment, application_identi
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.exporterchecks import can_be_seen
 from rigel_k8s.app.master import master_deployment, master_service
-from rigel_k8s.app.nodes import Node, node_objects, plan_of
+from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
 from rigel_k8s.app.placing import node_selector, remote_selector, tolerations
@@ -23,14 +23,14 @@ from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
-from rigel_k8s.objects.images import allowed, images_of, pinned
+from rigel_k8s.objects.images import add_pull_secrets, images_of, pin_images
 from rigel_k8s.objects.naming import ROS_ANNOTATION, Ros
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, MASTER_URI, Object, scripts_config
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
-from rigel_k8s.objects.steady import steadied
-from rigel_k8s.objects.workloads import Surroundings, config_map
-from rigel_k8s.observability.exporter import Graph, exporter_identity, exporter_objects
+from rigel_k8s.objects.steady import steady
+from rigel_k8s.objects.workloads import ReleaseContext, config_map
+from rigel_k8s.observability.exporter import WatchedGraph, exporter_identity, exporter_objects
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.observability.options import RosMetrics
 from rigel_k8s.problems import Path
@@ -90,7 +90,7 @@ def draft(
         previous: the objects of the last revision, which tell who has which address.
     """
     ros = ros_of(application.distro, options.ros)
-    around = Surroundings(
+    around = ReleaseContext(
         namespace=release.namespace,
         release=release.name,
         master_uri=master_uri(options, ros),
@@ -100,7 +100,7 @@ def draft(
     )
     own = Parts(options, around, files or {})
     made = objects(own, own.plan(previous), scripts)
-    return Draft(release, tuple((path, steadied(item)) for path, item in made))
+    return Draft(release, tuple((path, steady(item)) for path, item in made))
 
 
 @attrs.frozen
@@ -139,12 +139,14 @@ class Draft:
             digests: image reference to the same with its digest, for those that are known.
             pull_secrets: Secrets with registry credentials besides those of the options.
         """
-        final = [allowed(pinned(item, digests or {}), pull_secrets) for item in self.objects]
+        final = [
+            add_pull_secrets(pin_images(item, digests or {}), pull_secrets) for item in self.objects
+        ]
         return Desired(
             release=self.release,
             objects=tuple(bound_to_master(final)),
             origins={ref_of(item): path for path, item in self.traced},
-            options=kept(raw or {}),
+            options=options_to_keep(raw or {}),
             create_namespace=create_namespace,
             protected=frozenset(protected(self.objects)),
         )
@@ -179,7 +181,7 @@ class Parts:
     """The workloads of a release before they are manifests."""
 
     options: OrchestrationOptions
-    around: Surroundings
+    around: ReleaseContext
     files: Files
 
     @property
@@ -193,12 +195,12 @@ class Parts:
         image = self.options.ros_master_image or self.around.default_image
         return PodIdentity(MASTER_NAME, str(image), ROSOUT)
 
-    def nodes(self) -> Iterator[Node]:
+    def nodes(self) -> Iterator[RosNode]:
         """Yield the nodes."""
         volumes = {str(v.name): v for v in self.options.persistent_storage.volumes}
         for key, node in self.options.nodes.items():
             image = str(node.image or self.options.image)
-            yield Node(str(key), node, image, self.files, volumes)
+            yield RosNode(str(key), node, image, self.files, volumes)
 
     @property
     def exporter(self) -> RosMetrics | None:
@@ -263,7 +265,7 @@ def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced
             yield ("observability",), item
 
 
-def graph_of(own: Parts, plan: NetworkPlan) -> Graph:
+def graph_of(own: Parts, plan: NetworkPlan) -> WatchedGraph:
     """Return what the exporter shall see: the nodes of one domain, and where all of them are."""
     nodes = list(own.nodes())
     domains = {node.key: plan_of(node, plan).domain_id for node in nodes}
@@ -274,10 +276,10 @@ def graph_of(own: Parts, plan: NetworkPlan) -> Graph:
     rest = {name: node.name for name, node in named.items() if name not in told}
     if own.has_master:
         told[ROSOUT] = MASTER_NAME
-    return Graph(told, rest, domain or 0, placement(own.options))
+    return WatchedGraph(told, rest, domain or 0, placement(own.options))
 
 
-def is_told(ros: Ros, node: Node) -> bool:
+def is_told(ros: Ros, node: RosNode) -> bool:
     """Return whether a program gets its ROS name from here; another may have one of its own."""
     line = program(ros, node.options)
     return not node.options.launch and takes_ros_arguments(ros, line)
@@ -300,7 +302,7 @@ def protected(items: Iterable[Object]) -> Iterator[ObjectRef]:
     return (ref_of(item) for item in items if item["kind"] in kinds)
 
 
-def kept(raw: Mapping[str, Any]) -> dict[str, Any]:
+def options_to_keep(raw: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that a revision keeps: all but a password."""
     result = flat(raw)
     grafana = (result.get("observability") or {}).get("grafana") or {}

@@ -8,7 +8,7 @@ from typing import Any
 from rigel_k8s.objects.overlay import plain
 from rigel_k8s.objects.podoptions import EnvVar
 from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH, Object
-from rigel_k8s.objects.workloads import Surroundings
+from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import text_of
 
 __all__ = ["environment", "literal", "ros_variables"]
@@ -25,11 +25,11 @@ def environment(
     if "ROS_HOSTNAME" in own:
         env.pop("ROS_IP", None)  # ROS_HOSTNAME wins in ROS; two would mislead the reader
     env |= own
-    return [{"name": name, **source} for name, source in env.items() if said(source)]
+    return [{"name": name, **source} for name, source in env.items() if has_value(source)]
 
 
 def ros_variables(
-    around: Surroundings, *, namespace: str | None = None, host_network: bool = False
+    around: ReleaseContext, *, namespace: str | None = None, host_network: bool = False
 ) -> dict[str, Object]:
     """Return ROS' own variables; a plain DDS application has none."""
     if around.ros == "none":
@@ -73,7 +73,7 @@ def ros2_variables() -> dict[str, Object]:
     }
 
 
-def said(source: Mapping[str, Any]) -> bool:
+def has_value(source: Mapping[str, Any]) -> bool:
     """Return whether a variable has a value at all (the empty text is one)."""
     return any(value is not None for value in source.values())
 

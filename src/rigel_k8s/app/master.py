@@ -24,7 +24,7 @@ from rigel_k8s.objects.pods import (
     probes,
     stop_hook,
 )
-from rigel_k8s.objects.workloads import Surroundings, deployment, service
+from rigel_k8s.objects.workloads import ReleaseContext, deployment, service
 
 __all__ = ["MASTER_CONTAINER", "master_deployment", "master_service"]
 
@@ -37,7 +37,7 @@ ROSCORE = ["roscore", "-w", "10", "-t", "3"]
 
 
 def master_deployment(
-    around: Surroundings, image: str, params: Mapping[str, Any], wired: Wiring
+    around: ReleaseContext, image: str, params: Mapping[str, Any], wired: Wiring
 ) -> Object:
     """Return roscore's Deployment with the user's own parts laid over it."""
     volume, mount = inpod_volume(around.release)
@@ -71,7 +71,7 @@ def master_deployment(
     return merged
 
 
-def master_service(around: Surroundings) -> Object:
+def master_service(around: ReleaseContext) -> Object:
     """Return the Service by which all pods find roscore.
 
     It keeps its only address when a probe times out on a busy machine: taking it away would cut

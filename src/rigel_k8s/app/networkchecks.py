@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.podchecks import check_pods, workloads_of
 from rigel_k8s.network.checks import check_options
-from rigel_k8s.network.mode import Use
+from rigel_k8s.network.mode import ModeUse
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.problems import Problem
@@ -30,7 +30,7 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
     if network is None:
         yield from check_missing(options, ros)
         return
-    yield from check_options(network, Use(ros, distro, middleware))
+    yield from check_options(network, ModeUse(ros, distro, middleware))
     yield from check_images(options, middleware or mode_of(network).middleware)
     masters = int(ros == "1" and options.ros_master_uri is None)
     watching = int(options.observability.exporter is not None)

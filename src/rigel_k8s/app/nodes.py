@@ -31,7 +31,7 @@ from rigel_k8s.objects.pods import Object, compact, probes, stop_hook
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import Port
 from rigel_k8s.objects.workloads import (
-    Surroundings,
+    ReleaseContext,
     config_map,
     deployment,
     pull_policy,
@@ -40,7 +40,7 @@ from rigel_k8s.objects.workloads import (
     service,
 )
 
-__all__ = ["DEFAULT_CONTAINER", "NODE_CONTAINER", "Node", "node_objects", "port_of"]
+__all__ = ["DEFAULT_CONTAINER", "NODE_CONTAINER", "RosNode", "node_objects", "port_of"]
 
 NODE_CONTAINER = "ros-node"
 #: Which container kubectl means where nobody says one; it asks where there are init containers.
@@ -49,7 +49,7 @@ PARAMETERS_ANNOTATION = "rigel-k8s/parameters"
 
 
 @attrs.frozen
-class Node:
+class RosNode:
     """A node with all that is needed to make its objects.
 
     Attributes:
@@ -102,7 +102,7 @@ class Node:
         )
 
 
-def node_objects(around: Surroundings, node: Node, plan: NetworkPlan) -> Iterator[Object]:
+def node_objects(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> Iterator[Object]:
     """Yield a node's objects."""
     if node.options.ros == "none":
         around = attrs.evolve(around, ros="none")
@@ -114,14 +114,14 @@ def node_objects(around: Surroundings, node: Node, plan: NetworkPlan) -> Iterato
         yield service(around, node.name, [service_port(port) for port in ports_of(node.options)])
 
 
-def plan_of(node: Node, plan: NetworkPlan) -> NetworkPlan:
+def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
     """Return the network as a node has it, which may say itself in which domain it is."""
     own = literal(node.options.env, "ROS_DOMAIN_ID") if plan.ros == "2" else None
     return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
 
 
 def node_deployment(
-    around: Surroundings, node: Node, command: Command, plan: NetworkPlan
+    around: ReleaseContext, node: RosNode, command: Command, plan: NetworkPlan
 ) -> Object:
     """Return a node's Deployment with the user's patch laid over it."""
     options = node.options
@@ -149,7 +149,7 @@ def node_deployment(
     return merged
 
 
-def wiring_of(node: Node, plan: NetworkPlan) -> Wiring:
+def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
     """Return what the network adds to a node; a program without ROS gets no variable of ROS."""
     if node.options.ros is None:
         return wire_pod(plan, node.identity)
@@ -159,7 +159,7 @@ def wiring_of(node: Node, plan: NetworkPlan) -> Wiring:
 
 
 def pod_spec(
-    around: Surroundings, node: Node, command: Command, plan: NetworkPlan, wired: Wiring
+    around: ReleaseContext, node: RosNode, command: Command, plan: NetworkPlan, wired: Wiring
 ) -> Object:
     """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
     options = node.options
@@ -184,8 +184,8 @@ def pod_spec(
 
 
 def container(
-    around: Surroundings,
-    node: Node,
+    around: ReleaseContext,
+    node: RosNode,
     command: Command,
     plan: NetworkPlan,
     wired: Wiring,
@@ -220,7 +220,7 @@ def grace_seconds(options: NodeOptions) -> int | None:
     return None if grace is None else max(1, round(grace.seconds))
 
 
-def ros_namespace(node: Node) -> str | None:
+def ros_namespace(node: RosNode) -> str | None:
     """Return the node's ROS namespace, from its name where that is a path; None at the root."""
     if node.options.launch or node.options.anonymous:
         return str(node.options.namespace) if node.options.namespace else None
@@ -234,12 +234,12 @@ def resources(asked: Resources, devices: Mapping[str, str]) -> Object:
     return compact({"requests": requests, "limits": limits | dict(devices)})
 
 
-def parameters_config(node: Node) -> str:
+def parameters_config(node: RosNode) -> str:
     """Return the name of the ConfigMap with the node's parameters."""
     return f"{node.name}-parameters"
 
 
-def parameter_volume(node: Node, command: Command) -> Iterator[tuple[Object, Object]]:
+def parameter_volume(node: RosNode, command: Command) -> Iterator[tuple[Object, Object]]:
     """Yield (volume, mount) of the parameter files, if there are any."""
     if command.files:
         volume = {"name": "rigel-parameters", "configMap": {"name": parameters_config(node)}}

@@ -1,4 +1,4 @@
-"""The options of an orchestration job: the peer's keys, and a mapping of ROS nodes.
+"""The options of an orchestration job: src.plugin's keys, and a mapping of ROS nodes.
 
 Every field says what it is for in its metadata; the JSON schema and docs/reference.md are made from
 it. It knows no Kubernetes object.
@@ -143,7 +143,7 @@ class NodeOptions:
 class OrchestrationOptions:
     """What the job deploys."""
 
-    #: The peer's users write all keys below this one; both shapes mean the same.
+    #: src.plugin's users write all keys below this one; both shapes mean the same.
     nested_under: ClassVar[str] = "orchestration"
 
     namespace: ObjectName | None = option("the Kubernetes namespace; made where it is missing")

@@ -1,4 +1,4 @@
-"""Jobs that describe only a part of a release, as the peer's update_k8s does; plain data."""
+"""Jobs that describe only a part of a release, as src.plugin's update_k8s does; plain data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AS_ONE = ("readiness", "rolling_update", "results")
 
 
 def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a job's `with` without the level that the peer's users write, as plain data."""
+    """Return a job's `with` without the level that src.plugin's users write, as plain data."""
     result: dict[str, Any] = plain(raw)
     nested = result.pop(OrchestrationOptions.nested_under, None)
     return {**(nested or {}), **result}

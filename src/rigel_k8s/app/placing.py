@@ -12,7 +12,7 @@ from rigel_k8s.objects.pods import Object, compact
 __all__ = ["HOSTNAME", "REMOTE", "affinity", "node_selector", "remote_selector", "tolerations"]
 
 HOSTNAME = "kubernetes.io/hostname"
-#: The label of remote machines, as the peer has it.
+#: The label of remote machines, as src.plugin has it.
 REMOTE: Mapping[str, str] = {"deploymentType": "remote"}
 
 #: A robot that loses its network keeps its pods: without these they are evicted after 300 s.

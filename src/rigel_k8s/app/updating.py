@@ -10,7 +10,7 @@ __all__ = ["is_rolling", "share", "strategy"]
 
 
 def is_rolling(update: RollingUpdate | None) -> bool:
-    """Return whether somebody asks for an update by surge, the peer's default."""
+    """Return whether somebody asks for an update by surge, src.plugin's default."""
     if update is None:
         return False
     if update.strategy is None:

@@ -8,14 +8,14 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.graph.findings import Graph, PodGraph
+from rigel_k8s.graph.findings import DiscoveryGraph, PodGraph
 
 __all__ = ["HEADS", "cells", "graph_json", "graph_lines"]
 
 HEADS = ("INTERFACE", "ADDRESS", "DISCOVERED")
 
 
-def cells(graph: Graph, pod: str) -> list[str]:
+def cells(graph: DiscoveryGraph, pod: str) -> list[str]:
     """Return one pod's cells: its interface, its address, discovered in how many other pods."""
     row = next((one for one in graph.pods if one.pod == pod), None)
     if row is None:
@@ -32,14 +32,14 @@ def discovered(row: PodGraph) -> str:
     return f"{len(row.discovered_by)}/{row.out_of}"
 
 
-def graph_lines(graph: Graph) -> Iterator[str]:
+def graph_lines(graph: DiscoveryGraph) -> Iterator[str]:
     """Yield what is wrong, and what to do: once where it is the same for several."""
     for finding, following in zip_longest(graph.findings, graph.findings[1:]):
         same = following is not None and following.remedy == finding.remedy
         yield finding.message if same else str(finding)
 
 
-def graph_json(graph: Graph | None) -> dict[str, Any] | None:
+def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:
     """Return a graph as scripts get it (docs/graph.md)."""
     if graph is None:
         return None

@@ -76,13 +76,13 @@ def install(
 ) -> None:
     """Install or update both, and let each node attach a pod. What others installed is used."""
     from rigel_k8s.commands import network as networks
-    from rigel_k8s.network.multus.install import told
+    from rigel_k8s.network.multus.install import describe
 
     with reporting(ctx) as report:
         done = networks.install(
             settings(ctx, timeout=timeout, adopt=adopt), options_of(words), report
         )
-    click.echo(told(done))
+    click.echo(describe(done))
 
 
 @network.command()

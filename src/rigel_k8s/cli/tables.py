@@ -10,7 +10,7 @@ import attrs
 import click
 
 from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
-from rigel_k8s.graph.findings import Graph
+from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
@@ -30,7 +30,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def status_text(
-    found: ReleaseStatus, now: datetime | None = None, graph: Graph | None = None
+    found: ReleaseStatus, now: datetime | None = None, graph: DiscoveryGraph | None = None
 ) -> str:
     """Return a release's workloads and pods, and below them why something is not in order."""
     now = now or datetime.now(timezone.utc)
@@ -55,7 +55,7 @@ def headline(found: ReleaseStatus) -> str:
 
 
 def rows_of(
-    workload: WorkloadStatus, now: datetime, graph: Graph | None = None
+    workload: WorkloadStatus, now: datetime, graph: DiscoveryGraph | None = None
 ) -> Iterator[list[str]]:
     """Yield a row for each pod of a workload, or one where it has none."""
     ros_name = workload.annotations.get(ROS_NAME_ANNOTATION, "-")
@@ -117,7 +117,7 @@ def short(image: str) -> str:
     return f"{name}{at}{digest[:7]}" if at else image or "-"
 
 
-def status_json(found: ReleaseStatus, graph: Graph | None = None) -> dict[str, Any]:
+def status_json(found: ReleaseStatus, graph: DiscoveryGraph | None = None) -> dict[str, Any]:
     """Return a release as scripts get it (docs/cli.md)."""
     return {
         "release": found.release.name,

@@ -12,7 +12,7 @@ from rigel_k8s.cli.words import complete_node, job_option, json_option, print_js
 from rigel_k8s.cli.words import quiet as is_quiet
 
 if TYPE_CHECKING:
-    from rigel_k8s.commands.top import Row, Top, Topic, Topics
+    from rigel_k8s.commands.top import Top, Topics, TopicUsage, UsageRow
 
 __all__ = ["top"]
 
@@ -75,7 +75,7 @@ def any_told(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
     return any(row[HEADS.index(head)] != NOT_TOLD for row in rows for head in heads)
 
 
-def cells(row: Row) -> list[str]:
+def cells(row: UsageRow) -> list[str]:
     """Return a row's cells."""
     return [
         row.workload,
@@ -107,7 +107,7 @@ def show_topics(found: Topics, output: str) -> None:
         )
 
 
-def topic_cells(row: Topic) -> list[str]:
+def topic_cells(row: TopicUsage) -> list[str]:
     """Return a topic's cells."""
     return [
         row.name,

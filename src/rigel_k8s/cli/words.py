@@ -13,7 +13,7 @@ import click
 from rigel_k8s.settings import Settings
 
 if TYPE_CHECKING:
-    from rigel_k8s.jobs.job import Reporter
+    from rigel_k8s.jobs.job import JobReporter
 
 __all__ = [
     "Timeout",
@@ -48,7 +48,7 @@ def quiet(ctx: click.Context) -> bool:
     return bool(ctx.find_root().obj["quiet"])
 
 
-def reporting(ctx: click.Context) -> AbstractContextManager[Reporter]:
+def reporting(ctx: click.Context) -> AbstractContextManager[JobReporter]:
     """Return the reporter that suits the options and the terminal."""
     from rigel_k8s.cli.reports import reporter
 

@@ -11,7 +11,7 @@ from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.facts import is_default_class, is_ready
 from rigel_k8s.settings import Settings
 
-__all__ = ["Finding", "examine"]
+__all__ = ["DoctorFinding", "examine"]
 
 NEEDED = (
     ("apps", "deployments"),
@@ -24,7 +24,7 @@ NEEDED = (
 
 
 @attrs.frozen
-class Finding:
+class DoctorFinding:
     """One thing that a deploy needs: whether it is there, and what to do where it is not."""
 
     what: str
@@ -33,26 +33,26 @@ class Finding:
     hint: str = ""
 
 
-def examine(settings: Settings) -> list[Finding]:
+def examine(settings: Settings) -> list[DoctorFinding]:
     """Return what was found; the first thing that is missing ends the search."""
     try:
         with connect(settings) as cluster:
             version = cluster.server_version()
             where = cluster.context_name or "in-cluster"
             return [
-                Finding("cluster", ok=True, found=f"{where} at {cluster.server}, {version}"),
+                DoctorFinding("cluster", ok=True, found=f"{where} at {cluster.server}, {version}"),
                 *rights(cluster, settings.namespace or cluster.namespace),
                 nodes(cluster),
                 storage(cluster),
             ]
     except RigelK8sError as error:
-        return [Finding("cluster", ok=False, found=error.message, hint=error.hint or "")]
+        return [DoctorFinding("cluster", ok=False, found=error.message, hint=error.hint or "")]
 
 
-def rights(cluster: Cluster, namespace: str) -> Iterator[Finding]:
+def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
     """Ask the API server whether we may write what a release is made of."""
     refused = [name for group, name in NEEDED if not allowed(cluster, namespace, group, name)]
-    yield Finding(
+    yield DoctorFinding(
         f"rights in {namespace}",
         ok=not refused,
         found=f"none to write {', '.join(refused)}" if refused else "all that a release needs",
@@ -74,7 +74,7 @@ def allowed(cluster: Cluster, namespace: str, group: str, resource: str) -> bool
     return bool(review["status"]["allowed"])
 
 
-def nodes(cluster: Cluster) -> Finding:
+def nodes(cluster: Cluster) -> DoctorFinding:
     """Tell which machines are ready."""
     ready: list[str] = []
     other: list[str] = []
@@ -82,13 +82,13 @@ def nodes(cluster: Cluster) -> Finding:
         names = ready if is_ready(node) else other
         names.append(node["metadata"]["name"])
     found = f"{len(ready)} ready" + (f", not ready: {', '.join(other)}" if other else "")
-    return Finding("nodes", ok=bool(ready), found=found, hint="kubectl describe node NAME")
+    return DoctorFinding("nodes", ok=bool(ready), found=found, hint="kubectl describe node NAME")
 
 
-def storage(cluster: Cluster) -> Finding:
+def storage(cluster: Cluster) -> DoctorFinding:
     """Tell the default StorageClass; without one, claims need a storage_class or host_path."""
     classes = cluster.list("storage.k8s.io/v1", "StorageClass")
     default = [one["metadata"]["name"] for one in classes if is_default_class(one)]
     found = f"default class {default[0]}" if default else "no default StorageClass"
     hint = "give each volume a storage_class or a host_path"
-    return Finding("storage", ok=bool(default), found=found, hint=hint)
+    return DoctorFinding("storage", ok=bool(default), found=found, hint=hint)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.jobs.job import JobReporter
 from rigel_lab import cluster as localcluster
 from rigel_lab.images import exporter, ros1base, ros2base
 from rigel_lab.images.base.build import BaseImage
@@ -12,22 +12,26 @@ from rigel_lab.images.base.engine import push as push_image
 __all__ = ["ros1_base", "ros2_base", "ros_exporter"]
 
 
-def ros1_base(report: Reporter, *, variant: ros1base.Variant, push: str | None, force: bool) -> str:
+def ros1_base(
+    report: JobReporter, *, variant: ros1base.Variant, push: str | None, force: bool
+) -> str:
     """Build (once) the base image, load it into podman or docker, push it; return its name."""
     return _deliver(ros1base.build(report, variant=variant, force=force), push, report)
 
 
-def ros2_base(report: Reporter, *, distro: ros2base.Distro, push: str | None, force: bool) -> str:
+def ros2_base(
+    report: JobReporter, *, distro: ros2base.Distro, push: str | None, force: bool
+) -> str:
     """Build (once) the base image, load it into podman or docker, push it; return its name."""
     return _deliver(ros2base.build(report, distro=distro, force=force), push, report)
 
 
-def ros_exporter(report: Reporter, *, push: str | None, force: bool) -> str:
+def ros_exporter(report: JobReporter, *, push: str | None, force: bool) -> str:
     """Build (once) the image, load it into podman or docker, push it; return its name."""
     return _deliver(exporter.build(report, force=force), push, report)
 
 
-def _deliver(image: BaseImage, push: str | None, report: Reporter) -> str:
+def _deliver(image: BaseImage, push: str | None, report: JobReporter) -> str:
     if push is None:
         load(image, report)
         return image.reference

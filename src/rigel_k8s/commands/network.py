@@ -6,7 +6,7 @@ from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.kube import connect
 from rigel_k8s.network.multus import install as network_install
 from rigel_k8s.network.multus import removal as network_removal
-from rigel_k8s.network.multus.install import Installed
+from rigel_k8s.network.multus.install import MultusResult
 from rigel_k8s.network.multus.removal import Removed
 from rigel_k8s.network.multus.status import NetworkStatus, network_status
 from rigel_k8s.network.options import Install
@@ -16,7 +16,7 @@ from rigel_k8s.settings import Settings
 __all__ = ["install", "remove", "status"]
 
 
-def install(settings: Settings, options: Install, report: Reporter) -> Installed:
+def install(settings: Settings, options: Install, report: Reporter) -> MultusResult:
     """Install or update both, until every node attaches pods."""
     with connect(settings) as cluster, interruptible() as cancel:
         return network_install.install(

@@ -14,8 +14,8 @@ from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.commands.targets import job_of, release
 from rigel_k8s.errors import UserError
 from rigel_k8s.graph.check import survey
-from rigel_k8s.graph.findings import Graph
-from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.graph.findings import DiscoveryGraph
+from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.jobs.types.orchestration import is_partial, prepare
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import Manifest
@@ -24,7 +24,7 @@ from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import removal
 from rigel_k8s.release import status as states
 from rigel_k8s.release.difference import difference
-from rigel_k8s.release.prepare import prepared
+from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.types import Plan, ReleaseId, Revision
 from rigel_k8s.settings import Settings
 
@@ -46,7 +46,7 @@ class Status:
     """What of a release runs where; graph: who discovers whom, None without DDS or unasked."""
 
     release: states.ReleaseStatus
-    graph: Graph | None
+    graph: DiscoveryGraph | None
 
     @property
     def ok(self) -> bool:
@@ -84,11 +84,11 @@ def render(settings: Settings, job: str | None) -> Manifests:
         return Manifests(stacks.manifests(request_of(alone.raw)), alone.warnings)
     found = job_of(settings, job, rigelfile)
     if found.options.observability_only:
-        return Manifests(stacks.manifests(observed(found.raw)), found.warnings)
+        return Manifests(stacks.manifests(stack_request_of(found.raw)), found.warnings)
     cluster = connect(settings) if is_partial(found.raw) else None
     made = prepare(found.options, found.raw, found.application, settings, cluster)
     objects = () if made.stack is None else stacks.manifests(made.stack)
-    return Manifests((*objects, *prepared(made.desired)), found.warnings)
+    return Manifests((*objects, *manifests_to_apply(made.desired)), found.warnings)
 
 
 def diff(settings: Settings, job: str | None) -> Difference:
@@ -96,28 +96,28 @@ def diff(settings: Settings, job: str | None) -> Difference:
     rigelfile = load(settings)
     if alone := stacks.stack_job(rigelfile, settings, job):
         with connect(settings) as cluster:
-            return told(
+            return describe(
                 stacks.plan(request_of(alone.raw), cluster, adopt=settings.adopt), alone.warnings
             )
     found = job_of(settings, job, rigelfile)
     with connect(settings) as cluster:
         if found.options.observability_only:
-            stack = observed(found.raw)
-            return told(stacks.plan(stack, cluster, adopt=settings.adopt), found.warnings)
+            stack = stack_request_of(found.raw)
+            return describe(stacks.plan(stack, cluster, adopt=settings.adopt), found.warnings)
         made = prepare(found.options, found.raw, found.application, settings, cluster)
         plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
         if made.stack is not None:
             first = stacks.plan(made.stack, cluster, adopt=settings.adopt)
             plan = attrs.evolve(plan, steps=(*first.steps, *plan.steps))
-    return told(plan, found.warnings)
+    return describe(plan, found.warnings)
 
 
-def told(plan: Plan, warnings: tuple[str, ...]) -> Difference:
+def describe(plan: Plan, warnings: tuple[str, ...]) -> Difference:
     """Return a plan with the same as text."""
     return Difference(plan, difference(plan), warnings)
 
 
-def observed(raw: Mapping[str, Any]) -> StackRequest:
+def stack_request_of(raw: Mapping[str, Any]) -> StackRequest:
     """Return what an orchestration job says of the observability stack."""
     return request_of(flat(raw).get("observability") or {})
 
@@ -144,7 +144,9 @@ def history(settings: Settings, job: str | None) -> Sequence[Revision]:
         return deploys.history(cluster, found.id)
 
 
-def rollback(settings: Settings, job: str | None, number: int | None, report: Reporter) -> Revision:
+def rollback(
+    settings: Settings, job: str | None, number: int | None, report: JobReporter
+) -> Revision:
     """Deploy an earlier revision's objects again; None is the good one before the present."""
     found = release(settings, job)
     with found.cluster as cluster, interruptible() as cancel:
@@ -160,7 +162,7 @@ def rollback(settings: Settings, job: str | None, number: int | None, report: Re
 
 
 def down(
-    settings: Settings, job: str | None, report: Reporter, *, volumes: bool
+    settings: Settings, job: str | None, report: JobReporter, *, volumes: bool
 ) -> tuple[ReleaseId, Plan]:
     """Delete a release's objects; claims and volumes only where asked for.
 

@@ -6,13 +6,15 @@ from typing import Literal
 
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.jobs import runner
-from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.settings import Settings
 
 __all__ = ["run"]
 
 
-def run(kind: Literal["job", "sequence"], name: str, settings: Settings, report: Reporter) -> None:
+def run(
+    kind: Literal["job", "sequence"], name: str, settings: Settings, report: JobReporter
+) -> None:
     """Check all of it, then run it.
 
     Raises:

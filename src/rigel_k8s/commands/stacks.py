@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rigel_k8s import rigelfile as grammar
-from rigel_k8s.commands.targets import Job
+from rigel_k8s.commands.targets import TargetJob
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.types.observability import ObservabilityJob
@@ -12,7 +12,7 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release import deploy as deploys
-from rigel_k8s.release.prepare import prepared
+from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.types import Plan
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings
@@ -20,7 +20,7 @@ from rigel_k8s.settings import Settings
 __all__ = ["manifests", "plan", "stack_job"]
 
 
-def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> Job | None:
+def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> TargetJob | None:
     """Return the named job where it is one that deploys the stack alone, None where it is none.
 
     Raises:
@@ -40,12 +40,12 @@ def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> Job
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)
     told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
-    return Job(spec.name, made.options, made.raw, rigelfile.application, told)
+    return TargetJob(spec.name, made.options, made.raw, rigelfile.application, told)
 
 
 def manifests(request: StackRequest) -> tuple[Manifest, ...]:
     """Return the stack's manifests as one job describes it; no cluster is asked."""
-    return prepared(render_stack(request).desired)
+    return manifests_to_apply(render_stack(request).desired)
 
 
 def plan(request: StackRequest, cluster: Cluster, *, adopt: bool) -> Plan:

@@ -23,11 +23,11 @@ from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Job", "Release", "job_of", "names", "node_names", "release"]
+__all__ = ["Release", "TargetJob", "job_of", "names", "node_names", "release"]
 
 
 @attrs.frozen
-class Job:
+class TargetJob:
     """An orchestration job, all of whose options are known and right.
 
     Attributes:
@@ -54,7 +54,7 @@ class Release:
     observability: Any = None
 
 
-def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = None) -> Job:
+def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = None) -> TargetJob:
     """Return the named orchestration job, or the one that the Rigelfile has.
 
     Args:
@@ -71,7 +71,7 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)
     told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
-    return Job(spec.name, made.options, made.raw, rigelfile.application, told)
+    return TargetJob(spec.name, made.options, made.raw, rigelfile.application, told)
 
 
 def release(settings: Settings, job: str | None = None) -> Release:

@@ -11,12 +11,12 @@ from rigel_k8s.commands.targets import Release, release
 from rigel_k8s.commands.top_usage import Usage, used
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.observability.names import PROMETHEUS
-from rigel_k8s.observability.reading.prometheus import Prometheus, Sample, matchers
+from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.observability.reading.stack import NoStack, part_of
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings
 
-__all__ = ["Row", "Top", "Topic", "Topics", "top", "topics"]
+__all__ = ["Top", "TopicUsage", "Topics", "UsageRow", "top", "topics"]
 
 #: A mean of this time is told, of a series that is as old; two scrapes are in it in any case.
 SPAN = "2m"
@@ -46,7 +46,7 @@ TOPICS = {
 
 
 @attrs.frozen
-class Row:
+class UsageRow:
     """A pod of a ROS node; what nobody told is None.
 
     Attributes:
@@ -73,13 +73,13 @@ class Top:
     """Rows, and who told them: prometheus, metrics-server or kubelet; and why not one before."""
 
     release: ReleaseId
-    rows: tuple[Row, ...]
+    rows: tuple[UsageRow, ...]
     source: str
     reasons: tuple[str, ...]
 
 
 @attrs.frozen
-class Topic:
+class TopicUsage:
     """A topic; what nobody told is None.
 
     Attributes:
@@ -106,7 +106,7 @@ class Topics:
     """The topics of a release."""
 
     release: ReleaseId
-    rows: tuple[Topic, ...]
+    rows: tuple[TopicUsage, ...]
 
 
 def top(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Top:
@@ -120,11 +120,11 @@ def top(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Top
     with found.cluster as cluster:
         pods = running_pods(found, nodes)
         try:
-            prometheus: Prometheus | NoStack | ClusterError = prometheus_of(found)
+            prometheus: PrometheusClient | NoStack | ClusterError = prometheus_of(found)
         except (NoStack, ClusterError) as error:
             prometheus = error
         usage = used(cluster, pods, prometheus)
-        told = ros_of(found, prometheus) if isinstance(prometheus, Prometheus) else Ros()
+        told = ros_of(found, prometheus) if isinstance(prometheus, PrometheusClient) else Ros()
     rows = tuple(row_of(pod, usage.by_pod.get(pod.name), told) for pod in pods)
     return Top(found.id, rows, usage.source, usage.reasons)
 
@@ -160,9 +160,9 @@ def running_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
     return [pod for pod in pods if pod.phase == "Running"] or pods
 
 
-def prometheus_of(found: Release) -> Prometheus:
+def prometheus_of(found: Release) -> PrometheusClient:
     """Return the stack's Prometheus; raises as part_of."""
-    return Prometheus(part_of(found.cluster, PROMETHEUS, found.observability).ask)
+    return PrometheusClient(part_of(found.cluster, PROMETHEUS, found.observability).ask)
 
 
 def own_series(release: ReleaseId) -> str:
@@ -179,7 +179,7 @@ class Ros:
     received: dict[str, float] = attrs.field(factory=dict)
 
 
-def ros_of(found: Release, prometheus: Prometheus) -> Ros:
+def ros_of(found: Release, prometheus: PrometheusClient) -> Ros:
     """Return what Prometheus knows of a release's ROS nodes; nothing where it has no exporter."""
     own = own_series(found.id)
     queries = [UP.format(own), FLOW.format(own)]
@@ -203,11 +203,11 @@ def by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
     return {sample.labels.get(label, ""): sample.value for sample in samples}
 
 
-def row_of(pod: Pod, usage: Usage | None, told: Ros) -> Row:
+def row_of(pod: Pod, usage: Usage | None, told: Ros) -> UsageRow:
     """Return a pod's row."""
     name = pod.ros_name
     up = told.up.get(name or pod.workload)
-    return Row(
+    return UsageRow(
         workload=pod.workload,
         ros_name=name,
         pod=pod.name,
@@ -221,7 +221,7 @@ def row_of(pod: Pod, usage: Usage | None, told: Ros) -> Row:
     )
 
 
-def topics_of(answers: Mapping[str, Sequence[Sample]]) -> tuple[Topic, ...]:
+def topics_of(answers: Mapping[str, Sequence[Sample]]) -> tuple[TopicUsage, ...]:
     """Return the topics that the answers to TOPICS tell of, by name."""
     told = {name: by("topic", samples) for name, samples in answers.items()}
     types = {
@@ -233,7 +233,7 @@ def topics_of(answers: Mapping[str, Sequence[Sample]]) -> tuple[Topic, ...]:
         heard = name in told["age"] or name in told["heard"]
         rates, sizes = ("heard", "heard_bytes") if heard else ("counted", "counted_bytes")
         found.append(
-            Topic(
+            TopicUsage(
                 name=name,
                 type=kind,
                 publishers=int(told["publishers"].get(name, 0)),

@@ -15,7 +15,7 @@ from rigel_k8s.commands.pods import Pod
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.observability.reading.prometheus import Prometheus, Sample, matchers
+from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.observability.reading.stack import NoStack, why_not
 
 __all__ = ["Usage", "Used", "amount", "used"]
@@ -57,7 +57,7 @@ class Used:
 
 
 def used(
-    cluster: Cluster, pods: Sequence[Pod], prometheus: Prometheus | NoStack | ClusterError
+    cluster: Cluster, pods: Sequence[Pod], prometheus: PrometheusClient | NoStack | ClusterError
 ) -> Used:
     """Return what pods of one namespace use, from the first that tells.
 
@@ -66,7 +66,7 @@ def used(
     """
 
     def from_prometheus() -> Mapping[str, Usage]:
-        if not isinstance(prometheus, Prometheus):
+        if not isinstance(prometheus, PrometheusClient):
             raise prometheus
         return asked(cluster, prometheus, pods[0].namespace)
 
@@ -99,7 +99,7 @@ def refused(name: str, error: NoStack | ClusterError) -> str:
     return why_not(name, error)
 
 
-def asked(cluster: Cluster, prometheus: Prometheus, namespace: str) -> Mapping[str, Usage]:
+def asked(cluster: Cluster, prometheus: PrometheusClient, namespace: str) -> Mapping[str, Usage]:
     """Return what Prometheus has from the kubelets' cAdvisors."""
     own = matchers(namespace=namespace)
     queries = [CPU.format(own), MEMORY.format(own)]

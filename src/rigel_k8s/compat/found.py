@@ -16,10 +16,10 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.option_text import has_template
-from rigel_k8s.rigelfile import Node, Rigelfile, preview
+from rigel_k8s.rigelfile import Rigelfile, YamlNode, preview
 from rigel_k8s.rigelfile.model import ComponentSpec, Concurrent, JobUse, Parallel, SequenceSpec
 
-__all__ = ["CommandLine", "Use", "command_line", "find_use"]
+__all__ = ["CommandLine", "PlacedJob", "command_line", "find_use"]
 
 
 @attrs.frozen
@@ -32,11 +32,11 @@ class CommandLine:
 
 
 @attrs.frozen
-class Use:
+class PlacedJob:
     """A job of the Rigelfile with the overrides of the place where it is used."""
 
     spec: ComponentSpec
-    overrides: Node | None = None
+    overrides: YamlNode | None = None
 
 
 def command_line(argv: Sequence[str] | None = None) -> CommandLine:
@@ -66,7 +66,7 @@ def find_use(
     given: Mapping[str, Any],
     data: Mapping[str, Any],
     line: CommandLine,
-) -> Use:
+) -> PlacedJob:
     """Return the job that a plugin with this data is.
 
     Raises:
@@ -85,23 +85,23 @@ def find_use(
 
 
 def _rendered(
-    rigelfile: Rigelfile, use: Use, options: type[Any], data: Mapping[str, Any]
+    rigelfile: Rigelfile, use: PlacedJob, options: type[Any], data: Mapping[str, Any]
 ) -> Mapping[str, Any]:
     raw: Mapping[str, Any] = preview(rigelfile, use.spec, use.overrides, dict(data), options).raw
     return raw
 
 
-def _candidates(rigelfile: Rigelfile, line: CommandLine) -> Iterator[Use]:
+def _candidates(rigelfile: Rigelfile, line: CommandLine) -> Iterator[PlacedJob]:
     if line.job and line.job in rigelfile.jobs:
-        yield Use(rigelfile.jobs[line.job])
+        yield PlacedJob(rigelfile.jobs[line.job])
     elif line.sequence and line.sequence in rigelfile.sequences:
         for used in _uses(rigelfile.sequences[line.sequence]):
-            yield Use(rigelfile.jobs[used.name], used.overrides)
+            yield PlacedJob(rigelfile.jobs[used.name], used.overrides)
     else:
-        yield from (Use(spec) for spec in rigelfile.jobs.values())
+        yield from (PlacedJob(spec) for spec in rigelfile.jobs.values())
         for sequence in rigelfile.sequences.values():
             for used in _uses(sequence):
-                yield Use(rigelfile.jobs[used.name], used.overrides)
+                yield PlacedJob(rigelfile.jobs[used.name], used.overrides)
 
 
 def _uses(sequence: SequenceSpec) -> Iterator[JobUse]:

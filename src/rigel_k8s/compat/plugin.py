@@ -15,7 +15,7 @@ from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.jobs.registry import job_type
 from rigel_k8s.jobs.runner import GRACE, Prepared, prepare_use, run
-from rigel_k8s.jobs.scope import Scope
+from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 
@@ -40,7 +40,7 @@ class JobPlugin:
     ) -> None:
         self._data = {} if shared_data is None else shared_data
         self._providers = providers_data
-        self._scope = Scope()
+        self._scope = CancelScope()
         self._prepared: Prepared | None = None
         self._thread: threading.Thread | None = None
         self._error: BaseException | None = None

@@ -6,7 +6,7 @@ import logging
 import sys
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.jobs.job import JobReporter
 
 __all__ = ["LogReport", "rigel_error"]
 
@@ -35,7 +35,7 @@ class LogReport:
             self._states[key] = state
             LOGGER.info("%s%s: %s", self._prefix, key, state)
 
-    def child(self, name: str) -> Reporter:
+    def child(self, name: str) -> JobReporter:
         """Return a reporter whose lines begin with the name too."""
         return LogReport(f"{self._prefix}{name}")
 

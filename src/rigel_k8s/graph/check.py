@@ -10,7 +10,7 @@ import threading
 import time
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.graph.findings import Graph, graph
+from rigel_k8s.graph.findings import DiscoveryGraph, graph
 from rigel_k8s.graph.looks import LISTEN, look
 from rigel_k8s.graph.members import Member, members
 from rigel_k8s.kube.cluster import Cluster
@@ -33,7 +33,7 @@ class GraphError(RigelK8sError):
 
 def survey(
     cluster: Cluster, release: ReleaseId, cancel: threading.Event | None = None
-) -> Graph | None:
+) -> DiscoveryGraph | None:
     """Return a release's graph as it is now, None where nothing of it takes part in DDS.
 
     Where something is wrong that a busy machine may explain too, a longer look decides.
@@ -46,7 +46,7 @@ def survey(
 
 def glance(
     cluster: Cluster, release: ReleaseId, cancel: threading.Event | None, seconds: float
-) -> Graph | None:
+) -> DiscoveryGraph | None:
     """Return what one look of so many seconds shows."""
     found = participants(cluster, release)
     return graph(found, look(cluster, found, cancel, seconds=seconds)) if found else None
@@ -80,7 +80,7 @@ def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: thread
         tell(found, release, report)
 
 
-def tell(found: Graph, release: ReleaseId, report: Reporter) -> None:
+def tell(found: DiscoveryGraph, release: ReleaseId, report: Reporter) -> None:
     """Report a graph; raise GraphError where it has errors."""
     report.progress("graph", summary(found), done=True)
     for finding in found.findings:
@@ -96,7 +96,7 @@ def tell(found: Graph, release: ReleaseId, report: Reporter) -> None:
         )
 
 
-def summary(found: Graph) -> str:
+def summary(found: DiscoveryGraph) -> str:
     """Return in one line what was found."""
     if found.findings:
         return f"looked from inside {len(found.pods)} pods"

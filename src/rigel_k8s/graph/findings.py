@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import attrs
 
-from rigel_k8s.graph.looks import Seen
+from rigel_k8s.graph.looks import Observation
 from rigel_k8s.graph.members import Member
 from rigel_k8s.graph.paths import Paths, deaf_findings, paths
-from rigel_k8s.graph.words import Finding, listed
+from rigel_k8s.graph.words import GraphFinding, join_words
 from rigel_k8s.network.modes.peers import peer_name
 
-__all__ = ["Graph", "PodGraph", "graph"]
+__all__ = ["DiscoveryGraph", "PodGraph", "graph"]
 
 
 @attrs.frozen
@@ -42,7 +42,7 @@ class PodGraph:
 
 
 @attrs.frozen
-class Graph:
+class DiscoveryGraph:
     """A release's DDS graph.
 
     Attributes:
@@ -51,15 +51,15 @@ class Graph:
 
     pods: tuple[PodGraph, ...]
     deaf: tuple[tuple[str, str], ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[GraphFinding, ...]
 
     @property
-    def errors(self) -> tuple[Finding, ...]:
+    def errors(self) -> tuple[GraphFinding, ...]:
         """What keeps nodes from each other against what the Rigelfile says."""
         return tuple(finding for finding in self.findings if finding.error)
 
 
-def graph(found: Sequence[Member], seen: Mapping[str, Seen]) -> Graph:
+def graph(found: Sequence[Member], seen: Mapping[str, Observation]) -> DiscoveryGraph:
     """Return what the looks mean."""
     looked = [member for member in found if not seen[member.pod].problem]
     ways = paths(looked, seen)
@@ -71,10 +71,10 @@ def graph(found: Sequence[Member], seen: Mapping[str, Seen]) -> Graph:
         *undiscovered(looked, seen, known, ways),
     ]
     rows = tuple(row(member, seen[member.pod], known.get(member.pod)) for member in found)
-    return Graph(rows, tuple(sorted(ways.deaf)), tuple(findings))
+    return DiscoveryGraph(rows, tuple(sorted(ways.deaf)), tuple(findings))
 
 
-def row(member: Member, seen: Seen, known: Mapping[str, bool] | None) -> PodGraph:
+def row(member: Member, seen: Observation, known: Mapping[str, bool] | None) -> PodGraph:
     """Return one pod's place in the graph."""
     address = seen.interfaces.get(member.interface) if member.interface else member.ip
     if seen.problem:
@@ -93,7 +93,9 @@ def row(member: Member, seen: Seen, known: Mapping[str, bool] | None) -> PodGrap
     )
 
 
-def discoveries(looked: Sequence[Member], seen: Mapping[str, Seen]) -> dict[str, dict[str, bool]]:
+def discoveries(
+    looked: Sequence[Member], seen: Mapping[str, Observation]
+) -> dict[str, dict[str, bool]]:
     """Return pod -> other pod -> whether a stand-in there discovered all its participants."""
     known: dict[str, dict[str, bool]] = {}
     for member in looked:
@@ -115,17 +117,19 @@ def asks(other: Member, member: Member) -> bool:
     return other.mode == "peers" and other.workload != member.workload
 
 
-def unseen(found: Sequence[Member], seen: Mapping[str, Seen]) -> Iterator[Finding]:
+def unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator[GraphFinding]:
     """Yield why pods could not be looked into; pods of one reason together."""
     reasons: dict[str, list[str]] = defaultdict(list)
     for member in found:
         if seen[member.pod].problem:
             reasons[seen[member.pod].problem].append(member.pod)
     for reason, pods in reasons.items():
-        yield Finding("not-looked", f"{listed(pods)} could not be checked: {reason}", "", pods)
+        yield GraphFinding(
+            "not-looked", f"{join_words(pods)} could not be checked: {reason}", "", pods
+        )
 
 
-def of_pod(member: Member, seen: Seen) -> Iterator[Finding]:
+def of_pod(member: Member, seen: Observation) -> Iterator[GraphFinding]:
     """Yield what is wrong inside one pod."""
     wrong = list(interface_findings(member, seen))
     if not wrong and member.middleware == "zenoh":
@@ -134,13 +138,13 @@ def of_pod(member: Member, seen: Seen) -> Iterator[Finding]:
         wrong = [*participant_findings(member, seen), *server_findings(member, seen)]
     for kind, message, remedy in wrong:
         promised = member.mode != "none" and (member.probed or kind != "no-participant")
-        yield Finding(kind, f"{member.pod} {message}", remedy, [member.pod], error=promised)
+        yield GraphFinding(kind, f"{member.pod} {message}", remedy, [member.pod], error=promised)
 
 
 Wrong = tuple[str, str, str]
 
 
-def interface_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
+def interface_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
     """Yield what is wrong with the interface that DDS is to use."""
     name = member.interface
     if not name:
@@ -160,13 +164,15 @@ def interface_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
         yield "other-address", text, "delete the pod: it gets its address when it is made"
 
 
-def participant_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
+def participant_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
     """Yield what is wrong with the pod's own participants."""
     domains = sorted({p["domain"] for p in seen.own if p["domain"] is not None})
     here = [p for p in seen.own if member.domain in (None, p["domain"])]
     stopped = [p for p in here if p["stopped"]]
     if not here and domains:
-        text = f"takes part in DDS domain {listed(map(str, domains))} instead of {member.domain}"
+        text = (
+            f"takes part in DDS domain {join_words(map(str, domains))} instead of {member.domain}"
+        )
         yield "wrong-domain", text, "does its image or command set ROS_DOMAIN_ID?"
     elif not here:
         remedy = "see its log: has its program started DDS, and not ended?"
@@ -179,15 +185,15 @@ def participant_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
         yield "silent", text, "its process hangs, or DDS is bound to another interface"
 
 
-def server_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
+def server_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
     """Yield which discovery servers do not answer."""
     away = [server for server, answers in seen.servers.items() if not answers]
     if away:
         remedy = "does the server's pod run, and its Service exist? UDP must get there and back"
-        yield "no-server", f"gets no answer from the discovery server {listed(away)}", remedy
+        yield "no-server", f"gets no answer from the discovery server {join_words(away)}", remedy
 
 
-def router_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
+def router_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
     """Yield whether the zenoh router is missing."""
     if not seen.routers:
         remedy = "does the router's pod run, and its Service exist? TCP 7447 must get there"
@@ -196,10 +202,10 @@ def router_findings(member: Member, seen: Seen) -> Iterator[Wrong]:
 
 def undiscovered(
     looked: Sequence[Member],
-    seen: Mapping[str, Seen],
+    seen: Mapping[str, Observation],
     known: Mapping[str, Mapping[str, bool]],
     ways: Paths,
-) -> Iterator[Finding]:
+) -> Iterator[GraphFinding]:
     """Yield who is not discovered by whom, where nothing else explains it."""
     by_pod = {member.pod: member for member in looked}
     for pod, others in known.items():
@@ -214,7 +220,7 @@ def undiscovered(
         if not missing:
             continue
         nobody = len(missing) == len(others)
-        who = "nobody" if nobody else listed(missing)
+        who = "nobody" if nobody else join_words(missing)
         remedy = (
             "does its image limit DDS (ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, a"
             " profile), or a firewall drop UDP?"
@@ -224,4 +230,4 @@ def undiscovered(
             remedy = f"is the Service {service} there, and does a NetworkPolicy keep UDP out?"
         verb = "is discovered by nobody" if nobody else f"is not discovered by {who}"
         error = member.mode != "none"
-        yield Finding("undiscovered", f"{pod} {verb}", remedy, [pod], error=error)
+        yield GraphFinding("undiscovered", f"{pod} {verb}", remedy, [pod], error=error)

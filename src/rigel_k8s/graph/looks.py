@@ -24,7 +24,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.modes.peers import peer_name
 
-__all__ = ["ANNOUNCERS", "LISTEN", "Seen", "commands", "look"]
+__all__ = ["ANNOUNCERS", "LISTEN", "Observation", "commands", "look"]
 
 START = 15.0  # seconds until the last one has to hear: a Python start on a busy machine, and DNS
 LISTEN = 1.5  # seconds for which all hear each other, where nobody says it
@@ -38,7 +38,7 @@ SCRIPT = ("python3", "-S", "-E", "-B", f"{MOUNT_PATH}/dds.py")
 
 
 @attrs.frozen
-class Seen:
+class Observation:
     """What was seen in one pod.
 
     Attributes:
@@ -114,7 +114,7 @@ def look(
     cancel: threading.Event | None = None,
     *,
     seconds: float = LISTEN,
-) -> dict[str, Seen]:
+) -> dict[str, Observation]:
     """Return pod -> what was seen in it.
 
     Args:
@@ -125,7 +125,7 @@ def look(
     """
     running = [member for member in found if member.running]
     words = commands(running)
-    runs = [Run(cluster, member, words[member.pod]) for member in running]
+    runs = [Look(cluster, member, words[member.pod]) for member in running]
     wait(runs, lambda run: run.hears, START, cancel)
     for run in runs:
         run.late = not run.hears
@@ -134,11 +134,14 @@ def look(
         run.enough()
     wait(runs, lambda run: run.ended, END, cancel)
     seen = {run.member.pod: run.seen() for run in runs}
-    return {m.pod: seen.get(m.pod, Seen("its container does not run")) for m in found}
+    return {m.pod: seen.get(m.pod, Observation("its container does not run")) for m in found}
 
 
 def wait(
-    runs: Sequence[Run], done: Callable[[Run], bool], seconds: float, cancel: threading.Event | None
+    runs: Sequence[Look],
+    done: Callable[[Look], bool],
+    seconds: float,
+    cancel: threading.Event | None,
 ) -> None:
     """Wait until something holds for all, at most so long."""
     until = time.monotonic() + seconds
@@ -151,7 +154,7 @@ def wait(
             time.sleep(TICK)
 
 
-class Run:
+class Look:
     """The script in one pod, on a thread of its own."""
 
     def __init__(self, cluster: Cluster, member: Member, words: Sequence[str]):
@@ -200,15 +203,15 @@ class Run:
             os.close(self.writing)
             self.writing = -1
 
-    def seen(self) -> Seen:
+    def seen(self) -> Observation:
         """Return what it told."""
         lines = self.output.getvalue().decode("utf-8", "replace").splitlines()
         if self.late and not self.problem:
-            return Seen(SLOW)
+            return Observation(SLOW)
         if self.problem or len(lines) != 2 or self.code != 0:
-            return Seen(self.problem or self.failure(lines))
+            return Observation(self.problem or self.failure(lines))
         here, heard = json.loads(lines[0]), json.loads(lines[1])
-        return Seen(
+        return Observation(
             interfaces=here["interfaces"],
             down=frozenset(here["down"]),
             own=here["participants"],

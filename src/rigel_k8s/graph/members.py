@@ -134,10 +134,10 @@ def expected_address(
     """Return the address that was promised, else the one that Multus says it gave."""
     if note.get("address"):
         return str(note["address"]).partition("/")[0]
-    return next(iter(given(annotations, interface)), None)
+    return next(iter(addresses_of(annotations, interface)), None)
 
 
-def given(annotations: Mapping[str, str], interface: str | None) -> Iterator[str]:
+def addresses_of(annotations: Mapping[str, str], interface: str | None) -> Iterator[str]:
     """Yield the IPv4 addresses that Multus says it gave to an interface."""
     for network in parsed(annotations.get(STATUS_ANNOTATION), []):
         if interface and network.get("interface") == interface:

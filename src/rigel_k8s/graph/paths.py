@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import attrs
 
-from rigel_k8s.graph.looks import Seen
+from rigel_k8s.graph.looks import Observation
 from rigel_k8s.graph.members import Member
-from rigel_k8s.graph.words import Finding, listed
+from rigel_k8s.graph.words import GraphFinding, join_words
 
 __all__ = ["Paths", "deaf_findings", "paths"]
 
@@ -43,7 +43,7 @@ class Paths:
         return bool(deaf or {(one.machine, other.pod), (other.machine, one.pod)} & self.alone)
 
 
-def paths(looked: Sequence[Member], seen: Mapping[str, Seen]) -> Paths:
+def paths(looked: Sequence[Member], seen: Mapping[str, Observation]) -> Paths:
     """Return whose multicast arrives where; pods without their interface tell nothing."""
     able = [m for m in looked if m.by_multicast and seen[m.pod].is_on_network(m)]
     senders = [m for m in able if seen[m.pod].sends]
@@ -58,7 +58,7 @@ def paths(looked: Sequence[Member], seen: Mapping[str, Seen]) -> Paths:
     return Paths(frozenset(heard), frozenset(set(arrived) - heard), frozenset(alone))
 
 
-def deaf_findings(looked: Sequence[Member], ways: Paths) -> Iterator[Finding]:
+def deaf_findings(looked: Sequence[Member], ways: Paths) -> Iterator[GraphFinding]:
     """Yield which machines do not hear which others."""
     bare = any(m.mode == "none" for m in looked)
     names = [f"at {name}" for name in sorted({m.interface for m in looked if m.interface})]
@@ -69,11 +69,11 @@ def deaf_findings(looked: Sequence[Member], ways: Paths) -> Iterator[Finding]:
     remedy = SET_NETWORK if bare else SWITCH
     for message, machines in deaf_messages(ways, where):
         pods = [m.pod for m in looked if m.machine in machines]
-        yield Finding("deaf", message, remedy, pods, error=not bare)
+        yield GraphFinding("deaf", message, remedy, pods, error=not bare)
     for one, pod in sorted(ways.alone):
         message = f"multicast from {one} does not reach {pod}, though it reaches its machine"
         remedy = "delete the pod; if it stays so, see `kubectl describe pod`"
-        yield Finding("deaf-pod", message, remedy, [pod], error=not bare)
+        yield GraphFinding("deaf-pod", message, remedy, [pod], error=not bare)
 
 
 def deaf_messages(ways: Paths, where: str) -> Iterator[tuple[str, set[str]]]:
@@ -110,12 +110,12 @@ def deaf_message(one: str, other: str, where: str, *, both: bool) -> str:
     return f"multicast{where} from {one} does not reach {other}"
 
 
-def bare_finding(looked: Sequence[Member], ways: Paths) -> Finding:
+def bare_finding(looked: Sequence[Member], ways: Paths) -> GraphFinding:
     """Return what it means that the pod network carries no multicast."""
     machines = sorted({name for way in ways.deaf for name in way})
     within = any(one == other for one, other in ways.deaf)
     message = (
-        f"the pods on {listed(machines)} do not discover each other: the pod network carries no"
+        f"the pods on {join_words(machines)} do not discover each other: the pod network carries no"
         f" multicast{'' if within else ' from machine to machine'}"
     )
-    return Finding("deaf", message, SET_NETWORK, [m.pod for m in looked])
+    return GraphFinding("deaf", message, SET_NETWORK, [m.pod for m in looked])

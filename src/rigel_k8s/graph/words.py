@@ -6,13 +6,13 @@ from collections.abc import Iterable, Sequence
 
 import attrs
 
-__all__ = ["Finding", "listed"]
+__all__ = ["GraphFinding", "join_words"]
 
 MOST = 6  # names in a line; who wants all reads `rigel status -o json`
 
 
 @attrs.frozen
-class Finding:
+class GraphFinding:
     """One thing that is wrong, or that could not be found out.
 
     Attributes:
@@ -32,7 +32,7 @@ class Finding:
         return f"{self.message}; {self.remedy}" if self.remedy else self.message
 
 
-def listed(names: Iterable[str]) -> str:
+def join_words(names: Iterable[str]) -> str:
     """Return names in words: a, b and c; a long list is cut."""
     found = list(names)
     if len(found) > MOST:

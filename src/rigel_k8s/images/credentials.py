@@ -12,7 +12,7 @@ import attrs
 from rigel_k8s.image_reference import DOCKER_HUB
 
 __all__ = [
-    "Credentials",
+    "RegistryCredentials",
     "credentials_for",
     "docker_config",
     "is_loopback",
@@ -25,7 +25,7 @@ _HUB_KEY = "https://index.docker.io/v1/"
 
 
 @attrs.frozen
-class Credentials:
+class RegistryCredentials:
     """A user of a registry.
 
     Attributes:
@@ -67,16 +67,16 @@ def is_private(registry: str) -> bool:
         return False
 
 
-def credentials_for(registry: str, known: Iterable[Any]) -> Credentials | None:
+def credentials_for(registry: str, known: Iterable[Any]) -> RegistryCredentials | None:
     """Return the first credentials for a registry; what is not Credentials is passed over."""
     for one in known:
-        if isinstance(one, Credentials) and one.registry == registry_name(registry):
+        if isinstance(one, RegistryCredentials) and one.registry == registry_name(registry):
             return one
     return None
 
 
 def docker_config(
-    known: Iterable[Credentials], base: Mapping[str, Any] | None = None
+    known: Iterable[RegistryCredentials], base: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Return the content of a .docker/config.json: the base's, with ours before its own.
 

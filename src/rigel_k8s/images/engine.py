@@ -9,7 +9,7 @@ from typing import Protocol
 
 import attrs
 
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 
 __all__ = ["Build", "Engine", "Session"]
 
@@ -50,7 +50,7 @@ class Session:
     environ: Mapping[str, str]
     cancel: threading.Event = attrs.field(factory=threading.Event)
     tell: Callable[[str], None] = lambda _: None
-    credentials: tuple[Credentials, ...] = ()
+    credentials: tuple[RegistryCredentials, ...] = ()
     insecure: frozenset[str] = frozenset()
 
 

@@ -19,7 +19,7 @@ import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
-from rigel_k8s.images.credentials import Credentials, is_loopback, is_private
+from rigel_k8s.images.credentials import RegistryCredentials, is_loopback, is_private
 from rigel_k8s.proxy import environment_proxy
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class _Unclear(Exception):
 
 def resolve_digest(
     image: str,
-    credentials: Credentials | None = None,
+    credentials: RegistryCredentials | None = None,
     *,
     timeout: float = 3.0,
     insecure: bool = False,
@@ -69,7 +69,7 @@ def resolve_digest(
     if reference.digest:
         return reference.digest
     if credentials is None:
-        credentials = Credentials(reference.registry)
+        credentials = RegistryCredentials(reference.registry)
     registry = _Registry(reference.registry, credentials, timeout, insecure=insecure)
     try:
         return registry.digest(reference.repository, reference.version)
@@ -77,7 +77,7 @@ def resolve_digest(
         return None
 
 
-def log_in(credentials: Credentials, *, timeout: float = 10.0) -> bool:
+def log_in(credentials: RegistryCredentials, *, timeout: float = 10.0) -> bool:
     """Try the credentials; False where the registry asks for none at all.
 
     Raises:
@@ -105,7 +105,7 @@ class _Registry:
     """One registry, as one user."""
 
     name: str
-    credentials: Credentials
+    credentials: RegistryCredentials
     timeout: float
     insecure: bool = attrs.field(kw_only=True, default=False)
     _authorization: str = attrs.field(init=False, default="")

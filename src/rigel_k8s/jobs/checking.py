@@ -16,7 +16,7 @@ from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile import Finding
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Preview"]
+__all__ = ["JobPreview"]
 
 Known = Mapping[str, Any]
 #: A job and the data known so far to its options (None: something is wrong) and what is wrong.
@@ -26,7 +26,7 @@ Matrix = Callable[[Branches, Known], tuple[Mapping[str, list[Any]] | None, Seque
 Held = dict[str, str]
 
 
-class Preview:
+class JobPreview:
     """Looks at every job of a tree, once for each combination that is known."""
 
     def __init__(

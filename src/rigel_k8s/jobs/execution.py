@@ -17,20 +17,20 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
-from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.jobs.matrix import combinations, label
-from rigel_k8s.jobs.scope import Scope
+from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Execution", "Surroundings"]
+__all__ = ["Execution", "RunContext"]
 
 #: Seconds that a dependency may take to become ready, where --timeout says nothing.
 READY_TIMEOUT = 300.0
 
 
 @attrs.frozen
-class Surroundings:
+class RunContext:
     """What a run needs of the world.
 
     Attributes:
@@ -41,7 +41,7 @@ class Surroundings:
 
     application: Application
     settings: Settings
-    report: Reporter
+    report: JobReporter
     realise: Callable[[Job, Mapping[str, Any]], tuple[Any, Mapping[str, Any]]]
     matrix: Callable[[Branches, Mapping[str, Any]], Mapping[str, list[Any]]]
     vars: Mapping[str, Any] = attrs.field(factory=dict)
@@ -55,8 +55,8 @@ class Branch:
 
     name: str
     data: dict[str, Any]
-    report: Reporter
-    scope: Scope
+    report: JobReporter
+    scope: CancelScope
 
 
 class Stopped(Exception):
@@ -66,7 +66,7 @@ class Stopped(Exception):
 class Execution:
     """One run, stopped by its scope. `failure` is the first job's; it cancels the scope."""
 
-    def __init__(self, surroundings: Surroundings, scope: Scope) -> None:
+    def __init__(self, surroundings: RunContext, scope: CancelScope) -> None:
         self.scope = scope
         self.failure: JobFailed | None = None
         self._around = surroundings
@@ -189,7 +189,12 @@ class Execution:
         branch.report.progress(job.name, "stopped" if stopped else "done", done=not stopped)
 
     def _work(
-        self, job: Job, branch: Branch, scope: Scope, where: str, ready: threading.Event | None
+        self,
+        job: Job,
+        branch: Branch,
+        scope: CancelScope,
+        where: str,
+        ready: threading.Event | None,
     ) -> None:
         around = self._around
         options, raw = around.realise(job, branch.data)

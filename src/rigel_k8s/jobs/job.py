@@ -13,15 +13,15 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["JobContext", "JobType", "ProviderType", "Reporter"]
+__all__ = ["JobContext", "JobReporter", "JobType", "ProviderType"]
 
 O_contra = TypeVar("O_contra", contravariant=True)  # the options of a job type or provider
 
 
-class Reporter(report.Reporter, Protocol):
+class JobReporter(report.Reporter, Protocol):
     """Where a job tells how it goes. The command line implements it; jobs never print."""
 
-    def child(self, name: str) -> Reporter:
+    def child(self, name: str) -> JobReporter:
         """Return a reporter for a part (a job, a parallel branch) that runs beside others."""
 
 
@@ -45,7 +45,7 @@ class JobContext:
 
     name: str
     application: Application
-    report: Reporter
+    report: JobReporter
     settings: Settings = attrs.field(factory=Settings)
     data: MutableMapping[str, Any] = attrs.field(factory=dict)
     vars: Mapping[str, Any] = attrs.field(factory=dict)
@@ -95,7 +95,7 @@ class ProviderType(Protocol[O_contra]):
     def check(self, options: O_contra, application: Application) -> Sequence[Problem]:
         """Return what is wrong with the options beyond their types; pure."""
 
-    def connect(self, options: O_contra, name: str, report: Reporter) -> Any:
+    def connect(self, options: O_contra, name: str, report: JobReporter) -> Any:
         """Connect and return what jobs get as `job.providers[name]`."""
 
     def disconnect(self, connection: Any) -> None:

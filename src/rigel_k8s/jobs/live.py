@@ -14,10 +14,10 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s.errors import Interrupted
-from rigel_k8s.jobs.execution import Execution, Surroundings
+from rigel_k8s.jobs.execution import Execution, RunContext
 from rigel_k8s.jobs.interruption import interruptions
 from rigel_k8s.jobs.providers import Declared, Providers
-from rigel_k8s.jobs.scope import Scope
+from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs
 
 __all__ = ["run_steps"]
@@ -25,11 +25,11 @@ __all__ = ["run_steps"]
 
 def run_steps(
     steps: Jobs,
-    around: Surroundings,
+    around: RunContext,
     declared: Sequence[Declared] = (),
     *,
     data: dict[str, Any] | None = None,
-    scope: Scope | None = None,
+    scope: CancelScope | None = None,
 ) -> dict[str, Any]:
     """Run steps to their end and return the data that the jobs stored.
 
@@ -49,12 +49,12 @@ def run_steps(
     providers = Providers(declared, around.report)
     providers.connections.update(around.providers)
     around = attrs.evolve(around, providers=providers.connections)
-    _Live(Execution(around, scope or Scope()), around, providers).run(steps, data)
+    _Live(Execution(around, scope or CancelScope()), around, providers).run(steps, data)
     return data
 
 
 class _Live:
-    def __init__(self, execution: Execution, around: Surroundings, providers: Providers) -> None:
+    def __init__(self, execution: Execution, around: RunContext, providers: Providers) -> None:
         self._execution = execution
         self._around = around
         self._providers = providers

@@ -1,7 +1,7 @@
 """The names that resolve to job types and providers of this package; it imports none of them.
 
 Each has a short name, its name for Rigel's readers (`rigel_k8s.OrchestrationPlugin`), and the names
-of Rigel's own and of the peer plugin that people already have in their Rigelfiles.
+of Rigel's own and of src.plugin that people already have in their Rigelfiles.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.jobs.job import ProviderType, Reporter
+from rigel_k8s.jobs.job import JobReporter, ProviderType
 
 __all__ = ["Declared", "Providers"]
 
@@ -26,7 +26,7 @@ class Declared:
 class Providers:
     """Connections by the providers' names; `disconnect` may be called at any time, and twice."""
 
-    def __init__(self, declared: Sequence[Declared], report: Reporter) -> None:
+    def __init__(self, declared: Sequence[Declared], report: JobReporter) -> None:
         self.connections: dict[str, Any] = {}
         self._declared = declared
         self._report = report

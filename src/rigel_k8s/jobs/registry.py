@@ -1,6 +1,6 @@
 """From what stands behind `plugin:` or `provider:` to a job type or provider.
 
-In this order: the names of this package (names.py; Rigel's and the peer's lead here too), entry
+In this order: the names of this package (names.py; Rigel's and src.plugin's lead here too), entry
 points of installed packages, import paths (a module beside the Rigelfile counts).
 It knows no job type, and imports only the one that is asked for.
 """

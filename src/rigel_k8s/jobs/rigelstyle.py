@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import attrs
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.jobs.names import Kind
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
@@ -137,7 +137,7 @@ class RigelStyleProvider:
         """Return nothing: such a class looks at its data only when it is made."""
         return ()
 
-    def connect(self, options: dict[str, Any], name: str, report: Reporter) -> Any:
+    def connect(self, options: dict[str, Any], name: str, report: JobReporter) -> Any:
         """Connect; the connection is what the class stored for others, or else its instance."""
         data: dict[str, Any] = {}
         with _worded():

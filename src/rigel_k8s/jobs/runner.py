@@ -12,21 +12,21 @@ from typing import Any, ClassVar, TypeVar
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.jobs.checking import Preview
-from rigel_k8s.jobs.execution import Surroundings
-from rigel_k8s.jobs.job import JobContext, JobType, Reporter
+from rigel_k8s.jobs.checking import JobPreview
+from rigel_k8s.jobs.execution import RunContext
+from rigel_k8s.jobs.job import JobContext, JobReporter, JobType
 from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.names import by_name
 from rigel_k8s.jobs.providers import Declared
 from rigel_k8s.jobs.registry import importable, job_type, provider_type
-from rigel_k8s.jobs.scope import Scope
+from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs, job_names, of_job, of_sequence
 from rigel_k8s.jobs.values import Values
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
     Finding,
-    Node,
     Rigelfile,
+    YamlNode,
     nearest,
     place,
     preview,
@@ -66,14 +66,14 @@ class Prepared:
 
 
 def run_job(
-    rigelfile: Rigelfile, name: str, *, settings: Settings, report: Reporter
+    rigelfile: Rigelfile, name: str, *, settings: Settings, report: JobReporter
 ) -> dict[str, Any]:
     """Check and run one job; return the data that it stored. Raises as prepare_job and run do."""
     return _told(prepare_job(rigelfile, name, settings), report)
 
 
 def run_sequence(
-    rigelfile: Rigelfile, name: str, *, settings: Settings, report: Reporter
+    rigelfile: Rigelfile, name: str, *, settings: Settings, report: JobReporter
 ) -> dict[str, Any]:
     """Check and run a sequence; return the data of its trunk. Raises as its two halves do."""
     return _told(prepare_sequence(rigelfile, name, settings), report)
@@ -113,7 +113,7 @@ def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Seque
 
 
 def prepare_use(
-    rigelfile: Rigelfile, spec: ComponentSpec, overrides: Node | None, settings: Settings
+    rigelfile: Rigelfile, spec: ComponentSpec, overrides: YamlNode | None, settings: Settings
 ) -> Prepared:
     """Resolve and check one use of a job, for a runner that connects other people's providers.
 
@@ -129,11 +129,11 @@ def prepare_use(
 
 def run(
     prepared: Prepared,
-    report: Reporter,
+    report: JobReporter,
     *,
     data: dict[str, Any] | None = None,
     connected: Mapping[str, Any] | None = None,
-    scope: Scope | None = None,
+    scope: CancelScope | None = None,
 ) -> dict[str, Any]:
     """Run what was prepared; return the data that the jobs stored. Its warnings are not told here.
 
@@ -150,7 +150,7 @@ def run(
     """
     values = Values(prepared.rigelfile)
     declared = [d for d in prepared.providers if d.name not in (connected or {})]
-    around = Surroundings(
+    around = RunContext(
         application=prepared.rigelfile.application,
         settings=prepared.settings,
         report=report,
@@ -164,7 +164,7 @@ def run(
         return run_steps(prepared.steps, around, declared, data=data, scope=scope)
 
 
-def _told(prepared: Prepared, report: Reporter) -> dict[str, Any]:
+def _told(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
     for warning in prepared.warnings:
         report.warn(warning)
     return run(prepared, report)
@@ -209,7 +209,7 @@ def _looked_at(
     steps = steps_of({name: resolved.job(rigelfile.jobs[name]) for name in names})
     declared = [resolved.provider(spec) for spec in rigelfile.providers.values()]
     values = Values(rigelfile)
-    preview = Preview(values.previewed, values.previewed_matrix, rigelfile.application, settings)
+    preview = JobPreview(values.previewed, values.previewed_matrix, rigelfile.application, settings)
     with importable(settings.rigelfile.parent):
         findings += preview.look_at(steps)
     providers = tuple(filter(None, declared))

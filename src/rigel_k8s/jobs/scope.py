@@ -5,15 +5,15 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-__all__ = ["Scope"]
+__all__ = ["CancelScope"]
 
 
-class Scope:
+class CancelScope:
     """A part of a run that can be stopped: `cancelled` is set, and that of every part of it."""
 
     def __init__(self) -> None:
         self.cancelled = threading.Event()
-        self._parts: list[Scope] = []
+        self._parts: list[CancelScope] = []
         self._tells: list[Callable[[], None]] = []
         self._lock = threading.RLock()  # cancel() may come from a signal handler
 
@@ -25,9 +25,9 @@ class Scope:
         if cancelled:
             tell()
 
-    def part(self) -> Scope:
+    def part(self) -> CancelScope:
         """Return a new part; one of a scope that is cancelled already is born cancelled."""
-        part = Scope()
+        part = CancelScope()
         with self._lock:
             self._parts.append(part)
             if self.cancelled.is_set():

@@ -23,7 +23,7 @@ from rigel_k8s.rigelfile.model import (
     Sequential,
     Stage,
 )
-from rigel_k8s.rigelfile.source import Node
+from rigel_k8s.rigelfile.source import YamlNode
 
 __all__ = ["Branches", "Job", "Jobs", "Serving", "Step", "job_names", "of_job", "of_sequence"]
 
@@ -34,7 +34,7 @@ class Job:
 
     spec: ComponentSpec
     type: JobType[Any]
-    overrides: Node | None = None
+    overrides: YamlNode | None = None
 
     @property
     def name(self) -> str:
@@ -61,7 +61,7 @@ class Serving:
 class Branches:
     """A body run once for each combination, side by side; no matrix is one branch."""
 
-    matrix: Node | None
+    matrix: YamlNode | None
     body: Jobs
 
 
@@ -69,7 +69,7 @@ Step: TypeAlias = Job | Jobs | Serving | Branches
 Types: TypeAlias = Mapping[str, JobType[Any]]
 
 
-def of_job(spec: ComponentSpec, kind: JobType[Any], overrides: Node | None = None) -> Jobs:
+def of_job(spec: ComponentSpec, kind: JobType[Any], overrides: YamlNode | None = None) -> Jobs:
     """Return what `run job` does."""
     return Jobs((Job(spec, kind, overrides),))
 

@@ -12,8 +12,8 @@ from rigel_k8s.jobs.steps import Branches, Job
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
     Finding,
-    Node,
     Rigelfile,
+    YamlNode,
     place,
     plain,
     preview,
@@ -83,7 +83,7 @@ class Values:
         return (None if findings or not seen.complete else plain(seen.node)), findings
 
 
-def _matrix_faults(matrix: Node) -> Iterator[Finding]:
+def _matrix_faults(matrix: YamlNode) -> Iterator[Finding]:
     """Yield the keys whose value turned out to be no list."""
     for key, node in matrix.value.items():
         if not node.hole and not isinstance(node.value, list):

@@ -8,7 +8,7 @@ from typing import Any
 from urllib.parse import quote
 
 from rigel_k8s.kube.failures import Missing, refusal
-from rigel_k8s.kube.resources import Resource, Resources
+from rigel_k8s.kube.resources import ApiResources, Resource
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.transport import Answer, Stream, Transport
 
@@ -21,7 +21,7 @@ class Client:
     def __init__(self, target: Target):
         self.target = target
         self.transport = Transport(target)
-        self.resources = Resources(self.discovered)
+        self.resources = ApiResources(self.discovered)
 
     def call(
         self,

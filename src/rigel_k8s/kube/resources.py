@@ -9,7 +9,7 @@ from urllib.parse import quote, urlencode
 
 import attrs
 
-__all__ = ["Resource", "Resources", "path", "with_query"]
+__all__ = ["ApiResources", "Resource", "path", "with_query"]
 
 
 @attrs.frozen
@@ -55,7 +55,7 @@ def built_in() -> dict[tuple[str, str], Resource]:
     return table
 
 
-class Resources:
+class ApiResources:
     """Finds kinds; asks the cluster once for each API version that the table does not have."""
 
     def __init__(self, fetch: Callable[[str], Mapping[str, Any] | None]):

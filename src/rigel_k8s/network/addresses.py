@@ -15,7 +15,7 @@ from typing import Any
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 
-__all__ = ["Pool", "assigned", "given"]
+__all__ = ["Pool", "assign", "read_addresses"]
 
 
 class Pool:
@@ -76,7 +76,7 @@ class Pool:
                 yield address
 
 
-def assigned(
+def assign(
     network: Network, names: Iterable[str], previous: Mapping[str, str], salt: str = ""
 ) -> dict[str, str]:
     """Return each workload's address with its prefix length.
@@ -118,13 +118,13 @@ def address_of(text: str | None) -> IPv4Address | None:
         return None
 
 
-def given(objects: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+def read_addresses(objects: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Return the addresses that a revision's workloads have, by workload."""
-    found = ((item["metadata"]["name"], told(item)) for item in objects)
+    found = ((item["metadata"]["name"], read_note(item)) for item in objects)
     return {name: str(note["address"]) for name, note in found if note.get("address")}
 
 
-def told(item: Mapping[str, Any]) -> Mapping[str, Any]:
+def read_note(item: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return what a workload's pods say of their network."""
     template = (item.get("spec") or {}).get("template") or {}
     annotations = (template.get("metadata") or {}).get("annotations") or {}

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 
 import attrs
 
-from rigel_k8s.network.mode import Use, mode_path
+from rigel_k8s.network.mode import ModeUse, mode_path
 from rigel_k8s.network.modes import MODES, mode_of
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.network.rangechecks import check_ranges
@@ -33,7 +33,7 @@ LAST_DOMAIN, UNSAFE = 232, range(102, 215)
 LONGEST_INTERFACE = 15
 
 
-def check_options(network: Network, use: Use) -> Iterator[Problem]:
+def check_options(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield what is wrong, with paths from the root of the job's options."""
     mode = mode_of(network)
     yield from check_keys(network)
@@ -57,14 +57,14 @@ def check_keys(network: Network) -> Iterator[Problem]:
             continue
         if network.mode not in modes:
             message = (
-                f"`{key}` is for {listed(modes)}; {network.mode} does not read it: leave it out"
+                f"`{key}` is for {join_words(modes)}; {network.mode} does not read it: leave it out"
             )
             yield Problem(("network", key), message, "foreign-key", at_key=True)
         elif key in OF_RANGES and (reason := nobody_asks(network)):
             yield Problem(("network", key), reason, "foreign-key", at_key=True)
 
 
-def listed(modes: Sequence[str]) -> str:
+def join_words(modes: Sequence[str]) -> str:
     """Return modes as a sentence has them."""
     return " and ".join(filter(None, [", ".join(modes[:-1]), modes[-1]]))
 

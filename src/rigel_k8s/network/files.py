@@ -12,7 +12,7 @@ from typing import Any
 
 from rigel_k8s.network.dds import FILES_PATH
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
-from rigel_k8s.objects.workloads import Surroundings, config_map
+from rigel_k8s.objects.workloads import ReleaseContext, config_map
 
 __all__ = [
     "SCRIPT",
@@ -47,9 +47,9 @@ MACHINE_ID = {
 }
 
 
-def around(plan: NetworkPlan) -> Surroundings:
+def around(plan: NetworkPlan) -> ReleaseContext:
     """Return what is the same for all objects that a mode adds."""
-    return Surroundings(
+    return ReleaseContext(
         plan.namespace, plan.release, None, plan.distro, plan.ros, pull_secrets=plan.pull_secrets
     )
 

@@ -16,11 +16,11 @@ from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
 
-__all__ = ["Mode", "Use", "mode_path"]
+__all__ = ["Mode", "ModeUse", "mode_path"]
 
 
 @attrs.frozen
-class Use:
+class ModeUse:
     """What a mode is to be used with.
 
     Attributes:
@@ -63,7 +63,7 @@ class Mode:
     name: str
     wire: Callable[[NetworkPlan, PodIdentity, Network], Wiring]
     objects: Callable[[NetworkPlan, Network], Iterator[Object]] = lambda plan, network: iter(())
-    check: Callable[[Network, Use], Iterator[Problem]] = lambda network, use: iter(())
+    check: Callable[[Network, ModeUse], Iterator[Problem]] = lambda network, use: iter(())
     services: Callable[[str, Network, Sequence[str]], Iterable[str]] = lambda *_: ()
     join: Callable[[NetworkPlan, Network], Mapping[str, Any]] = lambda plan, network: {}
     interface: Callable[[Network], str | None] = lambda network: None

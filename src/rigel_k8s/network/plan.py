@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.network.addresses import assigned, given
+from rigel_k8s.network.addresses import assign, read_addresses
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
@@ -51,7 +51,9 @@ def network_plan(
         middleware=middleware or mode_of(network).middleware,
         domain_id=domain(network, ros, salt),
         pods=tuple(pods),
-        addresses=assigned(network, names, given(previous), salt) if network and static else {},
+        addresses=assign(network, names, read_addresses(previous), salt)
+        if network and static
+        else {},
         pull_secrets=tuple(pull_secrets),
     )
 

@@ -20,20 +20,20 @@ def check_ranges(network: Network) -> Iterator[Problem]:
     """Yield addresses that are none, or lie where they cannot."""
     subnet = read_network(network.subnet)
     if network.subnet is not None and subnet is None:
-        yield told("subnet", not_a_network(network.subnet))
+        yield problem_at("subnet", not_a_network(network.subnet))
     elif subnet is not None:
         yield from check_subnet(network.subnet or "", subnet)
         yield from check_inside(network, subnet)
     for index, route in enumerate(network.routes):
         if read_network(route) is None:
-            yield told(("routes", index), not_a_network(route))
+            yield problem_at(("routes", index), not_a_network(route))
     if network.routes and network.gateway is None:
-        yield told(
+        yield problem_at(
             "routes", "through which gateway? give `gateway`", kind="incomplete", at_key=True
         )
 
 
-def told(key: str | Path, message: str, *, kind: str = KIND, at_key: bool = False) -> Problem:
+def problem_at(key: str | Path, message: str, *, kind: str = KIND, at_key: bool = False) -> Problem:
     """Return a problem of one of the network's keys."""
     path = (key,) if isinstance(key, str) else key
     return Problem(("network", *path), message, kind, at_key=at_key)
@@ -43,9 +43,9 @@ def check_subnet(text: str, subnet: IPv4Network) -> Iterator[Problem]:
     """Yield what is odd about a subnet."""
     address = text.partition("/")[0]
     if IPv4Address(address) != subnet.network_address:
-        yield told("subnet", f"{address} is an address within it; the subnet is {subnet}")
+        yield problem_at("subnet", f"{address} is an address within it; the subnet is {subnet}")
     if subnet.num_addresses < SMALLEST:
-        yield told("subnet", f"{subnet} has no addresses to give out; a /24 has 254")
+        yield problem_at("subnet", f"{subnet} has no addresses to give out; a /24 has 254")
 
 
 def check_inside(network: Network, subnet: IPv4Network) -> Iterator[Problem]:
@@ -55,14 +55,16 @@ def check_inside(network: Network, subnet: IPv4Network) -> Iterator[Problem]:
         text = getattr(network, key)
         address = read_address(text)
         if text is not None and address is None:
-            yield told(key, f'"{text}" is not an IPv4 address such as {subnet.network_address + 1}')
+            yield problem_at(
+                key, f'"{text}" is not an IPv4 address such as {subnet.network_address + 1}'
+            )
         elif address is not None and address not in subnet:
-            yield told(key, f"{address} is not in {subnet}")
+            yield problem_at(key, f"{address} is not in {subnet}")
         else:
             ends[key] = address
     first, last = ends.get("range_start"), ends.get("range_end")
     if first is not None and last is not None and first > last:
-        yield told("range_end", f"the range ends before it starts ({first})")
+        yield problem_at("range_end", f"the range ends before it starts ({first})")
     for index, item in enumerate(network.exclude):
         yield from check_excluded(index, item, subnet)
 
@@ -71,7 +73,7 @@ def check_excluded(index: int, item: str, subnet: IPv4Network) -> Iterator[Probl
     """Yield why an exclusion excludes nothing."""
     found = read_network(item)
     if found is None:
-        yield told(("exclude", index), not_a_network(item))
+        yield problem_at(("exclude", index), not_a_network(item))
     elif not found.overlaps(subnet):
         message = f"nothing of {subnet} lies in it, so it excludes nothing"
         yield Problem(("network", "exclude", index), message, KIND, severity="warning")

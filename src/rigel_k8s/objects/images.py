@@ -8,7 +8,7 @@ from typing import Any
 from rigel_k8s.objects.overlay import plain
 from rigel_k8s.objects.refs import Manifest
 
-__all__ = ["allowed", "images_of", "pinned"]
+__all__ = ["add_pull_secrets", "images_of", "pin_images"]
 
 
 def images_of(objects: Iterable[Manifest]) -> tuple[str, ...]:
@@ -24,7 +24,7 @@ def containers(manifest: Manifest) -> Iterator[dict[str, Any]]:
         yield from spec.get(kind) or ()
 
 
-def pinned(manifest: Manifest, digests: Mapping[str, str]) -> Manifest:
+def pin_images(manifest: Manifest, digests: Mapping[str, str]) -> Manifest:
     """Return a workload with its images by digest where one is known; else the object as it is."""
     if not any(container.get("image") in digests for container in containers(manifest)):
         return manifest
@@ -34,7 +34,7 @@ def pinned(manifest: Manifest, digests: Mapping[str, str]) -> Manifest:
     return result
 
 
-def allowed(manifest: Manifest, secrets: Sequence[str]) -> Manifest:
+def add_pull_secrets(manifest: Manifest, secrets: Sequence[str]) -> Manifest:
     """Return a workload whose pods may pull with some Secrets too; else the object as it is."""
     if not secrets or not any(True for _ in containers(manifest)):
         return manifest

@@ -24,7 +24,7 @@ __all__ = [
 #: Which ROS an application is of; "none" is a plain DDS application.
 Ros = Literal["1", "2", "none"]
 
-#: The selector's label; it is the peer's and cannot change, since selectors cannot.
+#: The selector's label; it is src.plugin's and cannot change, since selectors cannot.
 NAME_LABEL = "app.kubernetes.io/name"
 #: On a Deployment and its pods: the name of the ROS node in them.
 ROS_NAME_ANNOTATION = "rigel-k8s/ros-name"

@@ -12,7 +12,7 @@ from typing import Any
 
 from rigel_k8s.objects.overlay import plain
 
-__all__ = ["SECONDS", "steadied", "unprobed"]
+__all__ = ["SECONDS", "steady", "unprobed"]
 
 #: Kubernetes keeps in whole seconds when a pod became ready, so of N it may wait only N - 1: with 1
 #: each crash that was measured counted as ready, for the kubelet told it later.
@@ -21,7 +21,7 @@ SECONDS = 2
 KINDS = ("Deployment", "DaemonSet")
 
 
-def steadied(item: Mapping[str, Any]) -> dict[str, Any]:
+def steady(item: Mapping[str, Any]) -> dict[str, Any]:
     """Return an object as plain data, a workload with unprobed containers with its seconds."""
     made: dict[str, Any] = plain(item)
     if made["kind"] in KINDS and unprobed(made["spec"]["template"]["spec"]):

@@ -12,7 +12,7 @@ from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.pods import Object, compact, inpod_volume, log_volume
 
 __all__ = [
-    "Surroundings",
+    "ReleaseContext",
     "config_map",
     "deployment",
     "pull_policy",
@@ -23,7 +23,7 @@ __all__ = [
 
 
 @attrs.frozen
-class Surroundings:
+class ReleaseContext:
     """What is the same for all objects of a release.
 
     Attributes:
@@ -60,7 +60,7 @@ class Surroundings:
 
 
 def deployment(
-    around: Surroundings,
+    around: ReleaseContext,
     name: str,
     pod: Mapping[str, Any],
     *,
@@ -96,7 +96,7 @@ def deployment(
     }
 
 
-def service(around: Surroundings, name: str, ports: Sequence[Object]) -> Object:
+def service(around: ReleaseContext, name: str, ports: Sequence[Object]) -> Object:
     """Return the Service of a workload's name."""
     return {
         "apiVersion": "v1",
@@ -106,7 +106,9 @@ def service(around: Surroundings, name: str, ports: Sequence[Object]) -> Object:
     }
 
 
-def config_map(around: Surroundings, name: str, data: Mapping[str, str], *, part_of: str) -> Object:
+def config_map(
+    around: ReleaseContext, name: str, data: Mapping[str, str], *, part_of: str
+) -> Object:
     """Return a ConfigMap of texts; its own name may be too long for a label."""
     return {
         "apiVersion": "v1",
@@ -121,12 +123,12 @@ def pull_policy(asked: str | None, *, pinned: bool) -> str | None:
     return asked or ("IfNotPresent" if pinned else None)
 
 
-def readiness_of(around: Surroundings, asked: Readiness | str | None) -> Readiness | str | None:
+def readiness_of(around: ReleaseContext, asked: Readiness | str | None) -> Readiness | str | None:
     """Return what makes a pod ready: a plain DDS program's image need not have Python to ask it."""
     return asked or ("none" if around.ros == "none" else None)
 
 
-def ros_volumes(around: Surroundings) -> list[tuple[Object, Object]]:
+def ros_volumes(around: ReleaseContext) -> list[tuple[Object, Object]]:
     """Return (volume, mount) of what is ours in each pod."""
     logs = [log_volume()] if around.ros == "2" else []
     return [inpod_volume(around.release), *logs]

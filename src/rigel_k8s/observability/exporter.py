@@ -19,12 +19,12 @@ from rigel_k8s.network.modes import join, wire_pod
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.pods import MASTER_URI, Object, compact
-from rigel_k8s.objects.workloads import Surroundings, config_map, deployment
+from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
 from rigel_k8s.observability.manifests.frame import COMPONENT, CONFIG_ANNOTATION, container, nobody
 from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
 from rigel_k8s.observability.options import Part, RosMetrics
 
-__all__ = ["EXPORTER_IMAGE", "Graph", "exporter_identity", "exporter_objects"]
+__all__ = ["EXPORTER_IMAGE", "WatchedGraph", "exporter_identity", "exporter_objects"]
 
 #: What `rigel image ros-exporter` builds.
 EXPORTER_IMAGE = f"ghcr.io/rigel-k8s/ros-exporter:{__version__}"
@@ -45,7 +45,7 @@ RESOURCES = {
 
 
 @attrs.frozen
-class Graph:
+class WatchedGraph:
     """What the exporter shall see.
 
     Attributes:
@@ -67,7 +67,7 @@ def exporter_identity(options: RosMetrics) -> PodIdentity:
 
 
 def exporter_objects(
-    around: Surroundings, options: RosMetrics, graph: Graph, plan: NetworkPlan
+    around: ReleaseContext, options: RosMetrics, graph: WatchedGraph, plan: NetworkPlan
 ) -> Iterator[Object]:
     """Yield the exporter's configuration and its Deployment."""
     wired = wire_pod(plan, exporter_identity(options))
@@ -91,7 +91,7 @@ def exporter_objects(
 
 
 def pod(
-    around: Surroundings, options: RosMetrics, graph: Graph, wired: Wiring, config: str
+    around: ReleaseContext, options: RosMetrics, graph: WatchedGraph, wired: Wiring, config: str
 ) -> Object:
     """Return the pod's spec.
 
@@ -109,7 +109,7 @@ def pod(
     return made | (dict(wired.pod) if around.ros != "1" else {})
 
 
-def exporter_container(around: Surroundings, options: RosMetrics, wired: Wiring) -> Object:
+def exporter_container(around: ReleaseContext, options: RosMetrics, wired: Wiring) -> Object:
     """Return the exporter's container."""
     part = Part(image=options.image, resources=options.resources)
     return container(
@@ -142,7 +142,11 @@ def probes() -> Object:
 
 
 def configuration(
-    around: Surroundings, options: RosMetrics, graph: Graph, plan: NetworkPlan, wired: Wiring
+    around: ReleaseContext,
+    options: RosMetrics,
+    graph: WatchedGraph,
+    plan: NetworkPlan,
+    wired: Wiring,
 ) -> Object:
     """Return what the exporter is told; src/rigel_k8s/exporter/config.py reads it."""
     interval = options.interval.seconds if options.interval else None
@@ -160,7 +164,7 @@ def configuration(
     return compact(said | own)
 
 
-def of_ros1(around: Surroundings, wired: Wiring) -> Object:
+def of_ros1(around: ReleaseContext, wired: Wiring) -> Object:
     """Return where the master is; one that others use too must tell two exporters apart."""
     uri = wired.env.get("ROS_MASTER_URI", {}).get("value") or around.master_uri
     name = None
@@ -169,7 +173,7 @@ def of_ros1(around: Surroundings, wired: Wiring) -> Object:
     return {"master_uri": uri, "name": name}
 
 
-def of_dds(graph: Graph, plan: NetworkPlan) -> Object:
+def of_dds(graph: WatchedGraph, plan: NetworkPlan) -> Object:
     """Return how the exporter finds participants."""
     return {"domain": graph.domain, "middleware": plan.middleware, **join(plan)}
 

@@ -22,7 +22,7 @@ from rigel_k8s.release.deploy import deploy, diff, last_good
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 
-__all__ = ["Installed", "describe", "ensure", "install"]
+__all__ = ["StackResult", "describe", "ensure", "install"]
 
 #: Seconds for all images of the stack to be pulled by a machine that has none of them.
 PATIENT = 600.0
@@ -31,7 +31,7 @@ WITHOUT_ALL = 120.0
 
 
 @attrs.frozen
-class Installed:
+class StackResult:
     """What was done.
 
     Attributes:
@@ -63,7 +63,7 @@ def ensure(cluster: Cluster, request: StackRequest, options: DeployOptions) -> N
         options.report.line(describe(done))
 
 
-def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> Installed:
+def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> StackResult:
     """Install the stack, or bring it up to date, and wait until it is ready.
 
     Raises:
@@ -81,7 +81,7 @@ def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> 
         raise
 
 
-def describe(done: Installed) -> str:
+def describe(done: StackResult) -> str:
     """Return what was done as one line."""
     release = done.stack.release
     away = f"; not waited for, since away: {', '.join(done.away)}" if done.away else ""
@@ -105,7 +105,7 @@ def _check_operator(asked: DesiredStack, cluster: Cluster) -> None:
 
 def _installed(
     asked: DesiredStack, cluster: Cluster, options: DeployOptions, password: str | None
-) -> Installed:
+) -> StackResult:
     _warn_of_lost_data(asked, options.report)
     last = last_good(cluster, asked.release)
     plan = diff(asked.desired, cluster, adopt=options.adopt)
@@ -113,12 +113,12 @@ def _installed(
         _make_namespace(cluster, asked.release)
         ensure_administrator(cluster, asked.release.namespace, password)
     if last is not None and not plan.changes and last.options == asked.desired.options:
-        return Installed(asked, last, changed=False)
+        return StackResult(asked, last, changed=False)
     away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_ready(n))
     for name in away:
         options.report.warn(f"node {name} is not ready: it is not waited for")
     revision = _deployed(asked, cluster, options, away=bool(away))
-    return Installed(asked, revision, changed=True, away=away)
+    return StackResult(asked, revision, changed=True, away=away)
 
 
 def _deployed(

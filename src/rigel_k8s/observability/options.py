@@ -1,7 +1,7 @@
 """The options of the observability stack, and of what each application adds to it.
 
-The peer's words of both its generations are among them; release, chart and values are Helm's, which
-nothing here uses. Every field says what it is for; docs/reference.md is made from it.
+The words of both generations of src.plugin are among them; release, chart and values are Helm's,
+which nothing here uses. Every field says what it is for; docs/reference.md is made from it.
 """
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
@@ -70,8 +70,10 @@ class Part:
 class Component(Part):
     """A part that people look at; release, chart and values are accepted and not used."""
 
-    release: ObjectName | None = option("the Helm release that the peer installed it as; not used")
-    chart: str | None = option("the Helm chart that the peer installed; not used")
+    release: ObjectName | None = option(
+        "the Helm release that src.plugin installed it as; not used"
+    )
+    chart: str | None = option("the Helm chart that src.plugin installed; not used")
     values: Mapping[str, Any] = option("values of that chart; not used", {})
     service_type: ServiceType | None = option(
         "how it is reached (default ClusterIP: not from outside of the cluster)"

@@ -15,14 +15,14 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release.order import rank
 from rigel_k8s.release.types import Desired, ReleaseId
 
-__all__ = ["HASH_ANNOTATION", "NAMESPACE_ANNOTATION", "hash_of", "prepared"]
+__all__ = ["HASH_ANNOTATION", "NAMESPACE_ANNOTATION", "hash_of", "manifests_to_apply"]
 
 HASH_ANNOTATION = "rigel-k8s/hash"
 #: On cluster-wide objects: the namespace of the release that they belong to.
 NAMESPACE_ANNOTATION = "rigel-k8s/namespace"
 
 
-def prepared(desired: Desired) -> tuple[Manifest, ...]:
+def manifests_to_apply(desired: Desired) -> tuple[Manifest, ...]:
     """Return all manifests as apply sends them, in the order of apply."""
     made = [stamped(labelled(plain_secret(m), desired.release)) for m in desired.objects]
     return tuple(sorted(made, key=lambda m: rank(m["kind"])))

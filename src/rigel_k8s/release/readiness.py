@@ -14,13 +14,13 @@ import attrs
 from rigel_k8s.objects.facts import find_condition, is_met
 from rigel_k8s.objects.refs import Manifest
 
-__all__ = ["UNSEEN", "Readiness", "readiness"]
+__all__ = ["UNSEEN", "ObjectReadiness", "readiness"]
 
 UNSEEN = "its controller has not seen the change yet"
 
 
 @attrs.frozen
-class Readiness:
+class ObjectReadiness:
     """How far an object is; `ready` and `wanted` count pods where the kind has some."""
 
     done: bool
@@ -30,22 +30,22 @@ class Readiness:
     wanted: int = 0
 
 
-def going(message: str, ready: int = 0, wanted: int = 0) -> Readiness:
+def going(message: str, ready: int = 0, wanted: int = 0) -> ObjectReadiness:
     """Return: not there yet."""
-    return Readiness(False, True, message, ready, wanted)
+    return ObjectReadiness(False, True, message, ready, wanted)
 
 
-def good(message: str, ready: int = 0, wanted: int = 0) -> Readiness:
+def good(message: str, ready: int = 0, wanted: int = 0) -> ObjectReadiness:
     """Return: done."""
-    return Readiness(True, True, message, ready, wanted)
+    return ObjectReadiness(True, True, message, ready, wanted)
 
 
-def bad(message: str) -> Readiness:
+def bad(message: str) -> ObjectReadiness:
     """Return: ended, and will not get better."""
-    return Readiness(True, False, message)
+    return ObjectReadiness(True, False, message)
 
 
-def readiness(live: Manifest) -> Readiness:
+def readiness(live: Manifest) -> ObjectReadiness:
     """Return how far a live object is."""
     if live["metadata"].get("deletionTimestamp"):
         return going("is being deleted")
@@ -62,7 +62,7 @@ def expected_generation(live: Manifest) -> int:
     return int(live["metadata"].get("generation", 0)) if tracked else 0
 
 
-def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return how far a Deployment is: all pods are of the new template and available."""
     wanted = int(spec.get("replicas", 1))
     updated = int(status.get("updatedReplicas", 0))
@@ -78,7 +78,7 @@ def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     return good(f"{ready} of {wanted} ready", ready, wanted)
 
 
-def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return how far a StatefulSet is."""
     wanted = int(spec.get("replicas", 1))
     strategy = spec.get("updateStrategy") or {}
@@ -92,7 +92,7 @@ def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readines
     return good(f"{ready} of {wanted} ready", ready, wanted)
 
 
-def daemon_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def daemon_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return how far a DaemonSet is on the nodes that shall have it."""
     wanted = int(status.get("desiredNumberScheduled", 0))
     on_delete = (spec.get("updateStrategy") or {}).get("type") == "OnDelete"
@@ -105,7 +105,7 @@ def daemon_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     return good(f"{ready} of {wanted} ready", ready, wanted)
 
 
-def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return how far a Job is."""
     wanted = int(spec.get("completions") or 1)
     done = int(status.get("succeeded", 0))
@@ -118,7 +118,7 @@ def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     return going(f"{done} of {wanted} complete", done, wanted)
 
 
-def pod(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def pod(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return how far a bare pod is."""
     phase = status.get("phase", "Pending")
     if phase == "Failed":
@@ -130,7 +130,7 @@ def pod(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     return going(f"{phase}, not ready", 0, 1)
 
 
-def claim(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def claim(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return whether a claim has its volume."""
     phase = status.get("phase", "Pending")
     if phase == "Bound":
@@ -140,7 +140,7 @@ def claim(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     return going("not bound to a volume")
 
 
-def volume(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def volume(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return whether a volume can be claimed, or is."""
     phase = status.get("phase", "Pending")
     if phase == "Failed":
@@ -150,22 +150,22 @@ def volume(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
     return good(phase) if phase in ("Available", "Bound") else going(phase)
 
 
-def definition(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def definition(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return whether a CustomResourceDefinition is served."""
     return good("served") if is_met(status, "Established") else going("not served yet")
 
 
-def namespace(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def namespace(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return whether a namespace can be used."""
     return going("is being deleted") if status.get("phase") == "Terminating" else good("active")
 
 
-def at_once(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def at_once(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return done: a Service and its like are what they are when they are stored."""
     return good("there")
 
 
-def by_conditions(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readiness:
+def by_conditions(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
     """Return what the conditions of a kind that we do not know say; none say nothing."""
     for kind in ("Ready", "Available"):
         found = find_condition(status, kind)
@@ -174,7 +174,7 @@ def by_conditions(spec: Mapping[str, Any], status: Mapping[str, Any]) -> Readine
     return good("there")
 
 
-KINDS: Mapping[str, Callable[[Mapping[str, Any], Mapping[str, Any]], Readiness]] = {
+KINDS: Mapping[str, Callable[[Mapping[str, Any], Mapping[str, Any]], ObjectReadiness]] = {
     "Deployment": deployment,
     "StatefulSet": stateful_set,
     "DaemonSet": daemon_set,

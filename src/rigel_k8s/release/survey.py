@@ -18,7 +18,7 @@ from rigel_k8s.kube.failures import Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.ownership import covers
-from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION, hash_of, prepared
+from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION, hash_of, manifests_to_apply
 from rigel_k8s.release.revisions import Record, records
 from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision
 
@@ -74,7 +74,7 @@ def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
         ClusterError: the namespace is missing (and is not to be created) or is being deleted.
     """
     release = desired.release
-    manifests = prepared(desired)
+    manifests = manifests_to_apply(desired)
     namespace, history, live = listed(cluster, release, manifests)
     check_namespace(desired, namespace)
     last = history[-1].revision() if history else None

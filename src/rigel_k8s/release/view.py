@@ -14,7 +14,7 @@ from rigel_k8s.kube.watching import WatchEvent
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.causes import owner
 
-__all__ = ["Kind", "View"]
+__all__ = ["Kind", "ReleaseView"]
 
 Kind = tuple[str, str]
 Live = dict[str, Any]
@@ -24,7 +24,7 @@ EVENT: Kind = ("v1", "Event")
 HELPFUL = frozenset({REPLICA_SET, EVENT})  # without the right to see these, less can be explained
 
 
-class View:
+class ReleaseView:
     """Objects of a namespace ("" is all) as they change; a context that ends its watches."""
 
     def __init__(self, cluster: Cluster, namespace: str, seconds: float):
@@ -34,7 +34,7 @@ class View:
         self.over = threading.Event()
         self.watched: set[Kind] = set()
 
-    def __enter__(self) -> View:
+    def __enter__(self) -> ReleaseView:
         return self
 
     def __exit__(self, *_: object) -> None:

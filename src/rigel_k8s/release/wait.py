@@ -17,10 +17,10 @@ from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.causes import Cause, causes, containers, pods_of, probe_failure
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.patience import Ledger, Patience, Seen
-from rigel_k8s.release.readiness import UNSEEN, Readiness, readiness
+from rigel_k8s.release.readiness import UNSEEN, ObjectReadiness, readiness
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.release.unprobed import Unprobed, ended, unprobed_in
-from rigel_k8s.release.view import EVENT, POD, REPLICA_SET, Kind, View
+from rigel_k8s.release.view import EVENT, POD, REPLICA_SET, Kind, ReleaseView
 from rigel_k8s.report import Reporter
 
 __all__ = ["Waiter", "is_waited_for"]
@@ -57,7 +57,7 @@ class Waiter:
     way_out: str
     still_ours: Callable[[], None]
     ledger: Ledger = attrs.field(init=False)
-    states: dict[ObjectRef, Readiness] = attrs.field(factory=dict)
+    states: dict[ObjectRef, ObjectReadiness] = attrs.field(factory=dict)
     shown: dict[ObjectRef, tuple[str, bool]] = attrs.field(factory=dict)
     claims_that_wait: set[ObjectRef] = attrs.field(factory=set)
     rolling: set[ObjectRef] = attrs.field(factory=set)
@@ -85,7 +85,7 @@ class Waiter:
         deadline = time.monotonic() + self.timeout
         spaces = {ref.namespace for ref in targets if ref.namespace}
         where = spaces.pop() if len(spaces) == 1 else ""
-        with View(self.cluster, where, self.timeout + 30) as view:
+        with ReleaseView(self.cluster, where, self.timeout + 30) as view:
             self.watch(view, targets.values())
             started = time.monotonic()
             while not (self.all_ready(view, targets) and self.all_run(view, targets)):
@@ -104,7 +104,7 @@ class Waiter:
                     )
                 view.refresh(LOOK)
 
-    def watch(self, view: View, targets: Iterator[Manifest] | Any) -> None:
+    def watch(self, view: ReleaseView, targets: Iterator[Manifest] | Any) -> None:
         """Watch the objects that we wait for, and their pods."""
         found = list(targets)
         kinds: set[Kind] = {(live["apiVersion"], live["kind"]) for live in found}
@@ -114,7 +114,7 @@ class Waiter:
             view.watch([REPLICA_SET], labels=own if all(map(labelled, found)) else "")
         view.watch([POD], labels=own if all(map(labelled, found)) else "")
 
-    def all_ready(self, view: View, targets: dict[ObjectRef, Manifest]) -> bool:
+    def all_ready(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> bool:
         """Whether everything is ready; shows what has changed."""
         self.look_for_crashes(view, targets)
         for ref in targets:
@@ -138,7 +138,7 @@ class Waiter:
             self.report.warn(f"{text} without it; {next_step}")
         return True
 
-    def look_for_crashes(self, view: View, targets: dict[ObjectRef, Manifest]) -> None:
+    def look_for_crashes(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> None:
         """Note which workloads crashed lately: without probes they look ready in between."""
         pods, sets, now = view.owned(POD), view.owned(REPLICA_SET), time.monotonic()
         for ref in targets:
@@ -152,7 +152,7 @@ class Waiter:
         lately = {ref for ref, (_, since) in self.crashes.items() if now - since < STEADY}
         self.unsteady = lately
 
-    def all_run(self, view: View, targets: dict[ObjectRef, Manifest]) -> bool:
+    def all_run(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> bool:
         """Whether what nobody probes really runs; each new pod is asked once, when all is ready."""
         pods, sets, fresh = view.owned(POD), view.owned(REPLICA_SET), list[Unprobed]()
         for ref in targets:
@@ -188,7 +188,9 @@ class Waiter:
             self.shown[ref] = (text, done)
             self.report.progress(ref.name, text, done=done)
 
-    def look_for_causes(self, view: View, targets: dict[ObjectRef, Manifest], now: float) -> None:
+    def look_for_causes(
+        self, view: ReleaseView, targets: dict[ObjectRef, Manifest], now: float
+    ) -> None:
         """Tell what is wrong as soon as it is seen, and give up on what has lasted too long."""
         if now - self.explained < EXPLAIN:
             return
@@ -206,7 +208,7 @@ class Waiter:
             raise self.failed(hopeless)
 
     def current(
-        self, view: View, targets: dict[ObjectRef, Manifest]
+        self, view: ReleaseView, targets: dict[ObjectRef, Manifest]
     ) -> Iterator[tuple[ObjectRef, Cause]]:
         """Yield what is wrong now."""
         pods, sets = view.owned(POD), view.owned(REPLICA_SET)
@@ -271,7 +273,7 @@ class Waiter:
         """Return a cause as lines."""
         return [f"{seen.ref.kind} {seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
 
-    def too_late(self, view: View, targets: dict[ObjectRef, Manifest]) -> RolloutFailed:
+    def too_late(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> RolloutFailed:
         """Return the error for the end of the time."""
         pods, sets = view.owned(POD), view.owned(REPLICA_SET)
         warnings, lines, late = view.warnings(), [], self.late(targets)

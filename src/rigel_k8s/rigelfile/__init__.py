@@ -19,7 +19,7 @@ from rigel_k8s.rigelfile.options import (
 from rigel_k8s.rigelfile.reference import reference
 from rigel_k8s.rigelfile.rigel03 import rigel03
 from rigel_k8s.rigelfile.schema import schema
-from rigel_k8s.rigelfile.source import Node, Source, Span, locate, plain
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, plain
 from rigel_k8s.rigelfile.starter import STARTERS
 from rigel_k8s.rigelfile.structure import InvalidOptions, Structured, structure, structure_plain
 
@@ -29,7 +29,6 @@ __all__ = [
     "ComponentSpec",
     "Finding",
     "InvalidOptions",
-    "Node",
     "Preview",
     "Realised",
     "Rendered",
@@ -38,6 +37,7 @@ __all__ = [
     "Source",
     "Span",
     "Structured",
+    "YamlNode",
     "check_file",
     "load",
     "locate",

@@ -16,7 +16,7 @@ from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.options import look
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.scope import Scope
-from rigel_k8s.rigelfile.source import Node, Source, Span, kind_of, locate
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, locate
 from rigel_k8s.settings import Application
 
 __all__ = ["CheckResult", "Resolve", "check_file", "load", "open_source"]
@@ -107,7 +107,7 @@ class _Reading:
     ) -> None:
         self.source = source
         root, findings = parse(source)
-        self.root = root or Node({}, Span(1, 1, 1, 2))
+        self.root = root or YamlNode({}, Span(1, 1, 1, 2))
         self.scope = Scope(source, _variables(self.root), environ, patient=patient)
         self.contents: Contents | None = None
         if root and isinstance(root.value, dict):
@@ -137,12 +137,12 @@ class _Reading:
         )
 
 
-def _variables(root: Node) -> dict[str, Node]:
+def _variables(root: YamlNode) -> dict[str, YamlNode]:
     section = root.value.get("vars") if isinstance(root.value, dict) else None
     return section.value if section and isinstance(section.value, dict) else {}
 
 
-def _rendered(root: Node, scope: Scope) -> Node:
+def _rendered(root: YamlNode, scope: Scope) -> YamlNode:
     """Return the tree with vars filled in; each var is rendered once, whoever uses it."""
     section = root.value.get("vars")
     if section is None or not isinstance(section.value, dict):
@@ -156,7 +156,7 @@ def _rendered(root: Node, scope: Scope) -> Node:
 class _Components:
     """The options of every job and provider, also where the grammar is wrong elsewhere."""
 
-    def __init__(self, root: Node, scope: Scope, contents: Contents, resolve: Resolve) -> None:
+    def __init__(self, root: YamlNode, scope: Scope, contents: Contents, resolve: Resolve) -> None:
         self._root = root
         self._scope = scope
         self._contents = contents
@@ -169,12 +169,12 @@ class _Components:
         for spec in self._contents.jobs.values():
             yield from self._checked("job", spec, self._uses(spec.name))
 
-    def _uses(self, job: str) -> list[Node | None]:
+    def _uses(self, job: str) -> list[YamlNode | None]:
         """Return the overrides with which a job is used; None for its own options alone.
 
         A job that is never used as it is may leave keys to those that use it.
         """
-        found: dict[int, Node | None] = {}
+        found: dict[int, YamlNode | None] = {}
         for _, use in uses(self._root):
             name = use.value.get("name") if isinstance(use.value, dict) else use
             if name and name.value == job:
@@ -184,7 +184,10 @@ class _Components:
         return list(found.values()) or [None]
 
     def _checked(
-        self, kind: Literal["job", "provider"], spec: ComponentSpec, overrides: list[Node | None]
+        self,
+        kind: Literal["job", "provider"],
+        spec: ComponentSpec,
+        overrides: list[YamlNode | None],
     ) -> Iterator[Finding]:
         try:
             found = self._type(kind, spec.plugin)
@@ -207,7 +210,7 @@ def _against(
     found: Any,
     scope: Scope,
     spec: ComponentSpec,
-    overrides: Node | None,
+    overrides: YamlNode | None,
     application: Application | None,
 ) -> Iterator[Finding]:
     """Yield what is wrong with a component's options, by their types and by its type's check."""

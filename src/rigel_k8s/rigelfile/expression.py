@@ -166,6 +166,6 @@ def _regex_replace(
     multiline: bool = False,  # noqa: FBT001, FBT002
     count: int = 0,
 ) -> str:
-    """Ansible's filter of that name, which the peer plugin's Rigelfiles use."""
+    """Ansible's filter of that name, which src.plugin's Rigelfiles use."""
     flags = (re.IGNORECASE if ignorecase else 0) | (re.MULTILINE if multiline else 0)
     return re.compile(pattern, flags).sub(replacement, str(value), count=count)

@@ -10,7 +10,7 @@ import attrs
 
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.problems import Problem
-from rigel_k8s.rigelfile.source import Node, Source, Span, locate
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate
 
 __all__ = ["Finding", "at", "in_order", "meant", "nearest", "place", "problems_error", "render"]
 
@@ -33,7 +33,7 @@ class Finding:
     environment: str | None = None
 
 
-def at(node: Node, message: str, kind: str, *, key: bool = False) -> Finding:
+def at(node: YamlNode, message: str, kind: str, *, key: bool = False) -> Finding:
     """Return an error about a node, or about its key."""
     if key and node.key_span:
         return Finding(node.key_span, message, kind, defined_at=node.key_defined_at)
@@ -42,7 +42,7 @@ def at(node: Node, message: str, kind: str, *, key: bool = False) -> Finding:
     )
 
 
-def place(root: Node, problem: Problem) -> Finding:
+def place(root: YamlNode, problem: Problem) -> Finding:
     """Return a problem of a path below `root` as a finding in the text."""
     finding = at(locate(root, problem.path), problem.message, problem.kind, key=problem.at_key)
     return attrs.evolve(finding, severity=problem.severity)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import attrs
 
-from rigel_k8s.rigelfile.source import Node
+from rigel_k8s.rigelfile.source import YamlNode
 
 __all__ = [
     "ApplicationForm",
@@ -44,7 +44,7 @@ class JobForm:
     """A job: a plugin and its options."""
 
     plugin: str = _key("a job type: rigel_k8s.OrchestrationPlugin, a short name, an import path")
-    options: Node | None = _key("the plugin's options", key="with", default=None)
+    options: YamlNode | None = _key("the plugin's options", key="with", default=None)
 
 
 @attrs.frozen(kw_only=True)
@@ -52,7 +52,7 @@ class ProviderForm:
     """A provider: connected before a sequence runs, disconnected after it."""
 
     provider: str = _key("a provider: rigel_k8s.ContainerRegistryProvider, an import path")
-    options: Node | None = _key("the provider's options", key="with", default=None)
+    options: YamlNode | None = _key("the provider's options", key="with", default=None)
 
 
 @attrs.frozen(kw_only=True)
@@ -62,7 +62,7 @@ class JobUseForm:
     expects: ClassVar[str] = "{name: JOB, with: {...}}"
 
     name: str = _key("the job's name")
-    options: Node | None = _key("keys that replace the job's own", key="with", default=None)
+    options: YamlNode | None = _key("keys that replace the job's own", key="with", default=None)
 
 
 _Use: TypeAlias = str | JobUseForm
@@ -97,7 +97,7 @@ class ParallelForm:
     expects: ClassVar[str] = _STAGE
 
     parallel: list[SequentialForm | ConcurrentForm] = _key("the stages of each branch")
-    matrix: Node | None = _key("lists of values: one branch for each combination", default=None)
+    matrix: YamlNode | None = _key("lists of values: one branch for each combination", default=None)
     description: str = _key("for people", default="")
 
 
@@ -106,7 +106,7 @@ class SequenceForm:
     """Stages one after the other."""
 
     stages: list[SequentialForm | ConcurrentForm | ParallelForm] = _key("what runs, in this order")
-    matrix: Node | None = _key("lists of values: all stages once for each", default=None)
+    matrix: YamlNode | None = _key("lists of values: all stages once for each", default=None)
     description: str = _key("for people", default="")
 
 
@@ -114,8 +114,8 @@ class SequenceForm:
 class RigelfileForm:
     """A whole Rigelfile; its sections stay Nodes, so that each is looked at by itself."""
 
-    application: Node = _key("what is built and deployed")
-    vars: Node | None = _key("values for {{ vars.NAME }}", default=None)
-    jobs: Node | None = _key("what can be done, by name", default=None)
-    providers: Node | None = _key("what jobs may be connected to, by name", default=None)
-    sequences: Node | None = _key("which jobs run in which order, by name", default=None)
+    application: YamlNode = _key("what is built and deployed")
+    vars: YamlNode | None = _key("values for {{ vars.NAME }}", default=None)
+    jobs: YamlNode | None = _key("what can be done, by name", default=None)
+    providers: YamlNode | None = _key("what jobs may be connected to, by name", default=None)
+    sequences: YamlNode | None = _key("which jobs run in which order, by name", default=None)

@@ -33,7 +33,7 @@ from rigel_k8s.rigelfile.model import (
     Sequential,
     Stage,
 )
-from rigel_k8s.rigelfile.source import Node, kind_of, locate
+from rigel_k8s.rigelfile.source import YamlNode, kind_of, locate
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application
 
@@ -51,7 +51,7 @@ class Contents:
     findings: tuple[Finding, ...]
 
 
-def read(root: Node, directory: FilePath, told: list[Finding]) -> Contents:
+def read(root: YamlNode, directory: FilePath, told: list[Finding]) -> Contents:
     """Return the contents of a rendered tree.
 
     Args:
@@ -69,21 +69,21 @@ def read(root: Node, directory: FilePath, told: list[Finding]) -> Contents:
     return Contents(application, jobs, providers, sequences, tuple(reader.findings))
 
 
-def uses(root: Node) -> Iterator[tuple[Path, Node]]:
+def uses(root: YamlNode) -> Iterator[tuple[Path, YamlNode]]:
     """Yield each entry of a stage's jobs and dependencies, with its path."""
     for path, sequence in _entries(root, ("sequences",)):
         for stage_path, stage in _entries(sequence, ("stages",), path):
             yield from _stage_uses(stage, stage_path)
 
 
-def _stage_uses(stage: Node, path: Path) -> Iterator[tuple[Path, Node]]:
+def _stage_uses(stage: YamlNode, path: Path) -> Iterator[tuple[Path, YamlNode]]:
     yield from _entries(stage, ("dependencies",), path)
     yield from _entries(stage, ("jobs",), path)
     for inner_path, inner in _entries(stage, ("parallel",), path):
         yield from _stage_uses(inner, inner_path)
 
 
-def _entries(node: Node, keys: Path, path: Path = ()) -> Iterator[tuple[Path, Node]]:
+def _entries(node: YamlNode, keys: Path, path: Path = ()) -> Iterator[tuple[Path, YamlNode]]:
     """Yield the entries of the mapping or list under a key, if it is one."""
     if not isinstance(node.value, dict) or keys[0] not in node.value:
         return
@@ -95,7 +95,7 @@ def _entries(node: Node, keys: Path, path: Path = ()) -> Iterator[tuple[Path, No
 
 
 class _Reader:
-    def __init__(self, root: Node, told: list[Finding]) -> None:
+    def __init__(self, root: YamlNode, told: list[Finding]) -> None:
         self.findings: list[Finding] = []
         self._root = root
         self._told = told
@@ -114,14 +114,14 @@ class _Reader:
             self._refuse_hole(locate(node, doubt))
         return None if result.problems or waiting else result.draft
 
-    def _refuse_hole(self, node: Node) -> None:
+    def _refuse_hole(self, node: YamlNode) -> None:
         """Tell that data is not there yet; a hole that a wrong template left is told already."""
         lines = range(node.span.line, node.span.end_line + 1)
         if node.hole and not any(finding.span.line in lines for finding in self._told):
             message = "data.x is known when a job runs: only `with` and `matrix` may wait for it"
             self.findings.append(Finding(node.span, message, "template"))
 
-    def section(self, name: str) -> Iterator[tuple[Path, Node]]:
+    def section(self, name: str) -> Iterator[tuple[Path, YamlNode]]:
         node = self._root.value.get(name) if isinstance(self._root.value, dict) else None
         if node is not None and isinstance(node.value, dict):
             yield from _entries(self._root, (name,))
@@ -152,7 +152,7 @@ class _Reader:
                 found[str(path[-1])] = _sequence(form, path)
         return found
 
-    def _empty(self, path: Path, sequence: Node) -> None:
+    def _empty(self, path: Path, sequence: YamlNode) -> None:
         """Tell lists without anything in them, and matrices that are none."""
         self._matrix(path, sequence)
         self._no_entries(path, sequence, "stages")
@@ -162,13 +162,13 @@ class _Reader:
             for inner_path, inner in _entries(stage, ("parallel",), stage_path):
                 self._no_entries(inner_path, inner, "jobs")
 
-    def _no_entries(self, path: Path, node: Node, *keys: str) -> None:
+    def _no_entries(self, path: Path, node: YamlNode, *keys: str) -> None:
         for key in keys:
             child = node.value.get(key) if isinstance(node.value, dict) else None
             if child and child.value == []:
                 self.tell((*path, key), f"`{key}` is empty: nothing would run", "empty")
 
-    def _matrix(self, path: Path, node: Node) -> None:
+    def _matrix(self, path: Path, node: YamlNode) -> None:
         matrix = node.value.get("matrix") if isinstance(node.value, dict) else None
         if not matrix or not isinstance(matrix.value, dict):
             return

@@ -12,7 +12,7 @@ import attrs
 
 from rigel_k8s.problems import Path
 from rigel_k8s.rigelfile.scope import Scope
-from rigel_k8s.rigelfile.source import Node, Source, plain
+from rigel_k8s.rigelfile.source import Source, YamlNode, plain
 from rigel_k8s.settings import Application
 
 __all__ = [
@@ -39,7 +39,7 @@ class ComponentSpec:
 
     name: str
     plugin: str
-    options: Node
+    options: YamlNode
     path: Path
 
 
@@ -48,7 +48,7 @@ class JobUse:
     """One entry of a stage's jobs: a name, perhaps with a `with` that overrides the job's keys."""
 
     name: str
-    overrides: Node | None = None
+    overrides: YamlNode | None = None
     path: Path = ()
 
 
@@ -74,7 +74,7 @@ class Parallel:
     """Inner stages once for each combination of the matrix, side by side, each with own data."""
 
     stages: tuple[Sequential | Concurrent, ...]
-    matrix: Node | None = None
+    matrix: YamlNode | None = None
     description: str | None = None
 
 
@@ -87,7 +87,7 @@ class SequenceSpec:
 
     name: str
     stages: tuple[Stage, ...]
-    matrix: Node | None = None
+    matrix: YamlNode | None = None
     description: str | None = None
 
 
@@ -99,7 +99,7 @@ class Rigelfile:
     """
 
     source: Source
-    root: Node
+    root: YamlNode
     application: Application
     jobs: Mapping[str, ComponentSpec]
     providers: Mapping[str, ComponentSpec]

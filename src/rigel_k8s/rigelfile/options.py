@@ -12,7 +12,7 @@ from rigel_k8s.rigelfile.fields import nested_under
 from rigel_k8s.rigelfile.findings import Finding, at, in_order, place, problems_error
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.scope import Scope
-from rigel_k8s.rigelfile.source import Node, kind_of, plain
+from rigel_k8s.rigelfile.source import YamlNode, kind_of, plain
 from rigel_k8s.rigelfile.structure import Doubts, structure
 
 __all__ = [
@@ -31,7 +31,7 @@ __all__ = [
 class Rendered:
     """A node with data filled in; `complete` where nothing waits for more."""
 
-    node: Node
+    node: YamlNode
     findings: tuple[Finding, ...]
     complete: bool
 
@@ -55,7 +55,7 @@ class Preview:
     findings: tuple[Finding, ...]
     complete: bool
     draft: Any
-    node: Node
+    node: YamlNode
     doubts: Doubts
 
     def placed(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
@@ -76,7 +76,7 @@ class Realised:
 
     options: Any
     raw: dict[str, Any]
-    node: Node
+    node: YamlNode
 
     def placed(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
         """Return problems with the options as findings."""
@@ -84,7 +84,7 @@ class Realised:
 
 
 def render_node(
-    rigelfile: Rigelfile, node: Node, data: Mapping[str, Any] | None, *, final: bool = False
+    rigelfile: Rigelfile, node: YamlNode, data: Mapping[str, Any] | None, *, final: bool = False
 ) -> Rendered:
     """Return a node of the Rigelfile with data filled in; `final`: no more data will come."""
     scope = rigelfile.scope.with_data(data, final=final)
@@ -95,7 +95,7 @@ def render_node(
 def preview(
     rigelfile: Rigelfile,
     spec: ComponentSpec,
-    overrides: Node | None,
+    overrides: YamlNode | None,
     data: Mapping[str, Any] | None,
     options: type[Any],
 ) -> Preview:
@@ -106,7 +106,7 @@ def preview(
 def realise(
     rigelfile: Rigelfile,
     spec: ComponentSpec,
-    overrides: Node | None,
+    overrides: YamlNode | None,
     data: Mapping[str, Any],
     options: type[Any],
 ) -> Realised:
@@ -121,7 +121,9 @@ def realise(
     return Realised(seen.options, seen.raw, seen.node)
 
 
-def look(scope: Scope, spec: ComponentSpec, overrides: Node | None, options: type[Any]) -> Preview:
+def look(
+    scope: Scope, spec: ComponentSpec, overrides: YamlNode | None, options: type[Any]
+) -> Preview:
     """Return a component's options as far as a scope knows their values."""
     written = scope.fill(merged(spec.options, overrides))
     findings = [*scope.findings, *_nesting_faults(spec.options, overrides, options)]
@@ -142,7 +144,7 @@ def look(scope: Scope, spec: ComponentSpec, overrides: Node | None, options: typ
     )
 
 
-def merged(options: Node, overrides: Node | None, kind: Any = None) -> Node:
+def merged(options: YamlNode, overrides: YamlNode | None, kind: Any = None) -> YamlNode:
     """Return options with the keys of overrides in place of theirs, as Rigel has it.
 
     With an option class that may stand below a key of its own (`nested_under`), that level is gone
@@ -159,7 +161,7 @@ def merged(options: Node, overrides: Node | None, kind: Any = None) -> Node:
     return attrs.evolve(options, value=result)
 
 
-def _nested(node: Node | None, under: str) -> dict[str, Node] | None:
+def _nested(node: YamlNode | None, under: str) -> dict[str, YamlNode] | None:
     inner = node.value.get(under) if node else None
     return inner.value if inner and isinstance(inner.value, dict) else None
 

@@ -12,7 +12,7 @@ import attrs
 import yaml
 
 from rigel_k8s.rigelfile.findings import Finding
-from rigel_k8s.rigelfile.source import Node, Source, Span
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode
 
 __all__ = ["parse"]
 
@@ -30,7 +30,7 @@ _DEEP_LINE = re.compile(rf"^[ ?:-]{{{DEEPEST},}}", re.MULTILINE)
 _BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\}[^\s,\]}]*)")
 
 
-def parse(source: Source) -> tuple[Node | None, list[Finding]]:
+def parse(source: Source) -> tuple[YamlNode | None, list[Finding]]:
     """Return the root of a YAML text and what is wrong with it; None where it cannot be read."""
     deep = _too_deep(source.text)
     if deep:
@@ -126,10 +126,10 @@ class _Reader:
     def __init__(self) -> None:
         self.findings: list[Finding] = []
         self._open: set[int] = set()
-        self._done: dict[int, tuple[Node, int]] = {}
+        self._done: dict[int, tuple[YamlNode, int]] = {}
         self._count = 0
 
-    def node(self, item: yaml.Node) -> Node:
+    def node(self, item: yaml.Node) -> YamlNode:
         """Return the Node of a YAML node; one that is used twice (an alias) is made once."""
         if id(item) in self._done:
             node, size = self._done[id(item)]
@@ -145,25 +145,25 @@ class _Reader:
         self._done[id(item)] = result, self._count - before
         return result
 
-    def _refused(self, item: yaml.Node, message: str, kind: str = "yaml") -> Node:
+    def _refused(self, item: yaml.Node, message: str, kind: str = "yaml") -> YamlNode:
         span = _span(item.start_mark, item.end_mark)
         self.findings.append(Finding(span, message, kind))
-        return Node(None, span, hole=True)
+        return YamlNode(None, span, hole=True)
 
-    def _too_many(self, item: yaml.Node) -> Node:
+    def _too_many(self, item: yaml.Node) -> YamlNode:
         if self._count > 2 * MOST_VALUES:  # told once
-            return Node(None, _span(item.start_mark, item.end_mark), hole=True)
+            return YamlNode(None, _span(item.start_mark, item.end_mark), hole=True)
         self._count += 2 * MOST_VALUES
         return self._refused(item, f"aliases make more than {MOST_VALUES} values of this file")
 
-    def _made(self, item: yaml.Node) -> Node:
+    def _made(self, item: yaml.Node) -> YamlNode:
         span = _span(item.start_mark, item.end_mark)
         if isinstance(item, yaml.MappingNode):
             bare = _bare_template(item)
-            return self._refused(item, bare) if bare else Node(self._mapping(item), span)
+            return self._refused(item, bare) if bare else YamlNode(self._mapping(item), span)
         if isinstance(item, yaml.SequenceNode):
-            return Node([self.node(child) for child in item.value], span)
-        return Node(self._scalar(item), span, raw=str(item.value))
+            return YamlNode([self.node(child) for child in item.value], span)
+        return YamlNode(self._scalar(item), span, raw=str(item.value))
 
     def _scalar(self, item: Any) -> Any:
         try:
@@ -182,9 +182,9 @@ class _Reader:
                 self._refused(item, f"the tag {item.tag} means nothing here: leave it out")
         return str(item.value)
 
-    def _mapping(self, item: yaml.MappingNode) -> dict[str, Node]:
-        result: dict[str, Node] = {}
-        inherited: dict[str, Node] = {}
+    def _mapping(self, item: yaml.MappingNode) -> dict[str, YamlNode]:
+        result: dict[str, YamlNode] = {}
+        inherited: dict[str, YamlNode] = {}
         for key, value in item.value:
             if key.tag == f"{_TAG}merge":
                 inherited = inherited | self._merge(value)
@@ -194,7 +194,7 @@ class _Reader:
                 self._add(result, key, value)
         return {**inherited, **result}
 
-    def _add(self, result: dict[str, Node], key: yaml.ScalarNode, value: yaml.Node) -> None:
+    def _add(self, result: dict[str, YamlNode], key: yaml.ScalarNode, value: yaml.Node) -> None:
         name = str(key.value)
         node = attrs.evolve(self.node(value), key_span=_span(key.start_mark, key.end_mark))
         if name not in result:
@@ -204,9 +204,9 @@ class _Reader:
         message = f'the key "{name}" stands at {first.line}:{first.column} already: remove one'
         self._refused(key, message, "duplicate-key")
 
-    def _merge(self, value: yaml.Node) -> dict[str, Node]:
+    def _merge(self, value: yaml.Node) -> dict[str, YamlNode]:
         """Return what `<<` brings; of several, an earlier one wins."""
-        merged: dict[str, Node] = {}
+        merged: dict[str, YamlNode] = {}
         for part in reversed(value.value if isinstance(value, yaml.SequenceNode) else [value]):
             if isinstance(part, yaml.MappingNode):
                 merged |= self.node(part).value or {}

@@ -16,7 +16,7 @@ from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile.check import CheckResult, open_source
 from rigel_k8s.rigelfile.findings import Finding, at, in_order
 from rigel_k8s.rigelfile.parse import parse
-from rigel_k8s.rigelfile.source import Node, kind_of
+from rigel_k8s.rigelfile.source import YamlNode, kind_of
 from rigel_k8s.rigelfile.template import Expression, Name, parts
 
 __all__ = ["rigel03"]
@@ -25,7 +25,7 @@ KIND = "rigel03"
 #: What Rigel 0.3 takes for a name: it squeezes the blanks out and looks the rest up.
 _NAME = re.compile(r"\{\{[a-zA-Z0-9_\s\-!?.]+\}\}")
 
-Rule = Callable[[Node], Iterator[Finding]]
+Rule = Callable[[YamlNode], Iterator[Finding]]
 
 
 def rigel03(path: Path, environ: Mapping[str, str] = os.environ) -> CheckResult:
@@ -46,16 +46,16 @@ def rigel03(path: Path, environ: Mapping[str, str] = os.environ) -> CheckResult:
     return CheckResult(source, in_order(found))
 
 
-def _refused(node: Node, message: str, *, key: bool = False) -> Finding:
+def _refused(node: YamlNode, message: str, *, key: bool = False) -> Finding:
     return at(node, f"Rigel 0.3 refuses {message}", KIND, key=key)
 
 
-def _otherwise(node: Node, message: str, *, key: bool = False) -> Finding:
+def _otherwise(node: YamlNode, message: str, *, key: bool = False) -> Finding:
     finding = at(node, f"Rigel 0.3 {message}", KIND, key=key)
     return attrs.evolve(finding, severity="warning")
 
 
-def _section(root: Node, name: str) -> dict[str, Node]:
+def _section(root: YamlNode, name: str) -> dict[str, YamlNode]:
     section = root.value.get(name)
     return section.value if section and isinstance(section.value, dict) else {}
 
@@ -63,26 +63,26 @@ def _section(root: Node, name: str) -> dict[str, Node]:
 # What its models refuse
 
 
-def _variables(root: Node) -> Iterator[Finding]:
+def _variables(root: YamlNode) -> Iterator[Finding]:
     for node in _section(root, "vars").values():
         fits = isinstance(node.value, dict) and set(node.value) == {"type", "with"}
         if node.value is None or (isinstance(node.value, dict | list) and not fits):
             yield _refused(node, f"{kind_of(node.value)} as a var: only single values")
 
 
-def _empty_sections(root: Node) -> Iterator[Finding]:
+def _empty_sections(root: YamlNode) -> Iterator[Finding]:
     for name in ("vars", "jobs", "providers", "sequences"):
         node = root.value.get(name)
         if node is not None and node.value is None:
             yield _refused(node, f"`{name}` without content: remove the key", key=True)
 
 
-def _jobs(root: Node) -> Iterator[Finding]:
+def _jobs(root: YamlNode) -> Iterator[Finding]:
     if "jobs" not in root.value:
         yield _refused(root, "a file without `jobs`")
 
 
-def _plugins(root: Node) -> Iterator[Finding]:
+def _plugins(root: YamlNode) -> Iterator[Finding]:
     for section, key in (("jobs", "plugin"), ("providers", "provider")):
         for node in _section(root, section).values():
             name = node.value.get(key) if isinstance(node.value, dict) else None
@@ -90,7 +90,7 @@ def _plugins(root: Node) -> Iterator[Finding]:
                 yield _refused(name, "short names: write package.module.Class")
 
 
-def _without_with(root: Node) -> Iterator[Finding]:
+def _without_with(root: YamlNode) -> Iterator[Finding]:
     for section in ("jobs", "providers"):
         for node in _section(root, section).values():
             if isinstance(node.value, dict) and "with" not in node.value:
@@ -100,7 +100,7 @@ def _without_with(root: Node) -> Iterator[Finding]:
             yield _refused(use, "a job's entry without `with`: write the name alone")
 
 
-def _uses(root: Node) -> Iterator[Node]:
+def _uses(root: YamlNode) -> Iterator[YamlNode]:
     for sequence in _section(root, "sequences").values():
         for stage in _list(sequence, "stages"):
             for inner in (stage, *_list(stage, "parallel")):
@@ -108,12 +108,12 @@ def _uses(root: Node) -> Iterator[Node]:
                 yield from _list(inner, "dependencies")
 
 
-def _list(node: Node, key: str) -> list[Node]:
+def _list(node: YamlNode, key: str) -> list[YamlNode]:
     child = node.value.get(key) if isinstance(node.value, dict) else None
     return child.value if child and isinstance(child.value, list) else []
 
 
-def _sequences(root: Node) -> Iterator[Finding]:
+def _sequences(root: YamlNode) -> Iterator[Finding]:
     for sequence in _section(root, "sequences").values():
         if not isinstance(sequence.value, dict):
             continue
@@ -131,7 +131,7 @@ def _sequences(root: Node) -> Iterator[Finding]:
 # What it reads otherwise
 
 
-def _scalars(root: Node) -> Iterator[Finding]:
+def _scalars(root: YamlNode) -> Iterator[Finding]:
     for node in _leaves(root):
         if isinstance(node.value, str) and has_template(node.value):
             yield from _templates(node, node.value, key=False)
@@ -140,7 +140,7 @@ def _scalars(root: Node) -> Iterator[Finding]:
     yield from _in_texts(root)
 
 
-def _keys(root: Node) -> Iterator[Finding]:
+def _keys(root: YamlNode) -> Iterator[Finding]:
     for key, node in _keyed(root):
         if not has_template(key):
             continue
@@ -149,7 +149,7 @@ def _keys(root: Node) -> Iterator[Finding]:
             yield _otherwise(node, "puts the var in place of the whole key", key=True)
 
 
-def _templates(node: Node, text: str, *, key: bool) -> Iterator[Finding]:
+def _templates(node: YamlNode, text: str, *, key: bool) -> Iterator[Finding]:
     for part in parts(text):
         if isinstance(part, Expression):
             if _NAME.fullmatch(part.text):
@@ -158,7 +158,7 @@ def _templates(node: Node, text: str, *, key: bool) -> Iterator[Finding]:
                 yield _otherwise(node, f"leaves {part.text} as it is", key=key)
 
 
-def _in_texts(root: Node) -> Iterator[Finding]:
+def _in_texts(root: YamlNode) -> Iterator[Finding]:
     """Yield vars inside a text that Rigel would write as Python does."""
     variables = _section(root, "vars")
     for node in _leaves(root):
@@ -171,7 +171,7 @@ def _in_texts(root: Node) -> Iterator[Finding]:
                 yield _otherwise(node, f"writes {used.value} for {used.raw}: quote it in `vars`")
 
 
-def _order(root: Node) -> Iterator[Finding]:
+def _order(root: YamlNode) -> Iterator[Finding]:
     """Yield vars that use one below them that is a template itself: Rigel goes down only once."""
     variables = _section(root, "vars")
     seen: set[str] = set()
@@ -184,7 +184,7 @@ def _order(root: Node) -> Iterator[Finding]:
         seen.add(name)
 
 
-def _leaves(node: Node) -> Iterator[Node]:
+def _leaves(node: YamlNode) -> Iterator[YamlNode]:
     if isinstance(node.value, dict | list):
         for child in node.children():
             yield from _leaves(child)
@@ -192,7 +192,7 @@ def _leaves(node: Node) -> Iterator[Node]:
         yield node
 
 
-def _keyed(node: Node) -> Iterator[tuple[str, Node]]:
+def _keyed(node: YamlNode) -> Iterator[tuple[str, YamlNode]]:
     if isinstance(node.value, dict):
         yield from node.value.items()
     for child in node.children():

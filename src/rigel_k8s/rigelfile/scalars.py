@@ -9,7 +9,7 @@ from typing import Any
 
 from rigel_k8s.rigelfile.fields import choices, expects, is_scalar_class
 from rigel_k8s.rigelfile.findings import nearest
-from rigel_k8s.rigelfile.source import Node, kind_of
+from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
 __all__ = ["Mismatch", "described", "mismatch", "scalar"]
 
@@ -29,7 +29,7 @@ class Mismatch(Exception):
         self.kind = kind
 
 
-def scalar(node: Node, kind: Any) -> Any:
+def scalar(node: YamlNode, kind: Any) -> Any:
     """Return the value of a scalar type.
 
     Raises:
@@ -54,7 +54,7 @@ def scalar(node: Node, kind: Any) -> Any:
     raise mismatch(node, kind)
 
 
-def mismatch(node: Node, kind: Any, hint: str = "") -> Mismatch:
+def mismatch(node: YamlNode, kind: Any, hint: str = "") -> Mismatch:
     """Return that a value is not of a type."""
     if node.value is None:
         message = f"expected {expects(kind)}, got nothing: write a value or remove the key"
@@ -62,7 +62,7 @@ def mismatch(node: Node, kind: Any, hint: str = "") -> Mismatch:
     return Mismatch(f"expected {expects(kind)}, got {described(node)}{hint}")
 
 
-def described(node: Node) -> str:
+def described(node: YamlNode) -> str:
     """Return what stands there, for a message: `the text "x"`, `a list`."""
     if isinstance(node.value, dict | list) or node.value is None:
         return kind_of(node.value)
@@ -73,7 +73,7 @@ def described(node: Node) -> str:
     return f"the boolean {shown}" if isinstance(node.value, bool) else shown
 
 
-def _text(node: Node, kind: Any) -> str:
+def _text(node: YamlNode, kind: Any) -> str:
     if isinstance(node.value, str):
         return node.value
     if isinstance(node.value, bool):
@@ -87,7 +87,7 @@ def _text(node: Node, kind: Any) -> str:
     raise mismatch(node, kind)
 
 
-def _whole(node: Node, kind: Any) -> int:
+def _whole(node: YamlNode, kind: Any) -> int:
     _refuse_base_60(node)
     if isinstance(node.value, int) and not isinstance(node.value, bool):
         return node.value
@@ -98,7 +98,7 @@ def _whole(node: Node, kind: Any) -> int:
     raise mismatch(node, kind)
 
 
-def _number(node: Node, kind: Any) -> float:
+def _number(node: YamlNode, kind: Any) -> float:
     _refuse_base_60(node)
     if isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return float(node.value)
@@ -113,13 +113,13 @@ def _number(node: Node, kind: Any) -> float:
     raise mismatch(node, kind)
 
 
-def _refuse_base_60(node: Node) -> None:
+def _refuse_base_60(node: YamlNode) -> None:
     """Refuse 22:30, which YAML 1.1 takes for 1350."""
     if isinstance(node.value, int | float) and ":" in (node.raw or ""):
         raise Mismatch(f"{node.raw} is {node.value} in YAML: write that, or quote it if it is text")
 
 
-def _boolean(node: Node) -> bool:
+def _boolean(node: YamlNode) -> bool:
     if isinstance(node.value, bool):
         return node.value
     if isinstance(node.value, str) and node.value.strip().lower() in _BOOLEANS:
@@ -129,7 +129,7 @@ def _boolean(node: Node) -> bool:
     raise mismatch(node, bool)
 
 
-def _parsed(node: Node, kind: Any) -> Any:
+def _parsed(node: YamlNode, kind: Any) -> Any:
     if issubclass(kind, str):
         raw = _text(node, kind)
     elif issubclass(kind, int):
@@ -142,7 +142,7 @@ def _parsed(node: Node, kind: Any) -> Any:
         raise Mismatch(str(error), getattr(kind, "kind", "bad-value")) from error
 
 
-def _choice(node: Node, kind: Any) -> Any:
+def _choice(node: YamlNode, kind: Any) -> Any:
     known = {str(value): value for value in choices(kind) or ()}
     if isinstance(node.value, bool) and node.raw not in known:
         text = str(node.value)  # a choice may be a boolean itself

@@ -25,7 +25,7 @@ from rigel_k8s.rigelfile.fields import (
     summary,
     type_arguments,
 )
-from rigel_k8s.rigelfile.source import Node
+from rigel_k8s.rigelfile.source import YamlNode
 
 __all__ = ["schema"]
 
@@ -105,7 +105,7 @@ class _Definitions:
     def of(self, kind: Any) -> Schema:
         """Return the schema of a type, templates left out at its top."""
         kind = resolved(kind)
-        if kind is Node:
+        if kind is YamlNode:
             return {"type": "object"}
         if kind is Any or kind is object:
             return {}

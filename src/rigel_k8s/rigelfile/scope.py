@@ -14,7 +14,7 @@ import attrs
 from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile.findings import Finding, at, nearest
 from rigel_k8s.rigelfile.numbers import written
-from rigel_k8s.rigelfile.source import Node, Source, Span, kind_of, made
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, node_of
 from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed
 from rigel_k8s.rigelfile.template import parts as parts_of
 
@@ -50,7 +50,7 @@ class Scope:
     def __init__(
         self,
         source: Source,
-        variables: Mapping[str, Node],
+        variables: Mapping[str, YamlNode],
         environ: Mapping[str, str],
         data: Mapping[str, Any] | None = None,
         *,
@@ -64,7 +64,7 @@ class Scope:
         self._data = data or {}
         self._final = final
         self._patient = patient
-        self._rendered: dict[str, Node] = {}
+        self._rendered: dict[str, YamlNode] = {}
         self._open: list[str] = []
 
     def with_data(self, data: Mapping[str, Any] | None, *, final: bool) -> Scope:
@@ -75,26 +75,26 @@ class Scope:
 
     # Nodes
 
-    def render(self, node: Node) -> Node:
+    def render(self, node: YamlNode) -> YamlNode:
         """Return the node with all templates filled that can be; findings tell the rest."""
         return self._walk(node, self._rendered_text)
 
-    def fill(self, node: Node) -> Node:
+    def fill(self, node: YamlNode) -> YamlNode:
         """Return a rendered node with its holes filled, as far as the data is known."""
         return self._walk(node, self._filled_text)
 
-    def render_variables(self) -> dict[str, Node]:
+    def render_variables(self) -> dict[str, YamlNode]:
         """Return all vars, rendered."""
         return {name: self._rendered_variable(name) for name in self.variables}
 
-    def _rendered_text(self, node: Node) -> Node:
+    def _rendered_text(self, node: YamlNode) -> YamlNode:
         templated = isinstance(node.value, str) and has_template(node.value)
         return self._text(node) if templated else node
 
-    def _filled_text(self, node: Node) -> Node:
+    def _filled_text(self, node: YamlNode) -> YamlNode:
         return self._rendered_text(attrs.evolve(node, hole=False)) if node.hole else node
 
-    def _walk(self, node: Node, text: Callable[[Node], Node]) -> Node:
+    def _walk(self, node: YamlNode, text: Callable[[YamlNode], YamlNode]) -> YamlNode:
         if isinstance(node.value, dict):
             return self._mapping(node, text)
         if isinstance(node.value, list):
@@ -103,8 +103,8 @@ class Scope:
             return node if same else attrs.evolve(node, value=items)
         return text(node)
 
-    def _mapping(self, node: Node, text: Callable[[Node], Node]) -> Node:
-        result: dict[str, Node] = {}
+    def _mapping(self, node: YamlNode, text: Callable[[YamlNode], YamlNode]) -> YamlNode:
+        result: dict[str, YamlNode] = {}
         same = True
         for key, value in node.value.items():
             new_key = self._key(key, value) if has_template(key) else key
@@ -117,15 +117,15 @@ class Scope:
                 result[new_key] = new
         return node if same else attrs.evolve(node, value=result)
 
-    def _key(self, key: str, value: Node) -> str:
+    def _key(self, key: str, value: YamlNode) -> str:
         span = value.key_span or value.span
-        text = self._text(Node(key, span, raw=key))
+        text = self._text(YamlNode(key, span, raw=key))
         if isinstance(text.value, dict | list):
             self._tell(text, f"a key must be text, and {key} is {kind_of(text.value)}")
             return key
         return _as_text(text)
 
-    def _text(self, node: Node) -> Node:
+    def _text(self, node: YamlNode) -> YamlNode:
         pieces = list(parts_of(node.value))
         try:
             templates = [part for part in pieces if not isinstance(part, str)]
@@ -138,13 +138,13 @@ class Scope:
             return values[0]
         return _joined(node, values)
 
-    def _values(self, node: Node, pieces: list[Part]) -> list[Node]:
+    def _values(self, node: YamlNode, pieces: list[Part]) -> list[YamlNode]:
         """Return the value of each piece; _Waits, after all wrong ones are told."""
-        values: list[Node] = []
+        values: list[YamlNode] = []
         waits = False
         for number, piece in enumerate(pieces):
             if isinstance(piece, str):
-                values.append(Node(piece, node.span, raw=piece))
+                values.append(YamlNode(piece, node.span, raw=piece))
                 continue
             try:
                 value = _placed(node, self._value(node, piece))
@@ -162,18 +162,18 @@ class Scope:
             raise _Waits
         return values
 
-    def _finding(self, node: Node, wrong: _Wrong, piece: Part, before: list[Part]) -> Finding:
+    def _finding(self, node: YamlNode, wrong: _Wrong, piece: Part, before: list[Part]) -> Finding:
         text = piece if isinstance(piece, str) else piece.text
         same = sum(1 for part in before if not isinstance(part, str) and part.text == text)
         span = _within(self.source, node, text, same)
         return attrs.evolve(at(node, wrong.message, wrong.kind), span=span)
 
-    def _tell(self, node: Node, message: str) -> None:
+    def _tell(self, node: YamlNode, message: str) -> None:
         self.findings.append(at(node, message, "template"))
 
     # Names
 
-    def _value(self, node: Node, piece: Name | Expression | Unclosed) -> Node:
+    def _value(self, node: YamlNode, piece: Name | Expression | Unclosed) -> YamlNode:
         if isinstance(piece, Unclosed):
             raise _Wrong("{{ is never closed by }} (for the braces themselves: {{ '{{' }})")
         if isinstance(piece, Expression):
@@ -185,7 +185,7 @@ class Scope:
             return found
         raise self._missing(piece.header, piece.name)
 
-    def _lookup(self, node: Node, header: str, name: str) -> Node | None:
+    def _lookup(self, node: YamlNode, header: str, name: str) -> YamlNode | None:
         if header == "data":
             try:
                 value = _walk(self._data, name)
@@ -194,21 +194,21 @@ class Scope:
             return attrs.evolve(_made(value, node, f"data.{name}"), untyped=isinstance(value, str))
         return self._variable(name)
 
-    def _variable(self, name: str) -> Node | None:
+    def _variable(self, name: str) -> YamlNode | None:
         if name in self.variables:
             return self._rendered_variable(name)
         first, _, rest = name.partition(".")
         if rest and first in self.variables:
-            node: Node | None = self._rendered_variable(first)
+            node: YamlNode | None = self._rendered_variable(first)
             for step in rest.split("."):
                 node = node.value.get(step) if node and isinstance(node.value, dict) else None
             return node
         if name in self.environ:
             text = self.environ[name]
-            return Node(text, _NOWHERE, raw=text, untyped=True, environment=name)
+            return YamlNode(text, _NOWHERE, raw=text, untyped=True, environment=name)
         return None
 
-    def _rendered_variable(self, name: str) -> Node:
+    def _rendered_variable(self, name: str) -> YamlNode:
         if name in self._rendered:
             return self._rendered[name]
         if name in self._open:
@@ -245,13 +245,13 @@ class Scope:
 
     # Expressions
 
-    def _expression(self, node: Node, piece: Expression) -> Node:
+    def _expression(self, node: YamlNode, piece: Expression) -> YamlNode:
         if not piece.source:
             raise _Wrong("an empty template: write {{ vars.NAME }}")
         from rigel_k8s.rigelfile import expression
 
         values: dict[expression.Reference, Any] = {}
-        found: list[Node] = []
+        found: list[YamlNode] = []
         missing: _Wrong | _Waits | None = None
         for reference in expression.references(piece.source, self._knows):
             value = self._lookup(node, reference.header, reference.name)
@@ -279,14 +279,14 @@ class Scope:
 _NOWHERE = Span(0, 0, 0, 0)
 
 
-def _placed(use: Node, value: Node) -> Node:
+def _placed(use: YamlNode, value: YamlNode) -> YamlNode:
     """Return a var's value where it is used."""
     return attrs.evolve(
         _moved(use, value), key_span=use.key_span, key_defined_at=use.key_defined_at
     )
 
 
-def _moved(use: Node, value: Node) -> Node:
+def _moved(use: YamlNode, value: YamlNode) -> YamlNode:
     """Return a value with its place, and the places of all in it, as definition of what is used."""
     inner: Any = value.value
     if isinstance(inner, dict):
@@ -316,14 +316,14 @@ def _walk(data: Mapping[str, Any], name: str) -> Any:
     return found
 
 
-def _made(value: Any, node: Node, what: str) -> Node:
+def _made(value: Any, node: YamlNode, what: str) -> YamlNode:
     try:
-        return made(value, Node(None, node.span, key_span=node.key_span))
+        return node_of(value, YamlNode(None, node.span, key_span=node.key_span))
     except TypeError as error:
         raise _Wrong(f"{what}: {error}") from error
 
 
-def _origin(result: Node, found: list[Node]) -> Node:
+def _origin(result: YamlNode, found: list[YamlNode]) -> YamlNode:
     """Return the node with the origin of the first value that it was made from."""
     for value in found:
         if value.environment:
@@ -333,7 +333,7 @@ def _origin(result: Node, found: list[Node]) -> Node:
     return result
 
 
-def _native(node: Node) -> Any:
+def _native(node: YamlNode) -> Any:
     """Return plain data whose numbers remember how they were written."""
     if isinstance(node.value, dict):
         return {key: _native(child) for key, child in node.value.items()}
@@ -342,13 +342,13 @@ def _native(node: Node) -> Any:
     return written(node.value, node.raw)
 
 
-def _as_text(node: Node) -> str:
+def _as_text(node: YamlNode) -> str:
     if isinstance(node.value, str):
         return node.value
     return node.raw or ""
 
 
-def _joined(node: Node, values: list[Node]) -> Node:
+def _joined(node: YamlNode, values: list[YamlNode]) -> YamlNode:
     """Return one text of several pieces, with the origin of the first that was not written here."""
     text = "".join(map(_as_text, values))
     joined = attrs.evolve(node, value=text, raw=text, untyped=True)
@@ -366,7 +366,7 @@ def _bad_header(name: Name) -> str:
     return f'"{written_name}" is no template: begin with vars. (also the environment) or data.'
 
 
-def _within(source: Source, node: Node, text: str, number: int) -> Span:
+def _within(source: Source, node: YamlNode, text: str, number: int) -> Span:
     """Return the place of the number-th occurrence of a text inside a scalar, if it is there."""
     span = node.span
     lines = source.text.splitlines()

@@ -9,7 +9,7 @@ import attrs
 
 from rigel_k8s.problems import Path
 
-__all__ = ["Node", "Source", "Span", "kind_of", "locate", "made", "plain"]
+__all__ = ["Source", "Span", "YamlNode", "kind_of", "locate", "node_of", "plain"]
 
 _KINDS = {
     type(None): "nothing",
@@ -41,7 +41,7 @@ class Span:
 
 
 @attrs.frozen
-class Node:
+class YamlNode:
     """A YAML value with its place.
 
     Attributes:
@@ -68,7 +68,7 @@ class Node:
     untyped: bool = False
     environment: str | None = None
 
-    def children(self) -> Iterator[Node]:
+    def children(self) -> Iterator[YamlNode]:
         """Yield the values of a mapping or list."""
         if isinstance(self.value, dict):
             yield from self.value.values()
@@ -85,7 +85,7 @@ def kind_of(value: Any) -> str:
     return _KINDS[next(kind for kind in _KINDS if isinstance(value, kind))]
 
 
-def plain(node: Node) -> Any:
+def plain(node: YamlNode) -> Any:
     """Return the value without places: dicts, lists and scalars."""
     if isinstance(node.value, dict):
         return {key: plain(child) for key, child in node.value.items()}
@@ -94,16 +94,16 @@ def plain(node: Node) -> Any:
     return node.value
 
 
-def made(value: Any, at: Node) -> Node:
+def node_of(value: Any, at: YamlNode) -> YamlNode:
     """Return a Node of plain data that stands where another one does.
 
     Raises:
         TypeError: the value is no data that YAML could hold.
     """
     if isinstance(value, dict):
-        return attrs.evolve(at, value={str(k): made(v, at) for k, v in value.items()}, raw=None)
+        return attrs.evolve(at, value={str(k): node_of(v, at) for k, v in value.items()}, raw=None)
     if isinstance(value, list | tuple):
-        return attrs.evolve(at, value=[made(item, at) for item in value], raw=None)
+        return attrs.evolve(at, value=[node_of(item, at) for item in value], raw=None)
     if isinstance(value, str):
         return attrs.evolve(at, value=str(value), raw=str(value))
     if isinstance(value, bool):
@@ -115,7 +115,7 @@ def made(value: Any, at: Node) -> Node:
     raise TypeError(f"{type(value).__name__} is not data")
 
 
-def locate(root: Node, path: Path) -> Node:
+def locate(root: YamlNode, path: Path) -> YamlNode:
     """Return the node at a path, or the nearest one above where the path leads nowhere."""
     node = root
     for step in path:

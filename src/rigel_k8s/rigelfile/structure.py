@@ -28,7 +28,7 @@ from rigel_k8s.rigelfile.fields import (
 from rigel_k8s.rigelfile.findings import meant, nearest
 from rigel_k8s.rigelfile.numbers import written
 from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
-from rigel_k8s.rigelfile.source import Node, Span, made, plain
+from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, plain
 
 __all__ = ["Doubts", "InvalidOptions", "Structured", "structure", "structure_plain"]
 
@@ -94,7 +94,7 @@ class Structured:
         return not (self.doubts.texts or self.doubts.missing)
 
 
-def structure(node: Node, kind: Any) -> Structured:
+def structure(node: YamlNode, kind: Any) -> Structured:
     """Return the value of a type that a Node describes, or all that is wrong with it."""
     work = _Structurer()
     value = work.value(node, kind, ())
@@ -125,7 +125,7 @@ def structure_plain(
     Raises:
         InvalidOptions: it is no such value.
     """
-    found = structure(made(dict(data), Node({}, Span(1, 1, 1, 1))), kind)
+    found = structure(node_of(dict(data), YamlNode({}, Span(1, 1, 1, 1))), kind)
     problems = list(found.problems)
     if found.draft is not None and not problems:
         problems = [problem for problem in check(found.draft) if problem.severity == "error"]
@@ -142,9 +142,9 @@ class _Structurer:
         self.problems: list[Problem] = []
         self.doubts = Doubts()
 
-    def value(self, node: Node, kind: Any, path: Path) -> Any:
+    def value(self, node: YamlNode, kind: Any, path: Path) -> Any:
         kind = resolved(kind)
-        if kind is Node:
+        if kind is YamlNode:
             return node
         if node.hole:
             return self._hole(node, kind, path)
@@ -172,7 +172,7 @@ class _Structurer:
 
     # Holes
 
-    def _hole(self, node: Node, kind: Any, path: Path) -> Any:
+    def _hole(self, node: YamlNode, kind: Any, path: Path) -> Any:
         for member in members(kind):
             if isinstance(member, type) and issubclass(member, str):
                 self.doubts.texts.append(path)
@@ -180,7 +180,7 @@ class _Structurer:
         self.doubts.missing.append(path)
         return node.value if kind is Any else _UNKNOWN
 
-    def _note_holes(self, node: Node, path: Path) -> None:
+    def _note_holes(self, node: YamlNode, path: Path) -> None:
         if node.hole:
             self.doubts.texts.append(path)
         for step, child in _steps(node):
@@ -188,7 +188,7 @@ class _Structurer:
 
     # Containers
 
-    def _object(self, node: Node, cls: type[Any], path: Path) -> Any:
+    def _object(self, node: YamlNode, cls: type[Any], path: Path) -> Any:
         if not isinstance(node.value, dict):
             return self._mismatch(mismatch(node, cls), path)
         fields = fields_of(cls)
@@ -214,7 +214,7 @@ class _Structurer:
         return _UNKNOWN if unknown or absent else self._built(cls, values, path)
 
     def _unknown_keys(
-        self, node: Node, known: dict[str, Field], path: Path
+        self, node: YamlNode, known: dict[str, Field], path: Path
     ) -> Iterator[str | None]:
         """Tell unknown keys; yield what was probably meant, None for a key that waits for data."""
         for key in node.value:
@@ -242,7 +242,7 @@ class _Structurer:
         except (ValueError, TypeError) as error:  # a validator of the class refused it
             return self._wrong(path, str(error), "bad-value")
 
-    def _mapping(self, node: Node, kind: Any, path: Path) -> Any:
+    def _mapping(self, node: YamlNode, kind: Any, path: Path) -> Any:
         if not isinstance(node.value, dict):
             return self._mismatch(mismatch(node, kind), path)
         key_kind, value_kind = type_arguments(kind)
@@ -255,19 +255,19 @@ class _Structurer:
                 result[new_key] = value
         return result
 
-    def _key(self, key: str, child: Node, kind: Any, path: Path) -> Any:
+    def _key(self, key: str, child: YamlNode, kind: Any, path: Path) -> Any:
         if has_template(key):
             self.doubts.missing.append(path)
             return key
         if kind is Any or kind is str:
             return key
-        node = Node(key, child.key_span or child.span, raw=key, untyped=True)
+        node = YamlNode(key, child.key_span or child.span, raw=key, untyped=True)
         try:
             return scalar(node, kind)
         except Mismatch as found:
             return self._wrong(path, found.message, found.kind, at_key=True)
 
-    def _list(self, node: Node, kind: Any, path: Path) -> Any:
+    def _list(self, node: YamlNode, kind: Any, path: Path) -> Any:
         if not isinstance(node.value, list):
             one = not isinstance(node.value, dict) and node.value is not None
             hint = f": write [{node.raw}]" if one and node.raw else ""
@@ -283,13 +283,13 @@ class _Structurer:
 
     # Scalars and unions
 
-    def _scalar(self, node: Node, kind: Any, path: Path) -> Any:
+    def _scalar(self, node: YamlNode, kind: Any, path: Path) -> Any:
         try:
             return scalar(node, kind)
         except Mismatch as found:
             return self._mismatch(found, path)
 
-    def _union(self, node: Node, kind: Any, kinds: tuple[Any, ...], path: Path) -> Any:
+    def _union(self, node: YamlNode, kind: Any, kinds: tuple[Any, ...], path: Path) -> Any:
         if node.value is None and type(None) in kinds:
             return None
         if _says_yes(node) and any(_is(k, str) for k in kinds):
@@ -310,7 +310,7 @@ class _Structurer:
             refused.append(trial)
         return self._refused(node, kind, refused, path)
 
-    def _refused(self, node: Node, kind: Any, trials: list[_Structurer], path: Path) -> Any:
+    def _refused(self, node: YamlNode, kind: Any, trials: list[_Structurer], path: Path) -> Any:
         """Tell why no member of a union fits: the one that came nearest, or what would fit."""
         near = next((t for t in trials if t.problems[0].kind != "wrong-type"), None)
         if isinstance(node.value, list) or len(trials) == 1:
@@ -322,19 +322,19 @@ class _Structurer:
         return _UNKNOWN
 
 
-def _steps(node: Node) -> Iterator[tuple[str | int, Node]]:
+def _steps(node: YamlNode) -> Iterator[tuple[str | int, YamlNode]]:
     if isinstance(node.value, dict):
         yield from node.value.items()
     elif isinstance(node.value, list):
         yield from enumerate(node.value)
 
 
-def _says_yes(node: Node) -> bool:
+def _says_yes(node: YamlNode) -> bool:
     """Return whether a boolean is written as YAML 1.2 and most people would not."""
     return isinstance(node.value, bool) and (node.raw or "true").lower() not in ("true", "false")
 
 
-def _may_be(node: Node, kind: Any) -> bool:
+def _may_be(node: YamlNode, kind: Any) -> bool:
     """Return whether a member of a union is of the value's kind at all."""
     if kind is Any:
         return True
@@ -346,7 +346,7 @@ def _may_be(node: Node, kind: Any) -> bool:
     return not is_container and node.value is not None
 
 
-def _ambiguous(node: Node, kinds: tuple[Any, ...]) -> Mismatch | None:
+def _ambiguous(node: YamlNode, kinds: tuple[Any, ...]) -> Mismatch | None:
     """Say how a list of one is written where only lists or mappings fit a single value."""
     if isinstance(node.value, dict | list) or node.value is None or not node.raw:
         return None
@@ -354,7 +354,7 @@ def _ambiguous(node: Node, kinds: tuple[Any, ...]) -> Mismatch | None:
     return mismatch(node, lists[0], f": write [{node.raw}]") if len(lists) == 1 else None
 
 
-def _rank(node: Node, kind: Any) -> int:
+def _rank(node: YamlNode, kind: Any) -> int:
     """Order the members of a union by how directly a scalar is one of them."""
     if kind is Any:
         return 4
@@ -372,7 +372,7 @@ def _is(kind: Any, base: type[Any]) -> bool:
     return isinstance(kind, type) and issubclass(kind, base)
 
 
-def _by_keys(node: Node, candidates: list[Any]) -> Any:
+def _by_keys(node: YamlNode, candidates: list[Any]) -> Any:
     """Return the member that has most of a mapping's keys, near misses counted less."""
     classes = [kind for kind in candidates if isinstance(kind, type) and attrs.has(kind)]
     if len(classes) < 2:

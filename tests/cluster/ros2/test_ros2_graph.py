@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.graph import check as graph
-from rigel_k8s.graph.findings import Graph
+from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.inpod import scripts
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.marks import RELEASE_LABEL
@@ -119,7 +119,7 @@ class Release:
         conditions = (pod or {}).get("status", {}).get("conditions", [])
         return any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
 
-    def look(self) -> Graph:
+    def look(self) -> DiscoveryGraph:
         found = graph.survey(self.cluster, self.id)
         assert found is not None
         return found

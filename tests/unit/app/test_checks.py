@@ -215,7 +215,7 @@ def test_anonymous_nodes_may_be_many_and_surge() -> None:
 
 
 def test_a_partial_job_is_not_asked_for_the_rest() -> None:
-    """The peer's update_k8s has nothing but these two keys."""
+    """src.plugin's update_k8s has nothing but these two keys."""
     text = "{rolling_update: {strategy: Recreate}, readiness: {command: /ready}}"
     assert problems(text) == []
 

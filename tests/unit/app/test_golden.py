@@ -33,7 +33,7 @@ def test_manifests_are_those_of_the_golden_file(case: str, *, update_golden: boo
 
 @pytest.mark.parametrize("case", CASES)
 def test_every_object_is_marked_as_the_releases(case: str) -> None:
-    """Labels select, name the release and the tool; the selector is the peer's."""
+    """Labels select, name the release and the tool; the selector is src.plugin's."""
     made = release((GOLDEN / f"{case}.with.yaml").read_text("utf-8"), files=FILES)
     for item in made.objects:
         labels = item["metadata"]["labels"]

@@ -11,8 +11,8 @@ import pytest
 
 import rigel_k8s.inpod
 from rigel_k8s.cli.tables import ORPHAN, age, status_json, status_text
-from rigel_k8s.graph.findings import Graph, PodGraph
-from rigel_k8s.graph.words import Finding
+from rigel_k8s.graph.findings import DiscoveryGraph, PodGraph
+from rigel_k8s.graph.words import GraphFinding
 from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
 
@@ -58,11 +58,11 @@ LISTENER = WorkloadStatus(
 WAITING = WorkloadStatus("Deployment", "camera", 0, 1, False, "no pod can be made: quota", ())
 
 
-GRAPH = Graph(
+GRAPH = DiscoveryGraph(
     (PodGraph("talker-1", "node1", "macvlan", 0, "net1", "10.1.0.5", ("camera-1",), 2),),
     (("node2", "node1"),),
     (
-        Finding(
+        GraphFinding(
             "deaf", "multicast from node2 does not reach node1", "look at the switch", error=True
         ),
     ),

@@ -227,8 +227,8 @@ def test_down_does_not_ask_where_nobody_can_answer(record: Any) -> None:
 def test_doctor(record: Any) -> None:
     """A line for each need, what to do where one lacks, exit code 1."""
     found = [
-        doctors.Finding("cluster", ok=True, found="lab, v1.34.4"),
-        doctors.Finding("storage", ok=False, found="none", hint="make one"),
+        doctors.DoctorFinding("cluster", ok=True, found="lab, v1.34.4"),
+        doctors.DoctorFinding("storage", ok=False, found="none", hint="make one"),
     ]
     record(doctors, "examine", found)
     done = call("doctor")

@@ -11,7 +11,7 @@ from rigel_k8s.commands.logs.lines import LogOptions
 from rigel_k8s.kube.failures import refusal
 from rigel_k8s.observability.options import Existing, ExistingLoki, Observability
 from rigel_k8s.observability.reading.doors import target_port
-from rigel_k8s.observability.reading.stack import NoStack, Stack, part_of, why_not
+from rigel_k8s.observability.reading.stack import InstalledStack, NoStack, part_of, why_not
 
 POD = {"spec": {"containers": [{"ports": [{"name": "http", "containerPort": 8080}]}]}}
 
@@ -37,7 +37,7 @@ class Empty:
 def test_a_part_that_was_not_deployed_is_told() -> None:
     """With the key that would deploy it."""
     ports = {"loki": {"spec": {"ports": [{"port": 3100}]}}}
-    stack = Stack(Empty(), "monitoring", ports)  # type: ignore[arg-type]
+    stack = InstalledStack(Empty(), "monitoring", ports)  # type: ignore[arg-type]
     assert stack.part("loki").port == 3100
     with pytest.raises(NoStack, match="in monitoring has no Grafana") as caught:
         stack.part("grafana")

@@ -11,7 +11,7 @@ from rigel_k8s.cli.top import cells, rate, show, size_of, topic_cells
 from rigel_k8s.commands.pods import Pod
 from rigel_k8s.commands.top import TOPICS, Ros, Top, row_of, topics_of
 from rigel_k8s.commands.top_usage import Usage, amount, summarised
-from rigel_k8s.observability.reading.prometheus import Prometheus, Sample, matchers
+from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.release.types import ReleaseId
 
 SUMMARY = {
@@ -56,7 +56,7 @@ def test_a_query_leaves_out_what_is_no_number() -> None:
         assert (path, query) == ("api/v1/query", {"query": "x"})
         return json.dumps(body).encode()
 
-    assert Prometheus(ask).query("x") == [Sample({"topic": "/scan"}, 0.5)]
+    assert PrometheusClient(ask).query("x") == [Sample({"topic": "/scan"}, 0.5)]
     assert matchers(application='a"b') == 'application="a\\"b"'
 
 

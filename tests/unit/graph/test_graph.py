@@ -13,10 +13,10 @@ import pytest
 from rigel_k8s.errors import Interrupted
 from rigel_k8s.graph import check as graphs
 from rigel_k8s.graph import looks as graph_looks
-from rigel_k8s.graph.findings import Graph, graph
-from rigel_k8s.graph.looks import ANNOUNCERS, Seen, commands, look
+from rigel_k8s.graph.findings import DiscoveryGraph, graph
+from rigel_k8s.graph.looks import ANNOUNCERS, Observation, commands, look
 from rigel_k8s.graph.members import Member, members
-from rigel_k8s.graph.words import Finding, listed
+from rigel_k8s.graph.words import GraphFinding, join_words
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.release.types import ReleaseId
 from tests.support.recorder import Recorder
@@ -125,7 +125,7 @@ def participant(name: str, *, own: bool) -> dict[str, Any]:
     return {"prefix": name, "own": own}
 
 
-def seen(name: str, *others: str, **more: Any) -> Seen:
+def seen(name: str, *others: str, **more: Any) -> Observation:
     """What a pod tells that hears others, and is in order itself."""
     heard = [participant(name, own=True), *(participant(other, own=False) for other in others)]
     process = {"pid": 1, "command": "node", "domain": 3, "stopped": False, "ports": []}
@@ -137,7 +137,7 @@ def seen(name: str, *others: str, **more: Any) -> Seen:
         "announced": True,
         "sends": True,
     }
-    return Seen(**{**told, **more})
+    return Observation(**{**told, **more})
 
 
 def test_a_machine_sends_once():
@@ -213,7 +213,7 @@ def test_pod_network(machines: tuple[str, str], message: str):
 
 def test_forbidden():
     """Where exec is forbidden that is said once, and is no error: nothing is known."""
-    problem = Seen("looking into pods is not allowed here (the right `create pods/exec`)")
+    problem = Observation("looking into pods is not allowed here (the right `create pods/exec`)")
     found = graph([member("a"), member("b")], {"a": problem, "b": problem})
     assert [str(f) for f in found.findings] == [
         "a and b could not be checked: looking into pods is not allowed here"
@@ -263,11 +263,11 @@ def test_not_running():
 
 
 @pytest.fixture
-def looks(monkeypatch: pytest.MonkeyPatch) -> list[Graph | None]:
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[DiscoveryGraph | None]:
     """What successive looks find; the last one for ever."""
-    found: list[Graph | None] = []
+    found: list[DiscoveryGraph | None] = []
 
-    def glance(*_: Any) -> Graph | None:
+    def glance(*_: Any) -> DiscoveryGraph | None:
         return found.pop(0) if len(found) > 1 else found[0]
 
     monkeypatch.setattr(graphs, "glance", glance)
@@ -276,23 +276,25 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[Graph | None]:
 
 
 RELEASE = ReleaseId("robots", "app")
-WRONG = Graph((), (), (Finding("deaf", "node2 is deaf", "look", error=True),))
-GOOD = Graph((), (), ())
-DOUBT = Graph((), (), (Finding("deaf", "no multicast", "set network"),))
+WRONG = DiscoveryGraph((), (), (GraphFinding("deaf", "node2 is deaf", "look", error=True),))
+GOOD = DiscoveryGraph((), (), ())
+DOUBT = DiscoveryGraph((), (), (GraphFinding("deaf", "no multicast", "set network"),))
 
 
 def run_check(report: Recorder, cancel: threading.Event | None = None) -> None:
     graphs.check(RELEASE, None, report, cancel or threading.Event())  # type: ignore[arg-type]
 
 
-def test_check_has_patience(looks: list[Graph | None]):
+def test_check_has_patience(looks: list[DiscoveryGraph | None]):
     """Discovery takes a moment: what a later look does not find any more is no error."""
     looks += [WRONG, WRONG, GOOD]
     run_check(Recorder())
     assert len(looks) == 1
 
 
-def test_check_ends_in_an_error(looks: list[Graph | None], monkeypatch: pytest.MonkeyPatch):
+def test_check_ends_in_an_error(
+    looks: list[DiscoveryGraph | None], monkeypatch: pytest.MonkeyPatch
+):
     """What stays wrong is an error that says that the release is deployed all the same."""
     monkeypatch.setattr(graphs, "PATIENCE", 0.05)
     looks.append(WRONG)
@@ -303,12 +305,12 @@ def test_check_ends_in_an_error(looks: list[Graph | None], monkeypatch: pytest.M
     assert caught.value.details == ("node2 is deaf; look",)
 
 
-def test_what_a_busy_machine_may_explain_is_looked_at_again(looks: list[Graph | None]):
+def test_what_a_busy_machine_may_explain_is_looked_at_again(looks: list[DiscoveryGraph | None]):
     """A second look decides; what no time explains is told at once."""
     looks += [WRONG, GOOD]
     assert graphs.survey(None, RELEASE) is GOOD  # type: ignore[arg-type]
-    lacking = Finding("no-interface", "one has no net1", "delete it", error=True)
-    wrong = Graph((), (), (lacking,))
+    lacking = GraphFinding("no-interface", "one has no net1", "delete it", error=True)
+    wrong = DiscoveryGraph((), (), (lacking,))
     looks[:] = [wrong, GOOD]
     assert graphs.survey(None, RELEASE) is wrong  # type: ignore[arg-type]
     looks[:] = [DOUBT, GOOD]
@@ -316,7 +318,7 @@ def test_what_a_busy_machine_may_explain_is_looked_at_again(looks: list[Graph | 
 
 
 def test_check_ends_well_where_the_last_look_does(
-    looks: list[Graph | None], monkeypatch: pytest.MonkeyPatch
+    looks: list[DiscoveryGraph | None], monkeypatch: pytest.MonkeyPatch
 ):
     """The look that decides is the longer one."""
     monkeypatch.setattr(graphs, "PATIENCE", 0.0)
@@ -324,7 +326,7 @@ def test_check_ends_well_where_the_last_look_does(
     run_check(Recorder())
 
 
-def test_check_without_network(looks: list[Graph | None]):
+def test_check_without_network(looks: list[DiscoveryGraph | None]):
     """What the Rigelfile did not promise is a warning, at once."""
     looks.append(DOUBT)
     report = Recorder()
@@ -332,13 +334,13 @@ def test_check_without_network(looks: list[Graph | None]):
     assert report.warnings == ["no multicast; set network"]
 
 
-def test_check_of_ros_1(looks: list[Graph | None]):
+def test_check_of_ros_1(looks: list[DiscoveryGraph | None]):
     """A release without DDS is left alone."""
     looks.append(None)
     run_check(Recorder())
 
 
-def test_check_can_be_stopped(looks: list[Graph | None]):
+def test_check_can_be_stopped(looks: list[DiscoveryGraph | None]):
     """Ctrl-C ends the looks."""
     looks.append(WRONG)
     cancel = threading.Event()
@@ -349,5 +351,5 @@ def test_check_can_be_stopped(looks: list[Graph | None]):
 
 def test_listed():
     """Names in words, a long list cut."""
-    assert [listed("a"), listed("ab"), listed("abc")] == ["a", "a and b", "a, b and c"]
-    assert listed("abcdefgh") == "a, b, c, d, e, f and 2 more"
+    assert [join_words("a"), join_words("ab"), join_words("abc")] == ["a", "a and b", "a, b and c"]
+    assert join_words("abcdefgh") == "a, b, c, d, e, f and 2 more"

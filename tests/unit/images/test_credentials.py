@@ -7,7 +7,7 @@ import base64
 import pytest
 
 from rigel_k8s.images.credentials import (
-    Credentials,
+    RegistryCredentials,
     credentials_for,
     docker_config,
     is_loopback,
@@ -15,7 +15,7 @@ from rigel_k8s.images.credentials import (
     registry_name,
 )
 
-ME = Credentials("host:5000", "me", "se:cret")
+ME = RegistryCredentials("host:5000", "me", "se:cret")
 
 
 def test_the_password_is_not_shown() -> None:
@@ -38,7 +38,7 @@ def test_the_password_is_not_shown() -> None:
 def test_servers_are_known_by_the_name_in_images(server: str, name: str) -> None:
     """A server written as a URL, and every name of Docker Hub, is found by image references."""
     assert registry_name(server) == name
-    assert credentials_for(name, [Credentials(server, "a", "b")]) is not None
+    assert credentials_for(name, [RegistryCredentials(server, "a", "b")]) is not None
 
 
 def test_credentials_go_to_their_registry_alone() -> None:
@@ -51,7 +51,7 @@ def test_the_config_is_dockers() -> None:
     """Registries are keys of `auths`, each with user and password in base64."""
     auth = base64.b64encode(b"me:se:cret").decode()
     assert docker_config([ME]) == {"auths": {"host:5000": {"auth": auth}}}
-    hub = docker_config([Credentials("docker.io", "me", "se:cret")])["auths"]
+    hub = docker_config([RegistryCredentials("docker.io", "me", "se:cret")])["auths"]
     assert hub == {"https://index.docker.io/v1/": {"auth": auth}, "docker.io": {"auth": auth}}
 
 
@@ -72,7 +72,7 @@ def test_what_the_user_had_stays() -> None:
 
 def test_a_registry_without_users_is_not_written() -> None:
     """Credentials without a user write nothing."""
-    assert docker_config([Credentials("host:5000")]) == {"auths": {}}
+    assert docker_config([RegistryCredentials("host:5000")]) == {"auths": {}}
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.docker import Docker, builder_platforms, with_credentials
 from rigel_k8s.images.engine import Build, Session
 
@@ -27,7 +27,7 @@ Endpoint:  default
 Status:    running
 Platforms: linux/amd64, linux/amd64/v2, linux/arm64*
 """
-SECRET = Credentials("host:5000", "me", "se:cret")
+SECRET = RegistryCredentials("host:5000", "me", "se:cret")
 
 FAKE = """#!/bin/sh
 printf '%s\\n' "$@" > "$RECORD/argv.$$"
@@ -154,7 +154,9 @@ def test_credentials_are_in_a_file_of_the_session_only(fake: Fake) -> None:
 
 def test_a_credential_store_does_not_hide_them(fake: Fake) -> None:
     """Where a helper keeps all credentials, docker is told to look into the file for ours."""
-    session = attrs.evolve(fake.session, credentials=(SECRET, Credentials("docker.io", "a", "b")))
+    session = attrs.evolve(
+        fake.session, credentials=(SECRET, RegistryCredentials("docker.io", "a", "b"))
+    )
     config = with_credentials({"credsStore": "desktop"}, session)
     assert config["credsStore"] == "desktop"
     assert config["credHelpers"] == {"host:5000": "", "docker.io": "", "index.docker.io": ""}

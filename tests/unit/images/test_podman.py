@@ -12,7 +12,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import CommandFailed
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.engine import Build, Session
 from rigel_k8s.images.podman import Podman, lacks_sys_resource, registries_conf, registries_of
 from rigel_k8s.oci import host_platform
@@ -141,7 +141,7 @@ def test_a_push_of_every_name_tells_its_digest(fake: Fake) -> None:
 
 def test_credentials_are_in_a_private_file_of_the_session_only(fake: Fake) -> None:
     """No argument holds them, and nobody else can read the file."""
-    session = attrs.evolve(fake.session, credentials=(Credentials("h:5", "me", "se:cret"),))
+    session = attrs.evolve(fake.session, credentials=(RegistryCredentials("h:5", "me", "se:cret"),))
     fake.podman.build(build_of(fake), session, load=False, push=True)
     auth = base64.b64encode(b"me:se:cret").decode()
     assert json.loads((fake.record / "auth.json").read_text()) == {"auths": {"h:5": {"auth": auth}}}

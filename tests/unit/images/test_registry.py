@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.registry import (
     _proxy_of,
     _Registry,
@@ -100,7 +100,7 @@ def registry() -> Iterator[Registry]:
 
 def test_a_token_is_fetched_for_the_repository(registry: Registry) -> None:
     """The token server is asked for pulling this repository, as the user, and nobody else is."""
-    me = Credentials(registry.name, "me", "secret")
+    me = RegistryCredentials(registry.name, "me", "secret")
     assert resolve_digest(f"{registry.name}/team/app:1", me) == DIGEST
     (_, path, given), (*_, last) = registry.seen[-2:]
     assert path == "/token?a=b&service=here&scope=repository%3Ateam%2Fapp%3Apull"
@@ -128,7 +128,7 @@ def test_an_image_with_a_digest_is_its_own_answer(registry: Registry) -> None:
 
 
 def wrong_password(registry: Registry) -> str | None:
-    wrong = Credentials(registry.name, "me", "wrong")
+    wrong = RegistryCredentials(registry.name, "me", "wrong")
     return resolve_digest(f"{registry.name}/team/app:1", wrong)
 
 
@@ -196,25 +196,25 @@ def test_a_private_registry_with_tls_is_asked_with_tls(
 @pytest.mark.parametrize("name", ["ghcr.io", "docker.io", "8.8.8.8:5000", "robot.local:5000"])
 def test_a_registry_of_others_is_asked_with_tls_alone(name: str) -> None:
     """Who is neither here nor in a private network is asked in the clear if `insecure` says so."""
-    bases = _Registry(name, Credentials(name), 1)._bases()
+    bases = _Registry(name, RegistryCredentials(name), 1)._bases()
     assert bases == [f"https://{'registry-1.docker.io' if name == 'docker.io' else name}"]
 
 
 def test_good_credentials_log_in(registry: Registry) -> None:
     """log_in is true where the registry wanted credentials and took these."""
-    assert log_in(Credentials(registry.name, "me", "secret"))
+    assert log_in(RegistryCredentials(registry.name, "me", "secret"))
 
 
 def test_a_registry_without_users_logs_nobody_in(registry: Registry) -> None:
     """log_in is false where the registry asks for none."""
     registry.realm = None
-    assert not log_in(Credentials(registry.name, "me", "secret"))
+    assert not log_in(RegistryCredentials(registry.name, "me", "secret"))
 
 
 def test_wrong_credentials_are_refused(registry: Registry) -> None:
     """The error names registry and user, not the password."""
     with pytest.raises(RigelK8sError, match=f'{registry.name} refuses user "me"') as caught:
-        log_in(Credentials(registry.name, "me", "wrong"))
+        log_in(RegistryCredentials(registry.name, "me", "wrong"))
     assert "wrong" not in f"{caught.value} {caught.value.hint} {caught.value.details}"
     assert caught.value.exit_code == 1
 
@@ -222,19 +222,19 @@ def test_wrong_credentials_are_refused(registry: Registry) -> None:
 def test_a_registry_that_is_not_there_is_told() -> None:
     """The error says what cannot be reached."""
     with pytest.raises(RigelK8sError, match=r"registry 127\.0\.0\.1:1: .*refused"):
-        log_in(Credentials("127.0.0.1:1", "me", "secret"))
+        log_in(RegistryCredentials("127.0.0.1:1", "me", "secret"))
 
 
 def test_no_password_goes_to_an_unencrypted_address_of_a_network() -> None:
     """A private address is asked over plain HTTP; a password takes `insecure` as well."""
-    me = Credentials("10.0.0.1:5000", "me", "secret")
+    me = RegistryCredentials("10.0.0.1:5000", "me", "secret")
     with pytest.raises(_Unclear, match="insecure: true"):
         _Registry("10.0.0.1:5000", me, 1)._authorize("http://10.0.0.1:5000", "Basic", scope=None)
 
 
 def test_no_password_goes_to_an_unencrypted_token_server() -> None:
     """A registry with TLS cannot make us send the password over plain HTTP."""
-    me = Credentials("host", "me", "secret")
+    me = RegistryCredentials("host", "me", "secret")
     header = 'Bearer realm="http://elsewhere/token"'
     with pytest.raises(_Unclear, match="not encrypted"):
         _Registry("host", me, 1)._authorize("https://host", header, scope=None)

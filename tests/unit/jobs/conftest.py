@@ -9,12 +9,12 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.jobs.execution import Surroundings
+from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.steps import Branches, Job
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.model import ComponentSpec
-from rigel_k8s.rigelfile.source import Node, Span
+from rigel_k8s.rigelfile.source import Span, YamlNode
 from rigel_k8s.settings import Application, Settings
 from tests.support.recorder import Recorder
 
@@ -43,13 +43,13 @@ class FunctionJob:
 def make_job(
     name: str, work: Work, *, alone: Callable[[Mapping[str, Any]], str | None] | None = None
 ) -> Job:
-    spec = ComponentSpec(name, "test", Node({}, HERE), ("jobs", name))
+    spec = ComponentSpec(name, "test", YamlNode({}, HERE), ("jobs", name))
     return Job(spec, FunctionJob(work, alone))
 
 
 def make_branches(matrix: Mapping[str, list[Any]], body: Any) -> Branches:
     """Branches whose matrix `around` reads as it is."""
-    return Branches(Node(dict(matrix), HERE), body)
+    return Branches(YamlNode(dict(matrix), HERE), body)
 
 
 @pytest.fixture
@@ -58,9 +58,9 @@ def told() -> Recorder:
 
 
 @pytest.fixture
-def around(told: Recorder) -> Surroundings:
+def around(told: Recorder) -> RunContext:
     """Surroundings where a job's options are the data it sees, and a matrix is what it is."""
-    return Surroundings(
+    return RunContext(
         application=Application("noetic"),
         settings=Settings(),
         report=told,

@@ -9,10 +9,10 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
-from rigel_k8s.jobs.execution import Surroundings
+from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.live import run_steps
-from rigel_k8s.jobs.scope import Scope
+from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs, Serving
 from rigel_k8s.settings import Settings
 from tests.support.recorder import Recorder
@@ -28,7 +28,7 @@ def broken(job: JobContext) -> None:
     raise RigelK8sError("the registry is full", hint="make room", details=["0 bytes left"])
 
 
-def test_jobs_run_in_order_and_see_what_earlier_ones_stored(around: Surroundings) -> None:
+def test_jobs_run_in_order_and_see_what_earlier_ones_stored(around: RunContext) -> None:
     """A job stores, the next one reads, and the whole is returned."""
 
     def first(job: JobContext) -> None:
@@ -42,7 +42,7 @@ def test_jobs_run_in_order_and_see_what_earlier_ones_stored(around: Surroundings
 
 
 def test_branches_run_side_by_side_each_with_its_own_data(
-    around: Surroundings, told: Recorder
+    around: RunContext, told: Recorder
 ) -> None:
     """One branch per combination, all at once; none sees another's data, the trunk sees none."""
     meet, seen, lock = Meeting(4), [], threading.Lock()
@@ -73,7 +73,7 @@ def test_branches_run_side_by_side_each_with_its_own_data(
     assert len(paths) == 4
 
 
-def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(around: Surroundings) -> None:
+def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(around: RunContext) -> None:
     """The other branch is cancelled, no later stage runs, the error names job and branch."""
     meet, later = Meeting(2), []
 
@@ -97,7 +97,7 @@ def test_a_failure_in_one_branch_stops_the_others_and_the_sequence(around: Surro
 
 
 def test_the_failed_job_and_the_stopped_one_are_told_apart(
-    around: Surroundings, told: Recorder
+    around: RunContext, told: Recorder
 ) -> None:
     """Progress ends with failed for the culprit, with stopped for the others."""
     meet = Meeting(2)
@@ -113,7 +113,7 @@ def test_the_failed_job_and_the_stopped_one_are_told_apart(
     assert ("/robot=r1", "progress", "deploy: stopped") in told.entries
 
 
-def test_an_error_of_the_user_keeps_exit_code_two(around: Surroundings) -> None:
+def test_an_error_of_the_user_keeps_exit_code_two(around: RunContext) -> None:
     """A UserError inside a job still says that the user wrote it."""
 
     def work(job: JobContext) -> None:
@@ -126,7 +126,7 @@ def test_an_error_of_the_user_keeps_exit_code_two(around: Surroundings) -> None:
 
 @pytest.mark.parametrize("error", [ValueError("odd"), SystemExit(3), KeyboardInterrupt()])
 def test_a_bug_in_a_job_is_a_failure_with_its_traceback(
-    around: Surroundings, error: BaseException
+    around: RunContext, error: BaseException
 ) -> None:
     """Whatever a job raises stops the sequence and is kept; exit() in a job ends no program."""
 
@@ -139,7 +139,7 @@ def test_a_bug_in_a_job_is_a_failure_with_its_traceback(
     assert any("in work" in line for line in caught.value.details)
 
 
-def test_dependencies_serve_until_the_jobs_have_ended(around: Surroundings) -> None:
+def test_dependencies_serve_until_the_jobs_have_ended(around: RunContext) -> None:
     """A dependency is ready before the first job, runs beside it, and is stopped after the last."""
     events: list[str] = []
 
@@ -155,7 +155,7 @@ def test_dependencies_serve_until_the_jobs_have_ended(around: Surroundings) -> N
     assert events == ["serves", "one", "two", "stopped"]
 
 
-def test_a_dependency_that_returns_is_ready(around: Surroundings) -> None:
+def test_a_dependency_that_returns_is_ready(around: RunContext) -> None:
     """Work that lasts by itself (a deploy) needs no thread: the jobs start when it has returned."""
     events: list[str] = []
     dependency = make_job("deploy", lambda job: events.append("deployed"))
@@ -165,7 +165,7 @@ def test_a_dependency_that_returns_is_ready(around: Surroundings) -> None:
 
 
 def test_a_dependency_that_fails_before_it_is_ready_keeps_the_jobs_from_running(
-    around: Surroundings,
+    around: RunContext,
 ) -> None:
     """Nothing runs on a dependency that is not there."""
     ran: list[int] = []
@@ -177,7 +177,7 @@ def test_a_dependency_that_fails_before_it_is_ready_keeps_the_jobs_from_running(
     assert ran == []
 
 
-def test_a_dependency_that_fails_later_stops_the_jobs(around: Surroundings) -> None:
+def test_a_dependency_that_fails_later_stops_the_jobs(around: RunContext) -> None:
     """The job is cancelled although it did nothing wrong, and the dependency is named."""
     started = threading.Event()
 
@@ -195,7 +195,7 @@ def test_a_dependency_that_fails_later_stops_the_jobs(around: Surroundings) -> N
         run_steps(Jobs((step,)), around)
 
 
-def test_a_dependency_that_fails_while_it_stops_fails_the_sequence(around: Surroundings) -> None:
+def test_a_dependency_that_fails_while_it_stops_fails_the_sequence(around: RunContext) -> None:
     """What a dependency could not clean up is no success."""
 
     def serve(job: JobContext) -> None:
@@ -208,7 +208,7 @@ def test_a_dependency_that_fails_while_it_stops_fails_the_sequence(around: Surro
         run_steps(Jobs((step,)), around)
 
 
-def test_a_job_that_fails_stops_its_dependencies(around: Surroundings) -> None:
+def test_a_job_that_fails_stops_its_dependencies(around: RunContext) -> None:
     """The dependency ends before the error is raised; its Interrupted is no failure of its own."""
     ended: list[int] = []
 
@@ -224,7 +224,7 @@ def test_a_job_that_fails_stops_its_dependencies(around: Surroundings) -> None:
     assert ended == [1]
 
 
-def test_a_dependency_that_is_never_ready_fails_with_the_way_out(around: Surroundings) -> None:
+def test_a_dependency_that_is_never_ready_fails_with_the_way_out(around: RunContext) -> None:
     """The wait for `ready` is bounded by --timeout, and the hint says what sets it."""
     step = Serving((make_job("master", until_cancelled),), Jobs(()))
     around = attrs.evolve(around, settings=Settings(timeout=0.05))
@@ -233,7 +233,7 @@ def test_a_dependency_that_is_never_ready_fails_with_the_way_out(around: Surroun
     assert "job.ready" in str(caught.value.hint)
 
 
-def test_a_dependency_that_does_not_stop_is_told(around: Surroundings) -> None:
+def test_a_dependency_that_does_not_stop_is_told(around: RunContext) -> None:
     """A dependency that ignores `cancel` fails the sequence instead of hanging it."""
     release = threading.Event()
 
@@ -247,7 +247,7 @@ def test_a_dependency_that_does_not_stop_is_told(around: Surroundings) -> None:
     release.set()
 
 
-def test_a_job_that_gives_up_by_itself_is_a_failure(around: Surroundings) -> None:
+def test_a_job_that_gives_up_by_itself_is_a_failure(around: RunContext) -> None:
     """Interrupted, raised by a job that nobody stopped, is no silent success."""
 
     def work(job: JobContext) -> None:
@@ -257,9 +257,7 @@ def test_a_job_that_gives_up_by_itself_is_a_failure(around: Surroundings) -> Non
         run_steps(Jobs((make_job("shell", work),)), around)
 
 
-def test_a_job_that_was_stopped_and_says_so_is_not_told(
-    around: Surroundings, told: Recorder
-) -> None:
+def test_a_job_that_was_stopped_and_says_so_is_not_told(around: RunContext, told: Recorder) -> None:
     """Interrupted is the right end of a cancelled job."""
     meet = Meeting(2)
 
@@ -278,7 +276,7 @@ def test_a_job_that_was_stopped_and_says_so_is_not_told(
 
 def test_a_part_of_a_stopped_run_is_stopped_from_its_start() -> None:
     """A branch that starts while Ctrl-C is handled must not run on."""
-    scope = Scope()
+    scope = CancelScope()
     early = scope.part().part()
     calls: list[int] = []
     scope.on_cancel(lambda: calls.append(1))
@@ -291,7 +289,7 @@ def test_a_part_of_a_stopped_run_is_stopped_from_its_start() -> None:
 
 
 def test_what_goes_wrong_after_the_first_failure_is_told(
-    around: Surroundings, told: Recorder
+    around: RunContext, told: Recorder
 ) -> None:
     """The first failure is raised; one of a job that was being stopped is a warning."""
     meet = Meeting(2)
@@ -310,7 +308,7 @@ def test_what_goes_wrong_after_the_first_failure_is_told(
     assert told.of("warn") == [warned]
 
 
-def test_an_empty_matrix_runs_nothing_and_says_so(around: Surroundings, told: Recorder) -> None:
+def test_an_empty_matrix_runs_nothing_and_says_so(around: RunContext, told: Recorder) -> None:
     """No combination, no branch; the user is told, since it may not be meant."""
     ran: list[int] = []
     body = Jobs((make_job("build", lambda job: ran.append(1)),))
@@ -319,7 +317,7 @@ def test_an_empty_matrix_runs_nothing_and_says_so(around: Surroundings, told: Re
     assert told.of("warn") == ["the matrix has no combination: its stages do not run"]
 
 
-def test_branches_inside_branches_name_both_combinations(around: Surroundings) -> None:
+def test_branches_inside_branches_name_both_combinations(around: RunContext) -> None:
     """A sequence's own matrix around a stage's: the error names the whole branch."""
 
     def work(job: JobContext) -> None:
@@ -331,7 +329,7 @@ def test_branches_inside_branches_name_both_combinations(around: Surroundings) -
         run_steps(Jobs((make_branches({"site": ["a", "b"]}, Jobs((inner,))),)), around)
 
 
-def test_two_running_jobs_with_one_key_are_refused(around: Surroundings) -> None:
+def test_two_running_jobs_with_one_key_are_refused(around: RunContext) -> None:
     """What only the data tells (a release's name) is refused when the second job starts."""
     meet = Meeting(2)
     arrived: list[Any] = []
@@ -351,7 +349,7 @@ def test_two_running_jobs_with_one_key_are_refused(around: Surroundings) -> None
     assert len(arrived) == 1
 
 
-def test_a_key_is_free_again_when_its_job_has_ended(around: Surroundings) -> None:
-    """The peer's deploy and update are two jobs on one release, one after the other."""
+def test_a_key_is_free_again_when_its_job_has_ended(around: RunContext) -> None:
+    """src.plugin's deploy and update are two jobs on one release, one after the other."""
     jobs = [make_job(n, lambda job: None, alone=lambda o: "demo") for n in ("deploy", "update")]
     run_steps(Jobs(tuple(jobs)), around)

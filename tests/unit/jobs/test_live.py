@@ -15,8 +15,8 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import JobFailed, RigelK8sError, UserError
-from rigel_k8s.jobs.execution import Surroundings
-from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.execution import RunContext
+from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.providers import Declared
 from rigel_k8s.jobs.steps import Jobs
@@ -38,7 +38,7 @@ class NotingProvider:
     def check(self, options: Any, application: Application) -> tuple[()]:
         return ()
 
-    def connect(self, options: Any, name: str, report: Reporter) -> str:
+    def connect(self, options: Any, name: str, report: JobReporter) -> str:
         self.events.append(f"connect {name}")
         if self.refuses:
             raise self.refuses
@@ -54,7 +54,7 @@ def declare(name: str, provider: NotingProvider) -> Declared:
     return Declared(name, provider, {})
 
 
-def test_providers_are_connected_before_and_disconnected_after(around: Surroundings) -> None:
+def test_providers_are_connected_before_and_disconnected_after(around: RunContext) -> None:
     """Jobs get the connections by name; the last connected is the first disconnected."""
     events: list[str] = []
 
@@ -72,7 +72,7 @@ def test_providers_are_connected_before_and_disconnected_after(around: Surroundi
     ]
 
 
-def test_providers_are_disconnected_after_a_failure(around: Surroundings) -> None:
+def test_providers_are_disconnected_after_a_failure(around: RunContext) -> None:
     """A failed job leaves no connection open."""
     events: list[str] = []
 
@@ -85,7 +85,7 @@ def test_providers_are_disconnected_after_a_failure(around: Surroundings) -> Non
 
 
 def test_a_provider_that_refuses_is_named_and_the_connected_are_let_go(
-    around: Surroundings,
+    around: RunContext,
 ) -> None:
     """No job runs; the error keeps whose fault it is."""
     events: list[str] = []
@@ -97,7 +97,7 @@ def test_a_provider_that_refuses_is_named_and_the_connected_are_let_go(
     assert events == ["connect good", "connect bad", "disconnect connection of good"]
 
 
-def test_a_provider_that_does_not_disconnect_is_told(around: Surroundings, told: Recorder) -> None:
+def test_a_provider_that_does_not_disconnect_is_told(around: RunContext, told: Recorder) -> None:
     """What was done stays done; the rest is disconnected all the same."""
     events: list[str] = []
     sulky = declare("sulky", NotingProvider(events, sulks=True))
@@ -110,7 +110,7 @@ def test_a_provider_that_does_not_disconnect_is_told(around: Surroundings, told:
     assert events[-1] == "disconnect connection of good"
 
 
-def test_a_job_that_ignores_cancel_is_left_and_told(around: Surroundings, told: Recorder) -> None:
+def test_a_job_that_ignores_cancel_is_left_and_told(around: RunContext, told: Recorder) -> None:
     """After a failure the others are waited for, for the grace and no longer."""
     release, meet = threading.Event(), threading.Barrier(2)
 

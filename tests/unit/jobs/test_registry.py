@@ -59,7 +59,7 @@ class Greet:
     ],
 )
 def test_names_of_rigel_and_of_the_peer_mean_ours(name: str, short: str) -> None:
-    """A Rigelfile written for Rigel or the peer needs no change."""
+    """A Rigelfile written for Rigel or src.plugin needs no change."""
     assert by_name("job")[name].short == short
     assert by_name("job")[short].short == short
 

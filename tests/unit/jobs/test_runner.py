@@ -284,7 +284,7 @@ sequences: {{s: {{stages: {stages}}}}}
 def test_deploys_one_after_the_other_or_of_two_releases_are_fine(
     directory: Path, told: Recorder, stages: str
 ) -> None:
-    """The peer's deploy and update are one after the other; robots have a release each."""
+    """src.plugin's deploy and update are one after the other; robots have a release each."""
     text = f"""
 jobs: {{a: {{plugin: mine.Say, with: {{release: demo}}}}}}
 sequences: {{s: {{stages: {stages}}}}}

@@ -12,7 +12,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
 from rigel_k8s.kube.failures import Conflict, FieldConflict, Forbidden, refusal
-from rigel_k8s.kube.resources import Resource, Resources, path
+from rigel_k8s.kube.resources import ApiResources, Resource, path
 from rigel_k8s.kube.threads import parallel
 
 
@@ -88,7 +88,7 @@ def test_discovery_is_asked_only_for_what_the_table_lacks() -> None:
         asked.append(version)
         return {"resources": served}
 
-    resources = Resources(fetch)
+    resources = ApiResources(fetch)
     assert resources.find("apps/v1", "Deployment") == Resource("deployments", True)
     assert resources.find("v1", "Node") == Resource("nodes", False)
     assert asked == []

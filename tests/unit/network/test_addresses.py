@@ -7,7 +7,7 @@ from itertools import permutations
 
 import pytest
 
-from rigel_k8s.network.addresses import Pool, assigned, given
+from rigel_k8s.network.addresses import Pool, assign, read_addresses
 from rigel_k8s.network.options import Network
 
 from ..app.shapes import find, release
@@ -23,24 +23,24 @@ def network(**more: object) -> Network:
 def test_each_workload_has_an_address_of_its_own_in_the_range() -> None:
     """They differ, lie in the range, and carry the subnet's prefix length."""
     told = network(range_start="10.20.0.4", range_end="10.20.0.9", exclude=["10.20.0.6/31"])
-    found = [IPv4Interface(item) for item in assigned(told, NAMES, {}).values()]
+    found = [IPv4Interface(item) for item in assign(told, NAMES, {}).values()]
     assert {str(item.ip) for item in found} == {f"10.20.0.{n}" for n in (4, 5, 8, 9)}
     assert {item.network.prefixlen for item in found} == {28}
 
 
 def test_addresses_are_derived_from_names_alone() -> None:
     """The order in which nodes are written changes nothing."""
-    wanted = assigned(network(), NAMES, {})
+    wanted = assign(network(), NAMES, {})
     for order in permutations(NAMES):
-        assert assigned(network(), order, {}) == wanted
+        assert assign(network(), order, {}) == wanted
 
 
 def test_who_had_an_address_keeps_it() -> None:
     """Others that come and go, before or behind in the alphabet, take nobody's address."""
-    first = assigned(network(), NAMES, {})
-    second = assigned(network(), [*NAMES, "a", "b", "zebra"], first)
+    first = assign(network(), NAMES, {})
+    second = assign(network(), [*NAMES, "a", "b", "zebra"], first)
     assert second.items() >= first.items()
-    third = assigned(network(), ["talker", "zebra", "young"], second)
+    third = assign(network(), ["talker", "zebra", "young"], second)
     assert {name: third[name] for name in ("talker", "zebra")} == {
         name: second[name] for name in ("talker", "zebra")
     }
@@ -52,20 +52,20 @@ def test_who_had_an_address_keeps_it() -> None:
 )
 def test_an_address_that_the_network_lacks_now_is_given_up(narrower: dict[str, object]) -> None:
     """An address out of the range, excluded, or the gateway's own is replaced."""
-    found = assigned(network(**narrower), ["talker"], {"talker": "10.20.0.5/28"})
+    found = assign(network(**narrower), ["talker"], {"talker": "10.20.0.5/28"})
     assert found["talker"] != "10.20.0.5/28"
 
 
 def test_two_that_had_one_address_part() -> None:
     """An annotation that somebody wrote by hand gives no address twice."""
-    found = assigned(network(), ["a", "b"], {"a": "10.20.0.5/28", "b": "10.20.0.5/28"})
+    found = assign(network(), ["a", "b"], {"a": "10.20.0.5/28", "b": "10.20.0.5/28"})
     assert found["a"] == "10.20.0.5/28" != found["b"]
 
 
 def test_too_few_addresses_are_told() -> None:
     """Nobody goes without, or shares."""
     with pytest.raises(ValueError, match="none is left for zebra"):
-        assigned(network(range_start="10.20.0.14"), ["ape", "zebra"], {})
+        assign(network(range_start="10.20.0.14"), ["ape", "zebra"], {})
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_addresses_are_read_from_what_was_deployed() -> None:
     strange["spec"]["template"]["metadata"]["annotations"]["rigel-k8s/network"] = "{"
     service = {"kind": "Service", "metadata": {"name": "talker"}, "spec": {}}
     objects = [revision("a", "10.20.0.5"), strange, service]
-    assert given(objects) == {"a": "10.20.0.5"}
+    assert read_addresses(objects) == {"a": "10.20.0.5"}
 
 
 WITH = """\
@@ -110,11 +110,11 @@ network: {{interface: eth0, subnet: 10.20.0.0/28, ipam: static}}
 def test_a_deployed_release_tells_the_next_one() -> None:
     """From the objects of one revision the next one gives the same addresses."""
     first = release(WITH.format(more="zebra: {image: a}"), distro="jazzy")
-    had = given(first.objects)
+    had = read_addresses(first.objects)
     assert set(had) == {"talker", "zebra"}
     text = WITH.format(more="ape: {image: a}, zebra: {image: a}")
     second = release(text, distro="jazzy", previous=first.objects)
-    assert given(second.objects).items() >= had.items()
+    assert read_addresses(second.objects).items() >= had.items()
     for name in had:
         pods = [find(made, "Deployment", name)["spec"]["template"] for made in (first, second)]
         assert pods[0] == pods[1]

@@ -89,6 +89,6 @@ def test_a_partial_job_is_laid_over_the_last_revision() -> None:
 
 
 def test_flat_takes_the_nested_level_away() -> None:
-    """The peer's users write all keys below `orchestration`."""
+    """src.plugin's users write all keys below `orchestration`."""
     assert flat({"orchestration": {"a": 1}}) == {"a": 1}
     assert flat({"a": 1}) == {"a": 1}

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.objects.steady import SECONDS, steadied
+from rigel_k8s.objects.steady import SECONDS, steady
 
 from ..app.shapes import find, release
 
@@ -34,13 +34,13 @@ def test_a_container_that_nobody_probes_needs_its_seconds(
     made: dict[str, Any], seconds: int | None
 ) -> None:
     """Any such container counts; a number of the user's own stays."""
-    assert steadied(made)["spec"].get("minReadySeconds") == seconds
+    assert steady(made)["spec"].get("minReadySeconds") == seconds
 
 
 def test_the_template_is_as_it_was() -> None:
     """A changed template would restart robots."""
     made = workload({"name": "a", "env": [{"name": "A", "value": None}]})
-    template = steadied(made)["spec"]["template"]
+    template = steady(made)["spec"]["template"]
     assert template == made["spec"]["template"]
     assert "minReadySeconds" not in made["spec"]
 

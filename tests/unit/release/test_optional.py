@@ -13,7 +13,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import wait
 from rigel_k8s.release.causes import Cause
 from rigel_k8s.release.patience import Patience
-from rigel_k8s.release.readiness import Readiness
+from rigel_k8s.release.readiness import ObjectReadiness
 from rigel_k8s.release.status import WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.release.wait import GRACE, Waiter, is_optional
@@ -43,7 +43,7 @@ def waiter(told: Recorder, remedy: str = "") -> Waiter:
         lambda: None,
     )
     made.optional = {EXTRA: remedy}
-    made.states[EXTRA] = Readiness(False, True, "0 of 1 ready")
+    made.states[EXTRA] = ObjectReadiness(False, True, "0 of 1 ready")
     return made
 
 

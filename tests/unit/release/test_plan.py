@@ -18,7 +18,7 @@ from rigel_k8s.release.difference import difference
 from rigel_k8s.release.order import rank
 from rigel_k8s.release.ownership import covers, managers, taken_over
 from rigel_k8s.release.plan import compare, predecessors
-from rigel_k8s.release.prepare import hash_of, prepared
+from rigel_k8s.release.prepare import hash_of, manifests_to_apply
 from rigel_k8s.release.refusals import Refused, check
 from rigel_k8s.release.survey import Survey
 from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision, Step
@@ -65,30 +65,32 @@ def looked(
 ) -> Survey:
     last = Revision(RELEASE, 1, "good", "", (), inventory)
     there = {ref_of(o): o for o in live}
-    return Survey(desired, prepared(desired), there, results or {}, namespace, [], last)
+    return Survey(desired, manifests_to_apply(desired), there, results or {}, namespace, [], last)
 
 
 def test_what_is_sent_is_labelled_hashed_and_in_order() -> None:
     """Configuration before services before workloads; the hash is of all that is said."""
     one = Desired(RELEASE, (made("Deployment", "d"), made("Service", "s"), made("ConfigMap", "c")))
-    sent = prepared(one)
+    sent = manifests_to_apply(one)
     assert [m["kind"] for m in sent] == ["ConfigMap", "Service", "Deployment"]
     assert all(m["metadata"]["labels"][RELEASE_LABEL] == "demo" for m in sent)
-    assert prepared(attrs.evolve(one, objects=sent)) == sent, "what is prepared stays as it is"
-    other = prepared(Desired(RELEASE, (made("ConfigMap", "c", data={"a": "1"}),)))
+    assert manifests_to_apply(attrs.evolve(one, objects=sent)) == sent, (
+        "what is prepared stays as it is"
+    )
+    other = manifests_to_apply(Desired(RELEASE, (made("ConfigMap", "c", data={"a": "1"}),)))
     assert hash_of(other[0]) != hash_of(sent[0])
 
 
 def test_cluster_wide_objects_say_which_namespaces_release_they_are_of() -> None:
     """A release's name alone does not tell two namespaces apart."""
     volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "v"}}
-    [sent] = prepared(Desired(RELEASE, (volume,)))
+    [sent] = manifests_to_apply(Desired(RELEASE, (volume,)))
     assert sent["metadata"]["annotations"]["rigel-k8s/namespace"] == "n"
 
 
 def test_string_data_becomes_data() -> None:
     """Kubernetes never shows stringData, so it could not be compared."""
-    [sent] = prepared(Desired(RELEASE, (made("Secret", "s", stringData={"p": "x"}),)))
+    [sent] = manifests_to_apply(Desired(RELEASE, (made("Secret", "s", stringData={"p": "x"}),)))
     assert sent["data"] == {"p": base64.b64encode(b"x").decode()}
     assert "stringData" not in sent
 
@@ -96,7 +98,7 @@ def test_string_data_becomes_data() -> None:
 def test_unchanged_objects_are_kept_without_a_dry_run() -> None:
     """The hash is ours and every field is still owned by us."""
     desired = Desired(RELEASE, (made("ConfigMap", "c", data={"a": "1"}),))
-    survey = looked(desired, [stored(prepared(desired)[0])])
+    survey = looked(desired, [stored(manifests_to_apply(desired)[0])])
     assert [s.action for s in compare(survey).steps] == ["keep"]
 
 
@@ -152,7 +154,7 @@ def test_taking_over_makes_other_tools_fields_ours_and_leaves_controllers_alone(
 
 def test_what_nobody_wants_any_more_is_pruned_and_data_are_kept() -> None:
     """By the inventory; a claim is forgotten, an object with another UID and label too."""
-    old = prepared(
+    old = manifests_to_apply(
         Desired(
             RELEASE,
             (
@@ -181,7 +183,7 @@ def test_a_moved_singleton_names_its_predecessor() -> None:
     desired = Desired(RELEASE, (made("Deployment", "new", "/talker"),))
     old = [
         stored(m)
-        for m in prepared(
+        for m in manifests_to_apply(
             Desired(
                 RELEASE, (made("Deployment", "old", "/talker"), made("Deployment", "x", "/other"))
             )

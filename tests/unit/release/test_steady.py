@@ -13,7 +13,7 @@ from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import wait
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.patience import Patience
-from rigel_k8s.release.view import View
+from rigel_k8s.release.view import ReleaseView
 from rigel_k8s.release.wait import STEADY, Waiter
 from tests.support.controllers import Controllers, crashed, running
 from tests.support.fake_cluster import FakeCluster
@@ -49,9 +49,9 @@ def waiter(fake: FakeCluster, report: Any) -> Waiter:
     return made
 
 
-def view(fake: FakeCluster) -> View:
+def view(fake: FakeCluster) -> ReleaseView:
     """Return a view that has seen what is there."""
-    found = View(fake, "n", 1)  # type: ignore[arg-type]
+    found = ReleaseView(fake, "n", 1)  # type: ignore[arg-type]
     for live in fake.objects.values():
         found.objects[live["apiVersion"], live["kind"]][ref_of(live)] = live
     return found

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from rigel_k8s.image_reference import parse_reference
-from rigel_k8s.images.credentials import Credentials, credentials_for
+from rigel_k8s.images.credentials import RegistryCredentials, credentials_for
 from rigel_k8s.images.registry import DIGESTS, resolve_digest
 from rigel_k8s.objects.images import images_of
 
@@ -19,7 +19,7 @@ Manifests = Iterable[Mapping[str, Any]]
 def pins(
     images: Sequence[str],
     data: Mapping[str, Any],
-    credentials: Sequence[Credentials],
+    credentials: Sequence[RegistryCredentials],
     last_objects: Callable[[], Manifests],
 ) -> dict[str, str]:
     """Return {image: image@digest} for the images whose digest somebody knows.
@@ -54,7 +54,7 @@ def _canonical(image: str) -> str:
     return f"{reference.name}:{reference.tag or 'latest'}"
 
 
-def _asked(images: Sequence[str], credentials: Sequence[Credentials]) -> dict[str, str]:
+def _asked(images: Sequence[str], credentials: Sequence[RegistryCredentials]) -> dict[str, str]:
     if not images:
         return {}
 

@@ -20,7 +20,7 @@ from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat, is_partial, overlay
 from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.inpod import scripts
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.refs import Manifest
@@ -31,7 +31,7 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.network.preflight.finding import Finding
+    from rigel_k8s.network.preflight.finding import PreflightFinding
 
 __all__ = ["Preparation", "prepare", "release_of", "timeout_of"]
 
@@ -49,8 +49,8 @@ class Preparation:
 
     desired: Desired
     options: OrchestrationOptions
-    credentials: tuple[Credentials, ...] = ()
-    findings: Sequence[Finding] | None = None
+    credentials: tuple[RegistryCredentials, ...] = ()
+    findings: Sequence[PreflightFinding] | None = None
     stack: StackRequest | None = None
 
 
@@ -86,17 +86,17 @@ def prepare(
     release = release_of(options, settings, cluster)
     last = _LastRevision(cluster, release)
     if is_partial(raw):
-        options, raw = _laid_over(options, raw, last, application)
+        options, raw = _lay_over(options, raw, last, application)
     if not has_workloads(options):
         raise UserError(
             f"nothing to deploy as {release.name} in {release.namespace}: this job describes a part"
             " of a release, and there is no such release yet",
             hint="run the job that describes all of it first: application_image, or nodes",
         )
-    known = [one for one in (providers or {}).values() if isinstance(one, Credentials)]
+    known = [one for one in (providers or {}).values() if isinstance(one, RegistryCredentials)]
     believed = providers is None and cluster is not None and has_pull_secret(release, cluster)
     eyes = cluster if preflight and is_settled(options) else None
-    return _prepared(
+    return _finish(
         options, raw, application, release, last, data or {}, known, eyes, secret_is_there=believed
     )
 
@@ -107,14 +107,14 @@ def is_settled(options: OrchestrationOptions) -> bool:
     return network is not None and network.install is None
 
 
-def _prepared(
+def _finish(
     options: OrchestrationOptions,
     raw: Mapping[str, Any],
     application: Application,
     release: ReleaseId,
     last: _LastRevision,
     data: Mapping[str, Any],
-    known: Sequence[Credentials],
+    known: Sequence[RegistryCredentials],
     eyes: Cluster | None,
     *,
     secret_is_there: bool,
@@ -125,7 +125,7 @@ def _prepared(
     drafted = draft(options, release, application, texts, files=files, previous=previous)
     credentials = needed_credentials(drafted.images, known)
     with ThreadPoolExecutor(max_workers=1) as beside:
-        looked = beside.submit(_examined, drafted.objects, options, eyes)
+        looked = beside.submit(_examine, drafted.objects, options, eyes)
         digests = pins(drafted.images, data, known, last.objects)
     desired = drafted.finish(
         raw=raw,
@@ -139,9 +139,9 @@ def _prepared(
     return Preparation(desired, options, credentials, looked.result(), stack)
 
 
-def _examined(
+def _examine(
     objects: Sequence[Manifest], options: OrchestrationOptions, cluster: Cluster | None
-) -> Sequence[Finding] | None:
+) -> Sequence[PreflightFinding] | None:
     """Return what the preflight finds; None where nobody shall look."""
     if cluster is None:
         return None
@@ -195,8 +195,8 @@ def _context_namespace(settings: Settings) -> str:
 def timeout_of(options: OrchestrationOptions, settings: Settings) -> float | None:
     """Return how long the roll-out may take, in seconds; None: deploy's own default.
 
-    The peer's readiness.timeout_seconds bounds its wait for the application, so it does here; that
-    of one node among others only gives more time than the default.
+    In src.plugin, readiness.timeout_seconds bounds the wait for the application, so it does here;
+    that of one node among others only gives more time than the default.
     """
     if settings.timeout is not None:
         return settings.timeout
@@ -215,7 +215,7 @@ def _longest_of_nodes(options: OrchestrationOptions) -> float | None:
     return longest if longest > DEFAULT_TIMEOUT else None
 
 
-def _laid_over(
+def _lay_over(
     options: OrchestrationOptions,
     raw: Mapping[str, Any],
     last: _LastRevision,

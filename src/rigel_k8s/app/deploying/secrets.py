@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.image_reference import parse_reference
-from rigel_k8s.images.credentials import Credentials, docker_config
+from rigel_k8s.images.credentials import RegistryCredentials, docker_config
 from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.types import Desired, ReleaseId
@@ -37,14 +37,14 @@ def has_pull_secret(release: ReleaseId, cluster: Cluster) -> bool:
 
 
 def needed_credentials(
-    images: Sequence[str], known: Sequence[Credentials]
-) -> tuple[Credentials, ...]:
+    images: Sequence[str], known: Sequence[RegistryCredentials]
+) -> tuple[RegistryCredentials, ...]:
     """Return the credentials of the registries that the images come from."""
     registries = {parse_reference(image).registry for image in images}
     return tuple(one for one in known if one.username and one.registry in registries)
 
 
-def secret_of(release: ReleaseId, credentials: Sequence[Credentials]) -> dict[str, Any]:
+def secret_of(release: ReleaseId, credentials: Sequence[RegistryCredentials]) -> dict[str, Any]:
     """Return the Secret that the kubelet reads."""
     config = json.dumps(docker_config(credentials), sort_keys=True)
     return {
@@ -61,7 +61,7 @@ def secret_of(release: ReleaseId, credentials: Sequence[Credentials]) -> dict[st
 
 
 def write_pull_secret(
-    desired: Desired, credentials: Sequence[Credentials], cluster: Cluster
+    desired: Desired, credentials: Sequence[RegistryCredentials], cluster: Cluster
 ) -> None:
     """Have the pull secret on the cluster before the first pod wants it; unchanged: no write."""
     if not credentials:

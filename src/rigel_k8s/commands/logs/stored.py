@@ -10,8 +10,8 @@ import attrs
 from rigel_k8s.commands.logs.lines import LogLine, time_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.observability.names import EXPORTER
-from rigel_k8s.observability.reading.loki import Entry, Loki, selector
-from rigel_k8s.observability.reading.stack import Part
+from rigel_k8s.observability.reading.loki import Entry, LokiClient, selector
+from rigel_k8s.observability.reading.stack import StackService
 from rigel_k8s.release.types import ReleaseId
 
 __all__ = ["Asked", "Stored", "stored_of"]
@@ -32,9 +32,9 @@ class Asked:
         return workload in self.workloads or pod in self.pods
 
 
-def stored_of(part: Part, release: ReleaseId, since: int) -> Stored:
+def stored_of(part: StackService, release: ReleaseId, since: int) -> Stored:
     """Return what Loki has of a release from the last so many seconds; raises as Part.ask."""
-    loki = Loki(part.ask)
+    loki = LokiClient(part.ask)
     now = time.time_ns()
     begin, end = now - since * SECOND, now + AHEAD
     own = {"application": release.name, "namespace": release.namespace}
@@ -45,7 +45,7 @@ def stored_of(part: Part, release: ReleaseId, since: int) -> Stored:
 class Stored:
     """A release's streams between two times."""
 
-    _loki: Loki
+    _loki: LokiClient
     _own: Mapping[str, str]
     _begin: int
     _end: int

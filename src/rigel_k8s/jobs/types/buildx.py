@@ -14,11 +14,11 @@ import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.image_reference import DOCKER_HUB, TAG, parse_reference
-from rigel_k8s.images.credentials import Credentials, is_private
+from rigel_k8s.images.credentials import RegistryCredentials, is_private
 from rigel_k8s.images.engine import Build, Engine, Session
 from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.images.tools import find_engine
-from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.oci import host_platform
 from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem
@@ -109,7 +109,7 @@ def image_names(options: BuildXOptions) -> tuple[str, ...]:
 
 
 def _build(
-    options: BuildXOptions, application: Application, engine: Engine, report: Reporter
+    options: BuildXOptions, application: Application, engine: Engine, report: JobReporter
 ) -> Build:
     context = application.dir / (options.context or "")
     dockerfile = context / options.dockerfile
@@ -127,7 +127,9 @@ def _build(
     )
 
 
-def _platforms(wanted: Sequence[str] | None, engine: Engine, report: Reporter) -> tuple[str, ...]:
+def _platforms(
+    wanted: Sequence[str] | None, engine: Engine, report: JobReporter
+) -> tuple[str, ...]:
     """Return what to build for, empty for this machine alone; tells what cannot be."""
     able = engine.platforms()
     chosen = DEFAULT_PLATFORMS if wanted is None else tuple(wanted)
@@ -144,7 +146,7 @@ def _platforms(wanted: Sequence[str] | None, engine: Engine, report: Reporter) -
 
 def _session(options: BuildXOptions, build: Build, job: JobContext, directory: Path) -> Session:
     registry = parse_reference(options.image).registry
-    known = tuple(c for c in job.providers.values() if isinstance(c, Credentials))
+    known = tuple(c for c in job.providers.values() if isinstance(c, RegistryCredentials))
     insecure = {c.registry for c in known if c.insecure}
     if options.insecure:
         insecure.add(registry)

@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import attrs
 
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.registry import log_in
-from rigel_k8s.jobs.job import Reporter
+from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
@@ -60,10 +60,10 @@ class ContainerRegistry:
         return problems
 
     def connect(
-        self, options: ContainerRegistryOptions, name: str, report: Reporter
-    ) -> Credentials:
+        self, options: ContainerRegistryOptions, name: str, report: JobReporter
+    ) -> RegistryCredentials:
         """Try the credentials against the registry; RigelK8sError where it refuses them."""
-        credentials = Credentials(
+        credentials = RegistryCredentials(
             options.server, options.username, options.password, insecure=options.insecure
         )
         if log_in(credentials):
@@ -72,5 +72,5 @@ class ContainerRegistry:
             report.line(f"{options.server} asks for no credentials")
         return credentials
 
-    def disconnect(self, connection: Credentials) -> None:
+    def disconnect(self, connection: RegistryCredentials) -> None:
         """Nothing is left to undo: connect wrote nothing and holds no session."""

@@ -28,13 +28,13 @@ from rigel_k8s.objects.scalars import Duration, Number, ObjectName, RosName
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
-__all__ = ["Arrivals", "Count", "DeliveryJob", "DeliveryOptions"]
+__all__ = ["Arrivals", "DeliveryJob", "DeliveryOptions", "MessageCount"]
 
 #: Seconds between two looks for a ready pod.
 LOOK = 1.0
 
 
-class Count(Number):
+class MessageCount(Number):
     """How many, at least one."""
 
     kind = "bad-count"
@@ -59,8 +59,8 @@ class DeliveryOptions:
             " (ROS 2: of the publisher's own node)"
         },
     )
-    messages: Count = attrs.field(
-        default=Count(10),
+    messages: MessageCount = attrs.field(
+        default=MessageCount(10),
         metadata={"doc": "how many messages with consecutive numbers must arrive"},
     )
     timeout: Duration = attrs.field(
@@ -79,7 +79,7 @@ class DeliveryOptions:
 
 
 @attrs.frozen
-class Pod:
+class RunningPod:
     """What the check wants to know of a pod."""
 
     name: str
@@ -143,7 +143,7 @@ class _Check:
         self._set(publisher, nonce)
         self._follow(publisher, subscriber, Arrivals(nonce))
 
-    def _pod(self, key: str) -> Pod:
+    def _pod(self, key: str) -> RunningPod:
         """Return the newest ready pod of a node; waits while there is one that is not."""
         while True:
             found = [_pod_of(pod) for pod in self._pods() if _is_of(pod, key)]
@@ -160,7 +160,7 @@ class _Check:
         pods = self.cluster.list("v1", "Pod", self.namespace, labels=labels)
         return sorted(pods, key=lambda pod: str(pod["metadata"].get("creationTimestamp")))
 
-    def _no_pod(self, key: str, found: Sequence[Pod]) -> RigelK8sError:
+    def _no_pod(self, key: str, found: Sequence[RunningPod]) -> RigelK8sError:
         where = f"release {self.options.deployment_name} in namespace {self.namespace}"
         if found:
             return RigelK8sError(
@@ -175,7 +175,7 @@ class _Check:
             hint="name a node by its key, and the release by deployment_name and namespace",
         )
 
-    def _set(self, publisher: Pod, nonce: str) -> None:
+    def _set(self, publisher: RunningPod, nonce: str) -> None:
         """Set the parameter from inside the publisher's pod, as its own node would."""
         parameter = str(self.options.parameter)
         ros = nonces.ros_of(publisher.object, self.job.application.distro)
@@ -194,7 +194,7 @@ class _Check:
                 hint=f"{needs}; see `rigel status`",
             )
 
-    def _follow(self, publisher: Pod, subscriber: Pod, arrivals: Arrivals) -> None:
+    def _follow(self, publisher: RunningPod, subscriber: RunningPod, arrivals: Arrivals) -> None:
         wanted = int(self.options.messages)
         lines = self.cluster.logs(
             self.namespace, subscriber.name, follow=True, since_seconds=10, cancel=self.over
@@ -217,7 +217,7 @@ class _Check:
         )
 
     def _failed(
-        self, message: str, publisher: Pod, subscriber: Pod, arrivals: Arrivals
+        self, message: str, publisher: RunningPod, subscriber: RunningPod, arrivals: Arrivals
     ) -> RigelK8sError:
         last = [f"  {line}" for line in arrivals.last] or ["  nothing"]
         return RigelK8sError(
@@ -288,8 +288,10 @@ def _time_limit(cancel: threading.Event, seconds: float) -> Iterator[threading.E
     yield over
 
 
-def _pod_of(pod: Mapping[str, Any]) -> Pod:
-    return Pod(pod["metadata"]["name"], pod["spec"].get("nodeName", ""), stays_ready(pod), pod)
+def _pod_of(pod: Mapping[str, Any]) -> RunningPod:
+    return RunningPod(
+        pod["metadata"]["name"], pod["spec"].get("nodeName", ""), stays_ready(pod), pod
+    )
 
 
 def _name_of(pod: Mapping[str, Any]) -> str:

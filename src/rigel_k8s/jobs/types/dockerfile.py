@@ -22,12 +22,12 @@ from rigel_k8s.images.dockerfile import (
     exec_form,
     ignored,
 )
-from rigel_k8s.jobs.job import JobContext, Reporter
+from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Compiler", "DockerfileJob", "DockerfileOptions", "EnvVar"]
+__all__ = ["Compiler", "DockerfileJob", "DockerfileOptions", "DockerfileVariable"]
 
 MARK = "# Written by rigel-k8s from a Rigelfile."
 
@@ -54,7 +54,7 @@ class Compiler:
 
 
 @attrs.frozen
-class EnvVar:
+class DockerfileVariable:
     """An environment variable of the image.
 
     Attributes:
@@ -87,7 +87,7 @@ class DockerfileOptions:
     command: str | Sequence[str] = ""
     apt: Sequence[str] = ()
     entrypoint: Sequence[str] = ()
-    env: Sequence[EnvVar] = ()
+    env: Sequence[DockerfileVariable] = ()
     rosinstall: Sequence[str] = ()
     ros_image: str | None = None
     docker_run: Sequence[str] = ()
@@ -254,7 +254,7 @@ def _refuse_foreign(file: Path) -> None:
         )
 
 
-def _write(file: Path, text: str, report: Reporter) -> None:
+def _write(file: Path, text: str, report: JobReporter) -> None:
     if file.exists() and file.read_text("utf-8") == text:
         report.line(f"{file} unchanged")
         return

@@ -35,7 +35,7 @@ class NetworkJob:
         Raises: as network_install.install.
         """
         from rigel_k8s.kube import connect
-        from rigel_k8s.network.multus.install import install, told
+        from rigel_k8s.network.multus.install import describe, install
 
         with connect(job.settings) as cluster:
             done = install(
@@ -46,4 +46,4 @@ class NetworkJob:
                 timeout=job.settings.timeout,
                 adopt=job.settings.adopt,
             )
-        job.report.line(told(done))
+        job.report.line(describe(done))

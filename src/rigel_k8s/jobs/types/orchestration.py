@@ -127,9 +127,9 @@ def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext)
     if prepared.findings is not None:
         tell(prepared.findings, job.report)
         return
-    from rigel_k8s.network.multus.install import install, wanted
+    from rigel_k8s.network.multus.install import install, install_wanted_by
 
-    options = wanted(network)
+    options = install_wanted_by(network)
     if options is not None:
         install(cluster, options, job.report, job.cancel, timeout=job.settings.timeout)
     check(prepared.desired.objects, network, cluster, job.report)

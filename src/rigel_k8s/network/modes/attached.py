@@ -14,7 +14,7 @@ import attrs
 from rigel_k8s.network.addresses import Pool
 from rigel_k8s.network.dds import pinned_files, pinned_variables, uses
 from rigel_k8s.network.files import SCRIPT, around, files_config, interface_script, made_at_start
-from rigel_k8s.network.mode import Mode, Use, mode_path
+from rigel_k8s.network.mode import Mode, ModeUse, mode_path
 from rigel_k8s.network.options import INTERFACE, Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, Object, compact
@@ -174,7 +174,7 @@ def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
     return found
 
 
-def check(network: Network, use: Use) -> Iterator[Problem]:
+def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield keys that cannot be left out, and an IPAM that the mode cannot have."""
     own = network.mode != "attachment"
     ranged = network.ipam != "dhcp" if own else network.ipam == "static"

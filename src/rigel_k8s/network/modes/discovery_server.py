@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from rigel_k8s.network.dds import udp_only
-from rigel_k8s.network.mode import Mode, Use
+from rigel_k8s.network.mode import Mode, ModeUse
 from rigel_k8s.network.modes.servers import (
     SERVER_KEYS,
     command_line,
@@ -78,7 +78,7 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     )
 
 
-def check(network: Network, use: Use) -> Iterator[Problem]:
+def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield a middleware that has no discovery servers."""
     if use.middleware not in (None, "fastdds"):
         message = "only Fast DDS has discovery servers: use peers, or middleware: fastdds"

@@ -30,7 +30,7 @@ from rigel_k8s.network.dds import (
     uses,
 )
 from rigel_k8s.network.files import around, as_they_are, config_name, files_config
-from rigel_k8s.network.mode import Mode, Use
+from rigel_k8s.network.mode import Mode, ModeUse
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.rangechecks import read_v6
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
@@ -132,7 +132,7 @@ def peers_variables(plan: NetworkPlan) -> dict[str, Object]:
     }
 
 
-def check(network: Network, use: Use) -> Iterator[Problem]:
+def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield peers that are neither a name nor an IPv4 address."""
     for index, peer in enumerate(network.peers):
         if read_v6(peer) or not HOSTNAME.fullmatch(peer):

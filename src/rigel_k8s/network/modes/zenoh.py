@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from rigel_k8s.network.dds import EARLY
-from rigel_k8s.network.mode import Mode, Use, mode_path
+from rigel_k8s.network.mode import Mode, ModeUse, mode_path
 from rigel_k8s.network.modes.servers import (
     SERVER_KEYS,
     command_line,
@@ -62,7 +62,7 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     )
 
 
-def check(network: Network, use: Use) -> Iterator[Problem]:
+def check(network: Network, use: ModeUse) -> Iterator[Problem]:
     """Yield applications that speak no zenoh."""
     if use.ros == "none":
         message = "a plain DDS application speaks no zenoh: use macvlan, peers or host"

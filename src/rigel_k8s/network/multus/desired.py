@@ -17,7 +17,7 @@ from rigel_k8s.network.multus.rights import multus_rights, whereabouts_rights
 from rigel_k8s.network.multus.whereabouts import address_keeper, reconciler
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.objects.steady import steadied
+from rigel_k8s.objects.steady import steady
 from rigel_k8s.release.types import Desired
 
 __all__ = ["Installation", "network_release"]
@@ -71,7 +71,7 @@ def network_release(installation: Installation, script: str) -> Desired:
     objects = [*definitions, *_objects(installation, script)]
     return Desired(
         RELEASE,
-        tuple(map(steadied, objects)),
+        tuple(map(steady, objects)),
         options=attrs.asdict(installation.options, filter=lambda _, value: value is not None),
         # With a definition go all attachments of all applications.
         protected=frozenset(ref_of(definition) for definition in definitions),

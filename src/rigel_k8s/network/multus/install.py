@@ -17,24 +17,24 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import Installation
-from rigel_k8s.network.multus.installation import Found, Part, find, settled
+from rigel_k8s.network.multus.installation import Found, MultusPart, find, settled
 from rigel_k8s.network.multus.proving import fingerprint, prove, proven, remember
 from rigel_k8s.network.multus.rollout import Rollout
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.report import Reporter
 
 __all__ = [
-    "Installed",
+    "MultusResult",
+    "describe",
     "install",
+    "install_wanted_by",
     "installation_of",
     "marks_of",
-    "told",
-    "wanted",
 ]
 
 
 @attrs.frozen
-class Installed:
+class MultusResult:
     """What was done.
 
     Attributes:
@@ -50,7 +50,7 @@ class Installed:
     ours: bool
 
 
-def wanted(network: Network | None) -> Install | None:
+def install_wanted_by(network: Network | None) -> Install | None:
     """Return what a network wants installed: only what Multus attaches does."""
     if network is None or network.install is None or not mode_of(network).attached:
         return None
@@ -68,7 +68,7 @@ def install(
     *,
     timeout: float | None = None,
     adopt: bool = False,
-) -> Installed:
+) -> MultusResult:
     """Install or update Multus and whereabouts, and prove that each node attaches pods.
 
     Nothing is written where all is as it shall be and every node has shown it before.
@@ -79,7 +79,7 @@ def install(
         Interrupted: `cancel` was set.
     """
     cancel = cancel or threading.Event()
-    options, found = _found(cluster, options)
+    options, found = _look(cluster, options)
     installation = installation_of(found, options)
     _tell_others(found, report)
     for name in found.away:
@@ -89,7 +89,7 @@ def install(
     return _proved(cluster, options, report, cancel)
 
 
-def _found(cluster: Cluster, said: Install) -> tuple[Install, Found]:
+def _look(cluster: Cluster, said: Install) -> tuple[Install, Found]:
     """Look at the cluster, which wants rights that an application's deploy does not."""
     try:
         options = settled(cluster, said)
@@ -119,7 +119,7 @@ def _tell_others(found: Found, report: Reporter) -> None:
 
 def _proved(
     cluster: Cluster, options: Install, report: Reporter, cancel: threading.Event
-) -> Installed:
+) -> MultusResult:
     """Let those nodes attach a pod that have not shown it before."""
     found = find(cluster, options)
     if found.multus is None:
@@ -131,7 +131,7 @@ def _proved(
         remember(cluster, {node: mark for node, mark in marks.items() if node not in failed})
     _tell_failures(failed, found.multus, report)
     good = tuple(node for node in marks if node not in failed)
-    return Installed(good, found.away, found.multus.where, found.multus.ours)
+    return MultusResult(good, found.away, found.multus.where, found.multus.ours)
 
 
 def marks_of(found: Found) -> dict[str, str]:
@@ -143,14 +143,14 @@ def marks_of(found: Found) -> dict[str, str]:
     return {node["metadata"]["name"]: fingerprint(node, sets) for node in nodes}
 
 
-def told(done: Installed) -> str:
+def describe(done: MultusResult) -> str:
     """Return what was done as one line."""
     names = ", ".join(done.nodes) or "no node"
     away = f"; not asked, since away: {', '.join(done.away)}" if done.away else ""
     return f"Multus ({done.multus}) attaches pods on {names}{away}"
 
 
-def _tell_failures(failed: Mapping[str, str], multus: Part, report: Reporter) -> None:
+def _tell_failures(failed: Mapping[str, str], multus: MultusPart, report: Reporter) -> None:
     """Raise where our own Multus cannot attach; another's is only told."""
     lines = [f"{node}: {told}" for node, told in sorted(failed.items())]
     if not lines:

@@ -19,7 +19,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import last_good
 from rigel_k8s.release.survey import belongs
 
-__all__ = ["Found", "Part", "find", "settled"]
+__all__ = ["Found", "MultusPart", "find", "settled"]
 
 Object = Mapping[str, Any]
 
@@ -31,7 +31,7 @@ IMAGES = {"multus": ("multus", "multus-cni"), "whereabouts": ("whereabouts",)}
 
 
 @attrs.frozen
-class Part:
+class MultusPart:
     """Multus or whereabouts on the cluster: one DaemonSet or several.
 
     Attributes:
@@ -67,8 +67,8 @@ class Found:
 
     nodes: tuple[Object, ...]
     groups: tuple[Group, ...]
-    multus: Part | None
-    whereabouts: Part | None
+    multus: MultusPart | None
+    whereabouts: MultusPart | None
     definitions: frozenset[str]
 
     @property
@@ -122,13 +122,13 @@ def settled(cluster: Cluster, said: Install) -> Install:
     return Install(**{**before, **new})
 
 
-def _part(name: str, sets: Iterable[Object]) -> Part | None:
+def _part(name: str, sets: Iterable[Object]) -> MultusPart | None:
     """Return whose Multus or whereabouts there is; once ours is there, it is ours."""
     found = [one for one in sets if _is(name, one)]
     ours = tuple(one for one in found if _is_ours(one))
     if ours:
-        return Part(ours, ours=True)
-    return Part(tuple(found), ours=False) if found else None
+        return MultusPart(ours, ours=True)
+    return MultusPart(tuple(found), ours=False) if found else None
 
 
 def _is(name: str, daemon_set: Object) -> bool:

@@ -9,7 +9,7 @@ import attrs
 
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus.install import marks_of
-from rigel_k8s.network.multus.installation import Found, Part, find, settled
+from rigel_k8s.network.multus.installation import Found, MultusPart, find, settled
 from rigel_k8s.network.multus.interfaces import Missing, without_interface
 from rigel_k8s.network.multus.leases import Unkept, unkept
 from rigel_k8s.network.multus.proving import proven
@@ -104,16 +104,16 @@ def _attachments(cluster: Cluster) -> list[dict[str, Any]]:
     return cluster.list(API, KIND)
 
 
-def _told(part: Part | None) -> PartStatus | None:
+def _told(part: MultusPart | None) -> PartStatus | None:
     return PartStatus(part.where, part.image, part.ours) if part else None
 
 
-def _nodes_of(part: Part | None, pods: list[dict[str, Any]]) -> set[str]:
+def _nodes_of(part: MultusPart | None, pods: list[dict[str, Any]]) -> set[str]:
     """Return the nodes on which a part's pod is ready."""
     return {pod["spec"].get("nodeName", "") for pod in _pods_of(part, pods) if stays_ready(pod)}
 
 
-def _pods_of(part: Part | None, pods: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _pods_of(part: MultusPart | None, pods: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return a part's pods."""
     owners = {one["metadata"]["uid"] for one in part.sets} if part else set()
     return [

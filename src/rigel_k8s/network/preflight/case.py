@@ -16,7 +16,7 @@ from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
 from rigel_k8s.network.preflight.wanted import NETWORK_STATUS, Wanted, may_run, requests
 from rigel_k8s.objects.facts import is_ready
 
-__all__ = ["Case", "Pool", "Taken", "View", "addresses_of", "pool", "taken"]
+__all__ = ["AddressPool", "Case", "MachineView", "Taken", "addresses_of", "pool", "taken"]
 
 Manifest = Mapping[str, Any]
 
@@ -39,7 +39,7 @@ class Taken:
 
 
 @attrs.frozen
-class Pool:
+class AddressPool:
     """What whereabouts has given out of one range."""
 
     subnet: Subnet
@@ -47,7 +47,7 @@ class Pool:
 
 
 @attrs.frozen(kw_only=True)
-class View:
+class MachineView:
     """What was seen of a cluster.
 
     Attributes:
@@ -68,7 +68,7 @@ class View:
     machines: Mapping[str, MachineFacts] = attrs.field(factory=dict)
     attachments: Mapping[str, Attachment] = attrs.field(factory=dict)
     unread: frozenset[str] = frozenset()
-    pools: Sequence[Pool] = ()
+    pools: Sequence[AddressPool] = ()
     services: Sequence[Subnet] = ()
     taken: Sequence[Taken] = ()
     policies: Sequence[Manifest] = ()
@@ -85,7 +85,7 @@ class Case:
     network: Network
     wanted: Sequence[Wanted]
     own: Mapping[str, Attachment]
-    view: View = View()
+    view: MachineView = MachineView()
 
     @cached_property
     def keys(self) -> list[str]:
@@ -182,13 +182,13 @@ def addresses_of(node: Manifest) -> dict[Address, str]:
     return {one: node["metadata"]["name"] for one in found if one is not None}
 
 
-def pool(manifest: Manifest) -> Pool | None:
+def pool(manifest: Manifest) -> AddressPool | None:
     """Return an IPPool of whereabouts: its allocations are offsets into the range."""
     spec = manifest.get("spec") or {}
     whole = subnet(spec.get("range"))
     if whole is None:
         return None
-    return Pool(
+    return AddressPool(
         whole,
         tuple(
             Taken(whole.network_address + int(offset), str(one.get("podref", "")))

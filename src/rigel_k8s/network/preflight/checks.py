@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import Finding
+from rigel_k8s.network.preflight.finding import PreflightFinding
 from rigel_k8s.network.preflight.interfaces import interfaces
 from rigel_k8s.network.preflight.limits import buffers, neighbours, policies
 from rigel_k8s.network.preflight.presence import clouds, presence, programs
@@ -13,7 +13,7 @@ from rigel_k8s.network.preflight.ranges import ranges, room
 
 __all__ = ["findings"]
 
-CHECKS: Sequence[Callable[[Case], Iterator[Finding]]] = (
+CHECKS: Sequence[Callable[[Case], Iterator[PreflightFinding]]] = (
     presence,
     programs,
     interfaces,
@@ -26,6 +26,6 @@ CHECKS: Sequence[Callable[[Case], Iterator[Finding]]] = (
 )
 
 
-def findings(case: Case) -> list[Finding]:
+def findings(case: Case) -> list[PreflightFinding]:
     """Return everything that keeps a release's network from working, each once."""
     return list(dict.fromkeys(finding for check in CHECKS for finding in check(case)))

@@ -15,8 +15,8 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import KIND, attachment
 from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.checks import findings
-from rigel_k8s.network.preflight.finding import Finding
-from rigel_k8s.network.preflight.wanted import wanted
+from rigel_k8s.network.preflight.finding import PreflightFinding
+from rigel_k8s.network.preflight.wanted import find_wanted
 from rigel_k8s.report import Reporter
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def check(
     tell(examine(objects, network, cluster), report)
 
 
-def tell(found: Sequence[Finding], report: Reporter) -> None:
+def tell(found: Sequence[PreflightFinding], report: Reporter) -> None:
     """Tell what was found, and raise as `check` does."""
     for one in found:
         if one.severity == "warning":
@@ -56,12 +56,12 @@ def tell(found: Sequence[Finding], report: Reporter) -> None:
 
 def examine(
     objects: Iterable[Mapping[str, Any]], network: Network | None, cluster: Cluster
-) -> list[Finding]:
+) -> list[PreflightFinding]:
     """Return everything that keeps a release's network from working, or may."""
     if network is None or not mode_of(network).on_machines:
         return []
     manifests = list(objects)
-    pods = list(wanted(manifests))
+    pods = list(find_wanted(manifests))
     if not pods:
         return []
     from rigel_k8s.network.preflight.look import look
@@ -72,7 +72,7 @@ def examine(
     return [*findings(case), *unseen]
 
 
-def failure(errors: Sequence[Finding]) -> RigelK8sError | None:
+def failure(errors: Sequence[PreflightFinding]) -> RigelK8sError | None:
     """Return one error that tells all findings, None where there is none."""
     if not errors:
         return None
@@ -86,5 +86,5 @@ def failure(errors: Sequence[Finding]) -> RigelK8sError | None:
     )
 
 
-def _lines(one: Finding) -> tuple[str, str]:
+def _lines(one: PreflightFinding) -> tuple[str, str]:
     return f"{one.message} [{one.kind}]", f"    {one.remedy}"

@@ -7,14 +7,14 @@ from typing import Literal
 
 import attrs
 
-__all__ = ["INSTALL", "Finding", "by_text", "listed"]
+__all__ = ["INSTALL", "PreflightFinding", "by_text", "join_words"]
 
 #: What brings Multus, whereabouts and the CNI programs.
 INSTALL = "`network: {install: true}` in the Rigelfile brings it, as does `rigel network install`"
 
 
 @attrs.frozen
-class Finding:
+class PreflightFinding:
     """One thing that keeps the network from working, or may.
 
     Attributes:
@@ -31,7 +31,7 @@ class Finding:
     fault: Literal["rigelfile", "cluster"] = "cluster"
 
 
-def listed(items: Iterable[object], most: int = 5) -> str:
+def join_words(items: Iterable[object], most: int = 5) -> str:
     """Return items with commas; of many the first ones and how many more there are."""
     texts = [str(item) for item in items]
     more = len(texts) - most

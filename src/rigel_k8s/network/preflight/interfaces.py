@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import Finding, by_text, listed
+from rigel_k8s.network.preflight.finding import PreflightFinding, by_text, join_words
 from rigel_k8s.network.preflight.machine import Interface, MachineFacts
 
 __all__ = ["interfaces"]
@@ -18,7 +18,7 @@ TAKES_ALL = ("bridge", "bond", "team", "openvswitch")
 OPPOSITE = {"macvlan": "ipvlan", "ipvlan": "macvlan"}
 
 
-def interfaces(case: Case) -> Iterator[Finding]:
+def interfaces(case: Case) -> Iterator[PreflightFinding]:
     """Yield what is wrong with the interfaces that attachments, or pods themselves, use."""
     if case.network.mode == "host" and case.network.interface:
         seen = {n: f for n, f in case.view.machines.items() if n in case.nodes()}
@@ -41,12 +41,13 @@ def _master(one: Attachment, facts: MachineFacts) -> str:
 Found = Mapping[str, tuple[str, MachineFacts]]
 
 
-def _missing(found: Found) -> Iterator[Finding]:
+def _missing(found: Found) -> Iterator[PreflightFinding]:
     nameless = [node for node, (master, _) in found.items() if not master]
     if nameless:
-        yield Finding(
+        yield PreflightFinding(
             "interface-unsaid",
-            f"no interface is named, and {listed(nameless)} has no default route to take it from",
+            f"no interface is named, and {join_words(nameless)} has no default route to take it"
+            " from",
             "name it in `network.interface`",
             fault="rigelfile",
         )
@@ -57,9 +58,9 @@ def _missing(found: Found) -> Iterator[Finding]:
     }
     for text, nodes in by_text(lacking).items():
         verb = "has" if len(nodes) == 1 else "have"
-        yield Finding(
+        yield PreflightFinding(
             "interface-missing",
-            f"{listed(nodes)} {verb} no interface {text}",
+            f"{join_words(nodes)} {verb} no interface {text}",
             "`network.interface` must be there on every machine that pods may run on; `placement`"
             " keeps them away from the others",
             fault="rigelfile",
@@ -68,21 +69,23 @@ def _missing(found: Found) -> Iterator[Finding]:
 
 def _usable(facts: MachineFacts) -> str:
     names = sorted(name for name in facts.interfaces if not name.startswith(OTHERS))
-    return listed((f"{n} (wireless)" if facts.interfaces[n].wireless else n for n in names), most=8)
+    return join_words(
+        (f"{n} (wireless)" if facts.interfaces[n].wireless else n for n in names), most=8
+    )
 
 
-def _unfit(one: Attachment, there: Mapping[str, Interface]) -> Iterator[Finding]:
+def _unfit(one: Attachment, there: Mapping[str, Interface]) -> Iterator[PreflightFinding]:
     for rule in (_wireless, _not_ethernet, _down, _no_carrier, _mtu):
-        said: dict[Finding, None] = {}
+        said: dict[PreflightFinding, None] = {}
         for i in dict.fromkeys(there.values()):
-            nodes = listed(node for node, other in there.items() if other == i)
+            nodes = join_words(node for node, other in there.items() if other == i)
             said |= dict.fromkeys(rule(one, i, f"{i.name} of {nodes}"))
         yield from said
 
 
-def _wireless(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+def _wireless(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if i.wireless and one.program == "macvlan":
-        yield Finding(
+        yield PreflightFinding(
             "interface-wireless",
             f"{which} is wireless: access points drop what comes from macvlan's further MAC"
             " addresses",
@@ -92,9 +95,9 @@ def _wireless(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
         )
 
 
-def _not_ethernet(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+def _not_ethernet(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if not i.ethernet and one.program == "macvlan":
-        yield Finding(
+        yield PreflightFinding(
             "interface-not-ethernet",
             f"{which} is no Ethernet interface, so it carries no macvlan",
             "name another in `network.interface`, or take `mode: peers` or `discovery-server`",
@@ -102,18 +105,18 @@ def _not_ethernet(one: Attachment, i: Interface, which: str) -> Iterator[Finding
         )
 
 
-def _down(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+def _down(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if not i.up:
-        yield Finding(
+        yield PreflightFinding(
             "interface-down",
             f"{which} is down: pods would start and hear nobody",
             f"`ip link set {i.name} up` there, and in the machine's network configuration",
         )
 
 
-def _no_carrier(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+def _no_carrier(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if i.up and i.state in ("down", "lowerlayerdown", "dormant"):
-        yield Finding(
+        yield PreflightFinding(
             "interface-no-carrier",
             f"{which} has no link ({i.state}): is its cable plugged in?",
             "pods start, and hear nobody until it has",
@@ -121,9 +124,9 @@ def _no_carrier(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
         )
 
 
-def _mtu(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
+def _mtu(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if one.mtu > i.mtu:
-        yield Finding(
+        yield PreflightFinding(
             "mtu",
             f"an MTU of {one.mtu} does not fit into the {i.mtu} of {which}",
             f"`network.mtu` of at most {i.mtu}, or none",
@@ -131,7 +134,7 @@ def _mtu(one: Attachment, i: Interface, which: str) -> Iterator[Finding]:
         )
 
 
-def _carries_other(one: Attachment, found: Found) -> Iterator[Finding]:
+def _carries_other(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
     """Yield interfaces with something on top, in the machine's own network, that wants them alone.
 
     The kernel says no more than "Device or resource busy" when a pod starts.
@@ -143,7 +146,7 @@ def _carries_other(one: Attachment, found: Found) -> Iterator[Finding]:
                 what = f"{master} of {node} carries {upper.kind} already ({upper.name})"
                 yield _collision(one, what)
             elif upper.kind in TAKES_ALL:
-                yield Finding(
+                yield PreflightFinding(
                     "interface-port",
                     f"{master} of {node} is a port of {upper.kind} {upper.name}, so it carries no"
                     f" {one.program}",
@@ -154,7 +157,7 @@ def _carries_other(one: Attachment, found: Found) -> Iterator[Finding]:
 
 def _used_by_other(
     case: Case, one: Attachment, there: Mapping[str, Interface]
-) -> Iterator[Finding]:
+) -> Iterator[PreflightFinding]:
     """Yield interfaces that pods of other attachments use the other way, on machines of ours."""
     for other in case.neighbours(one):
         if other.program == one.program:
@@ -164,11 +167,11 @@ def _used_by_other(
         )
         if pods:
             what = f"{other.master or 'the default interface'} carries {other.program} already"
-            yield _collision(one, f"{what}, by {other.key} (used by {listed(pods, most=3)})")
+            yield _collision(one, f"{what}, by {other.key} (used by {join_words(pods, most=3)})")
 
 
-def _collision(one: Attachment, what: str) -> Finding:
-    return Finding(
+def _collision(one: Attachment, what: str) -> PreflightFinding:
+    return PreflightFinding(
         "interface-shared",
         f"{what}: one interface carries macvlan or ipvlan, never both",
         f"`mode: {OPPOSITE[one.program]}` as well, or another `network.interface`",

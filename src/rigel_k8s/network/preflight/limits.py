@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import Finding, listed
+from rigel_k8s.network.preflight.finding import PreflightFinding, join_words
 from rigel_k8s.network.preflight.wanted import selected
 
 __all__ = ["buffers", "neighbours", "policies"]
@@ -21,7 +21,7 @@ ROOM = 4  # times what is needed
 NEIGHBOURS = "net.ipv4.neigh.default.gc_thresh3"
 
 
-def buffers(case: Case) -> Iterator[Finding]:
+def buffers(case: Case) -> Iterator[PreflightFinding]:
     """Yield machines whose socket buffers, or fragments' memory, are small for large messages."""
     users = case.nodes()
     seen = {node: facts for node, facts in case.view.machines.items() if node in users}
@@ -32,9 +32,9 @@ def buffers(case: Case) -> Iterator[Finding]:
     nodes = [node for node, text in small.items() if text]
     if nodes:
         settings = " ".join(f"{name}={ADVISED}" for name in BUFFERS)
-        yield Finding(
+        yield PreflightFinding(
             "small-buffers",
-            f"messages of 1 MB and more may be lost on {listed(nodes)}: {small[nodes[0]]}",
+            f"messages of 1 MB and more may be lost on {join_words(nodes)}: {small[nodes[0]]}",
             f"`sysctl -w {settings}` on the machine (on k3s too: the machine's own, not a pod's),"
             f" and in {FILE}",
             severity="warning",
@@ -46,7 +46,7 @@ def _small(settings: Mapping[str, int], name: str) -> bool:
     return settings.get(name, LEAST) < LEAST
 
 
-def _fragments(case: Case) -> Iterator[Finding]:
+def _fragments(case: Case) -> Iterator[PreflightFinding]:
     """Yield machines whose own network, by radio, keeps lost fragments for half a minute.
 
     Pods with a network of their own have the kernel's defaults, whatever the machine says.
@@ -62,17 +62,17 @@ def _fragments(case: Case) -> Iterator[Finding]:
         and case.view.machines[node].settings.get("net.ipv4.ipfrag_high_thresh", 0) <= 4 * LEAST
     ]
     if nodes:
-        yield Finding(
+        yield PreflightFinding(
             "fragments",
             f"by radio, fragments that get lost may block large messages for 30 s on"
-            f" {listed(nodes)}",
+            f" {join_words(nodes)}",
             "`sysctl -w net.ipv4.ipfrag_time=3 net.ipv4.ipfrag_high_thresh=134217728` on the"
             f" machine, and in {FILE}",
             severity="warning",
         )
 
 
-def neighbours(case: Case) -> Iterator[Finding]:
+def neighbours(case: Case) -> Iterator[PreflightFinding]:
     """Yield machines whose table of neighbours is small for pods that all talk with each other."""
     for one in case.attachments:
         pods, nodes = case.pods(one), case.nodes(case.users(one))
@@ -83,18 +83,18 @@ def neighbours(case: Case) -> Iterator[Finding]:
             if facts.settings.get(NEIGHBOURS, needed) < needed
         }
         if small:
-            yield Finding(
+            yield PreflightFinding(
                 "neighbours",
                 f"{pods} pods on {len(nodes)} machines that talk with each other need about"
-                f" {needed} neighbours on each, and {listed(small)} can keep {min(small.values())}"
-                f" ({NEIGHBOURS}) for all pods together: what goes to others is dropped without a"
-                " word",
+                f" {needed} neighbours on each, and {join_words(small)} can keep"
+                f" {min(small.values())} ({NEIGHBOURS}) for all pods together: what goes to"
+                " others is dropped without a word",
                 f"`sysctl -w {NEIGHBOURS}={ROOM * needed}` on the machine, and in {FILE}",
                 severity="warning",
             )
 
 
-def policies(case: Case) -> Iterator[Finding]:
+def policies(case: Case) -> Iterator[PreflightFinding]:
     """Yield NetworkPolicies that select our pods: they do not reach a second network."""
     found: dict[str, None] = {}
     for policy in case.view.policies:
@@ -106,9 +106,10 @@ def policies(case: Case) -> Iterator[Finding]:
         return
     host = not case.keys
     where = "the machine's network (`mode: host`)" if host else "the second interface"
-    yield Finding(
+    yield PreflightFinding(
         "network-policy",
-        f"NetworkPolicy {listed(found)} selects pods of this release and does not cover {where}",
+        f"NetworkPolicy {join_words(found)} selects pods of this release and does not cover"
+        f" {where}",
         "whoever is on that network reaches all their ports: keep it apart by a VLAN or a firewall"
         " of the machines" + ("" if host else ", or use MultiNetworkPolicy"),
         severity="warning",

@@ -20,9 +20,9 @@ from rigel_k8s.network.preflight.attachments import (
     Attachment,
     attachment,
 )
-from rigel_k8s.network.preflight.case import Case, Pool, Taken, View, pool, taken
+from rigel_k8s.network.preflight.case import AddressPool, Case, MachineView, Taken, pool, taken
 from rigel_k8s.network.preflight.daemon import Daemon, daemon, is_multus
-from rigel_k8s.network.preflight.finding import Finding, by_text
+from rigel_k8s.network.preflight.finding import PreflightFinding, by_text
 from rigel_k8s.network.preflight.machine import PROBE, MachineFacts, parse
 from rigel_k8s.network.preflight.services import service_ranges
 from rigel_k8s.objects.refs import ObjectRef
@@ -37,11 +37,11 @@ T = TypeVar("T")
 Manifest = Mapping[str, Any]
 
 NOTHING: Sequence[Manifest] = ()
-NO_POOLS: Sequence[Pool] = ()
+NO_POOLS: Sequence[AddressPool] = ()
 PATIENCE = 10.0  # seconds for the script on one machine, which takes a tenth of one
 
 
-def look(case: Case, cluster: Cluster) -> tuple[Case, list[Finding]]:
+def look(case: Case, cluster: Cluster) -> tuple[Case, list[PreflightFinding]]:
     """Return the case with what was seen of the cluster, and what could not be looked at."""
     eyes = _Eyes(cluster)
     case = attrs.evolve(case, view=eyes.cluster_view(case))
@@ -57,7 +57,7 @@ class _Eyes:
         self._cluster = cluster
         self._unseen: dict[str, str] = {}  # what -> why not
 
-    def told(self) -> list[Finding]:
+    def told(self) -> list[PreflightFinding]:
         """Return the warning that tells what could not be looked at."""
         if not self._unseen:
             return []
@@ -65,7 +65,7 @@ class _Eyes:
             f"{', '.join(sorted(what))} ({why})" for why, what in by_text(self._unseen).items()
         )
         return [
-            Finding(
+            PreflightFinding(
                 "unseen",
                 f"before the deploy could not be looked at: {parts}",
                 "what is wrong there shows when pods start",
@@ -73,7 +73,7 @@ class _Eyes:
             )
         ]
 
-    def cluster_view(self, case: Case) -> View:
+    def cluster_view(self, case: Case) -> MachineView:
         """Return all but the machines; the questions are asked at once."""
         cluster, attaching = self._cluster, bool(case.keys)
         questions: dict[str, Callable[[], Any]] = {
@@ -94,7 +94,7 @@ class _Eyes:
         answers = cluster.parallel(lambda ask: ask(), questions.values())
         known = dict(zip(questions, answers, strict=True))
         attachments, unread = known.pop("attachments", ({}, frozenset()))
-        return View(**known, attachments=attachments, unread=unread)
+        return MachineView(**known, attachments=attachments, unread=unread)
 
     def machines(self, case: Case) -> dict[str, MachineFacts]:
         """Return what the machines say that pods may run on, asked at once."""
@@ -145,7 +145,7 @@ class _Eyes:
         namespace = case.wanted[0].namespace
         return self._cluster.list("networking.k8s.io/v1", "NetworkPolicy", namespace)
 
-    def _pools(self) -> Sequence[Pool]:
+    def _pools(self) -> Sequence[AddressPool]:
         items = self._cluster.list(POOL_API, POOL_KIND)
         return [one for one in map(pool, items) if one is not None]
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rigel_k8s.network.multus.machines import STANDARD
 from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import INSTALL, Finding, by_text, listed
+from rigel_k8s.network.preflight.finding import INSTALL, PreflightFinding, by_text, join_words
 
 __all__ = ["clouds", "presence", "programs"]
 
@@ -16,28 +16,28 @@ __all__ = ["clouds", "presence", "programs"]
 CLOUDS = ("aws", "azure", "digitalocean", "gce", "hcloud", "linode", "openstack", "vsphere")
 
 
-def presence(case: Case) -> Iterator[Finding]:
+def presence(case: Case) -> Iterator[PreflightFinding]:
     """Yield where Multus lacks, and attachments that are not there."""
     if not case.keys:
         return
     if not case.view.multus:
-        yield Finding(
+        yield PreflightFinding(
             "multus-missing",
             "Multus is not installed: the cluster knows no NetworkAttachmentDefinition",
             INSTALL,
         )
         return
     if not case.view.whereabouts and any(one.ipam == "whereabouts" for one in case.attachments):
-        yield Finding(
+        yield PreflightFinding(
             "whereabouts-missing",
             "whereabouts is not installed: the cluster knows no IPPool to keep addresses in",
             f"{INSTALL}; or another `network.ipam`",
         )
     yield from _daemons(case)
     known = {*case.view.attachments, *case.own, *case.view.unread}
-    there = listed(sorted(case.view.attachments)) or "none"
+    there = join_words(sorted(case.view.attachments)) or "none"
     for key in (key for key in case.keys if key not in known):
-        yield Finding(
+        yield PreflightFinding(
             "attachment-missing",
             f"there is no NetworkAttachmentDefinition {key} (the cluster has: {there})",
             "name one that is there in `network.attachment`, as NAMESPACE/NAME, or create it",
@@ -45,29 +45,29 @@ def presence(case: Case) -> Iterator[Finding]:
         )
 
 
-def _daemons(case: Case) -> Iterator[Finding]:
+def _daemons(case: Case) -> Iterator[PreflightFinding]:
     """Yield the machines without a Multus that answers; those that are off are left alone."""
     if case.view.daemons is None:
         return
     nodes = [node for node in case.nodes() if node in case.ready]
     lacking = [node for node in nodes if node not in case.view.daemons]
     if lacking:
-        yield Finding(
+        yield PreflightFinding(
             "multus-not-on-node",
-            f"no Multus daemon runs on {listed(lacking)}, where pods of the release may run",
+            f"no Multus daemon runs on {join_words(lacking)}, where pods of the release may run",
             f"{INSTALL}; or keep the pods away from there with `placement`",
         )
     for node in nodes:
         daemon = case.view.daemons.get(node)
         if daemon and daemon.state:
-            yield Finding(
+            yield PreflightFinding(
                 "multus-not-ready",
                 f"the Multus daemon on {node} is not ready: {daemon.state}",
                 f"kubectl -n {daemon.namespace} logs {daemon.pod} -c {daemon.container}",
             )
 
 
-def clouds(case: Case) -> Iterator[Finding]:
+def clouds(case: Case) -> Iterator[PreflightFinding]:
     """Yield machines of clouds: most of their networks drop what macvlan sends."""
     if not any(one.program == "macvlan" for one in case.attachments):
         return
@@ -78,17 +78,18 @@ def clouds(case: Case) -> Iterator[Finding]:
         if provider in CLOUDS and node["metadata"]["name"] in counting:
             found[node["metadata"]["name"]] = provider
     for provider, nodes in by_text(found).items():
-        yield Finding(
+        yield PreflightFinding(
             "cloud",
-            f"{listed(nodes)} {'is' if len(nodes) == 1 else 'are'} of {provider}: virtual networks"
-            " usually drop what comes from macvlan's further MAC addresses, without a word",
+            f"{join_words(nodes)} {'is' if len(nodes) == 1 else 'are'} of {provider}: virtual"
+            " networks usually drop what comes from macvlan's further MAC addresses, without a"
+            " word",
             "allow it there (forged transmits, port security), or `mode: peers` or"
             " `discovery-server`",
             severity="warning",
         )
 
 
-def programs(case: Case) -> Iterator[Finding]:
+def programs(case: Case) -> Iterator[PreflightFinding]:
     """Yield CNI programs, and parts of the kernel, that machines lack."""
     for one in case.attachments:
         yield from _missing_programs(case, one)
@@ -96,7 +97,7 @@ def programs(case: Case) -> Iterator[Finding]:
         yield from _dhcp(case, one)
 
 
-def _missing_programs(case: Case, one: Attachment) -> Iterator[Finding]:
+def _missing_programs(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     needed = dict.fromkeys(one.programs)
     lacking: dict[str, str] = {}
     remedies: dict[str, str] = {}
@@ -104,12 +105,12 @@ def _missing_programs(case: Case, one: Attachment) -> Iterator[Finding]:
         there = frozenset().union(*facts.programs.values())
         names = [name for name in needed if name not in there] if facts.programs else []
         if names:
-            lacking[node] = f"{listed(names)} (looked into {listed(facts.programs)})"
+            lacking[node] = f"{join_words(names)} (looked into {join_words(facts.programs)})"
             remedies[lacking[node]] = _bringing(names)
     for text, nodes in by_text(lacking).items():
         verb = "lacks" if len(nodes) == 1 else "lack"
-        message = f"{listed(nodes)} {verb} CNI programs: {text}"
-        yield Finding("program-missing", message, remedies[text])
+        message = f"{join_words(nodes)} {verb} CNI programs: {text}"
+        yield PreflightFinding("program-missing", message, remedies[text])
 
 
 def _bringing(names: Sequence[str]) -> str:
@@ -124,12 +125,12 @@ def _bringing(names: Sequence[str]) -> str:
     return "put them into that directory on each of these machines"
 
 
-def _missing_in_kernel(case: Case, one: Attachment) -> Iterator[Finding]:
+def _missing_in_kernel(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     nodes = [node for node, facts in case.machines(one) if facts.kernel.get(one.program) is False]
     if nodes:
-        yield Finding(
+        yield PreflightFinding(
             "kernel",
-            f"the kernel of {listed(nodes)} was built without {one.program}",
+            f"the kernel of {join_words(nodes)} was built without {one.program}",
             f"a kernel with CONFIG_{one.program.upper()},"
             f" or another `network.mode`: {_other(one.program)}",
         )
@@ -139,14 +140,14 @@ def _other(program: str) -> str:
     return "macvlan or peers" if program == "ipvlan" else "ipvlan or peers"
 
 
-def _dhcp(case: Case, one: Attachment) -> Iterator[Finding]:
+def _dhcp(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     if one.ipam != "dhcp":
         return
     nodes = [node for node, facts in case.machines(one) if facts.dhcp is False]
     if nodes:
-        yield Finding(
+        yield PreflightFinding(
             "dhcp-daemon",
-            f"the daemon of the CNI program dhcp does not run on {listed(nodes)}"
+            f"the daemon of the CNI program dhcp does not run on {join_words(nodes)}"
             " (nobody listens at /run/cni/dhcp.sock)",
             "`network: {install: true}` or `rigel network install --dhcp` runs it; or `ipam:"
             " whereabouts`",

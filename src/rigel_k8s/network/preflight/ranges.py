@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from rigel_k8s.network.preflight.attachments import Attachment, Range, subnet
 from rigel_k8s.network.preflight.case import Case, Taken, addresses_of
-from rigel_k8s.network.preflight.finding import Finding, listed
+from rigel_k8s.network.preflight.finding import PreflightFinding, join_words
 from rigel_k8s.network.preflight.machine import Address, Subnet
 
 __all__ = ["ranges", "room"]
@@ -14,7 +14,7 @@ __all__ = ["ranges", "room"]
 KEEP_OFF = "leave them out by `network.range_start`, `range_end` or `exclude`"
 
 
-def ranges(case: Case) -> Iterator[Finding]:
+def ranges(case: Case) -> Iterator[PreflightFinding]:
     """Yield what an attachment's addresses collide with."""
     for one in case.attachments:
         for given in case.ranges(one):
@@ -26,7 +26,7 @@ def ranges(case: Case) -> Iterator[Finding]:
         yield from _asked_in_vain(case, one)
 
 
-def _asked_in_vain(case: Case, one: Attachment) -> Iterator[Finding]:
+def _asked_in_vain(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     """Yield attachments that do not give pods the addresses that they ask for."""
     if not case.asked_addresses(one) or (one.ipam == "static" and one.passes):
         return
@@ -34,7 +34,7 @@ def _asked_in_vain(case: Case, one: Attachment) -> Iterator[Finding]:
         why = f"its addresses come from {one.ipam or 'nobody'}"
     else:
         why = 'its configuration lacks `"capabilities": {"ips": true}`'
-    yield Finding(
+    yield PreflightFinding(
         "attachment-addresses",
         f"NetworkAttachmentDefinition {one.key} gives no pod the address that it asks for: {why}",
         'an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips": true}`, or no'
@@ -43,17 +43,19 @@ def _asked_in_vain(case: Case, one: Attachment) -> Iterator[Finding]:
     )
 
 
-def _cluster_networks(case: Case, given: Range) -> Iterator[Finding]:
+def _cluster_networks(case: Case, given: Range) -> Iterator[PreflightFinding]:
     pods = [f"{text} ({node})" for node, text in _pod_networks(case) if _overlap(given, text)]
     if pods:
-        yield _overlapping("pod-network", given, f"the pod network: {listed(pods)}")
+        yield _overlapping("pod-network", given, f"the pod network: {join_words(pods)}")
     services = [str(text) for text in case.view.services if _overlap(given, text)]
     if services:
-        yield _overlapping("service-network", given, f"the Services' network: {listed(services)}")
+        yield _overlapping(
+            "service-network", given, f"the Services' network: {join_words(services)}"
+        )
 
 
-def _overlapping(kind: str, given: Range, what: str) -> Finding:
-    return Finding(
+def _overlapping(kind: str, given: Range, what: str) -> PreflightFinding:
+    return PreflightFinding(
         kind,
         f"subnet {given.subnet} overlaps {what}: pods would look for those at the second network",
         "`network.subnet` must be a range that nothing in the cluster uses",
@@ -74,7 +76,7 @@ def _overlap(given: Range, other: Subnet) -> bool:
     return given.subnet.version == other.version and given.subnet.overlaps(other)
 
 
-def _other_interfaces(case: Case, one: Attachment, given: Range) -> Iterator[Finding]:
+def _other_interfaces(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
     """Yield ranges that machines reach elsewhere: pods would look for them at the second network.
 
     Routes to pods are left out: they are told as the pod network.
@@ -87,7 +89,7 @@ def _other_interfaces(case: Case, one: Attachment, given: Range) -> Iterator[Fin
             if route.interface == master or length in (0, route.subnet.max_prefixlen):
                 continue
             if _overlap(given, route.subnet) and not any(_within(route.subnet, p) for p in pods):
-                yield Finding(
+                yield PreflightFinding(
                     "route",
                     f"{node} reaches {route.subnet} by {route.interface}, and subnet"
                     f" {given.subnet} overlaps it: pods would look for it at {master}",
@@ -100,7 +102,7 @@ def _within(inner: Subnet, outer: Subnet) -> bool:
     return inner.version == outer.version and inner.subnet_of(outer)  # type: ignore[arg-type]
 
 
-def _machines(case: Case, one: Attachment, given: Range) -> Iterator[Finding]:
+def _machines(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
     """Yield addresses of machines and of the gateway that pods would get."""
     asked = case.asked_addresses(one)
     owners = _owners(case)
@@ -109,14 +111,14 @@ def _machines(case: Case, one: Attachment, given: Range) -> Iterator[Finding]:
     else:
         stolen = [f"{a} ({owners[a]})" for a in sorted(owners, key=int) if given.gives(a)]
     if stolen:
-        yield Finding(
+        yield PreflightFinding(
             "machine-address",
-            f"pods would be given addresses that machines have: {listed(stolen)}",
+            f"pods would be given addresses that machines have: {join_words(stolen)}",
             KEEP_OFF,
             fault="rigelfile",
         )
     if one.gateway and (given.gives(one.gateway) if one.ipam != "static" else one.gateway in asked):
-        yield Finding(
+        yield PreflightFinding(
             "gateway-address",
             f"a pod would be given the gateway's address, {one.gateway}",
             KEEP_OFF,
@@ -135,12 +137,12 @@ def _owners(case: Case) -> dict[Address, str]:
     return {one: node for one, node in found.items() if not any(one in n for n in pods)}
 
 
-def _other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[Finding]:
+def _other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
     """Yield attachments on the same interface that give out the same addresses unknowingly."""
     for other in case.rivals(one):
         for theirs in other.ranges:
             if given.overlaps(theirs):
-                yield Finding(
+                yield PreflightFinding(
                     "other-attachment",
                     f"NetworkAttachmentDefinition {other.key} ({other.ipam}) gives out {theirs} on"
                     f" {one.master or 'the same interface'} as well, and knows nothing of {given}"
@@ -151,7 +153,7 @@ def _other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[Finding
                 )
 
 
-def _other_pods(case: Case, one: Attachment) -> Iterator[Finding]:
+def _other_pods(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     """Yield addresses that pods of other attachments on the same interface have."""
     asked, given = case.asked_addresses(one), case.ranges(one)
     others = {other.key for other in case.rivals(one)}
@@ -166,15 +168,15 @@ def _other_pods(case: Case, one: Attachment) -> Iterator[Finding]:
         )
     ]
     if clashing:
-        yield Finding(
+        yield PreflightFinding(
             "address-taken",
-            f"pods would be given addresses that other pods have: {listed(clashing)}",
+            f"pods would be given addresses that other pods have: {join_words(clashing)}",
             KEEP_OFF,
             fault="rigelfile",
         )
 
 
-def room(case: Case) -> Iterator[Finding]:
+def room(case: Case) -> Iterator[PreflightFinding]:
     """Yield where addresses run out, and where two pods would get the same one."""
     for one in case.attachments:
         pods = case.pods(one)
@@ -186,21 +188,23 @@ def room(case: Case) -> Iterator[Finding]:
             yield from _too_few(case, one, given, pods)
 
 
-def _host_local(nodes: list[str]) -> Finding:
-    return Finding(
+def _host_local(nodes: list[str]) -> PreflightFinding:
+    return PreflightFinding(
         "host-local",
-        f"host-local counts on each machine for itself, and pods may run on {listed(nodes)}: two"
-        " of them would get one address",
+        f"host-local counts on each machine for itself, and pods may run on {join_words(nodes)}:"
+        " two of them would get one address",
         "`ipam: whereabouts`, or `placement.node` to keep all pods on one machine",
         fault="rigelfile",
     )
 
 
-def _too_few(case: Case, one: Attachment, given: tuple[Range, ...], pods: int) -> Iterator[Finding]:
+def _too_few(
+    case: Case, one: Attachment, given: tuple[Range, ...], pods: int
+) -> Iterator[PreflightFinding]:
     # Of several ranges a pod gets one address each, so the smallest decides.
     least = min(given, key=lambda r: r.size)
     if pods > least.size:
-        yield Finding(
+        yield PreflightFinding(
             "too-few-addresses",
             f"{pods} pods want an address, and {least.subnet} has {least.size} to give out"
             f" ({least})",
@@ -210,10 +214,10 @@ def _too_few(case: Case, one: Attachment, given: tuple[Range, ...], pods: int) -
         return
     others = _held_by_others(case, least) if one.ipam == "whereabouts" else []
     if pods > least.size - len(others):
-        yield Finding(
+        yield PreflightFinding(
             "addresses-run-out",
             f"{pods} pods want an address, and of the {least.size} from {least} others have"
-            f" {len(others)}: {listed((t.pod for t in others), most=3)}",
+            f" {len(others)}: {join_words((t.pod for t in others), most=3)}",
             "a larger `network.subnet`, or end some of those; `kubectl get ippools -A -o yaml`"
             " shows who has which",
         )

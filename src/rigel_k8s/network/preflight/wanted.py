@@ -16,10 +16,10 @@ __all__ = [
     "NETWORK_STATUS",
     "Request",
     "Wanted",
+    "find_wanted",
     "may_run",
     "requests",
     "selected",
-    "wanted",
 ]
 
 Manifest = Mapping[str, Any]
@@ -65,7 +65,7 @@ class Wanted:
         return any(request.key == key for request in self.requests)
 
 
-def wanted(objects: Iterable[Manifest]) -> Iterator[Wanted]:
+def find_wanted(objects: Iterable[Manifest]) -> Iterator[Wanted]:
     """Yield the workloads that ask for an attachment, or for the machine's own network."""
     for item in objects:
         spec = item.get("spec") or {}

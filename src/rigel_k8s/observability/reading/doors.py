@@ -17,7 +17,7 @@ from rigel_k8s.observability.names import (
     PROMETHEUS,
     PROMETHEUS_PORT,
 )
-from rigel_k8s.observability.reading.stack import Stack
+from rigel_k8s.observability.reading.stack import InstalledStack
 
 __all__ = ["USUAL", "Door", "doors"]
 
@@ -26,7 +26,7 @@ USUAL = {GRAFANA: GRAFANA_PORT, PROMETHEUS: PROMETHEUS_PORT, LOKI: LOKI_PORT}
 
 
 def doors(
-    stack: Stack, ports: Mapping[str, int | None], opened: ExitStack
+    stack: InstalledStack, ports: Mapping[str, int | None], opened: ExitStack
 ) -> tuple[list[Door], dict[str, str]]:
     """Open all parts that are there; return them, and why others are closed.
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import attrs
 
-__all__ = ["Ask", "Entry", "Loki", "selector"]
+__all__ = ["Ask", "Entry", "LokiClient", "selector"]
 
 #: Asks for a path with a query, and returns the answer's body.
 Ask = Callable[[str, Mapping[str, object]], bytes]
@@ -42,7 +42,7 @@ def matcher(label: str, value: Collection[str] | str) -> str:
     return f"{label}=~{json.dumps('|'.join(map(re.escape, sorted(value))))}"
 
 
-class Loki:
+class LokiClient:
     """Reads what a Loki has stored; times are nanoseconds since 1970, `end` is not included."""
 
     def __init__(self, ask: Ask) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 import attrs
 
-__all__ = ["Prometheus", "Sample", "matchers"]
+__all__ = ["PrometheusClient", "Sample", "matchers"]
 
 
 @attrs.frozen
@@ -19,7 +19,7 @@ class Sample:
     value: float
 
 
-class Prometheus:
+class PrometheusClient:
     """Asks a Prometheus."""
 
     def __init__(self, ask: Callable[[str, Mapping[str, object]], bytes]) -> None:

@@ -21,7 +21,7 @@ from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.deploy import last_good
 from rigel_k8s.release.types import ReleaseId
 
-__all__ = ["NoStack", "Part", "Stack", "find_stack", "part_of", "why_not"]
+__all__ = ["InstalledStack", "NoStack", "StackService", "find_stack", "part_of", "why_not"]
 
 #: Where a stack is looked for by somebody who may not list the Services of all namespaces.
 USUAL = "monitoring"
@@ -36,7 +36,7 @@ class NoStack(UserError):
 
 
 @attrs.frozen
-class Part:
+class StackService:
     """A Service of the stack."""
 
     cluster: Cluster
@@ -52,14 +52,14 @@ class Part:
 
 
 @attrs.frozen
-class Stack:
+class InstalledStack:
     """A stack's namespace, and the ports of its Services by their names."""
 
     cluster: Cluster
     namespace: str
     services: Mapping[str, Mapping[str, Any]]
 
-    def part(self, name: str) -> Part:
+    def part(self, name: str) -> StackService:
         """Return one of its Services, or what it uses in its stead.
 
         Raises:
@@ -67,7 +67,7 @@ class Stack:
         """
         if name in self.services:
             port = self.services[name]["spec"]["ports"][0]["port"]
-            return Part(self.cluster, self.namespace, name, port)
+            return StackService(self.cluster, self.namespace, name, port)
         if there := self.existing.get(name):
             return there_before(self.cluster, there)
         raise NoStack(
@@ -90,7 +90,7 @@ class Stack:
         return {name: one for name, one in named if isinstance(one, Mapping) and one.get("url")}
 
 
-def part_of(cluster: Cluster, name: str, observability: Any) -> Part:
+def part_of(cluster: Cluster, name: str, observability: Any) -> StackService:
     """Return a part of the stack, or what the job names as there before (`existing`).
 
     Raises:
@@ -103,7 +103,7 @@ def part_of(cluster: Cluster, name: str, observability: Any) -> Part:
     return find_stack(cluster).part(name)
 
 
-def there_before(cluster: Cluster, said: Mapping[str, Any]) -> Part:
+def there_before(cluster: Cluster, said: Mapping[str, Any]) -> StackService:
     """Return what a job names as there before.
 
     Raises:
@@ -115,7 +115,7 @@ def there_before(cluster: Cluster, said: Mapping[str, Any]) -> Part:
     return in_cluster(cluster, url)
 
 
-def in_cluster(cluster: Cluster, url: str) -> Part:
+def in_cluster(cluster: Cluster, url: str) -> StackService:
     """Return the Service that a URL names as pods do: http://NAME.NAMESPACE:PORT.
 
     Raises:
@@ -125,7 +125,7 @@ def in_cluster(cluster: Cluster, url: str) -> Part:
     words = (said.hostname or "").split(".")
     if said.scheme != "http" or len(words) < 2 or words[2:3] not in ([], ["svc"]):
         raise NoStack(f"{url} is no Service of the cluster")
-    return Part(
+    return StackService(
         cluster,
         words[1],
         words[0],
@@ -134,7 +134,7 @@ def in_cluster(cluster: Cluster, url: str) -> Part:
     )
 
 
-def find_stack(cluster: Cluster, namespace: str | None = None) -> Stack:
+def find_stack(cluster: Cluster, namespace: str | None = None) -> InstalledStack:
     """Return the stack, of one namespace or wherever it is.
 
     Raises:
@@ -148,13 +148,13 @@ def find_stack(cluster: Cluster, namespace: str | None = None) -> Stack:
     if not by_namespace:
         where = f" in the namespace {namespace}" if namespace else " on this cluster"
         if (bare := without_services(cluster)) and namespace in (None, bare):
-            return Stack(cluster, bare, {})
+            return InstalledStack(cluster, bare, {})
         raise NoStack(f"there is no observability stack{where}", hint=HINT)
     if len(by_namespace) > 1:
         listed = ", ".join(sorted(by_namespace))
         raise NoStack(f"there are several observability stacks: {listed}", hint="name one with -n")
     ((found, named),) = by_namespace.items()
-    return Stack(cluster, found, named)
+    return InstalledStack(cluster, found, named)
 
 
 def without_services(cluster: Cluster) -> str | None:

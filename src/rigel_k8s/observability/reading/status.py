@@ -11,7 +11,13 @@ import attrs
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import connect
 from rigel_k8s.observability.names import GRAFANA, LOKI, PROMETHEUS, RELEASE
-from rigel_k8s.observability.reading.stack import NoStack, Part, Stack, find_stack, why_not
+from rigel_k8s.observability.reading.stack import (
+    InstalledStack,
+    NoStack,
+    StackService,
+    find_stack,
+    why_not,
+)
 from rigel_k8s.release import status as states
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings
@@ -73,7 +79,7 @@ def status(settings: Settings) -> ObserveStatus:
         return ObserveStatus(release, tuple(answers), alerts(stack))
 
 
-def answer(stack: Stack, name: str) -> Answer:
+def answer(stack: InstalledStack, name: str) -> Answer:
     """Return whether a part answers, and what it hears."""
     there = stack.existing.get(name, {}) if name not in stack.services else {}
     of = f" ({there['url']})" if there else ""
@@ -86,14 +92,14 @@ def answer(stack: Stack, name: str) -> Answer:
     return Answer(name, found.ok, found.said + of)
 
 
-def grafana(part: Part) -> Answer:
+def grafana(part: StackService) -> Answer:
     """Ask Grafana for its health."""
     health = json.loads(part.ask("api/health"))
     ok = health.get("database") == "ok"
     return Answer(part.name, ok, f"database {health.get('database')}")
 
 
-def prometheus(part: Part) -> Answer:
+def prometheus(part: StackService) -> Answer:
     """Ask Prometheus which of its targets it reaches; why not is often theirs to answer for."""
     targets = data(part, "api/v1/targets", state="active")["activeTargets"]
     down = [name_of(one["labels"]) for one in targets if one["health"] == "down"]
@@ -109,7 +115,7 @@ def name_of(labels: Mapping[str, str]) -> str:
     return f"{labels.get('job', '')} of {labels.get('node') or labels.get('instance', '')}"
 
 
-def loki(part: Part) -> Answer:
+def loki(part: StackService) -> Answer:
     """Ask Loki whose lines came lately."""
     found = data(part, "loki/api/v1/query", query=HEARD)["result"]
     lines = {one["metric"].get("application", ""): int(one["value"][1]) for one in found}
@@ -117,14 +123,14 @@ def loki(part: Part) -> Answer:
     return Answer(part.name, ok=True, said=f"lines in 5 minutes: {heard or 'none'}")
 
 
-LOOKS: Mapping[str, Callable[[Part], Answer]] = {
+LOOKS: Mapping[str, Callable[[StackService], Answer]] = {
     GRAFANA: grafana,
     PROMETHEUS: prometheus,
     LOKI: loki,
 }
 
 
-def alerts(stack: Stack) -> tuple[Alert, ...]:
+def alerts(stack: InstalledStack) -> tuple[Alert, ...]:
     """Return the alerts that fire; none where Prometheus cannot be asked, which is told anyway."""
     try:
         found = data(stack.part(PROMETHEUS), "api/v1/alerts")["alerts"]
@@ -141,6 +147,6 @@ def alert_of(one: Mapping[str, Any]) -> Alert:
     return Alert(labels.pop("alertname"), labels, one["activeAt"], said)
 
 
-def data(part: Part, path: str, **query: str) -> Any:
+def data(part: StackService, path: str, **query: str) -> Any:
     """Return the data of an answer in the form that Prometheus and Loki share."""
     return json.loads(part.ask(path, query))["data"]

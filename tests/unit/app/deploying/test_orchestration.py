@@ -20,7 +20,7 @@ from rigel_k8s.app.deploying.prepare import prepare, timeout_of
 from rigel_k8s.app.deploying.results import extract, newest_pod
 from rigel_k8s.app.deploying.secrets import secret_of, write_pull_secret
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
-from rigel_k8s.images.credentials import Credentials
+from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob, release_of
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import deploy as deploys
@@ -114,7 +114,7 @@ def test_two_branches_cannot_deploy_one_release() -> None:
 
 
 def test_a_partial_job_keeps_what_it_does_not_name(revision: dict[str, Any]) -> None:
-    """The peer's update_k8s names no image, and resets none."""
+    """src.plugin's update_k8s names no image, and resets none."""
     revision["options"] = {"application_image": "localhost:1/app:1", "deploy_ros_master": False}
     raw = {"orchestration": {"rolling_update": {"strategy": "Recreate"}}}
     found = prepare(options(raw["orchestration"]), raw, NOETIC, Settings(), Cluster()).desired  # type: ignore[arg-type]
@@ -220,8 +220,8 @@ def test_credentials_of_the_images_registries_become_a_pull_secret(revision: obj
     """Pods name it; its content is in no object of the release."""
     raw = {"application_image": "localhost:1/app", "deploy_ros_master": False}
     providers = {
-        "here": Credentials("localhost:1", "me", "pa55word"),
-        "elsewhere": Credentials("ghcr.io", "you", "concealed"),
+        "here": RegistryCredentials("localhost:1", "me", "pa55word"),
+        "elsewhere": RegistryCredentials("ghcr.io", "you", "concealed"),
         "ssh": object(),
     }
     found = prepare(
@@ -265,7 +265,7 @@ def test_an_unchanged_pull_secret_is_not_written(fake: FakeCluster) -> None:
     wanted = Desired(ReleaseId("robots", "demo"), (), create_namespace=True)
     for password, writes in (("one", 2), ("one", 0), ("two", 1)):
         fake.calls.clear()
-        write_pull_secret(wanted, [Credentials("localhost:1", "me", password)], fake)  # type: ignore[arg-type]
+        write_pull_secret(wanted, [RegistryCredentials("localhost:1", "me", password)], fake)  # type: ignore[arg-type]
         assert len(fake.writes) == writes
     fake.calls.clear()
     write_pull_secret(wanted, [], fake)  # type: ignore[arg-type]
@@ -357,7 +357,7 @@ def test_who_may_not_list_nodes_may_deploy() -> None:
     ],
 )
 def test_who_bounds_the_roll_out(raw: dict[str, Any], given: float | None, seconds: float) -> None:
-    """The flag, the job, the peer's readiness.timeout_seconds; a node only gives more time."""
+    """The flag, the job, src.plugin's readiness.timeout_seconds; a node only gives more time."""
     assert timeout_of(options(raw), Settings(timeout=given)) == seconds
 
 

@@ -12,7 +12,7 @@ import pytest
 from rigel_k8s.errors import Interrupted, RigelK8sError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types import delivery
-from rigel_k8s.jobs.types.delivery import Arrivals, Count, DeliveryJob, DeliveryOptions
+from rigel_k8s.jobs.types.delivery import Arrivals, DeliveryJob, DeliveryOptions, MessageCount
 from rigel_k8s.jobs.types.nonce import ros_of
 from rigel_k8s.objects.scalars import Duration, ObjectName
 from rigel_k8s.settings import Application, Settings
@@ -56,7 +56,7 @@ def test_a_missing_message_is_a_gap(numbers: tuple[int, ...], gap: str) -> None:
 def test_at_least_one_message_must_be_asked_for(number: str) -> None:
     """`messages: 0` would be a check that cannot fail."""
     with pytest.raises(ValueError, match="at least 1"):
-        Count.parse(number)
+        MessageCount.parse(number)
 
 
 def test_a_node_that_hears_itself_is_refused() -> None:

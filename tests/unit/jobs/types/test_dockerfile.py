@@ -10,7 +10,12 @@ import pytest
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types.dockerfile import Compiler, DockerfileJob, DockerfileOptions, EnvVar
+from rigel_k8s.jobs.types.dockerfile import (
+    Compiler,
+    DockerfileJob,
+    DockerfileOptions,
+    DockerfileVariable,
+)
 from rigel_k8s.settings import Application, Settings
 from tests.support.recorder import Recorder
 
@@ -116,7 +121,7 @@ def test_scalars_are_written_as_yaml_has_them(project: Project) -> None:
     project.package("a")
     project.run(
         compiler=Compiler(cmake_args={"A": True, "B": 2}),
-        env=[EnvVar("C", False), EnvVar("D", 1.5)],
+        env=[DockerfileVariable("C", False), DockerfileVariable("D", 1.5)],
     )
     assert "--cmake-args -DA=true -DB=2" in project.text()
     assert 'ENV C="false"\nENV D="1.5"' in project.text()
@@ -142,8 +147,8 @@ def test_a_missing_directory_is_told(tmp_path: Path) -> None:
         ({"username": "Robot One"}, ("username",), "no user name"),
         ({"apt": ["good", "a b"]}, ("apt", 1), '"a b" is no Debian package'),
         ({"apt": ["x; reboot"]}, ("apt", 0), "no Debian package"),
-        ({"env": [EnvVar("A-B")]}, ("env", 0, "name"), '"A-B" is no name'),
-        ({"env": [EnvVar("A", "x\ny")]}, ("env", 0, "value"), "several lines"),
+        ({"env": [DockerfileVariable("A-B")]}, ("env", 0, "name"), '"A-B" is no name'),
+        ({"env": [DockerfileVariable("A", "x\ny")]}, ("env", 0, "value"), "several lines"),
     ],
 )
 def test_what_would_fail_in_the_build_is_told_before(
@@ -170,7 +175,7 @@ def test_all_of_rigels_options_pass() -> None:
         command="roslaunch a b.launch",
         apt=["ros-noetic-tf", "curl=7.*", "libc6:amd64", "x/stable"],
         entrypoint=["export A=1"],
-        env=[EnvVar("A", "b")],
+        env=[DockerfileVariable("A", "b")],
         rosinstall=["a.rosinstall"],
         ros_image="{{ data.base }}",
         docker_run=["echo 'x'"],

@@ -11,12 +11,12 @@ import attrs
 
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import attachment
-from rigel_k8s.network.preflight.case import Case, View
+from rigel_k8s.network.preflight.case import Case, MachineView
 from rigel_k8s.network.preflight.checks import findings
 from rigel_k8s.network.preflight.daemon import Daemon
-from rigel_k8s.network.preflight.finding import Finding
+from rigel_k8s.network.preflight.finding import PreflightFinding
 from rigel_k8s.network.preflight.machine import Interface, MachineFacts, parse
-from rigel_k8s.network.preflight.wanted import wanted
+from rigel_k8s.network.preflight.wanted import find_wanted
 
 MACHINES = Path(__file__).parent / "machines"
 NAMESPACE = "robot"
@@ -86,13 +86,13 @@ def workload(
     }
 
 
-def view(**changes: Any) -> View:
+def view(**changes: Any) -> MachineView:
     """Two machines, alike, with Multus on both."""
     daemons = {
         name: Daemon(name, "kube-system", f"multus-{name}", "kube-multus")
         for name in ("node1", "node2")
     }
-    plain = View(
+    plain = MachineView(
         nodes=[node("node1"), node("node2")],
         daemons=daemons,
         machines={"node1": machine(), "node2": machine()},
@@ -102,23 +102,23 @@ def view(**changes: Any) -> View:
 
 def found(
     *objects: dict[str, Any],
-    seen: View | None = None,
+    seen: MachineView | None = None,
     network: Network | None = None,
-) -> list[Finding]:
+) -> list[PreflightFinding]:
     """What is found where objects (default: a workload and its macvlan) meet a cluster."""
     items = list(objects) or [nad(), workload()]
     own = [attachment(item) for item in items if item["kind"] == "NetworkAttachmentDefinition"]
     return findings(
         Case(
             network or Network(mode="macvlan"),
-            list(wanted(items)),
+            list(find_wanted(items)),
             {one.key: one for one in own},
             seen or view(),
         )
     )
 
 
-def texts(findings: list[Finding]) -> list[str]:
+def texts(findings: list[PreflightFinding]) -> list[str]:
     """How findings are told: SEVERITY FAULT KIND: MESSAGE => REMEDY."""
     return [f"{f.severity} {f.fault} {f.kind}: {f.message} => {f.remedy}" for f in findings]
 

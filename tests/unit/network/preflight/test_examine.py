@@ -9,10 +9,10 @@ import pytest
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.network.options import Network, network_of
 from rigel_k8s.network.preflight.examine import examine, failure
-from rigel_k8s.network.preflight.finding import Finding
+from rigel_k8s.network.preflight.finding import PreflightFinding
 
-LACKS = Finding("multus-missing", "Multus is not installed", "install it")
-WRONG = Finding("mtu", "an MTU of 9000 does not fit", "a smaller one", fault="rigelfile")
+LACKS = PreflightFinding("multus-missing", "Multus is not installed", "install it")
+WRONG = PreflightFinding("mtu", "an MTU of 9000 does not fit", "a smaller one", fault="rigelfile")
 
 
 class NoCluster:

@@ -6,7 +6,7 @@ import attrs
 
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import attachment
-from rigel_k8s.network.preflight.case import View, taken
+from rigel_k8s.network.preflight.case import MachineView, taken
 from rigel_k8s.network.preflight.machine import MachineFacts
 
 from .cases import found, machine, nad, texts, view, with_interface, workload
@@ -17,7 +17,7 @@ WHERE = (
 )
 
 
-def second(facts: MachineFacts) -> View:
+def second(facts: MachineFacts) -> MachineView:
     """Two machines, of which the second one is special."""
     return view(machines={"node1": machine(), "node2": facts})
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.network.preflight.wanted import Request, may_run, requests, wanted
+from rigel_k8s.network.preflight.wanted import Request, find_wanted, may_run, requests
 
 from .cases import node, workload
 
@@ -35,7 +35,9 @@ def test_who_is_wired() -> None:
     """Workloads with an attachment or on the machine's network; no replicas said is one."""
     none = workload("plain", networks=None)
     off = workload("off", replicas=0)
-    found = list(wanted([none, off, workload("one"), workload("host", None, hostNetwork=True)]))
+    found = list(
+        find_wanted([none, off, workload("one"), workload("host", None, hostNetwork=True)])
+    )
     assert [(w.workload, w.pods) for w in found] == [("off", 0), ("one", 1), ("host", 1)]
 
 

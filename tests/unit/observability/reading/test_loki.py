@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigel_k8s.commands.logs.stored import Asked, Stored
-from rigel_k8s.observability.reading.loki import Loki, selector, windows
+from rigel_k8s.observability.reading.loki import LokiClient, selector, windows
 
 OF_ALL = {"application": "app", "container": "ros-node", "namespace": "lab", "node": "node2"}
 TALKER = {**OF_ALL, "pod": "talker-1", "ros_node": "/talker", "workload": "talker"}
@@ -50,7 +50,7 @@ class Answers:
 
 def stored(answers: Answers) -> Stored:
     own = {"application": "app", "namespace": "lab"}
-    loki = Loki(answers)
+    loki = LokiClient(answers)
     return Stored(loki, own, 10, 20, loki.series(selector(**own), 10, 20))
 
 
@@ -62,7 +62,7 @@ def test_a_selector_names_one_value_or_several() -> None:
 
 def test_entries_of_several_streams_come_by_time() -> None:
     """Streams are answered one by one."""
-    entries = list(Loki(Answers()).entries("{}", 0, 1))
+    entries = list(LokiClient(Answers()).entries("{}", 0, 1))
     assert [entry.time for entry in entries] == sorted(entry.time for entry in entries)
     assert [entry.labels["level"] for entry in entries] == ["warn", "warn", "error", "error"]
 

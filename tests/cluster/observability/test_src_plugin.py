@@ -1,4 +1,4 @@
-"""The Rigelfile of a user who comes from the peer: with the stack as it was asked for there."""
+"""The Rigelfile of a user who comes from src.plugin: with the stack as it was asked for there."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .conftest import Stack
 
 pytestmark = pytest.mark.cluster
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "peer-shape" / "Rigelfile"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "src-plugin" / "Rigelfile"
 PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
 
 
@@ -42,7 +42,7 @@ def take_away(stack: Stack) -> None:
 def test_the_peers_shape_deploys_and_updates(
     cluster: Any, no_stack: None, namespace: str, rigel: Any, base_image: str, tmp_path: Path
 ) -> None:
-    """examples/peer-shape as it is, but for its images and its StorageClass."""
+    """examples/src-plugin as it is, but for its images and its StorageClass."""
     (default,) = (
         item["metadata"]["name"]
         for item in cluster.list("storage.k8s.io/v1", "StorageClass")
@@ -50,9 +50,9 @@ def test_the_peers_shape_deploys_and_updates(
     )
     text = EXAMPLE.read_text("utf-8")
     for old, new in {
-        '"localhost:5000/peer-shape:1.0.0"': base_image,
+        '"localhost:5000/src-plugin:1.0.0"': base_image,
         '"ros:{{ vars.distro }}-ros-core"': base_image,
-        '"peer-shape"': namespace,
+        '"src-plugin"': namespace,
         '"standard"': default,
         '"maps"': f"maps-{namespace}",
         '"/usr/local/bin/readiness_probe.sh"': "test -w /persistent/logs-volume",

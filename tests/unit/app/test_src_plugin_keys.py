@@ -1,4 +1,4 @@
-"""Each of the peer's keys changes the objects, nested under `orchestration` or directly."""
+"""Each of src.plugin's keys changes the objects, nested under `orchestration` or directly."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def test_each_key_changes_the_objects_in_both_nestings(
     ],
 )
 def test_distributed_stays_local_unless_all_three_say_remote(keys: str) -> None:
-    """The peer's rule: enabled, remote by default, not forced local."""
+    """src.plugin's rule: enabled, remote by default, not forced local."""
     made = release(f"{BASE}distributed: {keys}")
     assert "nodeSelector" not in pod(made, "rigel-k8s-application")
 
@@ -197,7 +197,7 @@ def test_a_remote_application_survives_its_wifi() -> None:
 
 
 def test_observability_keys_of_both_generations_are_read() -> None:
-    """The peer's own words, and Helm's release, chart and values."""
+    """src.plugin's own words, and Helm's release, chart and values."""
     text = """
 observability:
   enabled: true
@@ -231,7 +231,7 @@ def test_a_password_is_not_kept_in_revisions() -> None:
 
 
 def test_a_whole_container_still_gets_its_ros_environment() -> None:
-    """The peer's users write containers as a whole; another one is added beside it."""
+    """src.plugin's users write containers as a whole; another one is added beside it."""
     made = release((GOLDEN / "peer.with.yaml").read_text("utf-8"))
     found = env(made, "turtle")
     assert found["CUSTOM_ENV"] == "PRODUCTION"

@@ -1,4 +1,4 @@
-"""examples/peer-shape shows every key of the peer's, and passes the check."""
+"""examples/src-plugin shows every key of src.plugin's, and passes the check."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import yaml
 from rigel_k8s.jobs import registry
 from rigel_k8s.rigelfile import check_file
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "peer-shape" / "Rigelfile"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "src-plugin" / "Rigelfile"
 
-#: What the peer's plugin reads, as dotted paths; lists are entered.
+#: What src.plugin reads, as dotted paths; lists are entered.
 PEER = """
 deploy_ros_master namespace deployment_name application_image ros_master_image
 readiness.command readiness.initial_delay_seconds readiness.period_seconds readiness.timeout_seconds

@@ -56,7 +56,7 @@ def run(context: str, namespace: str, base_image: str, tmp_path: Path) -> Run:
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda path: path.stem)
 def test_kubernetes_accepts_every_golden_shape(
-    cluster: Any, namespace: str, multus: None, shape: Path
+    cluster: Any, multus: None, namespace: str, shape: Path
 ) -> None:
     """A server-side dry run takes each object as it is."""
     for item in yaml.safe_load_all(shape.read_text("utf-8")):

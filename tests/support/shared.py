@@ -6,6 +6,7 @@ RIGEL_TEST_RUN. What is done once is done under a lock in there.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 import subprocess
@@ -14,8 +15,9 @@ import tempfile
 from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
+from typing import IO
 
-from rigel_k8s.cache import locked
+from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
@@ -28,21 +30,38 @@ __all__ = ["NAME", "begin", "built", "end", "mine", "once", "possible", "start_c
 NAME = "test"
 RUN = "RIGEL_TEST_RUN"
 BUILT = "RIGEL_TEST_BUILT"
+ALONE = "RIGEL_TEST_ALONE"
 #: Seconds: what a cluster is made of may have to be built.
 BUILDS = 3600
+
+_held: list[IO[str]] = []
 
 
 def begin() -> None:
     """Make the run's directory, in the process that the user started.
 
     The tests have a kubeconfig of their own in it, as `cluster up` changes the current context.
+    Of two runs on one machine the first has the cluster.
     """
+    os.environ[ALONE] = str(int(lock()))
     os.environ[RUN] = tempfile.mkdtemp(prefix="rigel-test-")
     needed = [*components.GO_BUILDS, *chain.from_iterable(components.ON_REQUEST.values())]
     upstream = Upstream.of(None)
     os.environ[BUILT] = str(int(all(build.find(upstream) for build in needed)))
     if not os.environ.get("RIGEL_TEST_CONTEXT"):
         os.environ["KUBECONFIG"] = str(directory() / "kubeconfig")
+
+
+def lock() -> bool:
+    """Hold a lock file as long as this process lives; return whether no other run has it."""
+    file = cache_dir() / "tests.lock"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    _held.append(file.open("w"))
+    try:
+        fcntl.flock(_held[-1].fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def end() -> None:
@@ -91,7 +110,11 @@ def bring_up() -> None:
     """Run `rigel cluster up`, after `down` where it is one of another shape.
 
     What tests of a run that was killed have left on it is deleted.
+
+    Raises:
+        AssertionError: another run uses it.
     """
+    assert os.environ[ALONE] == "1", "another test run on this machine uses the cluster `test`"
     words = ["cluster", "up", "--name", mine(NAME), "--nodes", "3"]
     words += ["--with", "multus", "--with", "kubectl"]
     if run(*words, check=False) == 2:

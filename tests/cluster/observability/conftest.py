@@ -32,7 +32,7 @@ PATIENCE = 240.0
 
 def until(look: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
     """Return what a look gives as soon as it is anything."""
-    return waiting.until(look, what, patience, every=1)
+    return waiting.until(look, what, patience, every=0.5)
 
 
 @attrs.frozen

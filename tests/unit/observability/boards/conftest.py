@@ -12,7 +12,7 @@ import yaml
 
 from rigel_k8s.cache import cache_dir
 from rigel_k8s.observability.boards import rules
-from rigel_lab.cluster.observability import PROMETHEUS
+from rigel_lab.cluster.components import obtain
 
 
 def every_rule() -> list[dict[str, Any]]:
@@ -38,8 +38,7 @@ def promtool() -> str:
     built = sorted(map(str, Path(cache_dir()).glob("*/prometheus-[0-9]*/promtool")))
     found = os.environ.get("RIGEL_PROMTOOL") or shutil.which("promtool") or (built or [None])[-1]
     if found is None and os.environ.get("RIGEL_TEST_STRICT") == "1":
-        PROMETHEUS.build(print)
-        return PROMETHEUS.programs()["promtool"]
+        return obtain(print, ["observability"]).program("promtool")
     if found is None:
         pytest.skip("no promtool: set RIGEL_PROMTOOL, or `rigel cluster up --with observability`")
     return found

@@ -12,7 +12,7 @@ import click
 from rigel_k8s.cli.words import json_option, print_json, quiet
 
 if TYPE_CHECKING:
-    from rigel_lab.cluster import ClusterStatus
+    from rigel_k8s.lab import ClusterStatus
 
 __all__ = ["cluster"]
 
@@ -21,7 +21,7 @@ def complete_name(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[str]:  # pragma: no cover - called by the shell
     """Return the clusters that there are."""
-    from rigel_lab import cluster as localcluster
+    from rigel_k8s.lab import cluster as localcluster
 
     return [name for name in localcluster.names() if name.startswith(incomplete)]
 
@@ -125,7 +125,7 @@ def tell_offers(status: ClusterStatus) -> None:
 @click.pass_context
 def down(ctx: click.Context, /, name: str) -> None:
     """End a cluster and remove everything of it, its volumes and images too."""
-    from rigel_lab import cluster as localcluster
+    from rigel_k8s.lab import cluster as localcluster
 
     there_was = localcluster.down(name, report=steps(ctx))
     click.echo(f"Cluster {name} is gone" if there_was else f"There is no cluster {name}")
@@ -136,7 +136,7 @@ def down(ctx: click.Context, /, name: str) -> None:
 @json_option
 def status(name: str, output: str) -> int:
     """Show a cluster: nodes, context, registry. Exit code 1 where it does not run."""
-    from rigel_lab import cluster as localcluster
+    from rigel_k8s.lab import cluster as localcluster
 
     found = localcluster.status(name)
     if output == "json":
@@ -164,7 +164,7 @@ def status(name: str, output: str) -> int:
 @click.pass_context
 def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
     """Put images of podman or docker, or of tar files, onto every node."""
-    from rigel_lab import cluster as localcluster
+    from rigel_k8s.lab import cluster as localcluster
 
     localcluster.load(images, name, report=steps(ctx))
 
@@ -173,7 +173,7 @@ def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
 @name_option
 def kubeconfig(name: str) -> None:
     """Print a kubeconfig of the cluster alone."""
-    from rigel_lab import cluster as localcluster
+    from rigel_k8s.lab import cluster as localcluster
 
     click.echo(localcluster.kubeconfig_text(name), nl=False)
 

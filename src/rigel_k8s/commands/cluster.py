@@ -8,8 +8,8 @@ from pathlib import Path
 
 import attrs
 
-from rigel_lab import cluster as localcluster
-from rigel_lab.images import exporter
+from rigel_k8s.lab import cluster as localcluster
+from rigel_k8s.lab import exporter
 
 __all__ = ["ros_exporter", "up"]
 

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from rigel_k8s.jobs.job import JobReporter
-from rigel_lab import cluster as localcluster
-from rigel_lab.images import exporter, ros1base, ros2base
-from rigel_lab.images.base.build import BaseImage
-from rigel_lab.images.base.engine import load
-from rigel_lab.images.base.engine import push as push_image
+from rigel_k8s.lab import BaseImage, exporter, load_image, push_image, ros1base, ros2base
+from rigel_k8s.lab import cluster as localcluster
 
 __all__ = ["ros1_base", "ros2_base", "ros_exporter"]
 
@@ -33,7 +30,7 @@ def ros_exporter(report: JobReporter, *, push: str | None, force: bool) -> str:
 
 def _deliver(image: BaseImage, push: str | None, report: JobReporter) -> str:
     if push is None:
-        load(image, report)
+        load_image(image, report)
         return image.reference
     registry = push.split("/", 1)[0]
     push_image(image, push, report, plain_http=registry in localcluster.registries())

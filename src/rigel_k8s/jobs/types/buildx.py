@@ -151,7 +151,7 @@ def _session(options: BuildXOptions, build: Build, job: JobContext, directory: P
     if options.insecure:
         insecure.add(registry)
     if is_private(registry) or any(map(_names_private, build.buildargs.values())):
-        from rigel_lab import cluster as localcluster
+        from rigel_k8s.lab import cluster as localcluster
 
         insecure |= localcluster.registries()
     return Session(

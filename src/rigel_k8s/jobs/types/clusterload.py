@@ -10,8 +10,8 @@ from pathlib import Path
 
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.images.process import stream
+from rigel_k8s.lab import cluster as localcluster
 from rigel_k8s.settings import Settings
-from rigel_lab import cluster as localcluster
 
 __all__ = ["current_context", "load_archive"]
 

@@ -1,0 +1,24 @@
+"""The one way from this package to rigel_lab: local clusters, and images made from packages.
+
+Whoever needs it imports it late: most commands run on a cluster that is there already.
+"""
+
+from __future__ import annotations
+
+from rigel_lab import cluster
+from rigel_lab.cluster import ClusterStatus
+from rigel_lab.images import exporter, ros1base, ros2base
+from rigel_lab.images.base.build import BaseImage
+from rigel_lab.images.base.engine import load as load_image
+from rigel_lab.images.base.engine import push as push_image
+
+__all__ = [
+    "BaseImage",
+    "ClusterStatus",
+    "cluster",
+    "exporter",
+    "load_image",
+    "push_image",
+    "ros1base",
+    "ros2base",
+]

@@ -17,8 +17,8 @@ from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
 
 __all__ = ["age", "status_json", "status_text", "table"]
 
-#: In the words of inpod/ready.py: nothing in ROS 1 registers such a node again.
-ORPHAN = "is an orphan"
+#: The kind of a node that its roscore has forgotten: nothing in ROS 1 registers it again.
+ORPHAN = "orphan"
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -87,7 +87,7 @@ def unready(workload: WorkloadStatus) -> list[PodStatus]:
 
 def way_out(found: ReleaseStatus) -> str:
     """Return the command that brings nodes back which roscore has forgotten."""
-    orphans = [w.name for w in found.workloads if any(ORPHAN in p.message for p in unready(w))]
+    orphans = [w.name for w in found.workloads if any(pod.kind == ORPHAN for pod in unready(w))]
     if not orphans:
         return ""
     names = " ".join(orphans)

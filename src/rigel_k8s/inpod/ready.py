@@ -144,7 +144,9 @@ class Look(object):
         return {entry[0] for entry in value} if code == "1" else set()
 
     def _orphan(self, node, what):
-        text = "%s is an orphan: the ROS master at %s has restarted and %s; restart this pod"
+        text = (
+            "%s is an orphan: the ROS master at %s has restarted and %s; restart this pod [orphan]"
+        )
         return text % (node, self.master.uri, what)
 
     # -- nodes that no look has found so far --

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -23,6 +24,8 @@ from rigel_k8s.release.types import ReleaseId
 __all__ = ["PodStatus", "ReleaseStatus", "WorkloadStatus", "status"]
 
 Live = dict[str, Any]
+#: What a probe says last, where programs are to know what kind of failure it is.
+KIND = re.compile(r"\[([a-z-]+)\]$")
 KINDS = (
     ("apps/v1", "Deployment"),
     ("apps/v1", "DaemonSet"),
@@ -40,6 +43,7 @@ class PodStatus:
     Attributes:
         node: the cluster node that it runs on, "" before one takes it.
         message: why it is not ready, "" where it is.
+        kind: what kind of failure its probe named, in brackets at the end of what it said.
         created: when it was made, as Kubernetes writes times.
         image: that of its first container.
     """
@@ -53,6 +57,7 @@ class PodStatus:
     message: str
     created: str
     image: str = ""
+    kind: str = ""
 
 
 @attrs.frozen
@@ -170,6 +175,7 @@ def of_workload(
 def of_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
     """Return the state of one pod."""
     meta, state = pod["metadata"], pod.get("status") or {}
+    kind = KIND.search("" if is_ready(pod) else probe_failure(pod, events))
     return PodStatus(
         meta["name"],
         (pod.get("spec") or {}).get("nodeName", ""),
@@ -180,6 +186,7 @@ def of_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
         "" if is_ready(pod) else why(pod, events),
         meta.get("creationTimestamp", ""),
         next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
+        kind.group(1) if kind else "",
     )
 
 

@@ -311,5 +311,6 @@ def removed(path: Path) -> bool:
 
 @pytest.fixture(scope="module")
 def before(host: Host) -> dict[str, list[str]]:
-    """What the machine was like."""
+    """What the machine was like, without what a run that was killed has left."""
+    remove_cgroups()
     return host.snapshot()

@@ -175,10 +175,14 @@ def test_an_unnamed_topic_has_no_subscriber_and_the_named_ones_rate_is_right(dem
     """The master itself is asked; 10 messages a second are counted as 10."""
     name = 'ros_topic_messages_total{topic="/chatter"}'
     eventually("the named topic is heard", lambda: demo.metrics()[name] > 0)
-    began, first = time.monotonic(), demo.metrics()[name]
-    eventually("50 messages are heard", lambda: demo.metrics()[name] > first + 50)
-    rate = (demo.metrics()[name] - first) / (time.monotonic() - began)
-    assert rate == pytest.approx(10, rel=0.4)
+
+    def rate() -> float:
+        began, first = time.monotonic(), demo.metrics()[name]
+        eventually("50 messages are heard", lambda: demo.metrics()[name] > first + 50)
+        return (demo.metrics()[name] - first) / (time.monotonic() - began)
+
+    # A busy machine lets the talker be late for a while; one that counts twice is never right.
+    eventually("10 a second are counted as 10", lambda: rate() == pytest.approx(10, rel=0.4))
     subscribers = json.loads(demo.run("talker", "python3", "-c", SUBSCRIBERS))
     assert "/unnamed" not in subscribers
     assert sorted(subscribers["/chatter"]) == ["/listener", "/ros_exporter"]

@@ -55,6 +55,7 @@ def test_a_lack_of_memory_is_told(cluster: Any, make: Any, report: Any) -> None:
     """OOMKilled is no mere exit code 137."""
     hog = make.deployment(
         command="x=0123456789; while true; do x=$x$x; done",
+        readinessProbe={"exec": {"command": ["false"]}},
         resources={"limits": {"memory": "16Mi"}},
     )
     assert "OOMKilled" in failure(cluster, make, report, hog)
@@ -109,8 +110,8 @@ def test_a_node_that_is_never_ready_is_told_with_the_probes_words(
 ) -> None:
     """At the end of the time the last probe failure is the reason."""
     probe = {"exec": {"command": ["sh", "-c", "echo no master; exit 1"]}, "periodSeconds": 1}
-    told = failure(cluster, make, report, make.deployment(readinessProbe=probe), timeout=6.0)
-    assert "1 of 1 not ready within 6 s: talker" in told
+    told = failure(cluster, make, report, make.deployment(readinessProbe=probe), timeout=20.0)
+    assert "1 of 1 not ready within 20 s: talker" in told
     assert "Readiness probe failed: no master" in told
 
 

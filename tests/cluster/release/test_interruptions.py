@@ -18,6 +18,7 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import deploy, down, history
 from rigel_k8s.release.lease import held, lease_ref
+from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
 
@@ -154,6 +155,12 @@ def test_a_lease_of_another_machine_is_taken_over_when_it_expires(
     assert cluster.get(ref) is None
 
 
+def is_running(cluster: Any, namespace: str, name: str) -> bool:
+    pod = cluster.get(ObjectRef("v1", "Pod", namespace, name)) or {}
+    states = pod.get("status", {}).get("containerStatuses") or []
+    return any("running" in state["state"] for state in states)
+
+
 def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     cluster: Any, make: Any, report: Any
 ) -> None:
@@ -168,7 +175,9 @@ def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     assert [r.status for r in history(cluster, make.release)] == ["pending"]
     assert cluster.get(lease_ref(make.release)) is None
     pods = cluster.list("v1", "Pod", make.namespace, labels={RELEASE_LABEL: "demo"})
-    cluster.run(make.namespace, pods[0]["metadata"]["name"], ["sh", "-c", ": > /ready"])
+    name = pods[0]["metadata"]["name"]
+    until(lambda: is_running(cluster, make.namespace, name), "the pod runs")
+    cluster.run(make.namespace, name, ["sh", "-c", ": > /ready"])
     deploy(wanted, cluster, report=report)
     assert [r.status for r in history(cluster, make.release)] == ["failed", "good"]
 

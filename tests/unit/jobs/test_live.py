@@ -132,7 +132,7 @@ ROOT = Path(__file__).parents[3]
 PROGRAM = """
 import sys, threading
 from rigel_k8s.errors import Interrupted
-from rigel_k8s.jobs.execution import Surroundings
+from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.providers import Declared
 from rigel_k8s.jobs.steps import Jobs
@@ -163,7 +163,7 @@ def deaf(job):
     say("running")
     threading.Event().wait()
 
-around = Surroundings(Application("noetic"), Settings(), Report(), lambda j, d: ({}, {}),
+around = RunContext(Application("noetic"), Settings(), Report(), lambda j, d: ({}, {}),
                       lambda s, d: {}, grace=float(sys.argv[2]))
 job = make_job("work", {"listens": listens, "deaf": deaf}[sys.argv[1]])
 try:

@@ -187,7 +187,7 @@ def test_adopt_reaches_the_deploy(run: Any, fake: FakeCluster) -> None:
 
 def test_errors_of_the_preflight_end_the_deploy(report: Recorder) -> None:
     """Warnings are told; all errors are in one."""
-    finding = preflight.Finding
+    finding = preflight.PreflightFinding
     beware = finding("mtu", "the MTU is odd", "mind it", severity="warning")
     preflight.tell([beware], report)
     assert report.warnings == ["the MTU is odd: mind it"]

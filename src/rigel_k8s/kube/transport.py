@@ -185,15 +185,17 @@ class Transport:
         return Stream(connection, response, sock)
 
     def goes_on(self, path: str, seconds: float) -> bool:
-        """Whether the answer to a GET has not ended within some seconds; what is none has not."""
-        deadline = time.monotonic() + seconds
+        """Whether the answer to a GET has not ended some seconds after it began.
+
+        What is no answer has not. Connecting does not count: it takes long on a busy machine.
+        """
         try:
             opened = self.stream(path, "follow an answer", timeout=seconds, patience=seconds)
         except ClusterError:
             return True
         if isinstance(opened, Answer):
             return True
-        timer = threading.Timer(deadline - time.monotonic(), opened.abort)
+        timer = threading.Timer(seconds, opened.abort)
         timer.daemon = True
         timer.start()
         for _ in opened.lines():

@@ -13,6 +13,7 @@ from rigel_k8s.exporter import dds_ways
 from rigel_k8s.exporter.dds import Domain
 from rigel_k8s.inpod import rtps
 from tests.support.ddspeer import peer, some_domain
+from tests.support.until import until
 
 DOMAIN = some_domain()
 
@@ -39,7 +40,8 @@ def test_a_peer_is_asked_told_of_and_forgotten() -> None:
             [node] = domain.look().nodes
             assert (node.up, node.registered, node.address) == (True, True, "127.0.0.1")
             other.leave(other.heard[0][0])
-            other.until(lambda: names() == [], "the peer is forgotten")
+            # Not answering meanwhile: it would be back before it is seen to be gone.
+            until(lambda: names() == [], "the peer is forgotten", 20, every=0.02)
             other.until(lambda: names() == ["other"], "it is asked again and comes back")
         other.until(lambda: any(leaves for _, leaves in other.heard), "our farewell")
     prefixes = {told.prefix for told, _ in other.heard}

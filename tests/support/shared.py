@@ -70,6 +70,8 @@ def end() -> None:
         if os.environ.get("RIGEL_TEST_KEEP") != "1":
             run("cluster", "down", "--name", cluster.stem)
     shutil.rmtree(directory())
+    while _held:
+        _held.pop().close()
 
 
 def mine(name: str) -> str:

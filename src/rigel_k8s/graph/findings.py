@@ -10,8 +10,9 @@ import attrs
 from rigel_k8s.graph.looks import Observation
 from rigel_k8s.graph.members import Member
 from rigel_k8s.graph.paths import Paths, deaf_findings, paths
-from rigel_k8s.graph.words import GraphFinding, join_words
+from rigel_k8s.graph.words import GraphFinding
 from rigel_k8s.network.modes.peers import peer_name
+from rigel_k8s.objects.text import join_words
 
 __all__ = ["DiscoveryGraph", "PodGraph", "graph"]
 

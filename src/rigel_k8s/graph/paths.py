@@ -9,7 +9,8 @@ import attrs
 
 from rigel_k8s.graph.looks import Observation
 from rigel_k8s.graph.members import Member
-from rigel_k8s.graph.words import GraphFinding, join_words
+from rigel_k8s.graph.words import GraphFinding
+from rigel_k8s.objects.text import join_words
 
 __all__ = ["Paths", "deaf_findings", "paths"]
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import attrs
 
-__all__ = ["GraphFinding", "join_words"]
-
-MOST = 6  # names in a line; who wants all reads `rigel status -o json`
+__all__ = ["GraphFinding"]
 
 
 @attrs.frozen
@@ -30,11 +28,3 @@ class GraphFinding:
 
     def __str__(self) -> str:
         return f"{self.message}; {self.remedy}" if self.remedy else self.message
-
-
-def join_words(names: Iterable[str]) -> str:
-    """Return names in words: a, b and c; a long list is cut."""
-    found = list(names)
-    if len(found) > MOST:
-        return f"{', '.join(found[:MOST])} and {len(found) - MOST} more"
-    return " and ".join(filter(None, [", ".join(found[:-1]), *found[-1:]]))

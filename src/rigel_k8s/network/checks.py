@@ -6,7 +6,7 @@ Whether the cluster has what a mode needs is asked before a deploy, in preflight
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import attrs
 
@@ -15,6 +15,7 @@ from rigel_k8s.network.modes import MODES, mode_of
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.network.rangechecks import check_ranges
 from rigel_k8s.objects.naming import Ros
+from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 
 __all__ = ["check_install", "check_options"]
@@ -62,11 +63,6 @@ def check_keys(network: Network) -> Iterator[Problem]:
             yield Problem(("network", key), message, "foreign-key", at_key=True)
         elif key in OF_RANGES and (reason := nobody_asks(network)):
             yield Problem(("network", key), reason, "foreign-key", at_key=True)
-
-
-def join_words(modes: Sequence[str]) -> str:
-    """Return modes as a sentence has them."""
-    return " and ".join(filter(None, [", ".join(modes[:-1]), modes[-1]]))
 
 
 def nobody_asks(network: Network) -> str | None:

@@ -1,16 +1,26 @@
-"""Command lines as text."""
+"""Command lines and lists of names as text."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rigel_k8s.option_text import text_of
 
-__all__ = ["words"]
+__all__ = ["join_words", "words"]
+
+MOST = 6  # names in a line; who wants all reads `rigel status -o json`
 
 
 def words(command: str | Sequence[Any]) -> list[str]:
     """Return a command line as a list; text is split as a shell splits it (ValueError)."""
     return shlex.split(command) if isinstance(command, str) else [text_of(w) for w in command]
+
+
+def join_words(names: Iterable[str]) -> str:
+    """Return names in words: a, b and c; a long list is cut."""
+    found = list(names)
+    if len(found) > MOST:
+        return f"{', '.join(found[:MOST])} and {len(found) - MOST} more"
+    return " and ".join(filter(None, [", ".join(found[:-1]), *found[-1:]]))

@@ -16,8 +16,9 @@ from rigel_k8s.graph import looks as graph_looks
 from rigel_k8s.graph.findings import DiscoveryGraph, graph
 from rigel_k8s.graph.looks import ANNOUNCERS, Observation, commands, look
 from rigel_k8s.graph.members import Member, members
-from rigel_k8s.graph.words import GraphFinding, join_words
+from rigel_k8s.graph.words import GraphFinding
 from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.objects.text import join_words
 from rigel_k8s.release.types import ReleaseId
 from tests.support.recorder import Recorder
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import attrs
 
-__all__ = ["INSTALL", "PreflightFinding", "by_text", "join_words"]
+__all__ = ["INSTALL", "PreflightFinding", "by_text", "list_some"]
 
 #: What brings Multus, whereabouts and the CNI programs.
 INSTALL = "`network: {install: true}` in the Rigelfile brings it, as does `rigel network install`"
@@ -31,7 +31,7 @@ class PreflightFinding:
     fault: Literal["rigelfile", "cluster"] = "cluster"
 
 
-def join_words(items: Iterable[object], most: int = 5) -> str:
+def list_some(items: Iterable[object], most: int = 5) -> str:
     """Return items with commas; of many the first ones and how many more there are."""
     texts = [str(item) for item in items]
     more = len(texts) - most

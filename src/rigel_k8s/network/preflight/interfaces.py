@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import PreflightFinding, by_text, join_words
+from rigel_k8s.network.preflight.finding import PreflightFinding, by_text, list_some
 from rigel_k8s.network.preflight.machine import Interface, MachineFacts
 
 __all__ = ["interfaces"]
@@ -46,7 +46,7 @@ def _missing(found: Found) -> Iterator[PreflightFinding]:
     if nameless:
         yield PreflightFinding(
             "interface-unsaid",
-            f"no interface is named, and {join_words(nameless)} has no default route to take it"
+            f"no interface is named, and {list_some(nameless)} has no default route to take it"
             " from",
             "name it in `network.interface`",
             fault="rigelfile",
@@ -60,7 +60,7 @@ def _missing(found: Found) -> Iterator[PreflightFinding]:
         verb = "has" if len(nodes) == 1 else "have"
         yield PreflightFinding(
             "interface-missing",
-            f"{join_words(nodes)} {verb} no interface {text}",
+            f"{list_some(nodes)} {verb} no interface {text}",
             "`network.interface` must be there on every machine that pods may run on; `placement`"
             " keeps them away from the others",
             fault="rigelfile",
@@ -69,7 +69,7 @@ def _missing(found: Found) -> Iterator[PreflightFinding]:
 
 def _usable(facts: MachineFacts) -> str:
     names = sorted(name for name in facts.interfaces if not name.startswith(OTHERS))
-    return join_words(
+    return list_some(
         (f"{n} (wireless)" if facts.interfaces[n].wireless else n for n in names), most=8
     )
 
@@ -78,7 +78,7 @@ def _unfit(one: Attachment, there: Mapping[str, Interface]) -> Iterator[Prefligh
     for rule in (_wireless, _not_ethernet, _down, _no_carrier, _mtu):
         said: dict[PreflightFinding, None] = {}
         for i in dict.fromkeys(there.values()):
-            nodes = join_words(node for node, other in there.items() if other == i)
+            nodes = list_some(node for node, other in there.items() if other == i)
             said |= dict.fromkeys(rule(one, i, f"{i.name} of {nodes}"))
         yield from said
 
@@ -167,7 +167,7 @@ def _used_by_other(
         )
         if pods:
             what = f"{other.master or 'the default interface'} carries {other.program} already"
-            yield _collision(one, f"{what}, by {other.key} (used by {join_words(pods, most=3)})")
+            yield _collision(one, f"{what}, by {other.key} (used by {list_some(pods, most=3)})")
 
 
 def _collision(one: Attachment, what: str) -> PreflightFinding:

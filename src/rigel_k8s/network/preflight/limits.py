@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import PreflightFinding, join_words
+from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
 from rigel_k8s.network.preflight.wanted import selected
 
 __all__ = ["buffers", "neighbours", "policies"]
@@ -34,7 +34,7 @@ def buffers(case: Case) -> Iterator[PreflightFinding]:
         settings = " ".join(f"{name}={ADVISED}" for name in BUFFERS)
         yield PreflightFinding(
             "small-buffers",
-            f"messages of 1 MB and more may be lost on {join_words(nodes)}: {small[nodes[0]]}",
+            f"messages of 1 MB and more may be lost on {list_some(nodes)}: {small[nodes[0]]}",
             f"`sysctl -w {settings}` on the machine (on k3s too: the machine's own, not a pod's),"
             f" and in {FILE}",
             severity="warning",
@@ -65,7 +65,7 @@ def _fragments(case: Case) -> Iterator[PreflightFinding]:
         yield PreflightFinding(
             "fragments",
             f"by radio, fragments that get lost may block large messages for 30 s on"
-            f" {join_words(nodes)}",
+            f" {list_some(nodes)}",
             "`sysctl -w net.ipv4.ipfrag_time=3 net.ipv4.ipfrag_high_thresh=134217728` on the"
             f" machine, and in {FILE}",
             severity="warning",
@@ -86,7 +86,7 @@ def neighbours(case: Case) -> Iterator[PreflightFinding]:
             yield PreflightFinding(
                 "neighbours",
                 f"{pods} pods on {len(nodes)} machines that talk with each other need about"
-                f" {needed} neighbours on each, and {join_words(small)} can keep"
+                f" {needed} neighbours on each, and {list_some(small)} can keep"
                 f" {min(small.values())} ({NEIGHBOURS}) for all pods together: what goes to"
                 " others is dropped without a word",
                 f"`sysctl -w {NEIGHBOURS}={ROOM * needed}` on the machine, and in {FILE}",
@@ -108,8 +108,7 @@ def policies(case: Case) -> Iterator[PreflightFinding]:
     where = "the machine's network (`mode: host`)" if host else "the second interface"
     yield PreflightFinding(
         "network-policy",
-        f"NetworkPolicy {join_words(found)} selects pods of this release and does not cover"
-        f" {where}",
+        f"NetworkPolicy {list_some(found)} selects pods of this release and does not cover {where}",
         "whoever is on that network reaches all their ports: keep it apart by a VLAN or a firewall"
         " of the machines" + ("" if host else ", or use MultiNetworkPolicy"),
         severity="warning",

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rigel_k8s.network.multus.machines import STANDARD
 from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import INSTALL, PreflightFinding, by_text, join_words
+from rigel_k8s.network.preflight.finding import INSTALL, PreflightFinding, by_text, list_some
 
 __all__ = ["clouds", "presence", "programs"]
 
@@ -35,7 +35,7 @@ def presence(case: Case) -> Iterator[PreflightFinding]:
         )
     yield from _daemons(case)
     known = {*case.view.attachments, *case.own, *case.view.unread}
-    there = join_words(sorted(case.view.attachments)) or "none"
+    there = list_some(sorted(case.view.attachments)) or "none"
     for key in (key for key in case.keys if key not in known):
         yield PreflightFinding(
             "attachment-missing",
@@ -54,7 +54,7 @@ def _daemons(case: Case) -> Iterator[PreflightFinding]:
     if lacking:
         yield PreflightFinding(
             "multus-not-on-node",
-            f"no Multus daemon runs on {join_words(lacking)}, where pods of the release may run",
+            f"no Multus daemon runs on {list_some(lacking)}, where pods of the release may run",
             f"{INSTALL}; or keep the pods away from there with `placement`",
         )
     for node in nodes:
@@ -80,7 +80,7 @@ def clouds(case: Case) -> Iterator[PreflightFinding]:
     for provider, nodes in by_text(found).items():
         yield PreflightFinding(
             "cloud",
-            f"{join_words(nodes)} {'is' if len(nodes) == 1 else 'are'} of {provider}: virtual"
+            f"{list_some(nodes)} {'is' if len(nodes) == 1 else 'are'} of {provider}: virtual"
             " networks usually drop what comes from macvlan's further MAC addresses, without a"
             " word",
             "allow it there (forged transmits, port security), or `mode: peers` or"
@@ -105,11 +105,11 @@ def _missing_programs(case: Case, one: Attachment) -> Iterator[PreflightFinding]
         there = frozenset().union(*facts.programs.values())
         names = [name for name in needed if name not in there] if facts.programs else []
         if names:
-            lacking[node] = f"{join_words(names)} (looked into {join_words(facts.programs)})"
+            lacking[node] = f"{list_some(names)} (looked into {list_some(facts.programs)})"
             remedies[lacking[node]] = _bringing(names)
     for text, nodes in by_text(lacking).items():
         verb = "lacks" if len(nodes) == 1 else "lack"
-        message = f"{join_words(nodes)} {verb} CNI programs: {text}"
+        message = f"{list_some(nodes)} {verb} CNI programs: {text}"
         yield PreflightFinding("program-missing", message, remedies[text])
 
 
@@ -130,7 +130,7 @@ def _missing_in_kernel(case: Case, one: Attachment) -> Iterator[PreflightFinding
     if nodes:
         yield PreflightFinding(
             "kernel",
-            f"the kernel of {join_words(nodes)} was built without {one.program}",
+            f"the kernel of {list_some(nodes)} was built without {one.program}",
             f"a kernel with CONFIG_{one.program.upper()},"
             f" or another `network.mode`: {_other(one.program)}",
         )
@@ -147,7 +147,7 @@ def _dhcp(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     if nodes:
         yield PreflightFinding(
             "dhcp-daemon",
-            f"the daemon of the CNI program dhcp does not run on {join_words(nodes)}"
+            f"the daemon of the CNI program dhcp does not run on {list_some(nodes)}"
             " (nobody listens at /run/cni/dhcp.sock)",
             "`network: {install: true}` or `rigel network install --dhcp` runs it; or `ipam:"
             " whereabouts`",

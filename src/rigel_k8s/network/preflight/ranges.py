@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from rigel_k8s.network.preflight.attachments import Attachment, Range, subnet
 from rigel_k8s.network.preflight.case import Case, Taken, addresses_of
-from rigel_k8s.network.preflight.finding import PreflightFinding, join_words
+from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
 from rigel_k8s.network.preflight.machine import Address, Subnet
 
 __all__ = ["ranges", "room"]
@@ -46,11 +46,11 @@ def _asked_in_vain(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
 def _cluster_networks(case: Case, given: Range) -> Iterator[PreflightFinding]:
     pods = [f"{text} ({node})" for node, text in _pod_networks(case) if _overlap(given, text)]
     if pods:
-        yield _overlapping("pod-network", given, f"the pod network: {join_words(pods)}")
+        yield _overlapping("pod-network", given, f"the pod network: {list_some(pods)}")
     services = [str(text) for text in case.view.services if _overlap(given, text)]
     if services:
         yield _overlapping(
-            "service-network", given, f"the Services' network: {join_words(services)}"
+            "service-network", given, f"the Services' network: {list_some(services)}"
         )
 
 
@@ -113,7 +113,7 @@ def _machines(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFi
     if stolen:
         yield PreflightFinding(
             "machine-address",
-            f"pods would be given addresses that machines have: {join_words(stolen)}",
+            f"pods would be given addresses that machines have: {list_some(stolen)}",
             KEEP_OFF,
             fault="rigelfile",
         )
@@ -170,7 +170,7 @@ def _other_pods(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     if clashing:
         yield PreflightFinding(
             "address-taken",
-            f"pods would be given addresses that other pods have: {join_words(clashing)}",
+            f"pods would be given addresses that other pods have: {list_some(clashing)}",
             KEEP_OFF,
             fault="rigelfile",
         )
@@ -191,7 +191,7 @@ def room(case: Case) -> Iterator[PreflightFinding]:
 def _host_local(nodes: list[str]) -> PreflightFinding:
     return PreflightFinding(
         "host-local",
-        f"host-local counts on each machine for itself, and pods may run on {join_words(nodes)}:"
+        f"host-local counts on each machine for itself, and pods may run on {list_some(nodes)}:"
         " two of them would get one address",
         "`ipam: whereabouts`, or `placement.node` to keep all pods on one machine",
         fault="rigelfile",
@@ -217,7 +217,7 @@ def _too_few(
         yield PreflightFinding(
             "addresses-run-out",
             f"{pods} pods want an address, and of the {least.size} from {least} others have"
-            f" {len(others)}: {join_words((t.pod for t in others), most=3)}",
+            f" {len(others)}: {list_some((t.pod for t in others), most=3)}",
             "a larger `network.subnet`, or end some of those; `kubectl get ippools -A -o yaml`"
             " shows who has which",
         )

@@ -345,7 +345,8 @@ def test_a_failing_command_is_shown_with_all_that_it_printed(
     monkeypatch.setenv("XDG_CACHE_HOME", str(project / "cache"))
     script = "echo the cause; seq 100; exit 3"
     (project / "Dockerfile").write_text(
-        f"FROM {base_image}\nRUN echo $((1 + 1)) steps\nRUN {script}\nRUN echo after\n"
+        f"FROM {base_image}\nRUN echo {uuid.uuid4()} $((1 + 1)) steps\n"  # in no layer cache
+        f"RUN {script}\nRUN echo after\n"
     )
     with pytest.raises(CommandFailed, match=r"exit code 3") as caught:
         build(project, "localhost/failing:1")

@@ -5,6 +5,7 @@ Every cause has a kind; wait.py knows how much patience each kind deserves.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -24,6 +25,9 @@ EVENTS = {
     "FailedCreatePodSandBox": "sandbox",
     "NetworkNotReady": "sandbox",
 }
+#: A kubelet that has not yet read the pod's ConfigMaps and Secrets says so when it is busy, and
+#: tries again. One that does not exist is reported as "not found".
+BUSY = re.compile(r"failed to sync (configmap|secret) cache")
 
 
 @attrs.frozen
@@ -204,16 +208,17 @@ def of_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
     name, status = pod["metadata"]["name"], pod.get("status") or {}
     started = any(map(is_past_mounts, containers(status)))
     for event in about(pod, events):
-        kind = EVENTS.get(event["reason"], "")
-        if kind and not started:
-            yield Cause(kind, f"{event['reason']}: {event.get('message', '')}", name)
+        kind, message = EVENTS.get(event["reason"], ""), event.get("message") or ""
+        if kind and not started and not BUSY.search(message):
+            yield Cause(kind, f"{event['reason']}: {message}", name)
 
 
 def is_past_mounts(container: Mapping[str, Any]) -> bool:
     """Whether a pod is there, with its volumes: a container has run, or waits for its image."""
-    waiting = (container.get("state") or {}).get("waiting") or {}
-    pulls = waiting.get("reason") in IMAGE
-    return bool(container.get("started") or container.get("lastState") or pulls)
+    state = container.get("state") or {}
+    pulls = (state.get("waiting") or {}).get("reason") in IMAGE
+    runs = "running" in state or "terminated" in state
+    return bool(runs or container.get("lastState") or pulls)
 
 
 def probe_failure(pod: Manifest, events: Iterable[Manifest]) -> str:

@@ -182,10 +182,21 @@ def test_events_tell_mounts_only_until_a_container_has_started() -> None:
     events = [event("uid-p", "FailedMount", "no such file")]
     [found] = causes(live("Deployment", {}), [pod(**container(waiting("x")))], events)
     assert (found.kind, found.message) == ("mount", "FailedMount: no such file")
-    running = pod(**container({"running": {}}, started=True))
+    running = pod(**container({"running": {}}, started=False))  # its startup probe still fails
     assert causes(live("Deployment", {}), [running], events) == []
     pulls = pod(**container(waiting("ErrImagePull", "no such image")))
     assert [one.kind for one in causes(live("Deployment", {}), [pulls], events)] == ["image"]
+
+
+@pytest.mark.parametrize("kind", ["configmap", "secret"])
+def test_a_busy_kubelet_is_no_cause(kind: str) -> None:
+    """It has not read the pod's ConfigMaps yet, and tries again by itself."""
+    busy = f'MountVolume.SetUp failed for volume "x" : failed to sync {kind} cache: timed out'
+    creating = [pod(**container(waiting("ContainerCreating")))]
+    assert causes(live("Deployment", {}), creating, [event("uid-p", "FailedMount", busy)]) == []
+    missing = f'MountVolume.SetUp failed for volume "x" : {kind} "x" not found'
+    events = [event("uid-p", "FailedMount", missing)]
+    assert [one.kind for one in causes(live("Deployment", {}), creating, events)] == ["mount"]
 
 
 def test_the_last_probe_failure_is_the_reason() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 pytest.register_assert_rewrite("tests.support")  # before it is imported
 
-from .lanes import RULES, Lanes, lane_of, turn_of  # noqa: E402
+from .lanes import AFTER, RULES, Lanes, lane_of, turn_of  # noqa: E402
 from .skips import unexpected  # noqa: E402
 from .support import shared  # noqa: E402
 
@@ -72,6 +72,22 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     )
     if first and wanted and not session.config.option.collectonly and shared.possible():
         threading.Thread(target=shared.start_cluster, daemon=True).start()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Wait for the lane that has to be over, if this run has it."""
+    before = AFTER.get(lane_of(item.nodeid))
+    if before and any(lane_of(other.nodeid) == before for other in item.session.items):
+        shared.wait_for_lane(before)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """Tell the other processes that a lane is over."""
+    lane = lane_of(item.nodeid)
+    if lane in AFTER.values() and (nextitem is None or lane_of(nextitem.nodeid) != lane):
+        shared.end_lane(lane)
 
 
 @pytest.hookimpl(trylast=True)

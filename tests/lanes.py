@@ -14,22 +14,28 @@ from xdist.scheduler import LoadScopeScheduling
 
 #: The beginning of a path -> its lane, in the order in which they begin. The longest counts.
 LANES = {
-    "tests/cluster/observability/": "observability",
-    "tests/cluster/observability/test_src_plugin.py": "observability",  # takes the stack away
-    "tests/cluster/ros2/modes/": "ros2 modes",
+    "tests/cluster/observability/test_src_plugin.py": "stack",  # wants that none is there
+    "tests/cluster/observability/test_stack.py": "stack",
+    "tests/cluster/observability/test_existing_loki.py": "stack",
     "tests/cluster/ros2/": "ros2",
-    "tests/cluster/network/test_own_cluster.py": "own clusters",  # leaves it as it was
-    "tests/cluster/network/test_preflight_own.py": "own clusters",  # wants no Multus, leaves it
-    "tests/cluster/network/test_k3s_guide.py": "own clusters",
+    "tests/cluster/ros2/modes/": "ros2 modes",
+    "tests/cluster/network/test_own_cluster.py": "own cluster",  # leaves it as it was
+    "tests/cluster/network/test_preflight_own.py": "own cluster",  # wants no Multus, leaves it
+    "tests/cluster/network/test_k3s_guide.py": "own cluster",
     "tests/cluster/lab/": "machines",
     "tests/cluster/network/": "network",
-    "tests/cluster/observability/test_local_images.py": "images of the stack",
-    "tests/cluster/observability/test_stack_retention.py": "a Loki of its own",
+    "tests/cluster/observability/boards/": "boards",
+    "tests/cluster/observability/test_exporter.py": "exporter",
+    "tests/cluster/observability/reading/": "reading",
+    "tests/cluster/observability/test_ros2.py": "watched ROS 2",
+    "tests/cluster/observability/test_existing.py": "operator",
 }
+#: Lane -> the lane that has to be over when it begins, because that one changes the stack.
+AFTER = dict.fromkeys(("boards", "exporter", "reading", "watched ROS 2", "operator"), "stack")
 #: What begins while the shared cluster starts; what needs no cluster and fills the gaps at the end.
 FIRST, LAST = "tests/unit/", ("tests/ros1/", "tests/ros2/")
-#: Wants promtool, which is built as late as the observability stack.
-RULES = "tests/unit/observability/boards/"
+#: These want promtool and the observability stack, which are built late.
+RULES, STACK = "tests/unit/observability/boards/", "tests/cluster/observability/"
 
 
 class Lanes(LoadScopeScheduling):
@@ -61,4 +67,5 @@ def turn_of(nodeid: str, *, built: bool) -> tuple[int, int]:
     if nodeid.startswith(LAST):
         return (2 if built else 0, 1)
     starts = list(LANES)
-    return (1, starts.index(start) if (start := start_of(nodeid)) else len(starts))
+    place = starts.index(start) if (start := start_of(nodeid)) else len(starts)
+    return (1 if built or not nodeid.startswith(STACK) else 2, place)

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from rigel_lab import cluster
 from rigel_lab.cluster import ClusterStatus
+from rigel_lab.cluster.oci import push_archive
 from rigel_lab.images import exporter, ros1base, ros2base
 from rigel_lab.images.base.build import BaseImage
+from rigel_lab.images.base.engine import forget as forget_image
 from rigel_lab.images.base.engine import load as load_image
 from rigel_lab.images.base.engine import push as push_image
 
@@ -17,7 +19,9 @@ __all__ = [
     "ClusterStatus",
     "cluster",
     "exporter",
+    "forget_image",
     "load_image",
+    "push_archive",
     "push_image",
     "ros1base",
     "ros2base",

@@ -20,7 +20,7 @@ import attrs
 
 __all__ = [
     "FORMAT",
-    "GZIPPED",
+    "UNCOMPRESSED",
     "Blob",
     "Entry",
     "Image",
@@ -37,9 +37,8 @@ __all__ = [
 FORMAT = "2"
 
 _OCI = "application/vnd.oci.image"
-#: The media types of layers.
+#: The media type of a layer that is a plain tar.
 UNCOMPRESSED = f"{_OCI}.layer.v1.tar"
-GZIPPED = f"{UNCOMPRESSED}+gzip"
 
 _CHUNK = 1 << 20
 _PLATFORMS = {
@@ -168,41 +167,34 @@ def compact(value: object) -> bytes:
 
 
 def assemble(
-    config: Mapping[str, Any],
-    layers: Sequence[Blob],
-    *,
-    diff_ids: Sequence[str] = (),
-    created: int | None = None,
-    encode: Callable[[object], bytes] = compact,
+    config: Mapping[str, Any], layers: Sequence[Blob], *, created: int | None = None
 ) -> Image:
     """Return the image of these layers for this machine's architecture.
 
     Args:
         config: the `config` of an OCI image configuration: Entrypoint, Cmd, Env.
-        layers: the lowest first.
-        diff_ids: the digests of the uncompressed layers, where these are not.
+        layers: uncompressed, the lowest first.
         created: seconds since 1970; None: the image does not say when it was made, nor how.
-        encode: writes JSON.
     """
     moment = _moment(created) if created is not None else None
     image: dict[str, Any] = {
         "architecture": architecture(),
         "os": "linux",
         "config": dict(config),
-        "rootfs": {"type": "layers", "diff_ids": list(diff_ids) or [one.digest for one in layers]},
+        "rootfs": {"type": "layers", "diff_ids": [one.digest for one in layers]},
     }
     if moment:
         # buildah refuses to build on an image whose history does not count its layers.
         history = [{"created": moment, "created_by": "rigel-k8s"} for _ in layers]
         image |= {"created": moment, "history": history}
-    configuration = blob(f"{_OCI}.config.v1+json", encode(image))
+    configuration = blob(f"{_OCI}.config.v1+json", compact(image))
     manifest = {
         "schemaVersion": 2,
         "mediaType": f"{_OCI}.manifest.v1+json",
         "config": configuration.descriptor,
         "layers": [one.descriptor for one in layers],
     }
-    return Image(blob(f"{_OCI}.manifest.v1+json", encode(manifest)), configuration, tuple(layers))
+    return Image(blob(f"{_OCI}.manifest.v1+json", compact(manifest)), configuration, tuple(layers))
 
 
 def write_archive(

@@ -7,10 +7,12 @@ tests/unit/images/test_docker.py.
 from __future__ import annotations
 
 import http.client
+import io
 import json
 import shutil
 import socket
 import subprocess
+import tarfile
 import threading
 import time
 import uuid
@@ -24,6 +26,8 @@ from typing import Any, Literal
 import attrs
 import pytest
 
+from rigel_k8s import oci
+from rigel_k8s.commands import images
 from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.registry import DIGESTS, resolve_digest
@@ -39,6 +43,8 @@ from rigel_k8s.jobs.types.dockerfile import (
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Application, Settings
 from rigel_lab import cluster as localcluster
+from rigel_lab.images import exporter
+from rigel_lab.images.base.build import BaseImage
 from tests.support.recorder import Recorder
 from tests.support.until import until
 
@@ -364,6 +370,32 @@ def test_a_registry_that_is_not_there_is_told(project: Path) -> None:
         build(project, "127.0.0.1:1/app:1", push=True)
     assert any("refused" in line for line in caught.value.details)
     podman("rmi", "--force", "127.0.0.1:1/app:1", "127.0.0.1:1/app:latest")
+
+
+def test_a_base_image_that_is_pushed_anew_is_what_is_built_on(
+    registry: str, project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Podman keeps what it once pulled under a name; a new base image of that name counts."""
+    name = f"{registry}/test/{uuid.uuid4().hex}:1"
+    layer = tmp_path / "layer.tar"
+    (project / "Dockerfile").write_text(f"FROM {name}\nCOPY content /content\n")
+    for path in ("first", "second"):
+        layer.write_bytes(oci.layer([oci.Entry(path)], mtime=0))
+        archive = tmp_path / f"{path}.tar"
+        oci.write_archive(archive, [layer], {}, "localhost/x:1", created=0)
+        made = BaseImage("localhost/x:1", archive, built=True)
+        monkeypatch.setattr(exporter, "build", lambda _, made=made, **__: made)
+        assert images.ros_exporter(Recorder(), push=name, force=False) == name
+        build(project, f"localhost/{path}:1")
+    podman("create", "--name", "second", "localhost/second:1", "none")
+    try:
+        files = subprocess.run(["podman", "export", "second"], stdout=subprocess.PIPE, check=True)
+    finally:
+        podman("rm", "second")
+        podman("rmi", "localhost/first:1", "localhost/second:1", name)
+    with tarfile.open(fileobj=io.BytesIO(files.stdout)) as tar:
+        assert {"second", "content"} <= set(tar.getnames())
+        assert "first" not in tar.getnames()
 
 
 def test_an_interrupted_build_leaves_no_process(base_image: str, project: Path) -> None:

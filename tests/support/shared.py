@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
@@ -24,10 +25,25 @@ from rigel_k8s.settings import Settings
 from rigel_lab.cluster import components
 from rigel_lab.cluster.releases import Upstream
 
-__all__ = ["NAME", "begin", "built", "end", "mine", "once", "possible", "start_cluster"]
+__all__ = [
+    "NAME",
+    "STACK",
+    "begin",
+    "built",
+    "directory",
+    "end",
+    "end_lane",
+    "mine",
+    "once",
+    "possible",
+    "start_cluster",
+    "wait_for_lane",
+]
 
 #: The local cluster of the tests.
 NAME = "test"
+#: A file with the namespace of the observability stack, where it is one of this run.
+STACK = "stack"
 RUN = "RIGEL_TEST_RUN"
 BUILT = "RIGEL_TEST_BUILT"
 ALONE = "RIGEL_TEST_ALONE"
@@ -65,7 +81,17 @@ def lock() -> bool:
 
 
 def end() -> None:
-    """End the clusters, unless RIGEL_TEST_KEEP=1, and remove the run's directory."""
+    """End the clusters, unless RIGEL_TEST_KEEP=1, and remove the run's directory.
+
+    The observability stack goes from a cluster that stays.
+    """
+    context, stack = os.environ.get("RIGEL_TEST_CONTEXT"), directory() / STACK
+    if context and stack.exists():
+        namespace = stack.read_text()
+        words = ["observe", "remove", "--volumes", "-y"]
+        run("--context", context, "-n", namespace, *words, check=False)
+        with connect(Settings(context=context)) as cluster:
+            cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
     for cluster in directory().glob("*.cluster"):
         if os.environ.get("RIGEL_TEST_KEEP") != "1":
             run("cluster", "down", "--name", cluster.stem)
@@ -96,6 +122,17 @@ def once(name: str, do: Callable[[], object]) -> None:
         if not (directory() / name).exists():
             do()
             (directory() / name).touch()
+
+
+def end_lane(lane: str) -> None:
+    """Let the lanes that come after this one begin."""
+    (directory() / f"{lane}.over").touch()
+
+
+def wait_for_lane(lane: str) -> None:
+    """Wait until another lane is over; the test's own timeout is the limit."""
+    while not (directory() / f"{lane}.over").exists():
+        time.sleep(0.5)
 
 
 def possible() -> bool:

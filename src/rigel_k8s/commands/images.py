@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+from rigel_k8s.image_reference import parse_reference
 from rigel_k8s.jobs.job import JobReporter
-from rigel_k8s.lab import BaseImage, exporter, load_image, push_image, ros1base, ros2base
+from rigel_k8s.lab import (
+    BaseImage,
+    exporter,
+    forget_image,
+    load_image,
+    push_archive,
+    push_image,
+    ros1base,
+    ros2base,
+)
 from rigel_k8s.lab import cluster as localcluster
 
 __all__ = ["ros1_base", "ros2_base", "ros_exporter"]
@@ -12,19 +22,19 @@ __all__ = ["ros1_base", "ros2_base", "ros_exporter"]
 def ros1_base(
     report: JobReporter, *, variant: ros1base.Variant, push: str | None, force: bool
 ) -> str:
-    """Build (once) the base image, load it into podman or docker, push it; return its name."""
+    """Build (once) the base image; load it into podman or docker, or push it; return its name."""
     return _deliver(ros1base.build(report, variant=variant, force=force), push, report)
 
 
 def ros2_base(
     report: JobReporter, *, distro: ros2base.Distro, push: str | None, force: bool
 ) -> str:
-    """Build (once) the base image, load it into podman or docker, push it; return its name."""
+    """Build (once) the base image; load it into podman or docker, or push it; return its name."""
     return _deliver(ros2base.build(report, distro=distro, force=force), push, report)
 
 
 def ros_exporter(report: JobReporter, *, push: str | None, force: bool) -> str:
-    """Build (once) the image, load it into podman or docker, push it; return its name."""
+    """Build (once) the image; load it into podman or docker, or push it; return its name."""
     return _deliver(exporter.build(report, force=force), push, report)
 
 
@@ -32,6 +42,11 @@ def _deliver(image: BaseImage, push: str | None, report: JobReporter) -> str:
     if push is None:
         load_image(image, report)
         return image.reference
-    registry = push.split("/", 1)[0]
-    push_image(image, push, report, plain_http=registry in localcluster.registries())
+    name = parse_reference(push)
+    if name.registry in localcluster.registries():
+        push_archive(image.archive, f"{name.repository}:{name.version}", name.registry)
+        forget_image(push)  # a cluster that had this address before may have had another image
+        report.progress(push, "pushed", done=True)
+    else:
+        push_image(image, push, report)
     return push

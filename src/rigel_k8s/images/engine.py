@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,9 +10,12 @@ from typing import Protocol
 
 import attrs
 
+from rigel_k8s.image_reference import is_reference, parse_reference
 from rigel_k8s.images.credentials import RegistryCredentials
 
 __all__ = ["Build", "Engine", "Session"]
+
+_FROM = re.compile(r"(?im)^\s*FROM\s+(?:--\S+\s+)*(\S+)")
 
 
 @attrs.frozen
@@ -31,6 +35,15 @@ class Build:
     dockerfile: Path
     buildargs: Mapping[str, str] = attrs.field(factory=dict)
     platforms: tuple[str, ...] = ()
+
+    def registries(self) -> set[str]:
+        """Return the registries that it names: its own, those of FROM and of build arguments."""
+        texts = [
+            *self.names,
+            *self.buildargs.values(),
+            *_FROM.findall(self.dockerfile.read_text("utf-8")),
+        ]
+        return {parse_reference(text).registry for text in texts if is_reference(text)}
 
 
 @attrs.frozen

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s.errors import UserError
 from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
 from rigel_k8s.images.buildargs import mark
 from rigel_k8s.images.credentials import docker_config, is_loopback
@@ -26,7 +25,7 @@ from rigel_k8s.images.progress import Steps
 from rigel_k8s.oci import host_platform
 from rigel_k8s.process import finish
 
-__all__ = ["ISOLATION", "Podman", "lacks_sys_resource", "registries_conf", "registries_of"]
+__all__ = ["ISOLATION", "Podman", "lacks_sys_resource", "registries_conf"]
 
 ISOLATION = "BUILDAH_ISOLATION"
 _CAP_SYS_RESOURCE = 24
@@ -108,19 +107,6 @@ def registries_conf(text: str, insecure: Iterable[str]) -> str:
     for registry in sorted(insecure):
         text += f'\n[[registry]]\nlocation = "{registry}"\ninsecure = true\n'
     return text
-
-
-def registries_of(build: Build) -> set[str]:
-    """Return the registries that a build names: its own, and those of FROM and build arguments."""
-    texts = [*build.names, *build.buildargs.values()]
-    texts += re.findall(r"(?im)^\s*FROM\s+(?:--\S+\s+)*(\S+)", build.dockerfile.read_text("utf-8"))
-    found = set()
-    for text in texts:
-        try:
-            found.add(parse_reference(text).registry)
-        except UserError:  # a build argument that is no image, or FROM $BASE
-            continue
-    return found
 
 
 @attrs.frozen
@@ -205,7 +191,7 @@ def _environment(isolation: str | None, session: Session, build: Build) -> dict[
     env = dict(session.environ)
     if isolation is not None:
         env[ISOLATION] = isolation
-    insecure = {r for r in registries_of(build) if is_loopback(r)} | session.insecure
+    insecure = {r for r in build.registries() if is_loopback(r)} | session.insecure
     conf = session.directory / "registries.conf"
     conf.write_text(registries_conf(_first_text(_registries_files(env)), insecure), "utf-8")
     env["CONTAINERS_REGISTRIES_CONF"] = str(conf)

@@ -173,7 +173,11 @@ class Own:
         return base / "k3s/data/cni" if self.data_dir else base / "opt-cni/bin"
 
 
-@pytest.fixture(scope="session", params=[None, "/data"], ids=["plain", "k3s with /data"])
+#: Multus on plain nodes is what the shared cluster has; here k3s' layout is the harder one.
+LAYOUTS = [pytest.param(None, id="plain", marks=pytest.mark.slow), pytest.param("/data", id="k3s")]
+
+
+@pytest.fixture(scope="session", params=LAYOUTS)
 def started(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[tuple[Settings, Path, str | None]]:

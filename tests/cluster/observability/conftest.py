@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,8 +14,8 @@ import attrs
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.observability.installation import installed_in
 from tests.support import until as waiting
-from tests.support.recorder import Recorder
 
 from ...support import shared
 from ..conftest import run_rigel
@@ -43,7 +43,6 @@ class Stack:
     context: str
     namespace: str
     file: Path
-    ours: bool = True
 
     def deploy(self, options: dict[str, Any] | None = None, *words: str) -> str:
         """Deploy it with options, and return what was told."""
@@ -135,19 +134,17 @@ def _images(context: str) -> None:
 
 
 @pytest.fixture(scope="session")
-def watching(
-    cluster: Any, context: str, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Stack]:
-    """The cluster's one stack; who finds it there leaves it there."""
-    from rigel_k8s.observability.installation import installed_in
-
-    there = installed_in(cluster)
-    file = tmp_path_factory.mktemp("stack") / "Rigelfile"
-    stack = Stack(cluster, context, there or "monitoring", file, ours=there is None)
-    stack.deploy()
-    yield stack
-    if stack.ours:
-        remove(cluster, stack.namespace)
+def watching(cluster: Any, context: str, tmp_path_factory: pytest.TempPathFactory) -> Stack:
+    """The cluster's one stack, deployed once for all processes; the run's end takes it away."""
+    ours = shared.directory() / shared.STACK
+    if not ours.exists() and (there := installed_in(cluster)):
+        namespace = there
+    else:
+        namespace = "monitoring"
+        ours.write_text(namespace)
+    stack = Stack(cluster, context, namespace, tmp_path_factory.mktemp("stack") / "Rigelfile")
+    shared.once("stack is deployed", stack.deploy)
+    return stack
 
 
 @pytest.fixture(scope="session")
@@ -156,11 +153,9 @@ def stack(watching: Stack) -> str:
     return watching.namespace
 
 
-def remove(cluster: Any, namespace: str) -> None:
-    """Take the stack off the cluster, with its data and its namespace."""
-    from rigel_k8s.observability.installation import installed_in
-    from rigel_k8s.observability.removal import remove as remove_stack
-
-    if installed_in(cluster):
-        remove_stack(cluster, Recorder(), volumes=True)
-    cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+@pytest.fixture(scope="session")
+def exporter_image(registry: str) -> str:
+    """The exporter of this checkout in the cluster's registry, under a name that nobody pulled."""
+    name = f"{registry}/test/ros-exporter:{shared.directory().name}"
+    shared.once("exporter", lambda: run_rigel("image", "ros-exporter", "--push", name))
+    return name

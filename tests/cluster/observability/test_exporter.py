@@ -121,14 +121,6 @@ def eventually(what: str, check: Callable[[], Any], seconds: float = 90) -> Any:
 
 
 @pytest.fixture(scope="module")
-def exporter_image(registry: str) -> str:
-    """The exporter of this checkout in the cluster's registry, under a name that nobody pulled."""
-    name = f"{registry}/test/ros-exporter:{uuid.uuid4().hex[:8]}"
-    run_rigel("image", "ros-exporter", "--push", name)
-    return name
-
-
-@pytest.fixture(scope="module")
 def demo(
     cluster: Any,
     context: str,

@@ -8,13 +8,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import attrs
 import pytest
 
-from ..conftest import run_rigel
 from ..ros2.conftest import EXAMPLES, Project, projects
 from .boards import asking
 from .boards.conftest import Samples, Watch, inside, until
@@ -73,7 +73,7 @@ class Watched:
         return [one["metric"] for one in self.samples("ALERTS", alertname=name)]
 
 
-def example(options: dict[str, Any]) -> None:
+def example(options: dict[str, Any], *, exporter: str) -> None:
     """Make the example's job one of the base image, with a lidar, and watched."""
     base = "{{ vars.BASE_IMAGE }}"
     for name, node in options["nodes"].items():
@@ -86,7 +86,7 @@ def example(options: dict[str, Any]) -> None:
         "enabled": True,
         "grafana": {"enabled": False},
         "ros_metrics": {
-            "image": "{{ vars.REGISTRY }}/ros-exporter:ros2",
+            "image": exporter,
             "topics": ["/chatter", "/scan"],
         },
     }
@@ -94,12 +94,18 @@ def example(options: dict[str, Any]) -> None:
 
 @pytest.fixture(scope="module")
 def watched(
-    cluster: Any, context: str, registry: str, ros2_image: str, stack: str, tmp_path_factory: Any
+    cluster: Any,
+    context: str,
+    registry: str,
+    ros2_image: str,
+    exporter_image: str,
+    stack: str,
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Watched]:
     """The application, all of its nodes seen."""
-    run_rigel("image", "ros-exporter", "--push", f"{registry}/ros-exporter:ros2")
     with projects(cluster, context, registry, tmp_path_factory.mktemp("ros2")) as make:
-        made = make("ros2-talker-listener", ros2_image, example)
+        change = partial(example, exporter=exporter_image)
+        made = make("ros2-talker-listener", ros2_image, change)
         made("run", "job", "deploy")
         found = Watched(made, Watch(cluster, stack))
         until(lambda: found.values("ros_node_up", "ros_node").keys() >= NODES, "the nodes")

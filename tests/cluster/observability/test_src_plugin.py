@@ -15,7 +15,6 @@ from rigel_k8s.observability.removal import remove as remove_stack
 from tests.support.recorder import Recorder
 
 from ..conftest import inside
-from .conftest import Stack
 
 pytestmark = pytest.mark.cluster
 
@@ -24,19 +23,13 @@ PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
 
 
 @pytest.fixture
-def no_stack(watching: Stack) -> Iterator[None]:
-    """The stack of the other tests is away, with what its claims hold; it does not come back."""
-    if not watching.ours:
+def no_stack(cluster: Any) -> Iterator[None]:
+    """Nobody has deployed a stack yet, and none is left."""
+    if installed_in(cluster):
         pytest.skip("the cluster has a stack that is not of these tests")
-    take_away(watching)
     yield
-    take_away(watching)
-
-
-def take_away(stack: Stack) -> None:
-    """Remove whatever stack is there; the namespace stays, as its end takes a while."""
-    if installed_in(stack.cluster):
-        remove_stack(stack.cluster, Recorder(), volumes=True)
+    if installed_in(cluster):
+        remove_stack(cluster, Recorder(), volumes=True)
 
 
 def test_the_peers_shape_deploys_and_updates(

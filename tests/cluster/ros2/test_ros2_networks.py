@@ -49,6 +49,7 @@ def test_without_a_network_it_is_deaf_and_that_is_told(project: Make, ros2_image
     assert "do not discover each other" in plain("status").stdout
 
 
+@pytest.mark.slow
 def test_twenty_nodes_on_three_machines_hear_each_other(
     project: Make, ros2_image: str, multus: None
 ) -> None:

@@ -14,7 +14,7 @@ import pytest
 from rigel_k8s.errors import CommandFailed
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.engine import Build, Session
-from rigel_k8s.images.podman import Podman, lacks_sys_resource, registries_conf, registries_of
+from rigel_k8s.images.podman import Podman, lacks_sys_resource, registries_conf
 from rigel_k8s.oci import host_platform
 
 FULL = "Uid:\t0\t0\t0\t0\nCapEff:\t000001ffffffffff\n"
@@ -74,7 +74,7 @@ def test_the_registries_of_a_build_are_found(tmp_path: Path) -> None:
     file = tmp_path / "Dockerfile"
     file.write_text("ARG B\nFROM $B AS x\nfrom --platform=linux/arm64 c:3/base\nFROM x\n")
     build = Build(("a:1/app:1",), tmp_path, file, {"B": "b:2/ros", "VERSION": "1.2 beta"})
-    assert registries_of(build) == {"a:1", "b:2", "c:3", "docker.io"}
+    assert build.registries() == {"a:1", "b:2", "c:3", "docker.io"}
 
 
 #: Writes down its arguments, what it finds in its files, and a digest where it is told to.

@@ -145,12 +145,11 @@ def _platforms(
 
 
 def _session(options: BuildXOptions, build: Build, job: JobContext, directory: Path) -> Session:
-    registry = parse_reference(options.image).registry
     known = tuple(c for c in job.providers.values() if isinstance(c, RegistryCredentials))
     insecure = {c.registry for c in known if c.insecure}
     if options.insecure:
-        insecure.add(registry)
-    if is_private(registry) or any(map(_names_private, build.buildargs.values())):
+        insecure.add(parse_reference(options.image).registry)
+    if any(map(is_private, build.registries())):
         from rigel_k8s.lab import cluster as localcluster
 
         insecure |= localcluster.registries()
@@ -162,10 +161,6 @@ def _session(options: BuildXOptions, build: Build, job: JobContext, directory: P
         credentials=known,
         insecure=frozenset(insecure),
     )
-
-
-def _names_private(text: str) -> bool:
-    return is_private(text.partition("/")[0])
 
 
 def _load(build: Build, engine: Engine, session: Session, job: JobContext) -> None:

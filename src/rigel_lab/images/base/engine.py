@@ -5,11 +5,11 @@ from __future__ import annotations
 import shutil
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.process import run
+from rigel_k8s.process import run, succeeds
 from rigel_k8s.report import Reporter
 from rigel_lab.images.base.build import BaseImage
 
-__all__ = ["load", "push"]
+__all__ = ["forget", "load", "push"]
 
 
 def load(image: BaseImage, report: Reporter, *, engine: str | None = None) -> str:
@@ -37,7 +37,6 @@ def push(
     report: Reporter,
     *,
     engine: str | None = None,
-    plain_http: bool = False,
 ) -> None:
     """Load the image, name it `reference` and push it there.
 
@@ -46,7 +45,6 @@ def push(
         reference: registry, path and tag.
         report: where to tell what happens.
         engine: as in `load`.
-        plain_http: the registry has no certificate; docker asks its own configuration instead.
 
     Raises:
         RigelK8sError: no engine is installed.
@@ -55,9 +53,18 @@ def push(
     program = load(image, report, engine=engine)
     report.progress(reference, "pushing")
     _run([program, "tag", image.reference, reference])
-    options = ["--tls-verify=false"] if plain_http and program == "podman" else []
-    _run([program, "push", *options, reference])
+    _run([program, "push", reference])
     report.progress(reference, "pushed", done=True)
+
+
+def forget(reference: str) -> None:
+    """Take a name from the engines' images, so that what is built FROM it pulls what it means now.
+
+    The images stay, and an engine that does not have the name is left alone.
+    """
+    for program, words in (("podman", ["untag", reference]), ("docker", ["rmi", reference])):
+        if shutil.which(program):
+            succeeds([program, *words])
 
 
 def _run(command: list[str]) -> None:

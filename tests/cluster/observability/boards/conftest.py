@@ -109,13 +109,11 @@ def deployed(
     cluster: Any,
     context: str,
     base_image: str,
-    registry: str,
+    exporter_image: str,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> Iterator[Callable[[str, dict[str, Any]], str]]:
     """Deploy an application with ROS metrics into a namespace of its own, deleted at the end."""
     made: list[str] = []
-    exporter = f"{registry}/ros-exporter:boards"
-    run_rigel("image", "ros-exporter", "--push", exporter)
 
     def deploy(name: str, nodes: dict[str, Any]) -> str:
         namespace = f"t-{name}-{uuid.uuid4().hex[:6]}"
@@ -129,7 +127,7 @@ def deployed(
             "observability": {
                 "enabled": True,
                 "grafana": {"enabled": False},  # no registry here has it
-                "ros_metrics": {"image": exporter, **METRICS},
+                "ros_metrics": {"image": exporter_image, **METRICS},
             },
         }
         job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import socket
 import urllib.error
@@ -13,9 +12,11 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
 
 from ...background import Background
+from ..conftest import is_ready
 from .conftest import LISTENER, App, until
 
 pytestmark = pytest.mark.cluster
@@ -71,18 +72,6 @@ def port(url: str) -> int:
     return int(url.rpartition(":")[2])
 
 
-def test_a_pod_that_is_replaced_is_found_again(
-    app: App, stack: str, watching: Any, start: Callable[..., Background]
-) -> None:
-    """At the same address, and it is told."""
-    running = start(in_namespace(app, stack, "observe", "--prometheus", "0", "--loki", "0"))
-    found = until(lambda: running.found(r"Prometheus +(http://\S+)"), "the address")
-    assert running.found(r"Loki +http://127\.0\.0\.1:\d+")
-    watching.restart("prometheus")
-    until(lambda: answer(f"{found[1]}/-/ready"), "Prometheus at the same address")
-    until(lambda: running.found(r"prometheus is at http://\S+ again, in prometheus-"), "the word")
-
-
 def test_a_port_that_is_asked_for_and_taken_is_an_error(app: App, stack: str) -> None:
     """A usual one that is taken is not: any other does."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
@@ -116,11 +105,12 @@ def test_where_there_is_none_the_way_to_one_is_told(app: App) -> None:
     assert "observability: {enabled: true}" in there("observe", code=2).stderr
 
 
-@pytest.fixture
-def grafana(cluster: Any, namespace: str, registry: str) -> Iterator[str]:
-    """A namespace with what stands in for Grafana, and its Secret."""
-    labels = {"app.kubernetes.io/name": "grafana", "rigel-k8s/release": "rigel-observability"}
-    meta = {"name": "grafana", "namespace": namespace, "labels": labels}
+GRAFANA = {"name": "grafana", "labels": {"app.kubernetes.io/name": "grafana"}}
+GRAFANA["labels"]["rigel-k8s/release"] = "rigel-observability"
+
+
+def grafana_pod(registry: str) -> dict[str, Any]:
+    """Return the pod that stands in for Grafana."""
     container = {
         "name": "grafana",
         "image": f"{registry}/rigel-k8s/busybox:1",
@@ -128,51 +118,46 @@ def grafana(cluster: Any, namespace: str, registry: str) -> Iterator[str]:
         "ports": [{"name": "http", "containerPort": 3000}],
         "readinessProbe": {"httpGet": {"path": "/", "port": "http"}, "periodSeconds": 1},
     }
-    data = {"admin-user": "admin", "admin-password": "s3cret"}
+    spec = {"containers": [container], "terminationGracePeriodSeconds": 0}
+    return {"kind": "Pod", "metadata": GRAFANA, "spec": spec}
+
+
+@pytest.fixture
+def grafana(cluster: Any, namespace: str, registry: str) -> Iterator[str]:
+    """A namespace with what stands in for Grafana, and its Secret."""
+    login = {"admin-user": "admin", "admin-password": "s3cret"}
     ports = [{"name": "http", "port": 3000, "targetPort": "http"}]
-    spec = {"selector": {"app.kubernetes.io/name": "grafana"}, "ports": ports}
+    service = {"selector": {"app.kubernetes.io/name": "grafana"}, "ports": ports}
     for manifest in (
-        {
-            "kind": "Secret",
-            "metadata": {"name": "grafana-admin", "namespace": namespace},
-            "data": {k: base64.b64encode(v.encode()).decode() for k, v in data.items()},
-        },
-        {
-            "kind": "Pod",
-            "metadata": meta,
-            "spec": {"containers": [container], "automountServiceAccountToken": False,
-                     "terminationGracePeriodSeconds": 0},
-        },
-        {"kind": "Service", "metadata": meta, "spec": spec},
-    ):  # fmt: skip
-        until(lambda made=manifest: create(cluster, made), "the namespace's account")
+        {"kind": "Secret", "metadata": {"name": "grafana-admin"}, "stringData": login},
+        grafana_pod(registry),
+        {"kind": "Service", "metadata": GRAFANA, "spec": service},
+    ):
+        create(cluster, namespace, manifest)
+    until(lambda: is_ready(cluster.get(ObjectRef("v1", "Pod", namespace, "grafana"))), "the pod")
     yield namespace
     cluster.delete(ObjectRef("v1", "Service", namespace, "grafana"))
 
 
-def create(cluster: Any, manifest: dict[str, Any]) -> Any:
-    """Create an object; None while its namespace has no account yet."""
-    from rigel_k8s.errors import ClusterError
+def create(cluster: Any, namespace: str, manifest: dict[str, Any]) -> None:
+    """Create an object, as soon as its namespace has the account that pods run as."""
+    meta = {**manifest["metadata"], "namespace": namespace}
 
-    try:
-        return cluster.create({"apiVersion": "v1", **manifest})
-    except ClusterError as error:
-        if "serviceaccount" not in error.message:
-            raise
-        return None
+    def made() -> bool:
+        try:
+            return bool(cluster.create({"apiVersion": "v1", **manifest, "metadata": meta}))
+        except ClusterError as error:
+            if "serviceaccount" not in error.message:
+                raise
+            return False
+
+    until(made, "the namespace's account")
 
 
 def test_grafanas_password_is_shown_unless_told(
-    app: App, grafana: str, start: Callable[..., Background], cluster: Any
+    app: App, grafana: str, start: Callable[..., Background]
 ) -> None:
     """It is the Secret's; whoever shows the screen to others says --no-password."""
-
-    def ready() -> bool:
-        pod = cluster.get(ObjectRef("v1", "Pod", grafana, "grafana"))
-        conditions = pod["status"].get("conditions") or []
-        return any(c["type"] == "Ready" and c["status"] == "True" for c in conditions)
-
-    until(ready, "the pod")
     running = start(in_namespace(app, grafana, "observe", "--grafana", "0"))
     pattern = r"Grafana +(http://\S+) +user admin, password s3cret"
     found = until(lambda: running.found(pattern), "the address")
@@ -180,6 +165,20 @@ def test_grafanas_password_is_shown_unless_told(
     hidden = start(in_namespace(app, grafana, "observe", "--grafana", "0", "--no-password"))
     until(lambda: hidden.found(r"Grafana +http"), "the address")
     assert not hidden.found("s3cret")
+
+
+def test_a_pod_that_is_replaced_is_found_again(
+    app: App, grafana: str, registry: str, cluster: Any, start: Callable[..., Background]
+) -> None:
+    """At the same address, and it is told."""
+    running = start(in_namespace(app, grafana, "observe", "--grafana", "0"))
+    found = until(lambda: running.found(r"Grafana +(http://\S+)"), "the address")
+    pod = ObjectRef("v1", "Pod", grafana, "grafana")
+    cluster.delete(pod, grace_seconds=0)
+    until(lambda: cluster.get(pod) is None, "the pod's end")
+    create(cluster, grafana, grafana_pod(registry))
+    until(lambda: answer(found[1]) == "here\n", "the page at the same address")
+    until(lambda: running.found(r"grafana is at http://\S+ again, in grafana"), "the word")
 
 
 def test_remove_takes_the_release_away(

@@ -147,15 +147,15 @@ def test_no_mmdebstrap(programs: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_load_and_push(programs: Path, tmp_path: Path):
-    """Podman is taken before docker; a registry without a certificate is said to podman."""
+    """Podman is taken before docker."""
     image = BaseImage("localhost/a:1", tmp_path / "a.tar", built=False)
     assert load(image, Recorder()) == "podman"
-    push(image, "10.0.0.1:5000/ros:noetic", Recorder(), plain_http=True)
-    push(image, "10.0.0.1:5000/ros:noetic", Recorder(), engine="docker", plain_http=True)
+    push(image, "10.0.0.1:5000/ros:noetic", Recorder())
+    push(image, "10.0.0.1:5000/ros:noetic", Recorder(), engine="docker")
     called = programs.read_text().splitlines()
     assert called[0] == f"podman load --input {tmp_path / 'a.tar'}"
     assert "podman tag localhost/a:1 10.0.0.1:5000/ros:noetic" in called
-    assert "podman push --tls-verify=false 10.0.0.1:5000/ros:noetic" in called
+    assert "podman push 10.0.0.1:5000/ros:noetic" in called
     assert "docker push 10.0.0.1:5000/ros:noetic" in called
 
 

@@ -478,7 +478,9 @@ def repository(tmp_path: Path) -> Iterator[str]:
         thread.join()
 
 
-@pytest.mark.parametrize("compiler", ["catkin_make", "colcon"])
+@pytest.mark.parametrize(
+    "compiler", ["catkin_make", pytest.param("colcon", marks=pytest.mark.slow)]
+)
 def test_a_workspace_is_compiled_and_its_nodes_start(
     compiler: Literal["catkin_make", "colcon"], base_image: str, repository: str, tmp_path: Path
 ) -> None:

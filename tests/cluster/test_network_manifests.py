@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import uuid
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+
+from rigel_k8s.cli.main import run
+from rigel_k8s.objects.refs import ObjectRef
 
 pytestmark = pytest.mark.cluster
 
@@ -29,12 +33,27 @@ def rigelfile(case: dict[str, Any]) -> str:
     return yaml.safe_dump({"application": {"distro": distro}, "jobs": {"deploy": job}})
 
 
+@pytest.fixture(scope="module")
+def space(cluster: Any) -> Iterator[str]:
+    """A namespace, in which nothing is made."""
+    name = f"t-manifests-{uuid.uuid4().hex[:6]}"
+    cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}})
+    yield name
+    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+
+
 @pytest.mark.parametrize("file", CASES, ids=lambda file: file.name.partition(".")[0])
 def test_the_api_server_takes_every_network(
-    file: Path, rigel: Callable[..., Any], multus: None, namespace: str, tmp_path: Path
+    file: Path,
+    context: str,
+    multus: None,
+    space: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A dry run on the server refuses no field of any mode's objects and pods."""
     (tmp_path / "Rigelfile").write_text(rigelfile(yaml.safe_load(file.read_text())))
-    done = rigel("-n", namespace, "diff", "deploy", cwd=tmp_path)
-    assert "create" in done.stdout
-    assert "Deployment" in done.stdout
+    words = ["-f", str(tmp_path / "Rigelfile"), "--context", context, "-n", space]
+    code = run([*words, "diff", "deploy"], None)
+    printed = capsys.readouterr().out
+    assert (code, "create" in printed, "Deployment" in printed) == (0, True, True), printed

@@ -18,6 +18,15 @@ from rigel_k8s.exporter import dds_messages
 
 pytestmark = pytest.mark.cluster
 
+
+def slow(*cases: object) -> list[object]:
+    """Return parameters of tests that run with --all only."""
+    return [
+        pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
+        for case in cases
+    ]
+
+
 SOURCES = str(Path(rigel_k8s.__file__).parents[1])
 PATIENCE = 60  # seconds; the machine may be busy
 
@@ -223,7 +232,7 @@ def counts(told, topic="/chatter"):
     return found and tuple(found[1:])
 
 
-@pytest.mark.parametrize("distro", ["jazzy", "kilted"])
+@pytest.mark.parametrize("distro", ["jazzy", *slow("kilted")])
 def test_graph_follows_the_nodes(lab, exporter, distro):
     """Nodes by ROS name, topics with ROS type and endpoints; both follow who comes and who ends."""
     talker(lab, distro=distro)
@@ -241,7 +250,7 @@ def test_graph_follows_the_nodes(lab, exporter, distro):
     assert told["nodes"] == {"/robot/talker": True, "/two": True}
 
 
-@pytest.mark.parametrize("mode", ["multicast", "peers", "discovery-server"])
+@pytest.mark.parametrize("mode", ["multicast", *slow("peers", "discovery-server")])
 def test_silent_nodes(lab, exporter, mode):
     """A stopped and a killed node are down while their lease still holds, the others stay up."""
     env, arguments = way(lab, mode)
@@ -272,7 +281,9 @@ def way(lab, mode):
     return {}, {}
 
 
-@pytest.mark.parametrize(("size", "distro"), [(20, "jazzy"), (1_000_000, "jazzy"), (20, "kilted")])
+@pytest.mark.parametrize(
+    ("size", "distro"), [(20, "jazzy"), (1_000_000, "jazzy"), *slow((20, "kilted"))]
+)
 def test_named_topic(lab, exporter, size, distro):
     """Each sample of a named topic counts, whole or in fragments; nobody else is subscribed to."""
     seen = exporter("/chatter")

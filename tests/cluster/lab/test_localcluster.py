@@ -268,7 +268,10 @@ def test_two_clusters_side_by_side(host: Any, one: str) -> None:
     host.rigel("down", "--name", "t-one-2")
 
 
-@pytest.mark.parametrize("life", ["normal", "killed", "interrupted", "restarted"])
+@pytest.mark.parametrize(
+    "life",
+    ["normal", "killed", "interrupted", pytest.param("restarted", marks=pytest.mark.slow)],
+)
 def test_down_leaves_nothing(host: Any, before: dict[str, list[str]], life: str) -> None:
     """Everything is as before the cluster: after a normal life, a kill -9 of every component, an
     `up` killed half way, and a restart of the machine."""

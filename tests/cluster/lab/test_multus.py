@@ -24,6 +24,7 @@ from rigel_lab.images import exporter
 
 pytestmark = [
     pytest.mark.cluster,
+    pytest.mark.slow,  # the shared cluster and that of tests/cluster/network use the same
     pytest.mark.skipif(os.geteuid() != 0, reason="the local cluster needs root"),
 ]
 

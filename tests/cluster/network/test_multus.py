@@ -74,7 +74,7 @@ def test_a_proof_leaves_nothing_behind(cluster: Any, said: Any) -> None:
     assert left == []
 
 
-@pytest.mark.parametrize(("waves", "size"), [(2, 30), pytest.param(3, 100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("waves", "size"), [(2, 9), pytest.param(3, 100, marks=pytest.mark.slow)])
 def test_whereabouts_gives_no_address_twice(lab: Any, waves: int, size: int) -> None:
     """Many pods come and go over all nodes: at no time do two have one address.
 

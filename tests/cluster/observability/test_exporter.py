@@ -241,7 +241,14 @@ NETWORKS = {
 }
 
 
-@pytest.mark.parametrize("mode", NETWORKS)
+@pytest.mark.parametrize(
+    "mode",
+    [
+        "macvlan",
+        pytest.param("peers", marks=pytest.mark.slow),
+        pytest.param("discovery-server", marks=pytest.mark.slow),
+    ],
+)
 def test_a_ros_2_graph_is_told_on_each_network(
     cluster: Any,
     context: str,

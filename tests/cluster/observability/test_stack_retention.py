@@ -91,6 +91,7 @@ def told(stack: Stack) -> set[str]:
     return {line for _, line in stack.lines('{application="demo"}', hours=100)}
 
 
+@pytest.mark.slow
 def test_lines_beyond_the_retention_are_deleted(brief: Stack) -> None:
     """They are found as long as they are stored; a day later Loki gives their disk back."""
     now = time.time_ns()

@@ -115,6 +115,7 @@ def own_demo(own_cluster: Make) -> Any:
     return demo
 
 
+@pytest.mark.slow
 def test_the_pair_that_multicast_passes_one_way_only_is_named(own_demo: Any) -> None:
     """Dropped on the wire from one machine to another: exactly that, and the way back is well."""
     machines = own_demo.machines()
@@ -147,6 +148,7 @@ def dropped(cluster: str, one: str, other: str) -> Iterator[None]:
         subprocess.run(["nft", "delete", "table", "bridge", "t-drop"], check=True)
 
 
+@pytest.mark.slow
 def test_a_machine_that_leaves_takes_only_its_own_node_along(own_demo: Any) -> None:
     """The other talker is heard on; the machine back, its talker is too, with its old address."""
     demo = own_demo

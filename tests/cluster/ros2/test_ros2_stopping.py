@@ -12,8 +12,6 @@ from rigel_k8s.objects.refs import ObjectRef
 
 pytestmark = pytest.mark.cluster
 
-PROMISE = timedelta(seconds=3)
-TICK = timedelta(seconds=1)  # Kubernetes tells times in whole seconds
 KEPT = "rigel-k8s.test/kept"
 LAUNCH = "<launch><node pkg='talker_listener' exec='talker.py' name='launched'/></launch>"
 WRITE_AND_LAUNCH = f'echo "{LAUNCH}" >/tmp/a.launch.xml; exec ros2 launch /tmp/a.launch.xml'
@@ -75,11 +73,11 @@ def time_of(text: str) -> datetime:
 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_node_ends_at_once_and_by_itself(ended: dict[str, dict[str, Any]], form: str) -> None:
-    """It is gone in under 3 s of the 30 that it has, not killed."""
+    """In less than half of the 30 s that it has, and not killed."""
     pod = ended[form]
     end = end_of(pod)
     assert end is not None
     grace = timedelta(seconds=pod["metadata"]["deletionGracePeriodSeconds"])
     asked = time_of(pod["metadata"]["deletionTimestamp"]) - grace
     assert end["exitCode"] != 137, end
-    assert time_of(end["finishedAt"]) - asked <= PROMISE + TICK
+    assert time_of(end["finishedAt"]) - asked < grace / 2

@@ -261,6 +261,7 @@ class TestPlainDds:
 LAN = {"mode": "macvlan", "interface": "eth0", "subnet": "192.168.148.0/24", "ipam": "static"}
 
 
+@pytest.mark.slow
 class TestKilted:
     """Fast DDS 3, which wants other variables, and takes pods of one machine-id for one machine."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -82,12 +83,15 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         shared.wait_for_lane(before)
 
 
-@pytest.hookimpl(trylast=True)
-def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """Tell the other processes that a lane is over."""
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
+    """Tell the other processes that a lane is over, after all of its fixtures."""
     lane = lane_of(item.nodeid)
-    if lane in AFTER.values() and (nextitem is None or lane_of(nextitem.nodeid) != lane):
-        shared.end_lane(lane)
+    try:
+        yield
+    finally:
+        if lane in AFTER.values() and (nextitem is None or lane_of(nextitem.nodeid) != lane):
+            shared.end_lane(lane)
 
 
 @pytest.hookimpl(trylast=True)

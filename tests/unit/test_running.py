@@ -7,23 +7,38 @@ from types import SimpleNamespace
 
 import pytest
 
-from ..lanes import LANES, lane_of, turn_of
+from ..lanes import AFTER, LANES, lane_of, turn_of
 from ..skips import EXPECTED, unexpected
 
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.mark.parametrize("start", [*LANES, *(skip.tests for skip in EXPECTED)])
-def test_what_is_named_is_there(start: str) -> None:
-    """A file that was moved takes its lane and its skips along."""
+@pytest.mark.parametrize("start", LANES)
+def test_each_lane_has_tests(start: str) -> None:
+    """A file that was moved takes its lane along."""
+    path = ROOT / start
+    files = [path] if path.is_file() else list(path.rglob("test_*.py"))
+    assert any(lane_of(f"{file.relative_to(ROOT)}::test") == LANES[start] for file in files)
+
+
+@pytest.mark.parametrize("start", [skip.tests for skip in EXPECTED])
+def test_each_skip_is_of_tests_that_are_there(start: str) -> None:
+    """A file that was moved takes its skips along."""
     assert (ROOT / start).exists()
+
+
+@pytest.mark.parametrize(("lane", "before"), AFTER.items())
+def test_who_waits_begins_later(lane: str, before: str) -> None:
+    """Otherwise all processes could wait for a lane that nobody runs."""
+    order = list(LANES.values())
+    assert order.index(before) < order.index(lane)
 
 
 def test_a_file_is_a_lane_of_its_own_unless_it_shares() -> None:
     """The longest beginning counts."""
     assert lane_of("tests/cluster/test_cli.py::test_a[x]") == "tests/cluster/test_cli.py"
     assert lane_of("tests/cluster/network/test_multus.py::test_a") == "network"
-    assert lane_of("tests/cluster/network/test_own_cluster.py::test_a") == "own clusters"
+    assert lane_of("tests/cluster/network/test_own_cluster.py::test_a") == "own cluster"
 
 
 def test_what_needs_no_program_comes_first_where_none_is_built() -> None:

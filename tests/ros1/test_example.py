@@ -31,7 +31,7 @@ def numbers(log: str, nonce: str) -> list[int]:
 
 def test_delivery(pods, eventually):
     """A nonce set while both run arrives at the listener, with consecutive numbers."""
-    pods.master()
+    pods.roscore()
     talker = pods.node(
         "talker", "rosrun", "talker_listener", "talker.py", files=package(), env={"VERSION": "2"}
     )
@@ -47,7 +47,7 @@ def test_delivery(pods, eventually):
 
 def test_rate(pods, eventually):
     """The talker's private parameter sets how often it speaks."""
-    pods.master()
+    pods.roscore()
     command = ("rosrun", "talker_listener", "talker.py", "_rate:=200")
     talker = pods.node("talker", *command, files=package())
     eventually(lambda: talker.log().count("hello world") > 300, "many messages", seconds=10)
@@ -55,7 +55,7 @@ def test_rate(pods, eventually):
 
 def test_master_away(pods, eventually):
     """Both go on talking while the master is away."""
-    master = pods.master()
+    master = pods.roscore()
     talker = pods.node("talker", "rosrun", "talker_listener", "talker.py", files=package())
     listener = pods.node("listener", "rosrun", "talker_listener", "listener.py", files=package())
     eventually(lambda: numbers(listener.log(), "none"), "a message")
@@ -75,7 +75,7 @@ def test_rospack(pods, name):
 
 def test_tools(pods):
     """The command line tools of the official image work: distribution, messages, topics, nodes."""
-    master = pods.master()
+    master = pods.roscore()
     expected = {
         ("rosversion", "-d"): "noetic\n",
         ("rosmsg", "show", "std_msgs/String"): "string data\n\n",

@@ -131,7 +131,7 @@ def subscribers_at_master(pods, pod) -> str:
 
 def test_the_graph_is_told_without_a_subscription(pods, eventually):
     """Nodes, topics and the nodes' own counts; the master knows of no exporter at all."""
-    pods.master()
+    pods.rosmaster()
     spoken = talker(pods)
     pods.node("relay", *RELAY)
     seen = exporter(pods, eventually, expected={"/talker": "talker", "/lidar": "laser"})
@@ -163,7 +163,7 @@ def test_the_graph_is_told_without_a_subscription(pods, eventually):
 
 def test_only_named_topics_are_heard_at_their_rate(pods, eventually):
     """20 messages a second are counted as 20; the unnamed topic has no subscriber at the master."""
-    pods.master()
+    pods.rosmaster()
     spoken = talker(pods)
     seen = exporter(pods, eventually, topics=["/chatter", "/silent"])
     eventually(lambda: Metrics(seen)("ros_topic_messages_total", topic="/chatter"), "it is heard")
@@ -193,7 +193,7 @@ def test_only_named_topics_are_heard_at_their_rate(pods, eventually):
 
 def test_a_stopped_node_is_not_up_and_a_vanished_one_neither(pods, eventually):
     """SIGSTOP leaves it registered; a killed pod too; the others are up all the time."""
-    pods.master()
+    pods.rosmaster()
     talker(pods)
     stopped, killed = talker(pods, "stopped"), talker(pods, "killed")
     seen = exporter(pods, eventually)
@@ -210,7 +210,7 @@ def test_a_stopped_node_is_not_up_and_a_vanished_one_neither(pods, eventually):
 
 def test_a_stopped_master_is_not_up_and_no_other_one_afterwards(pods, eventually):
     """It hangs for a while; scrapes are answered all the time, and nothing has restarted."""
-    master = pods.master()
+    master = pods.rosmaster()
     talker(pods)
     seen = exporter(pods, eventually)
     eventually(lambda: Metrics(seen).node("up", "/talker") == 1, "the talker is up")
@@ -224,7 +224,7 @@ def test_a_stopped_master_is_not_up_and_no_other_one_afterwards(pods, eventually
 
 def test_a_restarted_master_is_counted_and_its_orphans_are_told(pods, eventually):
     """The old nodes are alive and unregistered; the exporter itself registers again."""
-    master = pods.master()
+    master = pods.rosmaster()
     old = talker(pods)
     seen = exporter(pods, eventually, topics=["/chatter"])
     eventually(lambda: Metrics(seen).node("up", "/talker") == 1, "the talker is up")
@@ -251,7 +251,7 @@ def test_a_restarted_master_is_counted_and_its_orphans_are_told(pods, eventually
 
 def test_diagnostics_clock_tf_and_headers_are_read_on_request(pods, eventually):
     """Levels by name and hardware, ages by stamp; a large message costs no memory."""
-    pods.master()
+    pods.rosmaster()
     pods.node("bytes", "python3", "/bytes.py", files={"/bytes.py": BYTES})
     asked = {"diagnostics": True, "clock": True, "tf": True, "topics": ["/camera"]}
     seen = exporter(pods, eventually, **asked)

@@ -44,7 +44,7 @@ def swallow(pods, pod) -> None:
 
 def test_replaced_pods_do_not_keep_the_master_from_telling_others(pods, eventually):
     """As many pods as roscore has threads by default vanish and are replaced under their names."""
-    pods.master()
+    pods.roscore()
     for name in ("one", "two", "three", "four"):
         files = {"/spin.py": SPIN}
         old = pods.node(name, "python3", "/spin.py", name, files=files)
@@ -58,7 +58,7 @@ def test_replaced_pods_do_not_keep_the_master_from_telling_others(pods, eventual
 
 def test_a_node_that_was_silent_for_long_is_told_all_the_same(pods, eventually):
     """roscore closes idle connections; roscpp and rospy open them again."""
-    pods.master()
+    pods.roscore()
     relay = pods.node("relay", "/usr/lib/topic_tools/relay", "/topic", "/late", "__name:=relay")
     listener = pods.node("listener", "python3", "/listen.py", files={"/listen.py": LISTENER})
     idle = float(ROSCORE[ROSCORE.index("-t") + 1]) * 2

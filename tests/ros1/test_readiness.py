@@ -44,14 +44,14 @@ KEPT = "/tmp/.rigel-k8s-nodes"
 
 def test_fixed_name(pods):
     """A rospy node with a fixed name is ready once it is registered from this pod."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.node("talker", "/talker.py", "talker", files=FILES)
     assert pod.probe().stdout == "ready: /talker\n"
 
 
 def test_anonymous_name(pods):
     """A node whose name nobody knows beforehand is found by its address."""
-    pods.master()
+    pods.rosmaster()
     pods.node("other", "/talker.py", "other", files=FILES)
     pod = pods.node("talker", "/talker.py", "talker", "--anonymous", files=FILES)
     line = pod.probe().stdout
@@ -61,14 +61,14 @@ def test_anonymous_name(pods):
 
 def test_roscpp(pods):
     """A roscpp node is ready too."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.node("relay", *RELAY)
     assert pod.probe().stdout == "ready: /relay\n"
 
 
 def test_several_nodes(pods, eventually):
     """Every node of a pod counts: all of them are found, and one that hangs makes it unready."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.node("three", "bash", "-c", THREE, files=FILES)
     eventually(lambda: pod.probe().stdout.count("/") == 3, "all three nodes found")
     pod.signal("python /talker.py two", signal.SIGSTOP)
@@ -80,7 +80,7 @@ def test_several_nodes(pods, eventually):
 
 def test_given_name(pods):
     """With --name only that node counts, and it must run in this pod."""
-    pods.master()
+    pods.rosmaster()
     pods.node("other", "/talker.py", "other", files=FILES)
     pod = pods.node("talker", "/talker.py", "talker", files=FILES)
     assert pod.probe("--name", "/talker").returncode == 0
@@ -92,7 +92,7 @@ def test_given_name(pods):
 @pytest.mark.parametrize("command", [("/talker.py", "talker"), RELAY], ids=["rospy", "roscpp"])
 def test_stopped_process(pods, command):
     """A stopped process turns its pod unready, and ready again when it goes on."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.node("node", *command, files=FILES)
     mark = {"/talker.py": "python /talker.py", "rosrun": "topic_tools/relay"}[command[0]]
     pod.signal(mark, signal.SIGSTOP)
@@ -105,7 +105,7 @@ def test_stopped_process(pods, command):
 
 def test_starting(pods, eventually):
     """--wait notices a node that starts late, in one process."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.start("talker", "bash", "-c", "sleep 2; exec /talker.py talker", files=FILES)
     at_once = pod.probe()
     assert at_once.returncode == 1
@@ -115,7 +115,7 @@ def test_starting(pods, eventually):
 
 def test_master_restarted(pods):
     """A node that the new master does not know turns unready, and the line says why."""
-    master = pods.master()
+    master = pods.rosmaster()
     pod = pods.node("talker", "/talker.py", "talker", files=FILES)
     master.kill()
     gone = pod.probe()
@@ -132,7 +132,7 @@ def test_master_restarted(pods):
 
 def test_registered_by_halves(pods):
     """A node that told a new master one topic but not its others is an orphan still."""
-    master = pods.master()
+    master = pods.rosmaster()
     pod = pods.node("talker", "/late.py", files={"/late.py": LATE})
     master.kill()
     pods.answering(pods.start("ros-master-2", "roscore", address=master.address))
@@ -146,7 +146,7 @@ def test_registered_by_halves(pods):
 
 def test_master_that_remembers(pods):
     """A master that got its registrations back, though another run, has no orphans."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.node("talker", "/talker.py", "talker", files=FILES)
     done = pod.exec(*EXEC, "rosparam", "set", "/run_id", "another")
     assert done.returncode == 0, done.stdout
@@ -155,7 +155,7 @@ def test_master_that_remembers(pods):
 
 def test_name_taken(pods):
     """A node that was shut down by a namesake turns unready; the namesake's pod is ready."""
-    pods.master()
+    pods.rosmaster()
     first = pods.node("first", *STUBBORN, files=FILES)
     second = pods.node("second", "/talker.py", "talker", files=FILES)
     assert first.probe().returncode == 1
@@ -164,7 +164,7 @@ def test_name_taken(pods):
 
 def test_crashed_node(pods, eventually):
     """A node that died without a word, one of several, makes its pod unready."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.node("three", "bash", "-c", THREE, files=FILES)
     eventually(lambda: pod.probe().stdout.count("/") == 3, "all three nodes found")
     pod.signal("python /talker.py two", signal.SIGKILL)
@@ -180,7 +180,7 @@ def nodes(master) -> str:
 @pytest.mark.parametrize("left", [False, True], ids=["execd", "left-in-the-background"])
 def test_a_tool_that_was_killed(pods, eventually, left):
     """What `rigel exec` starts is none of the pod's nodes, not even registered and dead."""
-    master = pods.master()
+    master = pods.rosmaster()
     pod = pods.node("talker", "/talker.py", "talker", files=FILES)
     tool = "rostopic hz /talker_topic"
     words = ("bash", "-c", f"{tool} & sleep 0.1") if left else tool.split()
@@ -195,7 +195,7 @@ def test_a_tool_that_was_killed(pods, eventually, left):
 
 def test_a_tool_makes_nothing_ready(pods, eventually):
     """While the pod's own node has not started, a visitor's does not stand for it."""
-    master = pods.master()
+    master = pods.rosmaster()
     pod = pods.start("talker", "sleep", "60", files=FILES)
     with subprocess.Popen(pod.entering(*EXEC, "/talker.py", "visitor")):
         eventually(lambda: pods.registered(master, "/visitor"), "the visitor is registered")
@@ -205,7 +205,7 @@ def test_a_tool_makes_nothing_ready(pods, eventually):
 
 def test_stopped_on_purpose(pods, eventually):
     """One of several that `rosnode kill` has ended leaves a ready pod."""
-    master = pods.master()
+    master = pods.rosmaster()
     pod = pods.node("three", "bash", "-c", THREE, files=FILES)
     eventually(lambda: pod.probe().stdout.count("/") == 3, "all three nodes found")
     assert "killed" in master.exec(*EXEC, "rosnode", "kill", "/two").stdout
@@ -215,7 +215,7 @@ def test_stopped_on_purpose(pods, eventually):
 
 def test_restarted_by_a_shell(pods, eventually):
     """A node that its shell starts again is ready again, at its new port."""
-    pods.master()
+    pods.rosmaster()
     loop = "while true; do /talker.py talker; sleep 0.1; done"
     pod = pods.node("loop", "bash", "-c", loop, files=FILES)
     old = pod.pids("talker.py talker")
@@ -226,7 +226,7 @@ def test_restarted_by_a_shell(pods, eventually):
 
 def test_shared_address(pods):
     """Pods that share an address (host networking) answer for their own nodes only."""
-    pods.master()
+    pods.rosmaster()
     first = pods.node("first", "/talker.py", "first", files=FILES)
     second = pods.node("second", "/talker.py", "second", beside=first, files=FILES)
     assert first.probe().stdout == "ready: /first\n"
@@ -237,7 +237,7 @@ def test_shared_address(pods):
 
 def test_no_place_to_write(pods):
     """A container that can write nowhere is probed all the same."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.node("talker", "/talker.py", "talker", files=FILES)
     pod.exec("mount", "-t", "tmpfs", "-o", "ro", "tmpfs", "/tmp")
     pod.exec("mount", "-t", "tmpfs", "-o", "ro", "tmpfs", "/dev/shm")
@@ -246,7 +246,7 @@ def test_no_place_to_write(pods):
 
 def test_other_user(pods):
     """A node of another user than the probe's is found by its port."""
-    pods.master()
+    pods.rosmaster()
     command = ("setpriv", "--reuid=1000", "--regid=1000", "--clear-groups", "/talker.py", "talker")
     pod = pods.node("talker", *command, files=FILES, env={"HOME": "/tmp"})
     as_user = ("setpriv", "--reuid=1001", "--regid=1001", "--clear-groups")
@@ -256,7 +256,7 @@ def test_other_user(pods):
 
 def test_old_container(pods):
     """What a probe kept is of no use to the container's next life."""
-    pods.master()
+    pods.rosmaster()
     pod = pods.node("talker", "/talker.py", "talker", files=FILES)
     kept = pod.exec("cat", "/tmp/.rigel-k8s-nodes").stdout
     again = pods.node("again", "/talker.py", "other", files={**FILES, KEPT: kept})
@@ -290,7 +290,7 @@ def test_wrong_arguments(pods, words):
 
 def test_master_probe(pods):
     """A master is ready while it answers, whatever its nodes do."""
-    master = pods.master()
+    master = pods.rosmaster()
     assert master.exec(*MASTER).stdout == "ready: ROS master at port 11311\n"
     master.signal("rosmaster", signal.SIGSTOP)
     done = master.exec(*MASTER)

@@ -56,7 +56,7 @@ def typed(command: list[str], *lines: str) -> str:
 
 def test_bash(pods):
     """An interactive bash finds rostopic and what the node's workspace brings."""
-    pods.master()
+    pods.roscore()
     pod = started(pods, *SLEEPER)
     shown = typed(pod.entering("bash", env={"TERM": "dumb"}), "rostopic list", "tool")
     assert "/rosout_agg" in shown

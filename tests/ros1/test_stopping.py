@@ -151,7 +151,7 @@ DAILY = {
 )
 def test_unregistered(pods, shell, command, client):
     """Whatever process 1 is, the node is unregistered in time and the container ends by itself."""
-    master = pods.master()
+    master = pods.rosmaster()
     command = COMMANDS[command].format(node=NODES[client], rosrun=ROSRUN[client])
     pod = pods.node("node", shell, "-c", command, files=FILES)
     said, took = terminated(master, pod)
@@ -162,7 +162,7 @@ def test_unregistered(pods, shell, command, client):
 @pytest.mark.parametrize("command", ["exec {}", "{}; true"], ids=["first", "shell"])
 def test_roslaunch(pods, eventually, command):
     """What roslaunch keeps alive is unregistered in time and not started again."""
-    master = pods.master()
+    master = pods.rosmaster()
     pod = pods.node("node", "bash", "-c", command.format("roslaunch /app.launch"), files=FILES)
     eventually(lambda: pod.probe().stdout == "ready: /node, /relay\n", "both nodes ready")
     said, took = terminated(master, pod)
@@ -173,7 +173,7 @@ def test_roslaunch(pods, eventually, command):
 
 def test_launched_once(pods, eventually):
     """What roslaunch started gets one SIGINT, from roslaunch: a second one would cut it short."""
-    pods.master()
+    pods.roscore()
     pod = pods.start("counts", "roslaunch", "/count.launch", files={**FILES, **COUNTING})
     eventually(lambda: "counting" in pod.log(), "the node runs")
     pod.terminate(grace=20)
@@ -208,7 +208,7 @@ def test_only_sigterm(pods, eventually):
 
 def test_master(pods, eventually):
     """A roscore that gets the hook ends in order, too."""
-    master = pods.master()
+    master = pods.roscore()
     eventually(lambda: "started core service [/rosout]" in master.log(), "roscore is complete")
     assert master.terminate(grace=20) < 20
     assert "shutting down processing monitor complete" in master.log()

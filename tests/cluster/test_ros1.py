@@ -160,6 +160,7 @@ def signal_rospy(robot: Robot, name: str, signal: str) -> None:
     )
 
 
+@pytest.mark.slow  # in namespaces each time: tests/ros1/test_readiness.py
 def test_a_stopped_process_turns_unready_and_comes_back(robot: Robot) -> None:
     """SIGSTOP leaves the pod Running; readiness sees that the node does not answer."""
     code = TALKER.format(anonymous=False)
@@ -206,6 +207,7 @@ def test_a_changed_master_takes_its_nodes_along(robot: Robot) -> None:
     assert "/talker" in robot.run("ros-master", "rosnode", "list").split()
 
 
+@pytest.mark.slow  # without ROS each time: tests/cluster/release/test_storage.py
 def test_data_survives_down_unless_volumes_are_asked_for(robot: Robot) -> None:
     """`down` keeps claims; the next deploy finds its data; `down --volumes` takes them."""
     node = talker() | {"volumes": [{"name": "maps", "mount_path": "/maps"}]}
@@ -343,16 +345,22 @@ def test_another_managers_field_is_told_and_adopted_on_request(robot: Robot) -> 
     assert robot.ready("talker")
 
 
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [
-        ({"image": "localhost:1/never:there"}, "never:there"),
-        ({"args": ["sh", "-c", "echo the wheels fell off; exit 3"]}, "the wheels fell off"),
-        ({"readiness": {"command": "false"}}, "not ready within 8 s: talker"),
-        ({"resources": {"requests": {"cpu": "900"}}}, "Insufficient cpu"),
-    ],
-    ids=["image", "crash", "never ready", "unschedulable"],
-)
+def case(name: str, change: dict[str, Any], told: str, *marks: Any) -> Any:
+    """Return what is wrong with a node, and a part of what the deploy says of it."""
+    return pytest.param(change, told, id=name, marks=marks)
+
+
+#: The others run each time without ROS: tests/cluster/release/test_failures.py.
+SLOW = pytest.mark.slow
+FAILURES = [
+    case("crash", {"args": ["sh", "-c", "echo the wheels fell off; exit 3"]}, "fell off"),
+    case("image", {"image": "localhost:1/never:there"}, "never:there", SLOW),
+    case("never ready", {"readiness": {"command": "false"}}, "not ready within 8 s: talker", SLOW),
+    case("cpu", {"resources": {"requests": {"cpu": "900"}}}, "Insufficient cpu", SLOW),
+]
+
+
+@pytest.mark.parametrize(("change", "told"), FAILURES)
 def test_a_roll_out_that_fails_names_the_cause(
     robot: Robot, change: dict[str, Any], told: str
 ) -> None:

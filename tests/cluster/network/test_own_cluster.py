@@ -190,6 +190,7 @@ def upgrade(own: Any, release: str) -> None:
             shutil.rmtree(old)
 
 
+@pytest.mark.slow
 def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -> None:
     """Where the programs are in the release's own directory, an upgrade leaves it: they follow."""
     if not own.data_dir:

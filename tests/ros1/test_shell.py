@@ -101,10 +101,14 @@ def test_values_arrive_unchanged(pods):
     ],
     ids=["first", "child", "grandchild"],
 )
-def test_command(pods, command):
+def test_command(pods, command, eventually):
     """A command through exec.sh has the node's environment, whichever process sourced it."""
     pod = started(pods, *command)
-    assert pod.exec(*EXEC, "tool").stdout == "the workspace tool\n"
+
+    def found() -> bool:  # as soon as the process is there that has it
+        return pod.exec(*EXEC, "tool").stdout == "the workspace tool\n"
+
+    eventually(found, "the workspace's tool")
     assert pod.exec("tool").returncode == 127, "found without exec.sh: this test proves nothing"
 
 

@@ -6,7 +6,6 @@ The tests of this module go on one after the other on the same cluster, in this 
 from __future__ import annotations
 
 import json
-import os
 import re
 import shutil
 import signal
@@ -15,7 +14,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -123,30 +121,14 @@ def test_pods_of_a_restart_get_their_network(own: Any, own_lab: Any) -> None:
 @pytest.fixture
 def without_configuration(own: Any, own_lab: Any) -> Iterator[None]:
     """Node1's Multus configuration is away, and what would bring it back stands still."""
-    send(own, signal.SIGSTOP)
+    own.signal_keepers("node1", signal.SIGSTOP)
     conf = own.conf("node1") / "00-multus.conf"
     conf.rename(conf.with_suffix(".away"))
     time.sleep(1)  # the runtime reads the directory anew
     yield
     conf.with_suffix(".away").unlink()
-    send(own, signal.SIGCONT)
+    own.signal_keepers("node1", signal.SIGCONT)
     own_lab.until(conf.exists, "configuration", 30)
-
-
-def send(own: Any, number: signal.Signals) -> None:
-    """Send a signal to what keeps node1's files; a node's processes are this machine's too."""
-    found = []
-    for place in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):
-            words = (place / "cmdline").read_bytes().split(b"\0")
-            said = (place / "environ").read_bytes().split(b"\0")
-            home = (place / "cgroup").read_text()
-            keeps = words[2:3] == [b"keep"] and {b"PART=multus", b"NODE=node1"} <= set(said)
-            if keeps and f"/{own.context}/" in home:
-                found.append(int(place.name))
-    assert found
-    for pid in found:
-        os.kill(pid, number)
 
 
 def test_a_pod_without_its_network_is_noticed(

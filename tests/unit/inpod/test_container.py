@@ -159,6 +159,6 @@ def test_real_processes(script: Callable[[str], ModuleType], monkeypatch: pytest
     with listening() as (pid, port):
         assert pid in container.processes()
         assert container.Listeners().pids[port] == pid
-        assert "create_server" in container.command(pid)
+        assert "-c import socket" in container.command(pid)
     assert port not in container.Listeners().pids
     assert container.command(pid) == ""

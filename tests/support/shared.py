@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import IO
@@ -148,27 +148,31 @@ def start_cluster() -> None:
 def bring_up() -> None:
     """Run `rigel cluster up`, after `down` where it is one of another shape.
 
-    What tests of a run that was killed have left on it is deleted.
+    What tests of a run that was killed have left on it is deleted. The environment is that of the
+    beginning: meanwhile a test beside this thread may change it for itself.
 
     Raises:
         AssertionError: another run uses it.
     """
     assert os.environ[ALONE] == "1", "another test run on this machine uses the cluster `test`"
+    environ = dict(os.environ)
     words = ["cluster", "up", "--name", mine(NAME), "--nodes", "3"]
     words += ["--with", "multus", "--with", "kubectl"]
-    if run(*words, check=False) == 2:
-        run("cluster", "down", "--name", NAME)
-        run(*words)
-    with connect(Settings(context=f"rigel-{NAME}")) as cluster:
+    if run(*words, check=False, env=environ) == 2:
+        run("cluster", "down", "--name", NAME, env=environ)
+        run(*words, env=environ)
+    kubeconfig = Path(environ["KUBECONFIG"])
+    with connect(Settings(context=f"rigel-{NAME}", kubeconfig=kubeconfig)) as cluster:
         for space in cluster.list("v1", "Namespace"):
             if (name := space["metadata"]["name"]).startswith("t-"):
                 cluster.delete(ObjectRef("v1", "Namespace", "", name))
 
 
-def run(*words: str, check: bool = True) -> int:
+def run(*words: str, check: bool = True, env: Mapping[str, str] | None = None) -> int:
     """Run the command line and return its exit code; a failure shows its output."""
     done = subprocess.run(
         [sys.executable, "-m", "rigel_k8s", *words],
+        env=env,
         check=False,
         capture_output=True,
         text=True,

@@ -352,8 +352,9 @@ def case(name: str, change: dict[str, Any], told: str, *marks: Any) -> Any:
 
 #: The others run each time without ROS: tests/cluster/release/test_failures.py.
 SLOW = pytest.mark.slow
+CRASH = {"args": ["sh", "-c", "echo the wheels fell off; exit 3"]}
 FAILURES = [
-    case("crash", {"args": ["sh", "-c", "echo the wheels fell off; exit 3"]}, "fell off"),
+    case("crash", CRASH, "the wheels fell off"),
     case("image", {"image": "localhost:1/never:there"}, "never:there", SLOW),
     case("never ready", {"readiness": {"command": "false"}}, "not ready within 8 s: talker", SLOW),
     case("cpu", {"resources": {"requests": {"cpu": "900"}}}, "Insufficient cpu", SLOW),

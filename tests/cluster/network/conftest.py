@@ -153,16 +153,13 @@ class Own:
 
     def signal_keepers(self, node: str, number: signal.Signals) -> None:
         """Send a signal to what keeps a node's files; a node's processes are this machine's too."""
-        found = []
+        found, marks = [], {b"PART=multus", f"NODE={node}".encode()}
         for place in Path("/proc").glob("[0-9]*"):
             with suppress(OSError):
                 words = (place / "cmdline").read_bytes().split(b"\0")
                 said = (place / "environ").read_bytes().split(b"\0")
                 home = (place / "cgroup").read_text()
-                keeps = words[2:3] == [b"keep"] and {
-                    b"PART=multus",
-                    b"NODE=" + node.encode(),
-                } <= set(said)
+                keeps = words[2:3] == [b"keep"] and marks <= set(said)
                 if keeps and f"/{self.context}/" in home:
                     found.append(int(place.name))
         assert found

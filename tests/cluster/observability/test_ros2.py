@@ -160,8 +160,13 @@ def test_the_rate_of_a_named_topic_is_told_at_once(watched: Watched) -> None:
 
     def right() -> bool:
         """Two talkers send ten a second, the lidar five; on a busy machine fewer for a while."""
-        told = {name: row["rate"] or 0 for name, row in watched.top("--topics").items()}
-        return 3 < told.get("/chatter", 0) < 12 and 1.5 < told.get("/scan", 0) < 6
+        heard = {name: row for name, row in watched.top("--topics").items() if row["heard"]}
+        rates = {name: row["rate"] or 0 for name, row in heard.items()}
+        return (
+            rates.keys() == {"/chatter", "/scan"}
+            and 3 < rates["/chatter"] < 12
+            and 1.5 < rates["/scan"] < 6
+        )
 
     until(right, "the rates of the named topics")
     until(lambda: watched.top("--topics")["/scan"]["age"] < 5, "an age that is the message's own")

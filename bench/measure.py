@@ -11,8 +11,6 @@ from collections.abc import Sequence
 
 import attrs
 
-__all__ = ["Figure", "Sample", "run"]
-
 
 @attrs.frozen
 class Sample:

@@ -12,8 +12,6 @@ import attrs
 
 from rigel_lab.cluster import gobuild
 
-__all__ = ["Helm", "Kubectl", "Rigel", "Tool", "helm_program"]
-
 Command = Sequence[str]
 
 

@@ -14,8 +14,6 @@ from pathlib import Path
 
 from rigel_k8s.errors import RigelK8sError
 
-__all__ = ["cache_dir", "locked"]
-
 
 def cache_dir() -> Path:
     """Return the directory that keeps what was built or downloaded."""

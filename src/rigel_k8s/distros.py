@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["ROS1", "ROS2"]
-
 ROS1 = frozenset(("hydro", "indigo", "jade", "kinetic", "lunar", "melodic", "noetic"))
 
 ROS2 = frozenset(

@@ -22,20 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = [
-    "ClusterError",
-    "CommandFailed",
-    "ConflictError",
-    "Interrupted",
-    "JobFailed",
-    "LocalClusterError",
-    "NotFoundError",
-    "ProblemsError",
-    "RigelK8sError",
-    "RolloutFailed",
-    "UserError",
-]
-
 
 class RigelK8sError(Exception):
     """Base of all errors a user can meet.

@@ -13,8 +13,6 @@ import attrs
 
 from rigel_k8s.errors import UserError
 
-__all__ = ["DOCKER_HUB", "TAG", "Reference", "is_reference", "parse_reference"]
-
 DOCKER_HUB = "docker.io"
 TAG = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
 

@@ -18,21 +18,6 @@ from typing import IO, Any
 
 import attrs
 
-__all__ = [
-    "FORMAT",
-    "UNCOMPRESSED",
-    "Blob",
-    "Entry",
-    "Image",
-    "architecture",
-    "assemble",
-    "digest",
-    "host_platform",
-    "layer",
-    "read_archive",
-    "write_archive",
-]
-
 #: Another one where the same layers give another archive.
 FORMAT = "2"
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Any, TypeAlias
 
-__all__ = ["Scalar", "has_template", "text_of"]
-
 Scalar: TypeAlias = str | int | float | bool
 
 

@@ -10,8 +10,6 @@ from typing import Literal, TypeAlias
 
 import attrs
 
-__all__ = ["Path", "Problem"]
-
 Path: TypeAlias = tuple[str | int, ...]
 
 

@@ -19,8 +19,6 @@ import attrs
 
 from rigel_k8s.errors import CommandFailed, Interrupted
 
-__all__ = ["Finished", "finish", "run", "stream", "succeeds"]
-
 #: So many lines of a failed program's output are in its error.
 LAST_LINES = 20
 #: Seconds that a program has to end by itself after SIGTERM.

@@ -8,8 +8,6 @@ from urllib.parse import SplitResult, urlsplit
 
 from rigel_k8s.errors import UserError
 
-__all__ = ["environment_proxy", "proxy_for"]
-
 
 def proxy_for(
     configured: str, server: SplitResult, environ: Mapping[str, str]

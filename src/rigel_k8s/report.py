@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-__all__ = ["Reporter"]
-
 
 class Reporter(Protocol):
     """Takes what a user should see. All methods may be called from several threads at once."""

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import attrs
 
-__all__ = ["Application", "Settings"]
-
 
 @attrs.frozen
 class Application:

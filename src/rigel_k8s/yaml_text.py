@@ -17,8 +17,6 @@ from typing import Any
 
 import yaml
 
-__all__ = ["document", "documents"]
-
 #: Unquoted, some reader other than PyYAML takes these for a boolean, a number or a merge key.
 MISTAKABLE = re.compile(
     r"""(?ix)

@@ -10,8 +10,6 @@ from contextlib import contextmanager
 
 from rigel_k8s.inpod import rtps, spdp
 
-__all__ = ["Peer", "peer", "some_domain"]
-
 
 def some_domain() -> int:
     """Return a domain that hardly anyone else on this machine is in, nor in the one after it."""

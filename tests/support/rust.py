@@ -11,8 +11,6 @@ from pathlib import Path
 
 from rigel_k8s.cache import cache_dir, locked
 
-__all__ = ["Missing", "rustdds_node"]
-
 SOURCE = Path(__file__).parents[1] / "images" / "rustdds"
 MACHINE = "x86_64-unknown-linux-gnu"
 #: The first Cargo that knows the edition of all its crates.

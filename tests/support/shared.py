@@ -25,21 +25,6 @@ from rigel_k8s.settings import Settings
 from rigel_lab.cluster import components
 from rigel_lab.cluster.releases import Upstream
 
-__all__ = [
-    "NAME",
-    "STACK",
-    "begin",
-    "built",
-    "directory",
-    "end",
-    "end_lane",
-    "mine",
-    "once",
-    "possible",
-    "start_cluster",
-    "wait_for_lane",
-]
-
 #: The local cluster of the tests.
 NAME = "test"
 #: A file with the namespace of the observability stack, where it is one of this run.

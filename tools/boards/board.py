@@ -17,8 +17,6 @@ from grafana_foundation_sdk.models import dashboard as model
 from rigel_k8s.observability.boards import LOGS, METRICS
 from tools.boards.panels import SOURCES, Panel
 
-__all__ = ["ALL", "APPLICATION", "NAMESPACE", "ROS_NODE", "Board", "Row", "Variable", "choice"]
-
 #: Dashboards of ours, by which they find each other.
 TAG = "rigel-k8s"
 #: The model's version that these files are written for: Grafana 10.4's, which later ones read.

@@ -25,19 +25,6 @@ from grafana_foundation_sdk.models import common as words
 from grafana_foundation_sdk.models import dashboard as model
 from grafana_foundation_sdk.models.prometheus import PromQueryFormat
 
-__all__ = [
-    "SOURCES",
-    "Panel",
-    "Query",
-    "curves",
-    "lines",
-    "link",
-    "number",
-    "states",
-    "table",
-    "value_names",
-]
-
 #: The datasources are variables, so that any Grafana's own can be chosen.
 SOURCES = {
     "metrics": model.DataSourceRef(type_val="prometheus", uid="${metrics}"),

@@ -9,19 +9,6 @@ from grafana_foundation_sdk.builders.dashboard import DashboardLink
 
 from tools.boards.panels import Query, link
 
-__all__ = [
-    "APP",
-    "HOST_NETWORK",
-    "NODE",
-    "OURS",
-    "by_ros_node",
-    "graph_link",
-    "logs_link",
-    "per_pod",
-    "to_graph",
-    "to_logs",
-]
-
 #: The chosen applications, and the chosen ROS nodes of them.
 APP = 'namespace=~"$namespace", application=~"$application"'
 NODE = f'{APP}, ros_node=~"$ros_node"'

@@ -21,15 +21,6 @@ from rigel_k8s.objects.workloads import (
     ros_volumes,
 )
 
-__all__ = [
-    "APP_CONTAINER",
-    "application_deployment",
-    "application_identity",
-    "containers_of",
-    "has_application",
-    "replaces_container",
-]
-
 APP_CONTAINER = "ros-app"
 
 

@@ -34,8 +34,6 @@ from rigel_k8s.objects.text import words
 from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.problems import Path, Problem
 
-__all__ = ["check"]
-
 SURGE: Mapping[str, str] = {
     "1": "during an update two pods of one ROS name run at once, and the ROS master shuts one of"
     " them down; Recreate, the default, leaves a gap instead, and only anonymous nodes need"

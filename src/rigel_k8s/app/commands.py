@@ -18,18 +18,6 @@ from rigel_k8s.objects.overlay import plain
 from rigel_k8s.objects.text import words
 from rigel_k8s.option_text import text_of
 
-__all__ = [
-    "NO_ROS_ARGUMENTS",
-    "PARAMETERS_PATH",
-    "Command",
-    "assignments",
-    "command_of",
-    "full_name",
-    "safe",
-    "takes_ros_arguments",
-    "wants_file",
-]
-
 #: Where a node's parameter files are mounted.
 PARAMETERS_PATH = "/rigel-k8s-parameters"
 

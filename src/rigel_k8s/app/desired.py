@@ -37,8 +37,6 @@ from rigel_k8s.problems import Path
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Application
 
-__all__ = ["Draft", "Files", "deploys_master", "draft", "has_workloads", "master_uri"]
-
 #: On the pods of ROS nodes: which roscore they register with.
 MASTER_ANNOTATION = "rigel-k8s/master"
 

@@ -7,8 +7,6 @@ import difflib
 from rigel_k8s.distros import ROS1, ROS2
 from rigel_k8s.objects.naming import Ros
 
-__all__ = ["is_ros1", "meant", "ros_of"]
-
 
 def is_ros1(distro: str) -> bool:
     """Return whether a distribution is of ROS 1; one of a user's own is taken for that."""

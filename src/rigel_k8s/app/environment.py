@@ -11,8 +11,6 @@ from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH, Object
 from rigel_k8s.objects.workloads import ReleaseContext
 from rigel_k8s.option_text import text_of
 
-__all__ = ["environment", "literal", "ros_variables"]
-
 Extra = Mapping[Any, Any] | Sequence[EnvVar]
 
 

@@ -10,8 +10,6 @@ from rigel_k8s.objects.naming import Ros, object_name
 from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Problem
 
-__all__ = ["can_be_seen", "check_exporter"]
-
 ZENOH = (
     "ros_metrics: the exporter joins DDS and speaks no zenoh, so this application has no metrics of"
     " its ROS graph; say `ros_metrics: false` to be told no more"

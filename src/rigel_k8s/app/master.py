@@ -26,8 +26,6 @@ from rigel_k8s.objects.pods import (
 )
 from rigel_k8s.objects.workloads import ReleaseContext, deployment, service
 
-__all__ = ["MASTER_CONTAINER", "master_deployment", "master_service"]
-
 MASTER_CONTAINER = "ros-master-container"
 
 #: A replaced pod's address swallows what is sent to it. roscore tells the old node to end (and its

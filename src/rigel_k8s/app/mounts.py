@@ -11,8 +11,6 @@ from rigel_k8s.objects.podoptions import Device, Volume, VolumeMount
 from rigel_k8s.objects.pods import Object, compact
 from rigel_k8s.objects.scalars import MountPath, ObjectName
 
-__all__ = ["device_of", "device_resources", "mount_of", "mounts", "source_count"]
-
 
 def mount_of(item: ObjectName | VolumeMount) -> VolumeMount:
     """Return a mount, written as a volume's name or in full."""

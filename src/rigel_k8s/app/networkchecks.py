@@ -12,8 +12,6 @@ from rigel_k8s.network.modes import mode_of
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.problems import Problem
 
-__all__ = ["check_network"]
-
 MISSING = (
     "no `network`: on most clusters nodes on different machines will not find each other, since pod"
     " networks carry no multicast; say network: macvlan, ipvlan, attachment, peers,"

@@ -16,8 +16,6 @@ from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.objects.text import words
 from rigel_k8s.problems import Problem
 
-__all__ = ["check_node"]
-
 #: What two nodes of one name do to each other.
 CLASH: Mapping[str, str] = {
     "1": "throw each other out",

@@ -40,8 +40,6 @@ from rigel_k8s.objects.workloads import (
     service,
 )
 
-__all__ = ["DEFAULT_CONTAINER", "NODE_CONTAINER", "RosNode", "node_objects", "port_of"]
-
 NODE_CONTAINER = "ros-node"
 #: Which container kubectl means where nobody says one; it asks where there are init containers.
 DEFAULT_CONTAINER = "kubectl.kubernetes.io/default-container"

@@ -42,17 +42,6 @@ from rigel_k8s.objects.scalars import (
 )
 from rigel_k8s.observability.options import Observability
 
-__all__ = [
-    "Distributed",
-    "KubernetesParams",
-    "Launch",
-    "NodeOptions",
-    "Observability",
-    "OrchestrationOptions",
-    "Resources",
-    "Results",
-]
-
 
 @attrs.frozen(kw_only=True)
 class Distributed:

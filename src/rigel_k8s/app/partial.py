@@ -8,8 +8,6 @@ from typing import Any
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.objects.overlay import merge, plain
 
-__all__ = ["flat", "is_partial", "overlay"]
-
 #: A job that says one of these says what the release is.
 WHOLE = ("nodes", "application_image", "deploy_ros_master")
 #: Options whose parts belong together: half of an old and half of a new one would be neither.

@@ -9,8 +9,6 @@ from rigel_k8s.objects.naming import object_name, selector
 from rigel_k8s.objects.podoptions import Placement, Toleration
 from rigel_k8s.objects.pods import Object, compact
 
-__all__ = ["HOSTNAME", "REMOTE", "affinity", "node_selector", "remote_selector", "tolerations"]
-
 HOSTNAME = "kubernetes.io/hostname"
 #: The label of remote machines, as src.plugin has it.
 REMOTE: Mapping[str, str] = {"deploymentType": "remote"}

@@ -17,8 +17,6 @@ from rigel_k8s.network.rangechecks import pool_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.problems import Path, Problem
 
-__all__ = ["Workload", "check_pods", "workloads_of"]
-
 #: The images of docker.io/library/ros and osrf/ros, which carry Fast DDS alone.
 OFFICIAL = re.compile(r"(docker\.io/)?(library/|osrf/)?ros([:@].*)?")
 

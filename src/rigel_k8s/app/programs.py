@@ -10,8 +10,6 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.text import words
 
-__all__ = ["command_of", "program", "takes_ros_arguments"]
-
 
 def command_of(ros: Ros, key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
     """Return what a node's container runs; a plain DDS program gets no argument of ROS."""

@@ -25,8 +25,6 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.overlay import plain
 from rigel_k8s.objects.text import words
 
-__all__ = ["command_of", "mounted_files", "program", "takes_ros_arguments"]
-
 FLAG, END = "--ros-args", "--"
 #: The parameters of whatever nodes a process has.
 ANY_NODE = "/**"

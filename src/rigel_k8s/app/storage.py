@@ -8,8 +8,6 @@ from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.podoptions import Volume
 from rigel_k8s.objects.pods import Object, compact
 
-__all__ = ["claim_name", "mount_path", "storage", "volume_source"]
-
 
 def claim_name(name: str) -> str:
     """Return the name of a volume's claim."""

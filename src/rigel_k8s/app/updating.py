@@ -6,8 +6,6 @@ from rigel_k8s.objects.podoptions import RollingUpdate
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.objects.scalars import Share
 
-__all__ = ["is_rolling", "share", "strategy"]
-
 
 def is_rolling(update: RollingUpdate | None) -> bool:
     """Return whether somebody asks for an update by surge, src.plugin's default."""

@@ -14,8 +14,6 @@ from rigel_k8s.cli.words import json_option, print_json, quiet
 if TYPE_CHECKING:
     from rigel_k8s.lab import ClusterStatus
 
-__all__ = ["cluster"]
-
 
 def complete_name(
     ctx: click.Context, param: click.Parameter, incomplete: str

@@ -6,8 +6,6 @@ import click
 
 from rigel_k8s import __version__
 
-__all__ = ["completion", "version"]
-
 
 @click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))

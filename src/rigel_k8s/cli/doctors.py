@@ -7,8 +7,6 @@ import click
 
 from rigel_k8s.cli.words import json_option, print_json, settings
 
-__all__ = ["doctor"]
-
 
 @click.command()
 @json_option

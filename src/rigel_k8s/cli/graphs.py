@@ -10,8 +10,6 @@ import attrs
 
 from rigel_k8s.graph.findings import DiscoveryGraph, PodGraph
 
-__all__ = ["HEADS", "cells", "graph_json", "graph_lines"]
-
 HEADS = ("INTERFACE", "ADDRESS", "DISCOVERED")
 
 

@@ -8,8 +8,6 @@ import click
 
 from rigel_k8s.cli.words import reporting
 
-__all__ = ["image"]
-
 Variant: TypeAlias = Literal["core", "devel"]
 Distro: TypeAlias = Literal["jazzy", "kilted"]
 

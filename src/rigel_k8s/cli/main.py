@@ -18,8 +18,6 @@ import click
 from rigel_k8s import __version__
 from rigel_k8s.errors import RigelK8sError
 
-__all__ = ["COMMANDS", "cli", "main"]
-
 INTERRUPTED = 130
 
 #: Command -> (module of this package, one line of help), in the order in which help shows them.

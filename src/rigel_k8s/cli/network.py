@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from rigel_k8s.network.multus.status import NetworkStatus, PartStatus
     from rigel_k8s.network.options import Install
 
-__all__ = ["network"]
-
 F = TypeVar("F", bound=Callable[..., Any])
 
 PLACES = (

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from rigel_k8s.commands.observe import Administrator, Opened
     from rigel_k8s.observability.reading.status import ObserveStatus
 
-__all__ = ["observe"]
-
 PORT = click.IntRange(0, 65535)
 
 

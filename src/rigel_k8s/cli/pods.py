@@ -13,8 +13,6 @@ from rigel_k8s.cli.words import Timeout, complete_node, job_option, settings
 if TYPE_CHECKING:
     from rigel_k8s.commands.logs.lines import LogLine
 
-__all__ = ["exec_", "forward", "logs"]
-
 LEVELS = ("debug", "info", "warn", "error", "fatal")
 COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_cyan", "bright_green")
 

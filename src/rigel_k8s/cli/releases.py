@@ -20,8 +20,6 @@ from rigel_k8s.cli.words import (
 )
 from rigel_k8s.errors import RigelK8sError, UserError
 
-__all__ = ["diff", "down", "history", "render", "rollback", "status"]
-
 
 @click.command()
 @job_argument

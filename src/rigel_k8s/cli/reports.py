@@ -14,8 +14,6 @@ from typing import Any
 
 import click
 
-__all__ = ["Lines", "Rows", "reporter"]
-
 
 class Lines:
     """One line for each thing told; a progress row's line only where its state changes."""

@@ -6,8 +6,6 @@ import click
 
 from rigel_k8s.cli.words import json_option, print_json, quiet, settings
 
-__all__ = ["check", "init", "schema"]
-
 
 @click.command()
 @click.option(

@@ -8,8 +8,6 @@ import click
 
 from rigel_k8s.cli.words import Timeout, complete_runnable, reporting, settings
 
-__all__ = ["run"]
-
 
 @click.command()
 @click.argument("kind", type=click.Choice(["job", "sequence"]))

@@ -15,8 +15,6 @@ from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
 
-__all__ = ["age", "status_json", "status_text", "table"]
-
 #: The kind of a node that its roscore has forgotten: nothing in ROS 1 registers it again.
 ORPHAN = "orphan"
 

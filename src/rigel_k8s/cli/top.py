@@ -14,8 +14,6 @@ from rigel_k8s.cli.words import quiet as is_quiet
 if TYPE_CHECKING:
     from rigel_k8s.commands.top import Top, Topics, TopicUsage, UsageRow
 
-__all__ = ["top"]
-
 T = TypeVar("T")
 KIB = 1024.0
 HEADS = ["NODE", "ROS NAME", "UP", "CPU", "MEMORY", "OUT", "IN", "RESTARTS", "POD", "ON"]

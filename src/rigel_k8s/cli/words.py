@@ -15,20 +15,6 @@ from rigel_k8s.settings import Settings
 if TYPE_CHECKING:
     from rigel_k8s.jobs.job import JobReporter
 
-__all__ = [
-    "Timeout",
-    "complete_node",
-    "complete_runnable",
-    "job_argument",
-    "job_option",
-    "json_option",
-    "print_json",
-    "quiet",
-    "reporting",
-    "settings",
-    "warn",
-]
-
 
 def settings(ctx: click.Context, *, timeout: float | None = None, adopt: bool = False) -> Settings:
     """Return the global options as Settings."""

@@ -11,8 +11,6 @@ import attrs
 from rigel_k8s.lab import cluster as localcluster
 from rigel_k8s.lab import exporter
 
-__all__ = ["ros_exporter", "up"]
-
 
 @attrs.frozen
 class Steps:

@@ -11,8 +11,6 @@ from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.facts import is_default_class, is_ready
 from rigel_k8s.settings import Settings
 
-__all__ = ["DoctorFinding", "examine"]
-
 NEEDED = (
     ("apps", "deployments"),
     ("", "services"),

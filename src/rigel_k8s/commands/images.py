@@ -16,8 +16,6 @@ from rigel_k8s.lab import (
 )
 from rigel_k8s.lab import cluster as localcluster
 
-__all__ = ["ros1_base", "ros2_base", "ros_exporter"]
-
 
 def ros1_base(
     report: JobReporter, *, variant: ros1base.Variant, push: str | None, force: bool

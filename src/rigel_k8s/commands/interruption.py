@@ -9,8 +9,6 @@ from contextlib import contextmanager
 
 from rigel_k8s.jobs.interruption import interruptions
 
-__all__ = ["interruptible"]
-
 
 @contextmanager
 def interruptible() -> Iterator[threading.Event]:

@@ -13,8 +13,6 @@ from rigel_k8s.network.options import Install
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
-__all__ = ["install", "remove", "status"]
-
 
 def install(settings: Settings, options: Install, report: Reporter) -> MultusResult:
     """Install or update both, until every node attaches pods."""

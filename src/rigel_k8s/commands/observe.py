@@ -21,8 +21,6 @@ from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
-__all__ = ["Administrator", "Opened", "observe", "remove"]
-
 LOOK = 1.0  # seconds between two looks at the doors
 
 

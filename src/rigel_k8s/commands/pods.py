@@ -18,18 +18,6 @@ from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.rigelfile import nearest
 from rigel_k8s.settings import Settings
 
-__all__ = [
-    "Pod",
-    "chosen_pods",
-    "execute",
-    "forward",
-    "matching",
-    "no_pod",
-    "pod_of",
-    "pods_of",
-    "release_pods",
-]
-
 COMPONENT_LABEL, OBSERVABILITY = "app.kubernetes.io/component", "observability"
 LOOK = 1.0  # seconds between two looks at a forward
 

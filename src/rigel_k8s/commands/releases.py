@@ -7,7 +7,8 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.app.partial import flat
+from rigel_k8s.app.deploying.prepare import prepare
+from rigel_k8s.app.partial import flat, is_partial
 from rigel_k8s.commands import stacks
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.rigelfiles import load
@@ -16,7 +17,6 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.graph.check import survey
 from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.jobs.job import JobReporter
-from rigel_k8s.jobs.types.orchestration import is_partial, prepare
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.request import StackRequest, request_of
@@ -27,18 +27,6 @@ from rigel_k8s.release.difference import difference
 from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.types import Plan, ReleaseId, Revision
 from rigel_k8s.settings import Settings
-
-__all__ = [
-    "Difference",
-    "Manifests",
-    "Status",
-    "diff",
-    "down",
-    "history",
-    "render",
-    "rollback",
-    "status",
-]
 
 
 @attrs.frozen

@@ -18,8 +18,6 @@ from rigel_k8s.rigelfile.findings import in_order
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings
 
-__all__ = ["check", "check_rigel03", "init", "load", "runnable", "schema"]
-
 
 def load(settings: Settings, *, patient: bool = False) -> Rigelfile:
     """Return the Rigelfile of the settings.

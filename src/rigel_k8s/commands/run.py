@@ -9,8 +9,6 @@ from rigel_k8s.jobs import runner
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.settings import Settings
 
-__all__ = ["run"]
-
 
 def run(
     kind: Literal["job", "sequence"], name: str, settings: Settings, report: JobReporter

@@ -17,8 +17,6 @@ from rigel_k8s.release.types import Plan
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings
 
-__all__ = ["manifests", "plan", "stack_job"]
-
 
 def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> TargetJob | None:
     """Return the named job where it is one that deploys the stack alone, None where it is none.

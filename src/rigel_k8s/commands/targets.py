@@ -10,20 +10,20 @@ import attrs
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.application import has_application
+from rigel_k8s.app.deploying.prepare import release_of
 from rigel_k8s.app.desired import deploys_master
 from rigel_k8s.app.distros import ros_of
+from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import registry
-from rigel_k8s.jobs.types.orchestration import OrchestrationJob, is_partial, release_of
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.option_text import has_template
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.settings import Application, Settings
-
-__all__ = ["Release", "TargetJob", "job_of", "names", "node_names", "release"]
 
 
 @attrs.frozen

@@ -16,8 +16,6 @@ from rigel_k8s.observability.reading.stack import NoStack, part_of
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings
 
-__all__ = ["Top", "TopicUsage", "Topics", "UsageRow", "top", "topics"]
-
 #: A mean of this time is told, of a series that is as old; two scrapes are in it in any case.
 SPAN = "2m"
 

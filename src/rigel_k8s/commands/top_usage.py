@@ -18,8 +18,6 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.observability.reading.stack import NoStack, why_not
 
-__all__ = ["Usage", "Used", "amount", "used"]
-
 METRICS = "metrics.k8s.io/v1beta1"
 UNITS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}
 BINARY = {"Ki": 2.0**10, "Mi": 2.0**20, "Gi": 2.0**30, "Ti": 2.0**40}

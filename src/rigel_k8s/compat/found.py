@@ -19,8 +19,6 @@ from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile import Rigelfile, YamlNode, preview
 from rigel_k8s.rigelfile.model import ComponentSpec, Concurrent, JobUse, Parallel, SequenceSpec
 
-__all__ = ["CommandLine", "PlacedJob", "command_line", "find_use"]
-
 
 @attrs.frozen
 class CommandLine:

@@ -13,8 +13,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = ["handover"]
-
 RIGELS_COMMANDS = frozenset({"init", "run"})
 
 

@@ -11,8 +11,6 @@ from rigel_k8s.compat.plugin import JobPlugin
 from rigel_k8s.compat.provider import ConnectionProvider
 from rigel_k8s.jobs.names import Builtin, Kind, by_name
 
-__all__ = ["public"]
-
 BASES = {
     "job": ("rigel.plugins.plugin", "Plugin"),
     "provider": ("rigel.providers.provider", "Provider"),

@@ -19,8 +19,6 @@ from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 
-__all__ = ["JobPlugin"]
-
 
 class JobPlugin:
     """A job type of rigel-k8s as a plugin of Rigel.

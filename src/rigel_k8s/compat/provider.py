@@ -11,8 +11,6 @@ from rigel_k8s.jobs.names import Builtin
 from rigel_k8s.jobs.registry import provider_type
 from rigel_k8s.rigelfile import load, realise
 
-__all__ = ["ConnectionProvider"]
-
 
 class ConnectionProvider:
     """A provider of rigel-k8s as a provider of Rigel; plugins find its connection by its name."""

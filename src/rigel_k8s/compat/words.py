@@ -8,8 +8,6 @@ import sys
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.jobs.job import JobReporter
 
-__all__ = ["LogReport", "rigel_error"]
-
 #: The logger that Rigel gives a handler and colours.
 LOGGER = logging.getLogger("Rigel")
 

@@ -17,8 +17,6 @@ from rigel_k8s.exporter.listening import Listening
 from rigel_k8s.exporter.metrics import Sample, text
 from rigel_k8s.exporter.standing import Standing
 
-__all__ = ["Collection"]
-
 #: Seconds between two readings of what subscribers keep.
 _TICK = 1.0
 #: Seconds without a look, beyond the interval, after which the exporter is not well.

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-__all__ = ["Config", "ConfigFailed", "read"]
-
 INTERVAL = 10.0
 PORT = 9419
 JOINING = 4.0

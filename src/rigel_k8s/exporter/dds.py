@@ -14,15 +14,14 @@ import time
 from collections.abc import Sequence
 
 from rigel_k8s.exporter import dds_messages as messages
-from rigel_k8s.exporter.dds_discovery import ENDPOINTS, SUPER_CLIENT, Place, Told
+from rigel_k8s.exporter.dds_discovery import ENDPOINTS, SUPER_CLIENT
 from rigel_k8s.exporter.dds_participant import LEASE, NAME, Participant
 from rigel_k8s.exporter.dds_samples import Hearing
 from rigel_k8s.exporter.dds_view import graph
 from rigel_k8s.exporter.dds_ways import Resolver, Sockets, addresses
 from rigel_k8s.exporter.graph import Graph
 from rigel_k8s.inpod import rtps
-
-__all__ = ["Domain"]
+from rigel_k8s.inpod.spdp import Place, Told
 
 _ANNOUNCE = 3.0  # seconds between two announcements
 _FIRST = 0.2  # seconds between the first few: packets get lost while a network comes up

@@ -10,23 +10,7 @@ from struct import pack, unpack_from
 from typing import NamedTuple, Union
 
 from rigel_k8s.inpod import rtps
-from rigel_k8s.inpod.spdp import PID_GUID, Parameters, Place, Told, participant, text
-
-__all__ = [
-    "PUBLICATIONS_READER",
-    "PUBLICATIONS_WRITER",
-    "SUBSCRIPTIONS_READER",
-    "SUBSCRIPTIONS_WRITER",
-    "SUPER_CLIENT",
-    "Endpoint",
-    "Place",
-    "Told",
-    "endpoint",
-    "key_of",
-    "participant",
-    "reader_key",
-    "reader_payload",
-]
+from rigel_k8s.inpod.spdp import PID_GUID, Parameters, text
 
 PUBLICATIONS_WRITER, PUBLICATIONS_READER = b"\x00\x00\x03\xc2", b"\x00\x00\x03\xc7"
 SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER = b"\x00\x00\x04\xc2", b"\x00\x00\x04\xc7"

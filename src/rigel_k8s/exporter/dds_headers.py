@@ -6,8 +6,6 @@ Why: a type's definition is not on the wire, only its name; so the names are lis
 
 from __future__ import annotations
 
-__all__ = ["is_listed", "is_stamped"]
-
 _TYPES = {
     "ackermann_msgs": "AckermannDriveStamped",
     "control_msgs": "DynamicJointState JointControllerState JointJog JointTrajectoryControllerState"

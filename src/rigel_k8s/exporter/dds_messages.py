@@ -13,8 +13,6 @@ from typing import Any, Union
 
 from rigel_k8s.exporter.dds_headers import is_listed, is_stamped
 
-__all__ = ["Unreadable", "clock", "diagnostics", "nodes", "stamp", "transforms"]
-
 Payload = Union[bytes, memoryview]
 _GIDS = (16, 24)  # bytes of a GUID in ros_discovery_info: since iron, before it
 _DELIMITED = (0x08, 0x09)  # XCDR2 with the size of a struct in front of it

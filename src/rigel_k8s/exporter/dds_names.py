@@ -7,8 +7,6 @@ It must not know RTPS.
 
 from __future__ import annotations
 
-__all__ = ["NODES", "is_service", "topic_name", "type_name"]
-
 #: Where rmw implementations tell which nodes a participant has.
 NODES = "ros_discovery_info"
 

@@ -17,13 +17,12 @@ from rigel_k8s.exporter import dds_discovery as discovery
 from rigel_k8s.exporter import dds_messages as messages
 from rigel_k8s.exporter import dds_names as names
 from rigel_k8s.exporter import dds_wire as wire
-from rigel_k8s.exporter.dds_discovery import Endpoint, Place, Told
+from rigel_k8s.exporter.dds_discovery import Endpoint
 from rigel_k8s.exporter.dds_peer import SERVER, Peer
 from rigel_k8s.exporter.dds_reliable import Change, Incoming, Outgoing
 from rigel_k8s.exporter.dds_samples import Hearing, Source
 from rigel_k8s.inpod import rtps, spdp
-
-__all__ = ["LEASE", "NAME", "Participant"]
+from rigel_k8s.inpod.spdp import Place, Told
 
 NAME = "rigel-k8s exporter"  # what a tool that lists participants shows
 LEASE = 20  # seconds; others forget us then, even where our farewell is lost
@@ -34,7 +33,8 @@ _NO_KEY, _KEY = b"\x04", b"\x07"  # kinds of readers
 class Send(Protocol):
     """What sends a message to some places."""
 
-    def __call__(self, message: bytes, places: Sequence[Place]) -> None: ...
+    def __call__(self, message: bytes, places: Sequence[Place]) -> None:
+        """Send it to each of them."""
 
 
 class Participant:
@@ -178,7 +178,7 @@ class Participant:
         if change.status:
             self._forget(_guid(change)[:12])
             return
-        told = discovery.participant(change.payload)
+        told = spdp.participant(change.payload)
         if told.domain not in (None, self.own.domain) or told.prefix == self.own.prefix:
             return
         peer = self.peers.get(told.prefix)

@@ -18,11 +18,9 @@ It must not know sockets, nor read any clock.
 from __future__ import annotations
 
 from rigel_k8s.exporter import dds_discovery as discovery
-from rigel_k8s.exporter.dds_discovery import Place, Told
 from rigel_k8s.exporter.dds_reliable import Incoming
 from rigel_k8s.inpod import rtps
-
-__all__ = ["SERVER", "Peer"]
+from rigel_k8s.inpod.spdp import Place, Told
 
 SERVER = (("PARTICIPANT_TYPE", "SERVER"),)
 _RELAYED = 6  # leases after which we forget whom the server should have forgotten

@@ -12,8 +12,6 @@ from typing import NamedTuple
 from rigel_k8s.exporter import dds_wire as wire
 from rigel_k8s.inpod import rtps
 
-__all__ = ["Assembly", "Change", "Incoming", "Outgoing"]
-
 _AHEAD = 1024  # samples that are kept until the ones before them come
 _BROKEN = 8  # samples of a writer that are put together from fragments at a time
 _LARGEST = 4 << 20  # bytes of a sample that is put together

@@ -16,8 +16,6 @@ from rigel_k8s.exporter import dds_wire as wire
 from rigel_k8s.exporter.dds_reliable import Assembly
 from rigel_k8s.exporter.graph import Samples
 
-__all__ = ["Hearing", "Source"]
-
 
 class Source:
     """One writer of a named topic, as far as it has been heard."""

@@ -14,8 +14,6 @@ from rigel_k8s.exporter.dds_discovery import Endpoint
 from rigel_k8s.exporter.dds_peer import Peer
 from rigel_k8s.exporter.graph import Graph, Node, Topic
 
-__all__ = ["OURS", "graph"]
-
 OURS = "rigel-k8s "  # what the names of our own participants begin with; they are in nobody's count
 
 

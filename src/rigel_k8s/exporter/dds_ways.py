@@ -11,11 +11,9 @@ import socket
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from rigel_k8s.exporter.dds_discovery import Place
 from rigel_k8s.inpod import rtps
 from rigel_k8s.inpod.interfaces import IP_MULTICAST_ALL, address_of, membership
-
-__all__ = ["Resolver", "Sockets", "addresses"]
+from rigel_k8s.inpod.spdp import Place
 
 _ROOM = 4 << 20  # bytes of a socket's buffer that are asked for; the kernel gives what it may
 _AT_ONCE = 64  # packets that are read from a socket before the others have their turn

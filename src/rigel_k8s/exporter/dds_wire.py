@@ -13,20 +13,6 @@ from typing import NamedTuple, Union
 
 from rigel_k8s.inpod import rtps
 
-__all__ = [
-    "Acknack",
-    "Data",
-    "Fragment",
-    "Gap",
-    "Heartbeat",
-    "Item",
-    "acknack",
-    "gap",
-    "heartbeat",
-    "message",
-    "read",
-]
-
 ACKNACK, HEARTBEAT, GAP, INFO_SOURCE, DATA_FRAG = 0x06, 0x07, 0x08, 0x0C, 0x16
 FINAL = 0x02
 ANYBODY = b"\0" * 12

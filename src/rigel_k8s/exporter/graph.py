@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
-__all__ = ["Graph", "Half", "Master", "Node", "Samples", "Subscriber", "Topic", "Traffic"]
-
 
 class Node(NamedTuple):
     """A ROS node.

@@ -14,8 +14,6 @@ from rigel_k8s.exporter.config import Config
 from rigel_k8s.exporter.graph import Half, Samples, Subscriber
 from rigel_k8s.exporter.metrics import Sample
 
-__all__ = ["Listening"]
-
 #: The most statuses and transforms that are told of.
 STATUSES, TRANSFORMS = 200, 200
 #: Seconds after which a status that nobody repeats is stale, and after which it is forgotten.

@@ -6,8 +6,6 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-__all__ = ["CONTENT_TYPE", "FAMILIES", "Sample", "text"]
-
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 

@@ -17,13 +17,12 @@ from typing import Any, TypeVar
 
 from rigel_k8s.exporter import ros1_messages
 from rigel_k8s.exporter.graph import Graph, Master, Node, Topic
-from rigel_k8s.exporter.ros1_calls import CallFailed, Conversation, Refused
+from rigel_k8s.exporter.ros1_calls import Conversation, Refused
 from rigel_k8s.exporter.ros1_node import Slave
 from rigel_k8s.exporter.ros1_topic import Hearing
 from rigel_k8s.exporter.ros1_traffic import Ledger
 from rigel_k8s.exporter.ros1_view import MASTER, Said, View, ask_master, ask_nodes, lookup
-
-__all__ = ["NAME", "Ros1"]
+from rigel_k8s.inpod.rosrpc import CallFailed
 
 #: What every exporter's name begins with; none is told of in metrics.
 NAME = "/ros_exporter"

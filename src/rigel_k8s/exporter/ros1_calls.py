@@ -12,8 +12,6 @@ from typing import Any
 from rigel_k8s.inpod import rosrpc
 from rigel_k8s.inpod.rosrpc import CallFailed
 
-__all__ = ["CallFailed", "Conversation", "Refused"]
-
 _BROKEN = (
     OSError,
     EOFError,

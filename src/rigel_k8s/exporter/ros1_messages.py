@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import struct
 
-__all__ = ["HEADER", "clock", "diagnostics", "has_header", "stamp", "transforms"]
-
 #: The bytes of a Header up to the end of its stamp.
 HEADER = 12
 

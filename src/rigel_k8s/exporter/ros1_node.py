@@ -12,8 +12,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 from xmlrpc.server import SimpleXMLRPCDispatcher, SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
-__all__ = ["Slave"]
-
 Answer = tuple[int, str, Any]
 
 

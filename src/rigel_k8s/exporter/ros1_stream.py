@@ -13,8 +13,6 @@ from contextlib import suppress
 
 from rigel_k8s.exporter import ros1_messages
 
-__all__ = ["LARGEST_KEPT", "Stream", "StreamFailed", "decoded", "encoded"]
-
 #: Messages beyond it are counted and not kept, in bytes.
 LARGEST_KEPT = 1 << 20
 _CHUNK = 1 << 16

@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from rigel_k8s.exporter.graph import Samples
-from rigel_k8s.exporter.ros1_calls import CallFailed, Conversation
+from rigel_k8s.exporter.ros1_calls import Conversation
 from rigel_k8s.exporter.ros1_stream import Stream, StreamFailed
-
-__all__ = ["Hearing"]
+from rigel_k8s.inpod.rosrpc import CallFailed
 
 #: Seconds between two tries to hear a publisher, the first and the longest.
 _RETRY, _RETRY_LONGEST = 0.5, 10.0

@@ -11,8 +11,6 @@ from typing import Any
 
 from rigel_k8s.exporter.graph import Traffic
 
-__all__ = ["Ledger", "grown"]
-
 _Key = tuple[str, str, str]
 _WIDTH = 1 << 32
 

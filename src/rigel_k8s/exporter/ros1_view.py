@@ -9,9 +9,8 @@ import asyncio
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from rigel_k8s.exporter.ros1_calls import CallFailed, Conversation, Refused
-
-__all__ = ["Said", "View", "ask_master", "ask_nodes", "lookup"]
+from rigel_k8s.exporter.ros1_calls import Conversation, Refused
+from rigel_k8s.inpod.rosrpc import CallFailed
 
 #: Seconds that the master has for one round of answers, and a node for all of its own.
 MASTER, ANSWER = 5.0, 3.0

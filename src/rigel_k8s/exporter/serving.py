@@ -10,8 +10,6 @@ from typing import Any
 
 from rigel_k8s.exporter.metrics import CONTENT_TYPE
 
-__all__ = ["Server"]
-
 
 class Server(ThreadingHTTPServer):
     """Serves on all addresses, IPv4's and IPv6's where the machine has both."""

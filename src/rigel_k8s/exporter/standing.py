@@ -12,8 +12,6 @@ from typing import TypeVar
 from rigel_k8s.exporter.graph import Graph, Master, Node
 from rigel_k8s.exporter.metrics import Sample
 
-__all__ = ["NODES", "TOPICS", "TRAFFIC", "Standing"]
-
 #: The most that is told of each; ros_exporter_dropped counts the rest.
 NODES, TOPICS, TRAFFIC = 200, 500, 2000
 #: Seconds that a node which nobody expects is told to be gone.

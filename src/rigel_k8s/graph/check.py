@@ -18,8 +18,6 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 
-__all__ = ["GraphError", "check", "survey"]
-
 PATIENCE = 20.0  # seconds that the nodes have to discover each other after a deploy
 AGAIN = 1.0  # seconds between two looks
 LONGER = 6.0  # seconds for a look that decides

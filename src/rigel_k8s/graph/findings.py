@@ -14,8 +14,6 @@ from rigel_k8s.graph.words import GraphFinding
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.objects.text import join_words
 
-__all__ = ["DiscoveryGraph", "PodGraph", "graph"]
-
 
 @attrs.frozen
 class PodGraph:

@@ -24,8 +24,6 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.modes.peers import peer_name
 
-__all__ = ["ANNOUNCERS", "LISTEN", "Observation", "commands", "look"]
-
 START = 15.0  # seconds until the last one has to hear: a Python start on a busy machine, and DNS
 LISTEN = 1.5  # seconds for which all hear each other, where nobody says it
 END = 10.0  # seconds until the last one has to have told

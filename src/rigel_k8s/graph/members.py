@@ -13,8 +13,6 @@ from rigel_k8s.network.modes import MODES
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION
 
-__all__ = ["Member", "members"]
-
 #: What a user may set in a pod without `network`: then discovery goes other ways than multicast.
 OWN_WAYS = (
     "ROS_DISCOVERY_SERVER",

@@ -12,8 +12,6 @@ from rigel_k8s.graph.members import Member
 from rigel_k8s.graph.words import GraphFinding
 from rigel_k8s.objects.text import join_words
 
-__all__ = ["Paths", "deaf_findings", "paths"]
-
 SWITCH = (
     "look at what is between them: a firewall, Wi-Fi that filters multicast, a switch with IGMP"
     " snooping and no querier (that one dies after minutes)"

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 import attrs
 
-__all__ = ["GraphFinding"]
-
 
 @attrs.frozen
 class GraphFinding:

@@ -11,8 +11,6 @@ import hashlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 
-__all__ = ["mark"]
-
 LABEL = "rigel-k8s.build-arg"
 
 

@@ -11,15 +11,6 @@ import attrs
 
 from rigel_k8s.image_reference import DOCKER_HUB
 
-__all__ = [
-    "RegistryCredentials",
-    "credentials_for",
-    "docker_config",
-    "is_loopback",
-    "is_private",
-    "registry_name",
-]
-
 #: The key that docker, podman and the kubelet know Docker Hub by.
 _HUB_KEY = "https://index.docker.io/v1/"
 

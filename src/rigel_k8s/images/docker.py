@@ -19,8 +19,6 @@ from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps
 from rigel_k8s.oci import host_platform
 
-__all__ = ["Docker", "builder_platforms", "with_credentials"]
-
 #: Parts of the user's docker configuration that a configuration of our own must still lead to.
 _KEPT = ("cli-plugins", "contexts", "tls")
 

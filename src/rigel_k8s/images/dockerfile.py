@@ -16,16 +16,6 @@ import attrs
 
 from rigel_k8s.distros import ROS1
 
-__all__ = [
-    "DOCKERFILE",
-    "ENTRYPOINT_FILE",
-    "Recipe",
-    "dockerfile",
-    "entrypoint",
-    "exec_form",
-    "ignored",
-]
-
 DOCKERFILE = "Dockerfile"
 #: Beside the Dockerfile, under the name that Rigel gave it.
 ENTRYPOINT_FILE = "dockerfile_entrypoint.sh"

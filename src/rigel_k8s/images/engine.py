@@ -13,8 +13,6 @@ import attrs
 from rigel_k8s.image_reference import is_reference, parse_reference
 from rigel_k8s.images.credentials import RegistryCredentials
 
-__all__ = ["Build", "Engine", "Session"]
-
 _FROM = re.compile(r"(?im)^\s*FROM\s+(?:--\S+\s+)*(\S+)")
 
 

@@ -25,8 +25,6 @@ from rigel_k8s.images.progress import Steps
 from rigel_k8s.oci import host_platform
 from rigel_k8s.process import finish
 
-__all__ = ["ISOLATION", "Podman", "lacks_sys_resource", "registries_conf"]
-
 ISOLATION = "BUILDAH_ISOLATION"
 _CAP_SYS_RESOURCE = 24
 _EMULATORS = {

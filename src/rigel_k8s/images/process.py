@@ -18,8 +18,6 @@ from rigel_k8s.cache import cache_dir
 from rigel_k8s.errors import CommandFailed
 from rigel_k8s.images.progress import failure
 
-__all__ = ["build", "hint", "stream"]
-
 #: So many logs of failed builds are kept.
 LOGS = 20
 

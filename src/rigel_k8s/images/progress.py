@@ -6,8 +6,6 @@ import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-__all__ = ["Steps", "failure", "step_of"]
-
 #: Seconds between two lines of the same step.
 PAUSE = 5.0
 

@@ -25,8 +25,6 @@ from rigel_k8s.proxy import environment_proxy
 if TYPE_CHECKING:
     import urllib3
 
-__all__ = ["DIGESTS", "challenge", "log_in", "resolve_digest"]
-
 #: In a sequence's shared data: {image reference as users write it: digest}, of all that was pushed.
 DIGESTS = "image_digests"
 

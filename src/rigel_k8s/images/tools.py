@@ -12,8 +12,6 @@ from rigel_k8s.images.engine import Engine
 from rigel_k8s.images.podman import ISOLATION, Podman, lacks_sys_resource
 from rigel_k8s.process import finish
 
-__all__ = ["find_engine"]
-
 _PROBE_SECONDS = 60
 _INSTALL = "install podman (Debian: sudo apt-get install podman), or Docker with its buildx plugin"
 

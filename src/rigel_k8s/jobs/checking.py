@@ -16,8 +16,6 @@ from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile import Finding
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["JobPreview"]
-
 Known = Mapping[str, Any]
 #: A job and the data known so far to its options (None: something is wrong) and what is wrong.
 Options = Callable[[Job, Known], tuple[Any | None, Sequence[Finding]]]

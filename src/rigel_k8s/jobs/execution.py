@@ -23,8 +23,6 @@ from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Execution", "RunContext"]
-
 #: Seconds that a dependency may take to become ready, where --timeout says nothing.
 READY_TIMEOUT = 300.0
 

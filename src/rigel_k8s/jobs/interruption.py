@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-__all__ = ["interruptions"]
-
 #: The handlers that nobody has set on purpose; others are left alone.
 USUAL: Mapping[signal.Signals, Any] = {
     signal.SIGINT: signal.default_int_handler,

@@ -13,8 +13,6 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["JobContext", "JobReporter", "JobType", "ProviderType"]
-
 O_contra = TypeVar("O_contra", contravariant=True)  # the options of a job type or provider
 
 

@@ -20,8 +20,6 @@ from rigel_k8s.jobs.providers import Declared, Providers
 from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs
 
-__all__ = ["run_steps"]
-
 
 def run_steps(
     steps: Jobs,

@@ -6,8 +6,6 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["combinations", "label"]
-
 
 def combinations(matrix: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     """Return the combinations; no key gives the one empty combination, an empty list gives none."""

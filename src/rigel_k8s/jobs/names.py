@@ -11,8 +11,6 @@ from typing import Literal, TypeAlias
 
 import attrs
 
-__all__ = ["BUILTIN", "ENTRY_POINT_GROUPS", "Builtin", "Kind", "by_name"]
-
 Kind: TypeAlias = Literal["job", "provider"]
 
 ENTRY_POINT_GROUPS: Mapping[Kind, str] = {

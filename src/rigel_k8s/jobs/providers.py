@@ -11,8 +11,6 @@ import attrs
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.jobs.job import JobReporter, ProviderType
 
-__all__ = ["Declared", "Providers"]
-
 
 @attrs.frozen
 class Declared:

@@ -23,8 +23,6 @@ from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, by_name
 from rigel_k8s.jobs.validation import looks_like, validate, word
 
-__all__ = ["importable", "job_type", "known", "provider_type"]
-
 
 def job_type(name: str, directory: Path | None = None) -> JobType[Any]:
     """Return the job type of that name.

@@ -21,8 +21,6 @@ from rigel_k8s.jobs.names import Kind
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
-__all__ = ["RigelStyleJob", "RigelStyleProvider", "adapt", "fits"]
-
 METHODS = {"job": ("setup", "start", "process", "stop"), "provider": ("connect", "disconnect")}
 #: raw_data, global_data, application, providers_data, shared_data; identifier and three of those
 ARGUMENTS = {"job": 5, "provider": 4}

@@ -37,17 +37,6 @@ from rigel_k8s.rigelfile import (
 from rigel_k8s.rigelfile.model import ComponentSpec
 from rigel_k8s.settings import Application, Settings
 
-__all__ = [
-    "Prepared",
-    "check_sequence",
-    "prepare_job",
-    "prepare_sequence",
-    "prepare_use",
-    "run",
-    "run_job",
-    "run_sequence",
-]
-
 T = TypeVar("T")
 
 #: Seconds that jobs may take to end after Ctrl-C or another job's failure.

@@ -5,8 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-__all__ = ["CancelScope"]
-
 
 class CancelScope:
     """A part of a run that can be stopped: `cancelled` is set, and that of every part of it."""

@@ -25,8 +25,6 @@ from rigel_k8s.rigelfile.model import (
 )
 from rigel_k8s.rigelfile.source import YamlNode
 
-__all__ = ["Branches", "Job", "Jobs", "Serving", "Step", "job_names", "of_job", "of_sequence"]
-
 
 @attrs.frozen
 class Job:

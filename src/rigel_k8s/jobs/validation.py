@@ -14,8 +14,6 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.names import Kind
 
-__all__ = ["looks_like", "validate"]
-
 METHODS: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
     "job": {"check": ("options", "application"), "run": ("options", "job")},
     "provider": {

@@ -22,8 +22,6 @@ from rigel_k8s.rigelfile import (
     render_node,
 )
 
-__all__ = ["Values"]
-
 
 class Values:
     """Options and matrices of one Rigelfile."""

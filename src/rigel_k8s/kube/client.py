@@ -12,8 +12,6 @@ from rigel_k8s.kube.resources import ApiResources, Resource
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.transport import Answer, Stream, Transport
 
-__all__ = ["Client"]
-
 
 class Client:
     """Speaks JSON to one API server and wraps what it refuses."""

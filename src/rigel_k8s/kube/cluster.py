@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from rigel_k8s.kube.execution import ExecResult
     from rigel_k8s.kube.forwarding import Forward
 
-__all__ = ["MANAGER", "Cluster"]
-
 MANAGER = "rigel"  # who owns the fields that we apply
 PAGE = 500
 METADATA_ONLY = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"

@@ -23,8 +23,6 @@ import attrs
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.target import Credentials, Headers
 
-__all__ = ["file_credentials", "user_credentials"]
-
 RENEW = 60.0  # seconds after which a token file is read again, as client-go does
 EARLY = 30.0  # seconds before its expiry that a credential counts as expired
 PLUGIN_TIMEOUT = 120.0

@@ -23,8 +23,6 @@ from rigel_k8s.kube.resources import path
 from rigel_k8s.kube.terminal import Terminal
 from rigel_k8s.kube.websocket import Websocket, connect
 
-__all__ = ["ExecResult", "exec_on", "run"]
-
 STDIN, STDOUT, STDERR, RESULT, RESIZE, CLOSE = 0, 1, 2, 3, 4, 255
 PROTOCOLS = ("v5.channel.k8s.io", "v4.channel.k8s.io")
 BLOCK = 32 * 1024

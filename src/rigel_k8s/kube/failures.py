@@ -10,17 +10,6 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
 
-__all__ = [
-    "Cause",
-    "Conflict",
-    "FieldConflict",
-    "Forbidden",
-    "Missing",
-    "Refusal",
-    "refusal",
-    "unreachable",
-]
-
 CONFLICT = 'conflict with "'
 LOGIN = "the credentials of context {context} are missing or have expired: log in again"
 RIGHTS = "ask for the right, or use other credentials: `kubectl auth can-i --list` shows yours"

@@ -9,8 +9,6 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.resources import path
 
-__all__ = ["goes_on"]
-
 ANSWERS = 4  # how many times as long as an answer takes a stream has to end
 
 

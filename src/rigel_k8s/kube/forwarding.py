@@ -18,8 +18,6 @@ from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.resources import path
 from rigel_k8s.kube.websocket import Websocket, connect
 
-__all__ = ["Forward", "port_forward"]
-
 DATA, ERROR = 0, 1
 PROTOCOLS = ("v4.channel.k8s.io",)
 BLOCK = 32 * 1024

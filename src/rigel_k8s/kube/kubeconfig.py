@@ -19,8 +19,6 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.kube.credentials import file_credentials, user_credentials
 from rigel_k8s.kube.target import Target
 
-__all__ = ["load"]
-
 SERVICE_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
 NO_CLUSTER = (
     "make a local cluster with `rigel cluster up` (or kind, minikube, k3s), "

@@ -9,8 +9,6 @@ from urllib.parse import quote, urlencode
 
 import attrs
 
-__all__ = ["ApiResources", "Resource", "path", "with_query"]
-
 
 @attrs.frozen
 class Resource:

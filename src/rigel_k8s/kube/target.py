@@ -7,8 +7,6 @@ from typing import TypeAlias
 
 import attrs
 
-__all__ = ["Credentials", "Headers", "Target", "no_headers"]
-
 Headers: TypeAlias = Sequence[tuple[str, str]]
 
 

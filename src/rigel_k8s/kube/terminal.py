@@ -9,8 +9,6 @@ import threading
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
-__all__ = ["Terminal"]
-
 
 class Terminal:
     """A terminal in raw mode: keys go to the command unread, changes of its size are told.

@@ -8,8 +8,6 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
-__all__ = ["WIDTH", "aborting", "parallel"]
-
 WIDTH = 8  # requests at once: more only queue up in the API server and in this interpreter
 LOOK = 0.2  # seconds between two looks at a cancel event
 T = TypeVar("T")

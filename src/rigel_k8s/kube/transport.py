@@ -29,8 +29,6 @@ from rigel_k8s.kube.failures import unreachable
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.proxy import proxy_for
 
-__all__ = ["Answer", "Stream", "Transport"]
-
 CONNECT_TIMEOUT = 10.0
 READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds
 RETRIES = 5  # of what the server asks to send again

@@ -15,8 +15,6 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.kube.resources import path
 from rigel_k8s.kube.threads import aborting
 
-__all__ = ["WatchEvent", "label_selector", "watch"]
-
 PAUSE = 1.0  # seconds before a lost watch is opened again
 SILENCE = 15.0  # seconds beyond the server's own limit after which a stream counts as dead
 

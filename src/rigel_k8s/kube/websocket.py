@@ -17,8 +17,6 @@ from rigel_k8s.kube.transport import Answer
 if TYPE_CHECKING:
     from websocket import WebSocket
 
-__all__ = ["Websocket", "connect"]
-
 
 class Websocket:
     """An open websocket; a message's first byte is its channel.

@@ -15,8 +15,6 @@ from typing import Any
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 
-__all__ = ["Pool", "assign", "read_addresses"]
-
 
 class Pool:
     """The addresses that may be given out.

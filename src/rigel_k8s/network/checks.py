@@ -18,8 +18,6 @@ from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 
-__all__ = ["check_install", "check_options"]
-
 #: The options that only some modes read, and those modes.
 READERS = {
     field.name: [mode.name for mode in MODES.values() if field.name in mode.keys]

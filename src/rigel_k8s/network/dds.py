@@ -12,23 +12,6 @@ from typing import Any
 from rigel_k8s.network.wiring import NetworkPlan
 from rigel_k8s.network.xml import document, element, leaf
 
-__all__ = [
-    "ADDRESS",
-    "CYCLONE_FILE",
-    "FASTDDS_FILE",
-    "FILES_PATH",
-    "PARTICIPANTS",
-    "cyclone_config",
-    "cyclone_variables",
-    "fastdds_profile",
-    "fastdds_variables",
-    "pinned_files",
-    "pinned_variables",
-    "reads_udp_only",
-    "udp_only",
-    "uses",
-]
-
 Variables = dict[str, dict[str, Any]]
 
 #: Where a pod finds its configuration files.

@@ -14,16 +14,6 @@ from rigel_k8s.network.dds import FILES_PATH
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
 
-__all__ = [
-    "SCRIPT",
-    "around",
-    "as_they_are",
-    "config_name",
-    "files_config",
-    "interface_script",
-    "made_at_start",
-]
-
 Object = dict[str, Any]
 
 SCRIPT = "interface.sh"

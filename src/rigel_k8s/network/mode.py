@@ -16,8 +16,6 @@ from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
 
-__all__ = ["Mode", "ModeUse", "mode_path"]
-
 
 @attrs.frozen
 class ModeUse:

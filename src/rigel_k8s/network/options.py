@@ -10,16 +10,6 @@ import attrs
 from rigel_k8s.objects.fields import option
 from rigel_k8s.objects.scalars import Count, ImageRef, MountPath, ObjectName
 
-__all__ = [
-    "INTERFACE",
-    "MIDDLEWARE",
-    "Install",
-    "ModeName",
-    "Network",
-    "middleware_name",
-    "network_of",
-]
-
 #: The names of the modes; modes/ has one module each.
 ModeName = Literal[
     "macvlan", "ipvlan", "attachment", "peers", "discovery-server", "zenoh", "host", "none"

@@ -12,8 +12,6 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.naming import Ros
 
-__all__ = ["network_plan"]
-
 #: Domains whose ports no Linux gives to anybody else.
 SAFE_DOMAINS = 101
 

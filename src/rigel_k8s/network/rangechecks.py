@@ -9,8 +9,6 @@ from rigel_k8s.network.addresses import Pool
 from rigel_k8s.network.options import Network
 from rigel_k8s.problems import Path, Problem
 
-__all__ = ["check_ranges", "pool_of", "read_v6"]
-
 KIND = "bad-range"
 #: A subnet with fewer addresses than this has none to give out.
 SMALLEST = 4

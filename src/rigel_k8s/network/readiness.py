@@ -7,8 +7,6 @@ from rigel_k8s.network.modes.zenoh import ZENOH_PORT
 from rigel_k8s.network.options import INTERFACE
 from rigel_k8s.network.wiring import NetworkPlan
 
-__all__ = ["ready_words"]
-
 
 def ready_words(plan: NetworkPlan) -> tuple[str, ...]:
     """Return the script's arguments: about ROS 1 nodes, about zenoh's router, or about DDS."""

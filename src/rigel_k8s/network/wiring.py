@@ -11,8 +11,6 @@ import attrs
 from rigel_k8s.network.options import Network
 from rigel_k8s.objects.naming import Ros
 
-__all__ = ["NETWORK_ANNOTATION", "NetworkPlan", "PodIdentity", "Wiring", "network_note"]
-
 Object = dict[str, Any]
 
 #: On pods: how they are networked, as JSON, so that a pod can be looked at without its Rigelfile.

@@ -7,16 +7,6 @@ from typing import Any
 
 from rigel_k8s.objects.refs import Manifest
 
-__all__ = [
-    "DEFAULT_CLASS",
-    "find_condition",
-    "is_default_class",
-    "is_ending",
-    "is_met",
-    "is_ready",
-    "stays_ready",
-]
-
 #: The annotation of the StorageClass of claims that name none.
 DEFAULT_CLASS = "storageclass.kubernetes.io/is-default-class"
 

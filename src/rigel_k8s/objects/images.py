@@ -8,8 +8,6 @@ from typing import Any
 from rigel_k8s.objects.overlay import plain
 from rigel_k8s.objects.refs import Manifest
 
-__all__ = ["add_pull_secrets", "images_of", "pin_images"]
-
 
 def images_of(objects: Iterable[Manifest]) -> tuple[str, ...]:
     """Return the images of all workloads, each once."""

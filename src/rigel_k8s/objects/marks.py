@@ -2,15 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "FIELD_MANAGER",
-    "FIRST_ANNOTATION",
-    "OPTIONAL_ANNOTATION",
-    "RELEASE_LABEL",
-    "REMEDY_ANNOTATION",
-    "SINGLETON_ANNOTATION",
-]
-
 FIELD_MANAGER = "rigel"
 #: On every object of a release: the release's name (the deployment_name), as a label value.
 RELEASE_LABEL = "rigel-k8s/release"

@@ -8,19 +8,6 @@ from typing import Literal
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
 
-__all__ = [
-    "LONGEST",
-    "NAME_LABEL",
-    "NODE_ANNOTATION",
-    "ROS_ANNOTATION",
-    "ROS_NAME_ANNOTATION",
-    "Ros",
-    "labels",
-    "object_name",
-    "ros_name",
-    "selector",
-]
-
 #: Which ROS an application is of; "none" is a plain DDS application.
 Ros = Literal["1", "2", "none"]
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["merge", "plain"]
-
 #: Lists whose items have an identity, as Kubernetes' own merge patches have it.
 IDENTITIES: Mapping[str, str] = {
     "containers": "name",

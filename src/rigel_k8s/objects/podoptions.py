@@ -26,20 +26,6 @@ from rigel_k8s.objects.scalars import (
     Share,
 )
 
-__all__ = [
-    "Device",
-    "EnvVar",
-    "PersistentStorage",
-    "Placement",
-    "PortOptions",
-    "Readiness",
-    "RollingUpdate",
-    "Scalar",
-    "Toleration",
-    "Volume",
-    "VolumeMount",
-]
-
 Scalar = str | int | float | bool
 
 

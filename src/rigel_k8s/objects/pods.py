@@ -11,21 +11,6 @@ from typing import Any
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.text import words
 
-__all__ = [
-    "LOG_PATH",
-    "MASTER_NAME",
-    "MASTER_PORT",
-    "MASTER_URI",
-    "SCRIPTS_PATH",
-    "Object",
-    "compact",
-    "inpod_volume",
-    "log_volume",
-    "probes",
-    "scripts_config",
-    "stop_hook",
-]
-
 Object = dict[str, Any]
 
 SCRIPTS_PATH = "/rigel-k8s"

@@ -7,8 +7,6 @@ from typing import Any, TypeAlias
 
 import attrs
 
-__all__ = ["Manifest", "ObjectRef", "ref_of"]
-
 Manifest: TypeAlias = Mapping[str, Any]
 
 

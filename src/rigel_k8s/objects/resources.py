@@ -9,8 +9,6 @@ import attrs
 from rigel_k8s.objects.fields import option
 from rigel_k8s.objects.scalars import LabelKey, Quantity
 
-__all__ = ["Resources"]
-
 
 @attrs.frozen(kw_only=True)
 class Resources:

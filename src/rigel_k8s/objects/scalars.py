@@ -11,26 +11,6 @@ from typing import ClassVar, TypeVar
 
 from rigel_k8s.image_reference import is_reference
 
-__all__ = [
-    "Count",
-    "Delay",
-    "Duration",
-    "EnvName",
-    "ImageRef",
-    "LabelKey",
-    "LabelValue",
-    "MountPath",
-    "ObjectName",
-    "Port",
-    "PortName",
-    "Quantity",
-    "Replicas",
-    "Retention",
-    "RosName",
-    "RosUri",
-    "Share",
-]
-
 T = TypeVar("T", bound="Text")
 N = TypeVar("N", bound="Number")
 

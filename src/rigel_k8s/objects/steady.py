@@ -12,8 +12,6 @@ from typing import Any
 
 from rigel_k8s.objects.overlay import plain
 
-__all__ = ["SECONDS", "steady", "unprobed"]
-
 #: Kubernetes keeps in whole seconds when a pod became ready, so of N it may wait only N - 1: with 1
 #: each crash that was measured counted as ready, for the kubelet told it later.
 SECONDS = 2

@@ -8,8 +8,6 @@ from typing import Any
 
 from rigel_k8s.option_text import text_of
 
-__all__ = ["join_words", "words"]
-
 MOST = 6  # names in a line; who wants all reads `rigel status -o json`
 
 

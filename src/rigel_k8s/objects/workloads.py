@@ -11,16 +11,6 @@ from rigel_k8s.objects.naming import Ros, labels, selector
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.pods import Object, compact, inpod_volume, log_volume
 
-__all__ = [
-    "ReleaseContext",
-    "config_map",
-    "deployment",
-    "pull_policy",
-    "readiness_of",
-    "ros_volumes",
-    "service",
-]
-
 
 @attrs.frozen
 class ReleaseContext:

@@ -16,8 +16,6 @@ from rigel_k8s.observability.options import (
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 
-__all__ = ["check"]
-
 #: Seconds: Loki's index is of days, and what is deleted of it too.
 DAY = 86_400
 URL = re.compile(r"https?://[A-Za-z0-9._\[\]:-]+(/\S*)?")

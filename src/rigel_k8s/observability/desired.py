@@ -26,8 +26,6 @@ from rigel_k8s.release.deploy import last_good
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 
-__all__ = ["NAMESPACE", "DesiredStack", "desired_stack", "render_stack"]
-
 NAMESPACE = "monitoring"
 
 

@@ -24,8 +24,6 @@ from rigel_k8s.observability.manifests.frame import COMPONENT, CONFIG_ANNOTATION
 from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
 from rigel_k8s.observability.options import Part, RosMetrics
 
-__all__ = ["EXPORTER_IMAGE", "WatchedGraph", "exporter_identity", "exporter_objects"]
-
 #: What `rigel image ros-exporter` builds.
 EXPORTER_IMAGE = f"ghcr.io/rigel-k8s/ros-exporter:{__version__}"
 

@@ -22,8 +22,6 @@ from rigel_k8s.release.deploy import deploy, diff, last_good
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 
-__all__ = ["StackResult", "describe", "ensure", "install"]
-
 #: Seconds for all images of the stack to be pulled by a machine that has none of them.
 PATIENT = 600.0
 #: Seconds where a machine is away: its pods cannot come, and the others' are quick.

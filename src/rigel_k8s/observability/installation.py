@@ -11,8 +11,6 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION
 
-__all__ = ["api_servers", "gives_storage", "installed_in"]
-
 
 def installed_in(cluster: Cluster) -> str | None:
     """Return the namespace of the cluster's stack, None where there is none."""

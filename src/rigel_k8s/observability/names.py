@@ -6,20 +6,6 @@ docs/observability.md. A changed name is a changed contract: people have dashboa
 
 from __future__ import annotations
 
-__all__ = [
-    "EXPORTER",
-    "EXPORTER_PORT",
-    "GRAFANA",
-    "GRAFANA_PORT",
-    "LABELS",
-    "LEVELS",
-    "LOKI",
-    "LOKI_PORT",
-    "PROMETHEUS",
-    "PROMETHEUS_PORT",
-    "RELEASE",
-]
-
 #: The stack's release; its namespace is the option's.
 RELEASE = "rigel-observability"
 

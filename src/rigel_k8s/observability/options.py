@@ -25,21 +25,6 @@ from rigel_k8s.objects.scalars import (
     RosName,
 )
 
-__all__ = [
-    "Existing",
-    "ExistingGrafana",
-    "ExistingLoki",
-    "ExistingPrometheus",
-    "Grafana",
-    "Loki",
-    "Observability",
-    "ObservabilityOptions",
-    "Part",
-    "Persistence",
-    "Prometheus",
-    "RosMetrics",
-]
-
 ServiceType = Literal["ClusterIP", "NodePort", "LoadBalancer"]
 
 

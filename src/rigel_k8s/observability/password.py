@@ -15,8 +15,6 @@ from rigel_k8s.observability.names import GRAFANA
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["administrator_ref", "ensure_administrator"]
-
 USER = "admin"
 #: Bytes of a random password: 24 letters.
 LENGTH = 18

@@ -15,12 +15,10 @@ from rigel_k8s.observability.manifests.alloy import ALLOY
 from rigel_k8s.observability.manifests.promtail import PROMTAIL
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.password import administrator_ref
-from rigel_k8s.release.deploy import down
+from rigel_k8s.release.removal import down
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import Plan, ReleaseId
 from rigel_k8s.report import Reporter
-
-__all__ = ["remove"]
 
 LOOK = 0.5
 #: Seconds for a collector to hand over what it has read.

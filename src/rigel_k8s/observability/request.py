@@ -9,8 +9,6 @@ import attrs
 
 from rigel_k8s.objects.overlay import plain
 
-__all__ = ["StackRequest", "request_of"]
-
 #: What is one application's own, or where the stack is and not what it is.
 OWN = ("enabled", "ros_metrics", "namespace")
 

@@ -19,8 +19,6 @@ from rigel_k8s.release.plan import predecessors
 from rigel_k8s.release.types import Plan, Step
 from rigel_k8s.report import Reporter
 
-__all__ = ["CLAIMS", "GONE_TIMEOUT", "Applier"]
-
 Live = dict[str, Any]
 GONE_TIMEOUT = 120.0  # seconds that what is being deleted may take
 DEFINED_TIMEOUT = 30.0

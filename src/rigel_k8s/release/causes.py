@@ -13,8 +13,6 @@ import attrs
 
 from rigel_k8s.objects.refs import Manifest
 
-__all__ = ["Cause", "causes", "owner", "pods_of", "probe_failure"]
-
 IMAGE = ("ErrImagePull", "ImagePullBackOff", "RegistryUnavailable", "ErrImageNeverPull")
 BAD_NAME = "InvalidImageName"
 START = ("CreateContainerConfigError", "CreateContainerError", "RunContainerError")

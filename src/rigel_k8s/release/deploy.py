@@ -25,13 +25,10 @@ from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.lease import Held, held
 from rigel_k8s.release.patience import Patience
 from rigel_k8s.release.plan import compare, predecessors
-from rigel_k8s.release.removal import down
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
 from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision
 from rigel_k8s.release.wait import Waiter
 from rigel_k8s.report import Reporter
-
-__all__ = ["DEFAULT_TIMEOUT", "deploy", "diff", "down", "history", "last_good", "rollback"]
 
 DEFAULT_TIMEOUT = 300.0
 ATTEMPTS = 3  # looks at the cluster when other deploys end while we wait for the Lease

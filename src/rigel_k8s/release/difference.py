@@ -13,8 +13,6 @@ from rigel_k8s.release.plan import substance
 from rigel_k8s.release.prepare import HASH_ANNOTATION
 from rigel_k8s.release.types import Plan, Step
 
-__all__ = ["difference", "step_difference"]
-
 HIDDEN_NOTES = (HASH_ANNOTATION, "deployment.kubernetes.io/revision")
 
 

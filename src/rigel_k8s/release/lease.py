@@ -26,8 +26,6 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 
-__all__ = ["Held", "held"]
-
 DURATION = 15  # seconds without renewal after which a Lease is dead
 RENEW = 5.0
 LOOK = 0.5

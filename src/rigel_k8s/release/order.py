@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["PROTECTED", "WORKLOADS", "rank", "wave"]
-
 FIRST = ("Namespace", "CustomResourceDefinition", "PriorityClass", "StorageClass")
 ORDER = (
     *FIRST,

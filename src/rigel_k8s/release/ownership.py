@@ -13,8 +13,6 @@ from typing import Any
 from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.objects.refs import Manifest
 
-__all__ = ["covers", "is_applied", "managers", "owned_fields", "taken_over"]
-
 #: Managers that are part of Kubernetes: what they set is no other tool's wish.
 CONTROLLERS = ("kube-", "kubelet", "k3s", "cloud-controller")
 

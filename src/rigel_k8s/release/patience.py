@@ -13,8 +13,6 @@ import attrs
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.causes import Cause
 
-__all__ = ["Ledger", "Patience", "Seen"]
-
 
 @attrs.frozen
 class Patience:

@@ -12,8 +12,6 @@ from rigel_k8s.release.order import PROTECTED, rank
 from rigel_k8s.release.survey import Live, Survey, belongs, unchanged
 from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId, Step
 
-__all__ = ["compare", "predecessors", "prunes", "same", "singleton"]
-
 #: What changes by itself, and what says nothing about the object.
 NOISE = ("managedFields", "resourceVersion", "generation", "uid", "creationTimestamp", "selfLink")
 

@@ -15,8 +15,6 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release.order import rank
 from rigel_k8s.release.types import Desired, ReleaseId
 
-__all__ = ["HASH_ANNOTATION", "NAMESPACE_ANNOTATION", "hash_of", "manifests_to_apply"]
-
 HASH_ANNOTATION = "rigel-k8s/hash"
 #: On cluster-wide objects: the namespace of the release that they belong to.
 NAMESPACE_ANNOTATION = "rigel-k8s/namespace"

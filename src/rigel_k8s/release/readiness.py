@@ -14,8 +14,6 @@ import attrs
 from rigel_k8s.objects.facts import find_condition, is_met
 from rigel_k8s.objects.refs import Manifest
 
-__all__ = ["UNSEEN", "ObjectReadiness", "readiness"]
-
 UNSEEN = "its controller has not seen the change yet"
 
 

@@ -17,8 +17,6 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.release.ownership import managers
 from rigel_k8s.release.survey import Survey, belongs
 
-__all__ = ["Refused", "check"]
-
 ADOPT = "to take them over, run it again with --adopt; they become what the Rigelfile says"
 DELETE = "kubectl {where}delete {kind} {name}"
 SELECTOR = (

@@ -23,8 +23,6 @@ from rigel_k8s.release.survey import belongs, namespace_ref
 from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId
 from rigel_k8s.report import Reporter
 
-__all__ = ["down"]
-
 Live = dict[str, Any]
 #: Kinds that are looked through for the release's label, beside those of its last revision.
 KINDS = (

@@ -19,18 +19,6 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.release.types import InventoryItem, ReleaseId, Revision
 
-__all__ = [
-    "LIMIT",
-    "Record",
-    "create",
-    "forget",
-    "forget_old",
-    "record",
-    "recordable",
-    "records",
-    "update",
-]
-
 LIMIT = 10
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"

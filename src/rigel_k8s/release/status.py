@@ -21,8 +21,6 @@ from rigel_k8s.release.readiness import readiness
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import ReleaseId
 
-__all__ = ["PodStatus", "ReleaseStatus", "WorkloadStatus", "status"]
-
 Live = dict[str, Any]
 #: What a probe says last, where programs are to know what kind of failure it is.
 KIND = re.compile(r"\[([a-z-]+)\]$")

@@ -22,8 +22,6 @@ from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION, hash_of, manifests_t
 from rigel_k8s.release.revisions import Record, records
 from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision
 
-__all__ = ["Survey", "belongs", "namespace_ref", "survey", "unchanged"]
-
 Live = dict[str, Any]
 
 

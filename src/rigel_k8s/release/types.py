@@ -8,22 +8,9 @@ from typing import Any, Literal
 
 import attrs
 
-from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.problems import Path
 from rigel_k8s.report import Reporter
-
-__all__ = [
-    "DeployOptions",
-    "Desired",
-    "InventoryItem",
-    "Manifest",
-    "ObjectRef",
-    "Plan",
-    "ReleaseId",
-    "Revision",
-    "Step",
-    "ref_of",
-]
 
 
 @attrs.frozen

@@ -18,8 +18,6 @@ from rigel_k8s.objects.steady import unprobed
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["Unprobed", "ended", "unprobed_in"]
-
 KINDS = ("Deployment", "DaemonSet", "StatefulSet")
 LOOK = 0.5  # seconds that a stream has to end: it took 0.03 s on a machine that was overloaded
 WIDTH = 32  # looks at once: each does nothing but wait

@@ -14,8 +14,6 @@ from rigel_k8s.kube.watching import WatchEvent
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.causes import owner
 
-__all__ = ["Kind", "ReleaseView"]
-
 Kind = tuple[str, str]
 Live = dict[str, Any]
 POD: Kind = ("v1", "Pod")

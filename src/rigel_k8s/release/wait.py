@@ -23,8 +23,6 @@ from rigel_k8s.release.unprobed import Unprobed, ended, unprobed_in
 from rigel_k8s.release.view import EVENT, POD, REPLICA_SET, Kind, ReleaseView
 from rigel_k8s.report import Reporter
 
-__all__ = ["Waiter", "is_waited_for"]
-
 LOOK = 0.25  # seconds between two looks at the clock
 EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none

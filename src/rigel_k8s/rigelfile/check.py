@@ -19,8 +19,6 @@ from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, locate
 from rigel_k8s.settings import Application
 
-__all__ = ["CheckResult", "Resolve", "check_file", "load", "open_source"]
-
 #: The kind ("job" or "provider") and the name behind `plugin:` or `provider:`, to a type with
 #: `options` and `check`; UserError where there is none.
 Resolve: TypeAlias = Callable[[Literal["job", "provider"], str], Any]

@@ -18,8 +18,6 @@ from jinja2.sandbox import ImmutableSandboxedEnvironment
 
 from rigel_k8s.rigelfile.findings import nearest
 
-__all__ = ["ExpressionError", "Reference", "evaluate", "references", "undefined"]
-
 _REFERENCE = re.compile(
     r"""(?P<quoted>'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")
       | (?<![\w.]) (?P<header>vars|data)

@@ -18,21 +18,6 @@ from typing import Any, Literal
 
 import attrs
 
-__all__ = [
-    "Field",
-    "choices",
-    "expects",
-    "fields_of",
-    "is_list",
-    "is_mapping",
-    "is_scalar_class",
-    "members",
-    "nested_under",
-    "resolved",
-    "summary",
-    "type_arguments",
-]
-
 _LISTS = (list, tuple, set, frozenset, collections.abc.Sequence, collections.abc.Collection)
 _MAPPINGS = (dict, collections.abc.Mapping, collections.abc.MutableMapping)
 _SINGLE = (str, int, float, bool)

@@ -12,8 +12,6 @@ from rigel_k8s.errors import ProblemsError
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate
 
-__all__ = ["Finding", "at", "in_order", "meant", "nearest", "place", "problems_error", "render"]
-
 
 @attrs.frozen
 class Finding:

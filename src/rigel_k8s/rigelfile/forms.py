@@ -10,18 +10,6 @@ import attrs
 
 from rigel_k8s.rigelfile.source import YamlNode
 
-__all__ = [
-    "ApplicationForm",
-    "ConcurrentForm",
-    "JobForm",
-    "JobUseForm",
-    "ParallelForm",
-    "ProviderForm",
-    "RigelfileForm",
-    "SequenceForm",
-    "SequentialForm",
-]
-
 
 def _key(doc: str, **arguments: Any) -> Any:
     """Return a field with its documentation; `key` where the file says it otherwise."""

@@ -37,8 +37,6 @@ from rigel_k8s.rigelfile.source import YamlNode, kind_of, locate
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application
 
-__all__ = ["Contents", "read", "uses"]
-
 
 @attrs.frozen
 class Contents:

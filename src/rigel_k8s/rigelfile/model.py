@@ -15,17 +15,6 @@ from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import Source, YamlNode, plain
 from rigel_k8s.settings import Application
 
-__all__ = [
-    "ComponentSpec",
-    "Concurrent",
-    "JobUse",
-    "Parallel",
-    "Rigelfile",
-    "SequenceSpec",
-    "Sequential",
-    "Stage",
-]
-
 
 @attrs.frozen
 class ComponentSpec:

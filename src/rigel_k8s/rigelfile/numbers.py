@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["WrittenFloat", "WrittenInt", "written"]
-
 
 class WrittenFloat(float):
     """A float whose text is not what Python would write."""

@@ -15,17 +15,6 @@ from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import YamlNode, kind_of, plain
 from rigel_k8s.rigelfile.structure import Doubts, structure
 
-__all__ = [
-    "Preview",
-    "Realised",
-    "Rendered",
-    "look",
-    "merged",
-    "preview",
-    "realise",
-    "render_node",
-]
-
 
 @attrs.frozen
 class Rendered:

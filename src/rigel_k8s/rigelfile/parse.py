@@ -14,8 +14,6 @@ import yaml
 from rigel_k8s.rigelfile.findings import Finding
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode
 
-__all__ = ["parse"]
-
 # Larger than any real Rigelfile; a few lines of aliases of aliases make more than memory holds.
 MOST_VALUES = 200_000
 DEEPEST = 100

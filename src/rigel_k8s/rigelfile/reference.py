@@ -18,8 +18,6 @@ from rigel_k8s.rigelfile.fields import (
     type_arguments,
 )
 
-__all__ = ["reference"]
-
 HEAD = """# Reference
 
 Every option of the job types and providers of this package. This page is made from the code.

@@ -19,8 +19,6 @@ from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 from rigel_k8s.rigelfile.template import Expression, Name, parts
 
-__all__ = ["rigel03"]
-
 KIND = "rigel03"
 #: What Rigel 0.3 takes for a name: it squeezes the blanks out and looks the rest up.
 _NAME = re.compile(r"\{\{[a-zA-Z0-9_\s\-!?.]+\}\}")

@@ -11,8 +11,6 @@ from rigel_k8s.rigelfile.fields import choices, expects, is_scalar_class
 from rigel_k8s.rigelfile.findings import nearest
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
-__all__ = ["Mismatch", "described", "mismatch", "scalar"]
-
 _WHOLE = re.compile(r"[+-]?\d+")
 _BOOLEANS = {
     **dict.fromkeys(("true", "yes", "on"), True),

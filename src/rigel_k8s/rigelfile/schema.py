@@ -27,8 +27,6 @@ from rigel_k8s.rigelfile.fields import (
 )
 from rigel_k8s.rigelfile.source import YamlNode
 
-__all__ = ["schema"]
-
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 Schema = dict[str, Any]

@@ -18,8 +18,6 @@ from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, node_of
 from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed
 from rigel_k8s.rigelfile.template import parts as parts_of
 
-__all__ = ["Scope"]
-
 
 class _Wrong(Exception):
     """A template that cannot be filled, and why."""

@@ -9,8 +9,6 @@ import attrs
 
 from rigel_k8s.problems import Path
 
-__all__ = ["Source", "Span", "YamlNode", "kind_of", "locate", "node_of", "plain"]
-
 _KINDS = {
     type(None): "nothing",
     bool: "a boolean",

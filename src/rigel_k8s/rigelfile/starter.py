@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from string import Template
 
-__all__ = ["STARTERS"]
-
 TEXT = Template("""\
 # What can be done here:
 #   rigel check                every problem of this file, with line and column

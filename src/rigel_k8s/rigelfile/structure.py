@@ -30,8 +30,6 @@ from rigel_k8s.rigelfile.numbers import written
 from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
 from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, plain
 
-__all__ = ["Doubts", "InvalidOptions", "Structured", "structure", "structure_plain"]
-
 T = TypeVar("T")
 _UNKNOWN: Any = object()
 

@@ -12,8 +12,6 @@ from typing import TypeAlias
 
 import attrs
 
-__all__ = ["HEADERS", "Expression", "Name", "Part", "Unclosed", "parts", "split"]
-
 HEADERS = ("vars", "data")
 
 _PLAIN = re.compile(r"\{\{\s*([a-zA-Z0-9_\-!?.]+)\s*\}\}")

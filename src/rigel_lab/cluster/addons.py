@@ -11,8 +11,6 @@ from rigel_lab.cluster.components import Components
 from rigel_lab.cluster.layout import Layout
 from rigel_lab.cluster.oci import Image
 
-__all__ = ["DEPLOYMENTS", "images", "objects"]
-
 DNS_NAME = "coredns"
 STORAGE_NAME = "local-path-provisioner"
 STORAGE_NAMESPACE = "local-path-storage"

@@ -14,8 +14,6 @@ import attrs
 from rigel_k8s.errors import LocalClusterError
 from rigel_lab.cluster.commands import run
 
-__all__ = ["Addresses", "choose"]
-
 Network = ipaddress.IPv4Network
 
 #: Where a block may be, in the order of trial: all private, the rarely used first.

@@ -18,18 +18,6 @@ from rigel_lab.cluster import k3s, kubeconfig
 from rigel_lab.cluster.components import KUBERNETES_VERSION
 from rigel_lab.cluster.layout import SERVER, Layout
 
-__all__ = [
-    "access",
-    "admin",
-    "apply",
-    "create_nodes",
-    "mark_lost",
-    "ready",
-    "ready_nodes",
-    "wait_for_deployment",
-    "wait_until_ready",
-]
-
 
 def ready(layout: Layout) -> bool:
     """Return whether /readyz answers ok."""

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from rigel_lab.cluster.commands import run
 
-__all__ = ["Authority", "service_account_key"]
-
 DAYS = "3650"
 
 

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from rigel_k8s.errors import LocalClusterError
 
-__all__ = ["create", "remove"]
-
 ROOT = Path("/sys/fs/cgroup")
 
 

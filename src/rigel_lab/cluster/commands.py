@@ -8,8 +8,6 @@ from pathlib import Path
 
 from rigel_k8s import process
 
-__all__ = ["Report", "follow", "run", "search_path", "succeeds"]
-
 #: Takes one line about what is being done.
 Report = Callable[[str], None]
 

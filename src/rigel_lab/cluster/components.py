@@ -23,17 +23,6 @@ from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.observability import OBSERVABILITY, OPERATOR
 from rigel_lab.cluster.releases import Release, ReleasedImage, Upstream
 
-__all__ = [
-    "KUBERNETES_VERSION",
-    "MULTUS",
-    "ON_REQUEST",
-    "PLUGINS",
-    "WHEREABOUTS",
-    "Components",
-    "names",
-    "obtain",
-]
-
 KUBERNETES_VERSION = "1.34.4"
 
 KUBERNETES = GoBuild(

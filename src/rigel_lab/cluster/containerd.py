@@ -11,8 +11,6 @@ from pathlib import Path, PurePosixPath
 
 from rigel_lab.cluster.layout import Layout
 
-__all__ = ["configure_containerd"]
-
 CAP_SYS_RESOURCE = 24
 
 

@@ -9,8 +9,6 @@ from rigel_lab.cluster.certificates import Authority, service_account_key
 from rigel_lab.cluster.layout import API_PORT, CONTROL_PLANE, SERVER, Layout
 from rigel_lab.cluster.machine import Machine
 
-__all__ = ["control_plane"]
-
 
 def control_plane(layout: Layout) -> Machine:
     """Return the machine of etcd, the API server, its controllers, and the registry."""

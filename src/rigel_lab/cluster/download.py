@@ -24,8 +24,6 @@ import urllib3
 from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_k8s.proxy import proxy_for
 
-__all__ = ["Patience", "Server", "Unavailable"]
-
 REDIRECTIONS = 5
 
 #: Lists of checksums and manifests of images are short; of what is longer the rest is left out.

@@ -15,8 +15,6 @@ from rigel_lab.cluster.observability_images import OBSERVABILITY_IMAGES, OPERATO
 from rigel_lab.cluster.oci import Image
 from rigel_lab.cluster.upstream import found, shell, short, text, tools, users
 
-__all__ = ["EXTRAS", "extra_images", "offered"]
-
 ORGANISATION = "ghcr.io/k8snetworkplumbingwg"
 MULTUS_IMAGE = f"{ORGANISATION}/multus-cni:v{MULTUS.version}-thick"
 WHEREABOUTS_IMAGE = f"{ORGANISATION}/whereabouts:v{WHEREABOUTS.version}"

@@ -13,8 +13,6 @@ from pathlib import Path
 from rigel_k8s.errors import CommandFailed
 from rigel_lab.cluster.commands import run, succeeds
 
-__all__ = ["allow", "forget"]
-
 LEGACY_TABLES = Path("/proc/net/ip_tables_names")
 
 

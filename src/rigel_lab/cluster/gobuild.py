@@ -23,8 +23,6 @@ from rigel_lab.cluster.commands import Report, follow, run
 from rigel_lab.cluster.download import Unavailable
 from rigel_lab.cluster.releases import Published, Upstream, place_of
 
-__all__ = ["GoBuild"]
-
 #: The oldest toolchain that the go.mod files accept.
 GO_VERSION = (1, 26, 5)
 #: PyPI's packaging of the Go toolchain, for machines that have none or an older one.

@@ -13,8 +13,6 @@ from pathlib import Path
 
 from rigel_lab.cluster.nodepaths import K3S_DATA
 
-__all__ = ["KUBECONFIG", "node_annotations", "node_labels", "release_name", "unpack"]
-
 #: Where a server has the administrator's kubeconfig.
 KUBECONFIG = "/etc/rancher/k3s/k3s.yaml"
 

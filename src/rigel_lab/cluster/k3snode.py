@@ -13,8 +13,6 @@ from rigel_lab.cluster import api, k3s
 from rigel_lab.cluster.components import KUBERNETES_VERSION
 from rigel_lab.cluster.layout import API_PORT, SERVER, Layout
 
-__all__ = ["furnish", "setup"]
-
 
 def furnish(layout: Layout, directory: Path, data_dir: str) -> None:
     """Unpack k3s' programs on a node; the server has /etc/rancher/k3s/k3s.yaml as well."""

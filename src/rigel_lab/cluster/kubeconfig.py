@@ -14,8 +14,6 @@ import yaml
 from rigel_k8s.errors import UserError
 from rigel_k8s.yaml_text import document
 
-__all__ = ["entries", "load", "merge", "remove", "user_kubeconfig"]
-
 SECTIONS = ("clusters", "users", "contexts")
 
 

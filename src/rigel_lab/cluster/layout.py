@@ -15,8 +15,6 @@ from rigel_lab.cluster.certificates import Authority
 from rigel_lab.cluster.components import Components
 from rigel_lab.cluster.nodepaths import NodePaths, plain_paths
 
-__all__ = ["API_PORT", "CONTROL_PLANE", "REGISTRY_PORT", "SERVER", "Layout", "number"]
-
 API_PORT = 6443
 REGISTRY_PORT = 5000
 CONTROL_PLANE = "control-plane"

@@ -35,8 +35,6 @@ from rigel_lab.cluster.state import State
 from rigel_lab.cluster.status import ClusterStatus, status_of
 from rigel_lab.cluster.wish import DEFAULT_NODES, Wish
 
-__all__ = ["DEFAULT_NAME", "down", "up"]
-
 DEFAULT_NAME = "local"
 NOTHING_MADE: Made = MappingProxyType({})
 

@@ -14,8 +14,6 @@ from rigel_lab.cluster.commands import Report, run
 from rigel_lab.cluster.requirements import require_root
 from rigel_lab.cluster.state import State, find
 
-__all__ = ["load"]
-
 
 def load(images: Sequence[str], name: str, *, report: Report = lambda _: None) -> None:
     """Put images of podman or docker, or of tar files, onto every node.

@@ -18,8 +18,6 @@ import attrs
 from rigel_k8s.errors import LocalClusterError
 from rigel_lab.cluster.commands import run
 
-__all__ = ["Machine", "Process", "end", "first_processes", "recorded"]
-
 #: Where a machine's process writes its own line of /proc/PID/stat before it becomes the machine.
 RECORD = "process"
 

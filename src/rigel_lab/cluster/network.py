@@ -14,8 +14,6 @@ from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.commands import run, succeeds
 from rigel_lab.cluster.layout import Layout, number
 
-__all__ = ["create", "mtu", "remove", "route", "wire"]
-
 
 def prefix(cluster: str) -> str:
     """Return how a cluster's interfaces begin; their names have 15 characters at most."""

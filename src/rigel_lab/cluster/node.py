@@ -11,8 +11,6 @@ from rigel_lab.cluster.containerd import configure_containerd
 from rigel_lab.cluster.layout import Layout
 from rigel_lab.cluster.machine import Machine
 
-__all__ = ["node", "write_resolv_conf"]
-
 
 def node(layout: Layout, name: str, *, cgroup: str, mtu: int) -> Machine:
     """Return the machine of one node.

@@ -13,8 +13,6 @@ import attrs
 from rigel_k8s.cache import cache_dir
 from rigel_k8s.errors import UserError
 
-__all__ = ["K3S_DATA", "NodePaths", "check_data_dir", "describe", "k3s_paths", "plain_paths"]
-
 #: Where k3s keeps its data unless told otherwise.
 K3S_DATA = "/var/lib/rancher/k3s"
 

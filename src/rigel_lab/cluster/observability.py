@@ -11,16 +11,6 @@ from __future__ import annotations
 from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.releases import Release
 
-__all__ = [
-    "KUBE_STATE_METRICS",
-    "LOKI",
-    "NODE_EXPORTER",
-    "OBSERVABILITY",
-    "OPERATOR",
-    "PROMETHEUS",
-    "PROMTAIL",
-]
-
 #: Where programs of Prometheus' family keep their version.
 VERSION = "github.com/prometheus/common/version.Version"
 #: Where Loki's do.

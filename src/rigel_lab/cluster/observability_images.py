@@ -19,8 +19,6 @@ from rigel_lab.cluster.observability import (
 from rigel_lab.cluster.oci import Image
 from rigel_lab.cluster.upstream import found, shell, short, text, tools, users
 
-__all__ = ["OBSERVABILITY_IMAGES", "OPERATOR_IMAGES"]
-
 LOKI_IMAGE = f"docker.io/grafana/loki:{LOKI.version}"
 #: Upstream's last one. The module of its version cannot be had; that of a later one is in it.
 PROMTAIL_IMAGE = "docker.io/grafana/promtail:3.6.11"

@@ -13,8 +13,6 @@ import urllib3
 from rigel_k8s import oci
 from rigel_k8s.errors import LocalClusterError
 
-__all__ = ["Image", "push", "push_archive"]
-
 #: As nearly every image has it; CNI programs look for iptables along it on the node.
 PATH = "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 

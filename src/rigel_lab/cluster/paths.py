@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["LOCKS", "STATE", "boot_id", "directory_of", "names"]
-
 #: One directory a cluster in `clusters`, and what several clusters share.
 STATE = Path("/var/lib/rigel-k8s")
 LOCKS = Path("/run/rigel-k8s")

@@ -18,8 +18,6 @@ from rigel_lab.cluster.releases import Upstream
 from rigel_lab.cluster.state import State
 from rigel_lab.cluster.upstream import short
 
-__all__ = ["Made", "offer", "push_images"]
-
 #: Images that others make for an extra: extra -> name under which nodes pull it -> what makes the
 #: archive, or finds it made.
 Made = Mapping[str, Mapping[str, Callable[[], Path]]]

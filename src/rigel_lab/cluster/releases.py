@@ -25,8 +25,6 @@ from rigel_k8s.oci import architecture
 from rigel_lab.cluster.commands import Report
 from rigel_lab.cluster.download import Server, Unavailable
 
-__all__ = ["MIRROR", "NO_MIRROR", "Published", "Release", "ReleasedImage", "Upstream", "place_of"]
-
 #: The variable that names a mirror.
 MIRROR = "RIGEL_CLUSTER_MIRROR"
 #: What it says where nothing is to be downloaded.

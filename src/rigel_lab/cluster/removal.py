@@ -11,8 +11,6 @@ from rigel_lab.cluster.commands import Report
 from rigel_lab.cluster.paths import boot_id, names
 from rigel_lab.cluster.state import State
 
-__all__ = ["remove"]
-
 #: What is mounted where, for this process.
 MOUNTS = Path("/proc/self/mountinfo")
 

@@ -12,8 +12,6 @@ from rigel_k8s.errors import UserError
 from rigel_lab.cluster.commands import run, search_path
 from rigel_lab.cluster.paths import STATE
 
-__all__ = ["check_name", "require_host", "require_root"]
-
 ELSEWHERE = "or use kind, minikube or k3s: rigel works with any cluster of your kubeconfig"
 
 #: Each program that is used, and the Debian package that brings it.

@@ -18,8 +18,6 @@ from rigel_lab.cluster import paths
 from rigel_lab.cluster.commands import Report, run, succeeds
 from rigel_lab.cluster.paths import boot_id
 
-__all__ = ["acquire", "exclusive", "release"]
-
 PROC_SYS = Path("/proc/sys")
 NETNS = Path("/run/netns")
 FORWARDING = "net/ipv4/ip_forward"

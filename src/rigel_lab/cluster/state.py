@@ -16,8 +16,6 @@ from rigel_lab.cluster.machine import Process, recorded
 from rigel_lab.cluster.nodepaths import NodePaths, k3s_paths, plain_paths
 from rigel_lab.cluster.paths import directory_of, names
 
-__all__ = ["State", "find"]
-
 
 @attrs.define
 class State:

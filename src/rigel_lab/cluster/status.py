@@ -12,8 +12,6 @@ from rigel_lab.cluster.nodepaths import describe
 from rigel_lab.cluster.requirements import require_root
 from rigel_lab.cluster.state import State, find
 
-__all__ = ["ClusterStatus", "NodeStatus", "kubeconfig_text", "registries", "status", "status_of"]
-
 
 @attrs.frozen
 class NodeStatus:

@@ -7,8 +7,6 @@ from pathlib import Path
 from rigel_lab.cluster.commands import run
 from rigel_lab.cluster.components import Components
 
-__all__ = ["found", "shell", "short", "text", "tools", "users"]
-
 
 def short(name: str) -> str:
     """Return an image's name in the cluster's registry, which stands for every registry."""

@@ -14,8 +14,6 @@ from rigel_lab.cluster.extras import EXTRAS
 from rigel_lab.cluster.nodepaths import K3S_DATA, check_data_dir, describe
 from rigel_lab.cluster.state import State
 
-__all__ = ["DEFAULT_NODES", "LAYOUTS", "Wish"]
-
 DEFAULT_NODES = 2
 MOST_NODES = 50
 LAYOUTS = ("plain", "k3s")

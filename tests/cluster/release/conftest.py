@@ -9,7 +9,7 @@ import attrs
 import pytest
 
 from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
-from rigel_k8s.release.deploy import down
+from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired, ReleaseId
 from tests.support.recorder import Recorder
 

@@ -9,8 +9,9 @@ import pytest
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.deploy import deploy, diff, down
+from rigel_k8s.release.deploy import deploy, diff
 from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired, ReleaseId
 
 pytestmark = pytest.mark.cluster

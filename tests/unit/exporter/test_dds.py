@@ -14,11 +14,12 @@ from rigel_k8s.exporter import dds_discovery as discovery
 from rigel_k8s.exporter import dds_messages as messages_of
 from rigel_k8s.exporter import dds_wire as wire
 from rigel_k8s.exporter.dds import Domain
-from rigel_k8s.exporter.dds_discovery import ENDPOINTS, Told
+from rigel_k8s.exporter.dds_discovery import ENDPOINTS
 from rigel_k8s.exporter.dds_participant import NAME, Participant
 from rigel_k8s.exporter.dds_view import graph
 from rigel_k8s.exporter.graph import Graph
 from rigel_k8s.inpod import rtps
+from rigel_k8s.inpod.spdp import Told
 
 PACKETS = Path(__file__).parent / "packets"
 HERE = ("10.9.0.9", 7410)

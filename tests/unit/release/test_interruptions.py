@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import deploy, diff, down, history, rollback
+from rigel_k8s.release.deploy import deploy, diff, history, rollback
 from rigel_k8s.release.lease import PROCESS, lease_ref, process
+from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Killed, Store

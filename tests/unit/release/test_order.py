@@ -10,7 +10,8 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import apply
-from rigel_k8s.release.deploy import deploy, down
+from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.removal import down
 from tests.support.controllers import Controllers, is_ready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import NAME, RELEASE, claim, config, desired, workload

@@ -12,8 +12,9 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
 from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import deploy, diff, down, history, last_good, rollback
+from rigel_k8s.release.deploy import deploy, diff, history, last_good, rollback
 from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired
 from tests.support.controllers import unready
 from tests.support.manifests import RELEASE, claim, config, workload

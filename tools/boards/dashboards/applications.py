@@ -16,8 +16,6 @@ from tools.boards.selectors import (
     to_logs,
 )
 
-__all__ = ["board"]
-
 RUNBOOKS = "https://github.com/rigel-k8s/rigel-k8s/blob/main/docs/runbooks"
 NOTHING = "no pod of a rigel application in this choice"
 LOGS = [logs_link("namespace", "application", "ros_node"), graph_link("namespace", "application")]

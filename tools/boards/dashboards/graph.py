@@ -6,8 +6,6 @@ from tools.boards.board import APPLICATION, NAMESPACE, ROS_NODE, Board, Row, cho
 from tools.boards.panels import Panel, Query, curves, number, states, table
 from tools.boards.selectors import APP, NODE, logs_link, to_logs
 
-__all__ = ["board"]
-
 TOPIC = f'{APP}, topic=~"$topic"'
 OFF = "no ROS metrics (ros_metrics is off, or the exporter is down)"
 NAMED = "no topic is named under ros_metrics.topics"

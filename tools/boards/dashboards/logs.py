@@ -9,8 +9,6 @@ from tools.boards.board import ALL, APPLICATION, NAMESPACE, ROS_NODE, Board, Row
 from tools.boards.panels import Panel, Query, curves, lines, table
 from tools.boards.selectors import NODE, by_ros_node, graph_link, to_graph
 
-__all__ = ["board"]
-
 SILENT = "no line in this time and choice"
 #: The chosen lines: level "" is a line in which none was found.
 STREAM = f'{{{NODE}, level=~"$level"}}'

@@ -9,8 +9,6 @@ from tools.boards.board import Board, Row, choice
 from tools.boards.panels import Panel, Query, curves, number, table, value_names
 from tools.boards.selectors import HOST_NETWORK
 
-__all__ = ["board"]
-
 MACHINE = 'node=~"$node"'
 NOTHING = "no machine in this choice, or kube-state-metrics and cAdvisor are not read"
 

@@ -11,8 +11,6 @@ from rigel_k8s.images.credentials import RegistryCredentials, credentials_for
 from rigel_k8s.images.registry import DIGESTS, resolve_digest
 from rigel_k8s.objects.images import images_of
 
-__all__ = ["pins"]
-
 Manifests = Iterable[Mapping[str, Any]]
 
 

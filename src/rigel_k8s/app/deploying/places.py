@@ -12,8 +12,6 @@ from rigel_k8s.errors import ClusterError, UserError
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["check_places", "unplaced"]
-
 Manifests = Iterable[Mapping[str, Any]]
 
 

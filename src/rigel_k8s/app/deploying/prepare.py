@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
     from rigel_k8s.network.preflight.finding import PreflightFinding
 
-__all__ = ["Preparation", "prepare", "release_of", "timeout_of"]
-
 
 @attrs.frozen
 class Preparation:

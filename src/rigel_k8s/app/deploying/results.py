@@ -20,8 +20,6 @@ from rigel_k8s.release.types import ReleaseId
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["copy_results", "extract"]
-
 #: Seconds between two looks for results that are waited for.
 LOOK = 1.0
 

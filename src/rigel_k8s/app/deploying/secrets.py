@@ -20,8 +20,6 @@ from rigel_k8s.release.types import Desired, ReleaseId
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["has_pull_secret", "needed_credentials", "secret_name", "secret_of", "write_pull_secret"]
-
 KEY = ".dockerconfigjson"
 
 

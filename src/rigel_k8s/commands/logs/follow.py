@@ -13,8 +13,6 @@ from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 
-__all__ = ["Follow", "LogLine"]
-
 LOOK = 0.2  # seconds between two looks whether a follow has ended
 
 

@@ -37,8 +37,6 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.observability.names import LOKI
 from rigel_k8s.observability.reading.stack import NoStack, part_of, why_not
 
-__all__ = ["history"]
-
 HOUR = 3600  # seconds: how far `level` looks back where nothing else is said
 BEHIND = 10 * SECOND  # by how much Loki's last line may be later than one that is still to come
 

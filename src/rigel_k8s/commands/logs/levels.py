@@ -11,8 +11,6 @@ import re
 from rigel_k8s.observability.manifests import lines
 from rigel_k8s.observability.names import LEVELS
 
-__all__ = ["LevelReader", "at_least", "level_of"]
-
 FORMS = tuple(re.compile(form) for form in lines.LEVEL_FORMS)
 GOES_ON = re.compile(lines.GOES_ON)
 TRACEBACK = re.compile(lines.TRACEBACK)

@@ -14,8 +14,6 @@ from datetime import datetime, timezone
 
 import attrs
 
-__all__ = ["DISORDER", "SECOND", "LogLine", "LogOptions", "joined", "ordered", "stamp", "stamped"]
-
 SECOND = 1_000_000_000
 #: How much later than a line one with an earlier time may be written down.
 DISORDER = 2 * SECOND

@@ -21,8 +21,6 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster
 from rigel_k8s.settings import Settings
 
-__all__ = ["logs"]
-
 
 def logs(
     settings: Settings, nodes: Sequence[str], options: LogOptions, job: str | None = None

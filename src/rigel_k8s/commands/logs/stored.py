@@ -14,8 +14,6 @@ from rigel_k8s.observability.reading.loki import Entry, LokiClient, selector
 from rigel_k8s.observability.reading.stack import StackService
 from rigel_k8s.release.types import ReleaseId
 
-__all__ = ["Asked", "Stored", "stored_of"]
-
 SECOND = 1_000_000_000
 AHEAD = 60 * SECOND  # machines' clocks may be ahead of ours
 

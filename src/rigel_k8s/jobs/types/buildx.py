@@ -24,8 +24,6 @@ from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
-__all__ = ["BuildXJob", "BuildXOptions"]
-
 #: What Rigel builds for when nothing is said.
 DEFAULT_PLATFORMS = ("linux/amd64", "linux/arm64")
 

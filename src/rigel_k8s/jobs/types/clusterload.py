@@ -13,8 +13,6 @@ from rigel_k8s.images.process import stream
 from rigel_k8s.lab import cluster as localcluster
 from rigel_k8s.settings import Settings
 
-__all__ = ["current_context", "load_archive"]
-
 
 def load_archive(
     archive: Path, context: str, tell: Callable[[str], None], cancel: threading.Event

@@ -15,8 +15,6 @@ from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
-__all__ = ["ContainerRegistry", "ContainerRegistryOptions"]
-
 _SERVER = re.compile(r"(https?://)?[A-Za-z0-9.\[\]:-]+(:\d+)?(/.*)?")
 
 

@@ -28,8 +28,6 @@ from rigel_k8s.objects.scalars import Duration, Number, ObjectName, RosName
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 
-__all__ = ["Arrivals", "DeliveryJob", "DeliveryOptions", "MessageCount"]
-
 #: Seconds between two looks for a ready pod.
 LOOK = 1.0
 

@@ -27,8 +27,6 @@ from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["Compiler", "DockerfileJob", "DockerfileOptions", "DockerfileVariable"]
-
 MARK = "# Written by rigel-k8s from a Rigelfile."
 
 _MARK_LINE = f"{MARK} Edit that, or remove this line to keep the file as your own.\n"

@@ -11,8 +11,6 @@ from rigel_k8s.network.options import Install
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["NetworkJob"]
-
 
 class NetworkJob:
     """Puts Multus and whereabouts onto the cluster, until every node attaches pods."""

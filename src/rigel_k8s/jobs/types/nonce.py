@@ -15,8 +15,6 @@ from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 
-__all__ = ["NO_PYTHON", "commands", "ros_of"]
-
 #: A shell's exit code for a program that is not there.
 NO_PYTHON = 127
 

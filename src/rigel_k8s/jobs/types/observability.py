@@ -12,8 +12,6 @@ from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
-__all__ = ["ObservabilityJob", "run"]
-
 
 class ObservabilityJob:
     """Puts Loki, Promtail, Prometheus and Grafana onto the cluster, for all applications."""

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rigel_k8s.app.checks import check as check_options
 from rigel_k8s.app.deploying.places import check_places
-from rigel_k8s.app.deploying.prepare import Preparation, prepare, release_of, timeout_of
+from rigel_k8s.app.deploying.prepare import Preparation, prepare, timeout_of
 from rigel_k8s.app.deploying.results import copy_results
 from rigel_k8s.app.deploying.secrets import write_pull_secret
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.partial import flat, is_partial
+from rigel_k8s.app.partial import flat
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.observability import run as run_stack
@@ -25,8 +25,6 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-
-__all__ = ["OrchestrationJob", "is_partial", "prepare", "release_of"]
 
 
 class OrchestrationJob:

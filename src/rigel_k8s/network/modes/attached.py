@@ -20,8 +20,6 @@ from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_n
 from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, Object, compact
 from rigel_k8s.problems import Problem
 
-__all__ = ["ATTACHMENT", "IPVLAN", "MACVLAN", "attachment_name"]
-
 NETWORKS_ANNOTATION = "k8s.v1.cni.cncf.io/networks"
 
 #: Spoken by every plugin in use; what is newer adds nothing that an attachment needs.

@@ -25,8 +25,6 @@ from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
 
-__all__ = ["DISCOVERY_PORT", "DISCOVERY_SERVER"]
-
 DISCOVERY_PORT = 11811
 
 #: Variables that commands of the user's own may name too: a server's place in the list, its name.

@@ -28,8 +28,6 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.pods import Object
 
-__all__ = ["HOST"]
-
 #: The cluster's names, on the machine's own network too.
 ON_HOST = {"hostNetwork": True, "dnsPolicy": "ClusterFirstWithHostNet"}
 HOST_IP = {"valueFrom": {"fieldRef": {"apiVersion": "v1", "fieldPath": "status.hostIP"}}}

@@ -6,8 +6,6 @@ from rigel_k8s.network.mode import Mode
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 
-__all__ = ["NONE"]
-
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return what a pod gets that nobody wires: a ROS 1 pod nothing at all."""

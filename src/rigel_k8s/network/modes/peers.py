@@ -38,8 +38,6 @@ from rigel_k8s.objects.naming import object_name, selector
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
 
-__all__ = ["PEERS", "discovery_port", "peer_name"]
-
 PEERS_KEY = "peers"
 #: The program's own pod, for the tools that somebody runs in it.
 LOOPBACK = "127.0.0.1"

@@ -15,16 +15,6 @@ from rigel_k8s.objects.pods import Object, compact, inpod_volume, stop_hook
 from rigel_k8s.objects.text import words
 from rigel_k8s.objects.workloads import deployment, service
 
-__all__ = [
-    "SERVER_KEYS",
-    "command_line",
-    "container_port",
-    "environment",
-    "server_deployment",
-    "server_probes",
-    "server_service",
-]
-
 #: The options of `network` that describe a server.
 SERVER_KEYS = frozenset({"image", "command", "service_account"})
 

@@ -21,8 +21,6 @@ from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
 
-__all__ = ["ZENOH", "ZENOH_PORT"]
-
 ZENOH_PORT = 7447
 
 ROUTER = ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"]

@@ -20,8 +20,6 @@ from rigel_k8s.network.multus.machines import (
 )
 from rigel_k8s.network.multus.rights import MULTUS
 
-__all__ = ["multus_daemon"]
-
 Object = dict[str, Any]
 
 PROGRAMS = "/usr/src/multus-cni/bin"  # in Multus' image

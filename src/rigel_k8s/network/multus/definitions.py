@@ -7,8 +7,6 @@ from typing import Any
 
 import yaml
 
-__all__ = ["attachment_definition", "whereabouts_definitions"]
-
 Object = dict[str, Any]
 
 WHEREABOUTS = ("ippools", "overlappingrangeipreservations", "nodeslicepools")

@@ -20,8 +20,6 @@ from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.objects.steady import steady
 from rigel_k8s.release.types import Desired
 
-__all__ = ["Installation", "network_release"]
-
 Object = dict[str, Any]
 
 

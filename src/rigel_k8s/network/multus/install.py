@@ -23,15 +23,6 @@ from rigel_k8s.network.multus.rollout import Rollout
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.report import Reporter
 
-__all__ = [
-    "MultusResult",
-    "describe",
-    "install",
-    "install_wanted_by",
-    "installation_of",
-    "marks_of",
-]
-
 
 @attrs.frozen
 class MultusResult:

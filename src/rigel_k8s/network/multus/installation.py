@@ -19,8 +19,6 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import last_good
 from rigel_k8s.release.survey import belongs
 
-__all__ = ["Found", "MultusPart", "find", "settled"]
-
 Object = Mapping[str, Any]
 
 NAMES = {

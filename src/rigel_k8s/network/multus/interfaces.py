@@ -12,8 +12,6 @@ from typing import Any
 
 import attrs
 
-__all__ = ["ASKED", "GOT", "Missing", "asked", "attached", "without_interface"]
-
 Pod = Mapping[str, Any]
 
 #: On a pod: the networks that it asks for, and what Multus gave it.

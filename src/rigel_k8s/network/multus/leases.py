@@ -14,8 +14,6 @@ import attrs
 
 from rigel_k8s.network.multus.interfaces import asked
 
-__all__ = ["DHCP_CONTAINER", "Unkept", "unkept"]
-
 Object = Mapping[str, Any]
 
 #: The container of Multus' pods in which the daemon runs.

@@ -14,8 +14,6 @@ from rigel_k8s.network.multus.platform import Platform
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import labels, selector
 
-__all__ = ["EVERYWHERE", "Machines", "config_map", "daemon_set", "host", "keeper", "mount"]
-
 Object = dict[str, Any]
 Part = Literal["multus", "whereabouts"]
 

@@ -7,8 +7,6 @@ from typing import Literal
 
 import attrs
 
-__all__ = ["K3S_DATA_DIR", "Kind", "Platform", "platform"]
-
 Kind = Literal["k3s", "microk8s", "kind", "minikube", "plain"]
 
 K3S_DATA_DIR = "/var/lib/rancher/k3s"

@@ -16,8 +16,6 @@ from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.interfaces import ASKED
 from rigel_k8s.network.multus.machines import EVERYWHERE
 
-__all__ = ["PROOF", "proof_attachment", "proof_pod", "proof_pool"]
-
 Object = dict[str, Any]
 
 PROOF = "rigel-network-proof"

@@ -20,8 +20,6 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.report import Reporter
 
-__all__ = ["forget", "prove", "proven", "remember"]
-
 Object = Mapping[str, Any]
 
 #: Seconds that an attachment may take; the kubelet tries again by itself meanwhile.

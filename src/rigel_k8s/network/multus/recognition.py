@@ -12,8 +12,6 @@ import attrs
 from rigel_k8s.network.multus.platform import Kind, Platform, platform
 from rigel_k8s.network.options import Install
 
-__all__ = ["Group", "groups", "kind_of"]
-
 Node = Mapping[str, Any]
 
 

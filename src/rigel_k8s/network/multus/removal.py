@@ -23,10 +23,9 @@ from rigel_k8s.network.multus.interfaces import asked
 from rigel_k8s.network.multus.proving import forget
 from rigel_k8s.network.multus.rollout import WITHOUT_ALL, machine_script
 from rigel_k8s.network.options import Install
-from rigel_k8s.release.deploy import deploy, down
+from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.removal import down
 from rigel_k8s.report import Reporter
-
-__all__ = ["Removed", "remove", "users"]
 
 Object = Mapping[str, Any]
 

@@ -7,8 +7,6 @@ from typing import Any
 
 from rigel_k8s.network.multus import RELEASE
 
-__all__ = ["MULTUS", "WHEREABOUTS", "multus_rights", "whereabouts_rights"]
-
 Object = dict[str, Any]
 
 #: The names of the two accounts, and of all that is theirs.

@@ -27,8 +27,6 @@ from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.types import Desired
 from rigel_k8s.report import Reporter
 
-__all__ = ["WITHOUT_ALL", "Rollout", "machine_script"]
-
 Object = Mapping[str, Any]
 
 LOOK = 1.0

@@ -17,8 +17,6 @@ from rigel_k8s.network.options import Install
 from rigel_k8s.network.preflight.attachments import API, KIND
 from rigel_k8s.objects.facts import is_ready, stays_ready
 
-__all__ = ["NetworkStatus", "NodeStatus", "PartStatus", "network_status"]
-
 Object = Mapping[str, Any]
 
 

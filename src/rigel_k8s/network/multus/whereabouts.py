@@ -18,8 +18,6 @@ from rigel_k8s.network.multus.machines import (
 from rigel_k8s.network.multus.rights import WHEREABOUTS
 from rigel_k8s.objects.naming import labels, selector
 
-__all__ = ["address_keeper", "reconciler"]
-
 Object = dict[str, Any]
 
 #: Where the program looks on every machine, whatever directory the runtime reads: an attachment

@@ -11,19 +11,6 @@ import attrs
 
 from rigel_k8s.network.preflight.machine import Address, Subnet
 
-__all__ = [
-    "API",
-    "KIND",
-    "POOL_API",
-    "POOL_KIND",
-    "Attachment",
-    "Range",
-    "address",
-    "attachment",
-    "subnet",
-    "usable",
-]
-
 API, KIND = "k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"
 #: Where whereabouts keeps which addresses it has given out.
 POOL_API, POOL_KIND = "whereabouts.cni.cncf.io/v1alpha1", "IPPool"

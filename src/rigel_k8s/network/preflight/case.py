@@ -16,8 +16,6 @@ from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
 from rigel_k8s.network.preflight.wanted import NETWORK_STATUS, Wanted, may_run, requests
 from rigel_k8s.objects.facts import is_ready
 
-__all__ = ["AddressPool", "Case", "MachineView", "Taken", "addresses_of", "pool", "taken"]
-
 Manifest = Mapping[str, Any]
 
 #: Phases of pods that have given their addresses back.

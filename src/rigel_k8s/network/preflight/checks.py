@@ -11,8 +11,6 @@ from rigel_k8s.network.preflight.limits import buffers, neighbours, policies
 from rigel_k8s.network.preflight.presence import clouds, presence, programs
 from rigel_k8s.network.preflight.ranges import ranges, room
 
-__all__ = ["findings"]
-
 CHECKS: Sequence[Callable[[Case], Iterator[PreflightFinding]]] = (
     presence,
     programs,

@@ -9,8 +9,6 @@ import attrs
 
 from rigel_k8s.objects.facts import is_ready
 
-__all__ = ["Daemon", "daemon", "is_multus"]
-
 Manifest = Mapping[str, Any]
 
 #: Where CNI programs are on machines of a usual kind.

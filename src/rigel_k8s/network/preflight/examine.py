@@ -22,8 +22,6 @@ from rigel_k8s.report import Reporter
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["check", "examine", "failure", "tell"]
-
 
 def check(
     objects: Iterable[Mapping[str, Any]],

@@ -7,8 +7,6 @@ from typing import Literal
 
 import attrs
 
-__all__ = ["INSTALL", "PreflightFinding", "by_text", "list_some"]
-
 #: What brings Multus, whereabouts and the CNI programs.
 INSTALL = "`network: {install: true}` in the Rigelfile brings it, as does `rigel network install`"
 

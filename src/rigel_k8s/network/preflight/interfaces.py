@@ -9,8 +9,6 @@ from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import PreflightFinding, by_text, list_some
 from rigel_k8s.network.preflight.machine import Interface, MachineFacts
 
-__all__ = ["interfaces"]
-
 #: Interfaces that networks of pods and engines have made: nobody means these.
 OTHERS = ("lo", "veth", "cali", "lxc", "cni", "flannel", "docker", "kube-", "br-", "cilium", "tunl")
 #: What takes all that arrives at its ports: on a port there is no place for anything else.

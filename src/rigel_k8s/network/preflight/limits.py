@@ -8,8 +8,6 @@ from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
 from rigel_k8s.network.preflight.wanted import selected
 
-__all__ = ["buffers", "neighbours", "policies"]
-
 #: A message of 1 MB that arrives at once in fragments of 64 KB is lost in a buffer of 416 KiB and
 #: fits into one of 1 MiB (docs/preflight.md: how it was measured).
 LEAST = 1024 * 1024

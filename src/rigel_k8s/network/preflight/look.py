@@ -31,8 +31,6 @@ from rigel_k8s.release.causes import owner
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["look"]
-
 T = TypeVar("T")
 Manifest = Mapping[str, Any]
 

@@ -13,8 +13,6 @@ from typing import TypeAlias
 
 import attrs
 
-__all__ = ["PROBE", "Address", "Interface", "MachineFacts", "Route", "Subnet", "parse"]
-
 Address: TypeAlias = ipaddress.IPv4Address | ipaddress.IPv6Address
 Subnet: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
 

@@ -9,8 +9,6 @@ from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import INSTALL, PreflightFinding, by_text, list_some
 
-__all__ = ["clouds", "presence", "programs"]
-
 #: Virtual networks that deliver to MAC addresses of their own machines only, as Kubernetes' cloud
 #: providers call themselves in a node's providerID.
 CLOUDS = ("aws", "azure", "digitalocean", "gce", "hcloud", "linode", "openstack", "vsphere")

@@ -9,8 +9,6 @@ from rigel_k8s.network.preflight.case import Case, Taken, addresses_of
 from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
 from rigel_k8s.network.preflight.machine import Address, Subnet
 
-__all__ = ["ranges", "room"]
-
 KEEP_OFF = "leave them out by `network.range_start`, `range_end` or `exclude`"
 
 

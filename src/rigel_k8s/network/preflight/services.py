@@ -14,8 +14,6 @@ from rigel_k8s.objects.refs import ObjectRef
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-__all__ = ["service_ranges"]
-
 #: An address for documentation (RFC 5737): no cluster gives its Services any of these.
 NOBODYS = "192.0.2.1"
 VALID = re.compile(r"range of valid IPs is ([0-9a-fA-F.:/]+)")

@@ -11,17 +11,6 @@ import attrs
 from rigel_k8s.network.preflight.attachments import address
 from rigel_k8s.network.preflight.machine import Address
 
-__all__ = [
-    "NETWORKS",
-    "NETWORK_STATUS",
-    "Request",
-    "Wanted",
-    "find_wanted",
-    "may_run",
-    "requests",
-    "selected",
-]
-
 Manifest = Mapping[str, Any]
 
 #: On pods: what Multus shall attach, and what it has attached.

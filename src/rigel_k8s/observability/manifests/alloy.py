@@ -26,8 +26,6 @@ from rigel_k8s.observability.manifests.storage import data_volume
 from rigel_k8s.observability.names import LABELS
 from rigel_k8s.observability.options import Persistence
 
-__all__ = ["ALLOY", "ALLOY_PORT", "alloy", "configuration"]
-
 ALLOY, ALLOY_PORT = "alloy", 12345
 CONFIG, DATA, SECRET = "/etc/alloy", "/var/lib/alloy/data", "/etc/alloy-loki"
 SIZE = "1Gi"

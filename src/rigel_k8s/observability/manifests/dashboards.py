@@ -8,8 +8,6 @@ from rigel_k8s.observability.manifests.frame import Object
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import GRAFANA
 
-__all__ = ["DIRECTORY", "SIDECAR_LABEL", "config_name", "dashboards"]
-
 #: Where our Grafana reads them.
 DIRECTORY = "/etc/grafana/dashboards"
 #: What Grafana's sidecars look for, unless they were told otherwise.

@@ -20,8 +20,6 @@ from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.types import Desired, ReleaseId
 
-__all__ = ["stack_release"]
-
 
 def stack_release(stack: Stack, options: Mapping[str, Any]) -> Desired:
     """Return what the stack's release shall be.

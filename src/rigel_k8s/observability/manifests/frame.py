@@ -14,21 +14,6 @@ from rigel_k8s.objects.naming import labels, selector
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.observability.options import Part, Persistence
 
-__all__ = [
-    "COMPONENT",
-    "CONFIG_ANNOTATION",
-    "FOR_EVER",
-    "Frame",
-    "Object",
-    "container",
-    "http_probes",
-    "mount",
-    "nobody",
-    "part_of",
-    "resources",
-    "rule",
-]
-
 Object = dict[str, Any]
 
 #: On all pods that watch ROS and are none of its nodes.

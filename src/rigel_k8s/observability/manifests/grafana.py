@@ -13,8 +13,6 @@ from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.manifests.storage import data_volume
 from rigel_k8s.observability.names import GRAFANA, GRAFANA_PORT
 
-__all__ = ["ADMIN_SECRET", "PASSWORD", "USER_NAME", "grafana"]
-
 #: The Secret with the administrator, and its keys.
 ADMIN_SECRET, USER_NAME, PASSWORD = "grafana-admin", "admin-user", "admin-password"
 SIZE = "1Gi"

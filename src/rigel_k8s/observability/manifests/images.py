@@ -2,16 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "ALLOY_IMAGE",
-    "GRAFANA_IMAGE",
-    "KUBE_STATE_METRICS_IMAGE",
-    "LOKI_IMAGE",
-    "NODE_EXPORTER_IMAGE",
-    "PROMETHEUS_IMAGE",
-    "PROMTAIL_IMAGE",
-]
-
 LOKI_IMAGE = "docker.io/grafana/loki:3.7.8"
 #: The last one: its upkeep ended with it.
 PROMTAIL_IMAGE = "docker.io/grafana/promtail:3.6.11"

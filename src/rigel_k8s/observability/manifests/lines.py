@@ -6,18 +6,6 @@ it where there is no Loki (commands/logs/levels.py).
 
 from __future__ import annotations
 
-__all__ = [
-    "FIRST_LINE",
-    "GOES_ON",
-    "LEVEL_FORMS",
-    "LEVEL_TEMPLATE",
-    "LONGEST",
-    "MARK",
-    "MARKED",
-    "TRACEBACK",
-    "WAIT",
-]
-
 #: Put before a line that goes on although it is not indented, and taken away when it is joined: no
 #: expression of Go's can say "any line but these".
 MARK = r"\x01"

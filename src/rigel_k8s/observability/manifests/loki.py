@@ -12,8 +12,6 @@ from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.manifests.storage import data_volume
 from rigel_k8s.observability.names import LOKI, LOKI_PORT
 
-__all__ = ["RETENTION", "configuration", "loki"]
-
 RETENTION = "7d"
 SIZE = "10Gi"
 USER = 10001

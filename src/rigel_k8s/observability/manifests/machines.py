@@ -18,8 +18,6 @@ from rigel_k8s.observability.manifests.images import KUBE_STATE_METRICS_IMAGE, N
 from rigel_k8s.observability.manifests.scraping import KUBE_STATE_METRICS, NODE_EXPORTER
 from rigel_k8s.observability.manifests.stack import Stack
 
-__all__ = ["KUBE_STATE_METRICS_PORT", "NODE_EXPORTER_PORT", "kube_state_metrics", "node_exporter"]
-
 USER = 65534
 KUBE_STATE_METRICS_PORT, NODE_EXPORTER_PORT = 8080, 9100
 WATCH = ["list", "watch"]

@@ -16,8 +16,6 @@ from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.options import ExistingPrometheus
 
-__all__ = ["GROUP_VERSION", "KINDS", "monitoring"]
-
 GROUP_VERSION = "monitoring.coreos.com/v1"
 #: What the operator must have brought.
 KINDS = ("PodMonitor", "PrometheusRule")

@@ -12,8 +12,6 @@ from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import GRAFANA, LOKI, PROMETHEUS, RELEASE
 from rigel_k8s.observability.options import Component
 
-__all__ = ["policies"]
-
 #: Where a cloud's API server comes from, whose machines are none of the cluster's.
 SYSTEM = {"namespaceSelector": {"matchLabels": {"kubernetes.io/metadata.name": "kube-system"}}}
 

@@ -18,8 +18,6 @@ from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.manifests.storage import data_volume
 from rigel_k8s.observability.names import PROMETHEUS, PROMETHEUS_PORT
 
-__all__ = ["RETENTION", "prometheus"]
-
 RETENTION = "15d"
 SIZE = "10Gi"
 USER = 65534

@@ -24,8 +24,6 @@ from rigel_k8s.observability.manifests.relabelling import contract, log_path, of
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS
 
-__all__ = ["PROMTAIL", "PROMTAIL_PORT", "configuration", "promtail"]
-
 PROMTAIL, PROMTAIL_PORT = "promtail", 9080
 CONFIG = "/etc/promtail"
 SECRET = "/etc/promtail-loki"

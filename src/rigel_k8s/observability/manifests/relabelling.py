@@ -11,8 +11,6 @@ from typing import Any
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION
 
-__all__ = ["SOURCES", "by_annotation", "contract", "log_path", "meta", "of_releases"]
-
 Rule = dict[str, Any]
 
 

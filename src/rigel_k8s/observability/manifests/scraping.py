@@ -13,8 +13,6 @@ from rigel_k8s.observability.manifests.relabelling import SOURCES, by_annotation
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LOKI, PROMETHEUS, RELEASE
 
-__all__ = ["INTERVAL", "KUBE_STATE_METRICS", "NODE_EXPORTER", "configuration"]
-
 KUBE_STATE_METRICS = "kube-state-metrics"
 NODE_EXPORTER = "node-exporter"
 INTERVAL = "15s"

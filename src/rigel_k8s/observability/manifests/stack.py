@@ -18,8 +18,6 @@ from rigel_k8s.observability.options import (
     Persistence,
 )
 
-__all__ = ["Boards", "Stack"]
-
 
 @attrs.frozen
 class Boards:

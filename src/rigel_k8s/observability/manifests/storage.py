@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from rigel_k8s.observability.manifests.frame import Object
 
-__all__ = ["data_volume"]
-
 
 def data_volume(part: str, *, kept: bool) -> Object:
     """Return a pod's volume `data`: the part's claim, or one that is gone with the pod."""

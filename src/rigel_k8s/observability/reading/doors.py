@@ -19,8 +19,6 @@ from rigel_k8s.observability.names import (
 )
 from rigel_k8s.observability.reading.stack import InstalledStack
 
-__all__ = ["USUAL", "Door", "doors"]
-
 #: What people look at, and the local ports that they expect it at.
 USUAL = {GRAFANA: GRAFANA_PORT, PROMETHEUS: PROMETHEUS_PORT, LOKI: LOKI_PORT}
 

@@ -10,8 +10,6 @@ from typing import Any
 
 import attrs
 
-__all__ = ["Ask", "Entry", "LokiClient", "selector"]
-
 #: Asks for a path with a query, and returns the answer's body.
 Ask = Callable[[str, Mapping[str, object]], bytes]
 

@@ -8,8 +8,6 @@ from collections.abc import Callable, Mapping
 
 import attrs
 
-__all__ = ["PrometheusClient", "Sample", "matchers"]
-
 
 @attrs.frozen
 class Sample:

@@ -21,8 +21,6 @@ from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.deploy import last_good
 from rigel_k8s.release.types import ReleaseId
 
-__all__ = ["InstalledStack", "NoStack", "StackService", "find_stack", "part_of", "why_not"]
-
 #: Where a stack is looked for by somebody who may not list the Services of all namespaces.
 USUAL = "monitoring"
 HINT = (

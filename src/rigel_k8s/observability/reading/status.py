@@ -22,8 +22,6 @@ from rigel_k8s.release import status as states
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings
 
-__all__ = ["Alert", "Answer", "ObserveStatus", "status"]
-
 #: Lines of each application, lately.
 HEARD = 'sum by (application) (count_over_time({application=~".+"}[5m]))'
 

@@ -11,8 +11,6 @@ from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.process import run, stream
 from rigel_k8s.report import Reporter
 
-__all__ = ["MINBASE", "bootstrap", "ensure_mmdebstrap"]
-
 #: Debian's essential packages and apt beside what is asked for.
 MINBASE = "minbase"
 

@@ -16,8 +16,6 @@ from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.report import Reporter
 from rigel_lab.images.base.bootstrap import MINBASE, bootstrap
 
-__all__ = ["EPOCH", "BaseImage", "Recipe", "build"]
-
 #: Every file's time in an image, so that a build of the same packages is the same image.
 EPOCH = 1704067200
 

@@ -9,8 +9,6 @@ from rigel_k8s.process import run, succeeds
 from rigel_k8s.report import Reporter
 from rigel_lab.images.base.build import BaseImage
 
-__all__ = ["forget", "load", "push"]
-
 
 def load(image: BaseImage, report: Reporter, *, engine: str | None = None) -> str:
     """Load the image into a container engine and return that engine's name.

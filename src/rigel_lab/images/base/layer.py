@@ -6,8 +6,6 @@ from importlib.resources import files
 
 from rigel_k8s.oci import Entry
 
-__all__ = ["ENTRYPOINT", "config"]
-
 #: The script that official ROS images start everything with.
 ENTRYPOINT = Entry(
     "ros_entrypoint.sh",

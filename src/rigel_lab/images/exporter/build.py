@@ -9,8 +9,6 @@ from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.exporter.program import PREFIX, entries
 
-__all__ = ["REFERENCE", "UPSTREAM", "build"]
-
 SUITE = "bookworm"
 #: The name that podman and docker give it when they load it, and the one that pods ask for.
 REFERENCE = f"localhost/rigel-k8s/ros-exporter:{__version__}"

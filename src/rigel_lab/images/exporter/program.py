@@ -6,8 +6,6 @@ from importlib.resources import files
 
 from rigel_k8s.oci import Entry
 
-__all__ = ["PREFIX", "entries"]
-
 #: Where Python finds them.
 PREFIX = "opt/rigel-k8s"
 

@@ -8,8 +8,6 @@ from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.ros1base import overlay
 from rigel_lab.images.ros1base.packages import PACKAGES, REFERENCES, SUITE, Variant
 
-__all__ = ["build"]
-
 
 def build(report: Reporter, *, variant: Variant = "core", force: bool = False) -> BaseImage:
     """Return the base image's archive; build it where the cache lacks it.

@@ -13,8 +13,6 @@ from rigel_k8s.oci import Entry
 from rigel_lab.images.base.layer import ENTRYPOINT, config
 from rigel_lab.images.ros1base.packages import UNDESCRIBED, Variant
 
-__all__ = ["CONFIG", "entries", "layer"]
-
 PREFIX = "opt/ros/noetic"
 _HOOKS = "etc/catkin/profile.d"
 

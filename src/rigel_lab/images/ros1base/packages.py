@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
-__all__ = ["PACKAGES", "REFERENCES", "SUITE", "UNDESCRIBED", "Variant"]
-
 #: `core` runs nodes; `devel` also compiles catkin workspaces in C++.
 Variant: TypeAlias = Literal["core", "devel"]
 

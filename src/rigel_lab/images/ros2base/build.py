@@ -14,8 +14,6 @@ from rigel_lab.images.base.layer import config
 from rigel_lab.images.ros2base import overlay, wheels
 from rigel_lab.images.ros2base.packages import PACKAGES, PLATFORM, REFERENCES, SUITE, Distro, lock
 
-__all__ = ["build"]
-
 
 def build(report: Reporter, *, distro: Distro = "jazzy", force: bool = False) -> BaseImage:
     """Return the base image's archive; build it where the cache lacks it.

@@ -8,8 +8,6 @@ from rigel_k8s.oci import Entry
 from rigel_lab.images.base.layer import ENTRYPOINT
 from rigel_lab.images.ros2base.packages import Distro
 
-__all__ = ["entries", "prefix"]
-
 _SETUP = ("setup.bash", "setup.sh", "setup.zsh")
 
 

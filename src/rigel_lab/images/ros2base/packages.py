@@ -7,8 +7,6 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
-__all__ = ["PACKAGES", "PLATFORM", "PYTHON", "REFERENCES", "SUITE", "Distro", "lock"]
-
 #: The distributions that PyPI has wheels of.
 Distro: TypeAlias = Literal["jazzy", "kilted"]
 

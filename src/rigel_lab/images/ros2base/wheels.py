@@ -23,8 +23,6 @@ from rigel_k8s.process import run, succeeds
 from rigel_k8s.report import Reporter
 from rigel_lab.images.ros2base.packages import PLATFORM, PYTHON
 
-__all__ = ["SITE", "fetch", "tree"]
-
 #: Where Python looks below the prefix.
 SITE = f"lib/python{PYTHON}/site-packages"
 

@@ -16,12 +16,12 @@ import pytest
 
 from rigel_k8s.app.deploying.digests import pins
 from rigel_k8s.app.deploying.places import check_places
-from rigel_k8s.app.deploying.prepare import prepare, timeout_of
+from rigel_k8s.app.deploying.prepare import prepare, release_of, timeout_of
 from rigel_k8s.app.deploying.results import extract, newest_pod
 from rigel_k8s.app.deploying.secrets import secret_of, write_pull_secret
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.images.credentials import RegistryCredentials
-from rigel_k8s.jobs.types.orchestration import OrchestrationJob, release_of
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release.types import Desired, ReleaseId, Revision

@@ -28,6 +28,7 @@ from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.failures import unreachable
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.proxy import proxy_for
+from rigel_k8s.tls import trust
 
 CONNECT_TIMEOUT = 10.0
 READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds
@@ -299,7 +300,7 @@ def cause_of(error: BaseException) -> BaseException:
 def tls_context(target: Target, credentials: Credentials) -> ssl.SSLContext:
     """Return the TLS settings for a target."""
     try:
-        context = ssl.create_default_context(cadata=target.authority or None)
+        context = trust(target.authority)
         if target.insecure:
             context.check_hostname = False
             context.verify_mode = ssl.CERT_NONE

@@ -36,7 +36,8 @@ class Websocket:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.abort()
+        self.closed = True
+        self.inner.shutdown()  # type: ignore[no-untyped-call]
 
     def send(self, channel: int, data: bytes) -> None:
         """Send bytes on a channel; what comes after the end is dropped."""
@@ -67,9 +68,13 @@ class Websocket:
         return raw[0], raw[1:]
 
     def abort(self) -> None:
-        """Close the websocket; a thread that receives returns."""
+        """End the connection from any thread; one that receives returns.
+
+        Only who opened the websocket closes its socket: a number that is free again may be the
+        next connection's while the other thread still reads from it.
+        """
         self.closed = True
-        self.inner.shutdown()  # type: ignore[no-untyped-call]
+        self.inner.abort()  # type: ignore[no-untyped-call]
 
 
 def connect(client: Client, path: str, what: str, protocols: Sequence[str]) -> Websocket:

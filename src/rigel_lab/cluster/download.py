@@ -23,6 +23,7 @@ import urllib3
 
 from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_k8s.proxy import proxy_for
+from rigel_k8s.tls import trust
 
 REDIRECTIONS = 5
 
@@ -225,7 +226,7 @@ def pool_manager(proxy: SplitResult | None) -> urllib3.PoolManager:
 @cache
 def certificate_authorities() -> ssl.SSLContext:
     """Return those that this machine trusts, which takes a while to read."""
-    return ssl.create_default_context()
+    return trust()
 
 
 def find_sum(text: str, file: str) -> str:

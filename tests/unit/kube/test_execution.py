@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError, NotFoundError, UserError
+from rigel_k8s.kube import websocket
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.kube.target import Credentials
 from tests.support.http_server import Exchange
@@ -308,3 +309,20 @@ def test_an_answer_may_come_after_the_last_byte_of_the_question(serve: Any) -> N
             connection.sendall(b"x")
             connection.shutdown(socket.SHUT_WR)
             assert connection.recv(100) == b"late"
+
+
+def test_another_thread_ends_a_websocket_and_leaves_its_socket_to_its_owner(serve: Any) -> None:
+    """Closed by the other one, its number could be the next connection's while it is read."""
+
+    def answer(exchange: Exchange) -> None:
+        Channels(exchange).receive()
+
+    cluster, _ = serve(answer)
+    with websocket.connect(cluster.client, "/x", "test", ["v5"]) as session:
+        connection = session.inner.sock
+        other = threading.Thread(target=session.abort)
+        other.start()
+        other.join()
+        assert connection.fileno() >= 0
+        assert session.receive(None) is None
+    assert connection.fileno() == -1

@@ -1,0 +1,40 @@
+"""TLS as kubectl checks it, in settings that threads can share."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Iterable
+
+
+class SharedContext(ssl.SSLContext):
+    """TLS settings that several threads connect with.
+
+    urllib3 sets the ALPN protocols at every connection. OpenSSL frees the old ones then, while
+    another thread may be copying them (python/cpython#141012): the server gets a broken greeting,
+    or the process crashes. So they are set once, by `trust`.
+    """
+
+    def set_alpn_protocols(self, alpn_protocols: Iterable[str]) -> None:
+        """Keep the protocols of the beginning."""
+
+
+def trust(authorities: str = "") -> ssl.SSLContext:
+    """Return the settings of a client.
+
+    Unlike `ssl.create_default_context` of Python 3.13, and like kubectl, they accept authorities
+    without key identifiers (MicroK8s and EKS have such) and intermediate ones.
+
+    Args:
+        authorities: certificates in PEM; "" is those of this machine.
+
+    Raises:
+        ssl.SSLError, ValueError: `authorities` has no certificates.
+    """
+    context = SharedContext(ssl.PROTOCOL_TLS_CLIENT)
+    ssl.SSLContext.set_alpn_protocols(context, ["http/1.1"])
+    context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
+    if authorities:
+        context.load_verify_locations(cadata=authorities)
+    else:
+        context.load_default_certs()
+    return context

@@ -200,8 +200,14 @@ def test_stopped(release: Callable[[str], Release], machines: list[str]):
     assert [f.kind for f in made.look().findings] == ["stopped"]
 
 
-def test_one_way(release: Callable[[str], Release], machines: list[str], namespace: str):
+def test_one_way(
+    release: Callable[[str], Release],
+    machines: list[str],
+    namespace: str,
+    monkeypatch: pytest.MonkeyPatch,
+):
     """Multicast dropped one way between two machines: exactly that pair is named, as an error."""
+    monkeypatch.setattr(graph, "PATIENCE", 0.0)
     made = release("macvlan")
     made.attachment()
     made.node("one", machines[0])

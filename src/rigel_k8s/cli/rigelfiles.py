@@ -37,7 +37,7 @@ def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FB
     if output == "json":
         print_json([finding_json(r.source.name, f) for r in results for f in r.findings])
         return 2 if failed else 0
-    for text in dict.fromkeys(text for result in results for text in result.rendered()):
+    for text in dict.fromkeys(text for result in results for text in result.render_findings()):
         click.echo(text)
     if not failed and not quiet(ctx):
         click.echo(f"{results[0].source.name}: no problems")

@@ -15,7 +15,7 @@ from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, NODE_ANNOTATION, ROS_NAME_ANNOTATION, object_name
 from rigel_k8s.objects.pods import SCRIPTS_PATH
-from rigel_k8s.rigelfile import nearest
+from rigel_k8s.rigelfile import find_nearest
 from rigel_k8s.settings import Settings
 
 COMPONENT_LABEL, OBSERVABILITY = "app.kubernetes.io/component", "observability"
@@ -124,7 +124,7 @@ def pods_of(found: Release, node: str) -> list[Pod]:
     names = sorted({pod.workload for pod in everything})
     if not names:
         raise no_pod(found)
-    close = nearest(node, names)
+    close = find_nearest(node, names)
     meant = f', did you mean "{close}"?' if close else ""
     raise UserError(f'no pod of a node "{node}"{meant}', hint=f"there are: {', '.join(names)}")
 

@@ -14,7 +14,7 @@ from rigel_k8s.jobs import registry, runner
 from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import Kind
 from rigel_k8s.rigelfile import CheckResult
-from rigel_k8s.rigelfile.findings import in_order
+from rigel_k8s.rigelfile.findings import sort_findings
 from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings
 
@@ -66,7 +66,7 @@ def check(settings: Settings) -> CheckResult:
     found = dict.fromkeys(result.findings)
     for name in result.rigelfile.sequences:
         found.update(dict.fromkeys(runner.check_sequence(result.rigelfile, name, settings)))
-    return attrs.evolve(result, findings=in_order(found))
+    return attrs.evolve(result, findings=sort_findings(found))
 
 
 def check_rigel03(settings: Settings) -> CheckResult:

@@ -34,7 +34,7 @@ def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> Tar
     if not isinstance(found, ObservabilityJob):
         return None
     made = grammar.realise(rigelfile, spec, None, {}, ObservabilityJob.options)
-    findings = made.placed(found.check(made.options, rigelfile.application))
+    findings = made.place_problems(found.check(made.options, rigelfile.application))
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)
     told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)

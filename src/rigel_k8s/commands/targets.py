@@ -67,7 +67,7 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
     rigelfile = rigelfile or load(settings)
     spec = chosen(rigelfile, settings, name)
     made = grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
-    findings = made.placed(OrchestrationJob().check(made.options, rigelfile.application))
+    findings = made.place_problems(OrchestrationJob().check(made.options, rigelfile.application))
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)
     told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
@@ -135,7 +135,7 @@ def named(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> Compon
     hint = f"jobs that deploy: {', '.join(ours) or 'none'}"
     if name in rigelfile.jobs:
         raise UserError(f'the job "{name}" deploys nothing', hint=hint)
-    close = grammar.nearest(name, ours)
+    close = grammar.find_nearest(name, ours)
     meant = f', did you mean "{close}"?' if close else ""
     raise UserError(f'there is no job "{name}"{meant}', hint=hint)
 
@@ -151,7 +151,7 @@ def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
 
 def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
     """Return a job's `with` as far as it stands in the file."""
-    plain: dict[str, Any] = grammar.plain(spec.options)
+    plain: dict[str, Any] = grammar.strip_places(spec.options)
     return plain
 
 

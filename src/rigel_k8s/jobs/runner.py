@@ -27,7 +27,7 @@ from rigel_k8s.rigelfile import (
     Finding,
     Rigelfile,
     YamlNode,
-    nearest,
+    find_nearest,
     place,
     preview,
     problems_error,
@@ -256,7 +256,7 @@ class _Resolution:
 def _named(what: str, name: str, known: Mapping[str, T]) -> T:
     if name in known:
         return known[name]
-    near = nearest(name, known)
+    near = find_nearest(name, known)
     raise UserError(
         f'there is no {what} "{name}" in the Rigelfile'
         + (f", did you mean {near}?" if near else ""),

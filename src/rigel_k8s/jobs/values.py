@@ -15,11 +15,11 @@ from rigel_k8s.rigelfile import (
     Rigelfile,
     YamlNode,
     place,
-    plain,
     preview,
     problems_error,
     realise,
     render_node,
+    strip_places,
 )
 
 
@@ -32,14 +32,14 @@ class Values:
     def vars(self) -> dict[str, Any]:
         """Return the Rigelfile's `vars` as plain data."""
         node = self._rigelfile.root.value.get("vars")
-        return (plain(node) if node else None) or {}
+        return (strip_places(node) if node else None) or {}
 
     def previewed(self, job: Job, known: Mapping[str, Any]) -> tuple[Any | None, list[Finding]]:
         """Return a job's options as far as they are known before the run, and what is wrong."""
         seen = preview(self._rigelfile, job.spec, job.overrides, known, job.type.options)
         findings = list(seen.findings)
         if seen.draft is not None:
-            findings += seen.placed(job.type.check(seen.draft, self._rigelfile.application))
+            findings += seen.place_problems(job.type.check(seen.draft, self._rigelfile.application))
         return seen.options, findings
 
     def realised(self, job: Job, data: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
@@ -49,7 +49,7 @@ class Values:
             ProblemsError: something in it is wrong, with its places.
         """
         real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
-        findings = real.placed(job.type.check(real.options, self._rigelfile.application))
+        findings = real.place_problems(job.type.check(real.options, self._rigelfile.application))
         if any(finding.severity == "error" for finding in findings):
             raise problems_error(self._rigelfile.source, findings)
         return real.options, real.raw
@@ -78,7 +78,7 @@ class Values:
             return {}, []
         seen = render_node(self._rigelfile, step.matrix, data, final=final)
         findings = [*seen.findings, *_matrix_faults(seen.node)]
-        return (None if findings or not seen.complete else plain(seen.node)), findings
+        return (None if findings or not seen.complete else strip_places(seen.node)), findings
 
 
 def _matrix_faults(matrix: YamlNode) -> Iterator[Finding]:

@@ -5,13 +5,13 @@ as problems with paths, which are placed in the text here.
 """
 
 from rigel_k8s.rigelfile.check import CheckResult, Resolve, check_file, load
-from rigel_k8s.rigelfile.findings import Finding, nearest, place, problems_error, render
+from rigel_k8s.rigelfile.findings import Finding, find_nearest, place, problems_error, render
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.options import (
     Preview,
     Realised,
     Rendered,
-    merged,
+    merge_options,
     preview,
     realise,
     render_node,
@@ -19,7 +19,7 @@ from rigel_k8s.rigelfile.options import (
 from rigel_k8s.rigelfile.reference import reference
 from rigel_k8s.rigelfile.rigel03 import rigel03
 from rigel_k8s.rigelfile.schema import schema
-from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, plain
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
 from rigel_k8s.rigelfile.starter import STARTERS
 from rigel_k8s.rigelfile.structure import InvalidOptions, Structured, structure, structure_plain
 
@@ -39,12 +39,11 @@ __all__ = [
     "Structured",
     "YamlNode",
     "check_file",
+    "find_nearest",
     "load",
     "locate",
-    "merged",
-    "nearest",
+    "merge_options",
     "place",
-    "plain",
     "preview",
     "problems_error",
     "realise",
@@ -53,6 +52,7 @@ __all__ = [
     "render_node",
     "rigel03",
     "schema",
+    "strip_places",
     "structure",
     "structure_plain",
 ]

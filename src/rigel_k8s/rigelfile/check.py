@@ -10,7 +10,13 @@ from typing import Any, Literal, TypeAlias
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.rigelfile.findings import Finding, at, in_order, problems_error, render
+from rigel_k8s.rigelfile.findings import (
+    Finding,
+    make_finding,
+    problems_error,
+    render,
+    sort_findings,
+)
 from rigel_k8s.rigelfile.grammar import Contents, read, uses
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.options import look
@@ -42,7 +48,7 @@ class CheckResult:
         """What is only told."""
         return tuple(f for f in self.findings if f.severity == "warning")
 
-    def rendered(self) -> list[str]:
+    def render_findings(self) -> list[str]:
         """Return all findings as text with the lines they are about."""
         return [render(self.source, finding) for finding in self.findings]
 
@@ -94,7 +100,7 @@ def check_file(path: Path, environ: Mapping[str, str], resolve: Resolve) -> Chec
     if reading.contents:
         components = _Components(reading.root, reading.scope, reading.contents, resolve)
         findings += components.findings()
-    return CheckResult(reading.source, in_order(findings), reading.rigelfile)
+    return CheckResult(reading.source, sort_findings(findings), reading.rigelfile)
 
 
 class _Reading:
@@ -109,14 +115,14 @@ class _Reading:
         self.scope = Scope(source, _variables(self.root), environ, patient=patient)
         self.contents: Contents | None = None
         if root and isinstance(root.value, dict):
-            self.root = _rendered(root, self.scope)
+            self.root = _render_tree(root, self.scope)
             told = [*findings, *self.scope.findings]
             self.contents = read(self.root, path.parent, told)
             findings = [*told, *self.contents.findings]
         elif root:
             message = f"expected a mapping with application and jobs, got {kind_of(root.value)}"
-            findings.append(at(root, message, "wrong-type"))
-        self.findings = in_order(findings)
+            findings.append(make_finding(root, message, "wrong-type"))
+        self.findings = sort_findings(findings)
 
     @property
     def rigelfile(self) -> Rigelfile | None:
@@ -140,7 +146,7 @@ def _variables(root: YamlNode) -> dict[str, YamlNode]:
     return section.value if section and isinstance(section.value, dict) else {}
 
 
-def _rendered(root: YamlNode, scope: Scope) -> YamlNode:
+def _render_tree(root: YamlNode, scope: Scope) -> YamlNode:
     """Return the tree with vars filled in; each var is rendered once, whoever uses it."""
     section = root.value.get("vars")
     if section is None or not isinstance(section.value, dict):
@@ -163,9 +169,9 @@ class _Components:
 
     def findings(self) -> Iterator[Finding]:
         for spec in self._contents.providers.values():
-            yield from self._checked("provider", spec, [None])
+            yield from self._check("provider", spec, [None])
         for spec in self._contents.jobs.values():
-            yield from self._checked("job", spec, self._uses(spec.name))
+            yield from self._check("job", spec, self._uses(spec.name))
 
     def _uses(self, job: str) -> list[YamlNode | None]:
         """Return the overrides with which a job is used; None for its own options alone.
@@ -181,7 +187,7 @@ class _Components:
                 found[id(usable)] = usable
         return list(found.values()) or [None]
 
-    def _checked(
+    def _check(
         self,
         kind: Literal["job", "provider"],
         spec: ComponentSpec,
@@ -193,10 +199,10 @@ class _Components:
             key = "plugin" if kind == "job" else "provider"
             hint = f" ({error.hint})" if error.hint else ""
             node = locate(self._root, (*spec.path, key))
-            yield at(node, f"{error.message}{hint}", f"unknown-{key}")
+            yield make_finding(node, f"{error.message}{hint}", f"unknown-{key}")
             return
         for over in overrides:
-            yield from _against(found, self._scope, spec, over, self._contents.application)
+            yield from _check_options(found, self._scope, spec, over, self._contents.application)
 
     def _type(self, kind: Literal["job", "provider"], name: str) -> Any:
         if (kind, name) not in self._types:
@@ -204,7 +210,7 @@ class _Components:
         return self._types[kind, name]
 
 
-def _against(
+def _check_options(
     found: Any,
     scope: Scope,
     spec: ComponentSpec,
@@ -215,4 +221,4 @@ def _against(
     seen = look(scope.with_data(None, final=False), spec, overrides, found.options)
     yield from seen.findings
     if seen.draft is not None and application is not None:
-        yield from seen.placed(found.check(seen.draft, application))
+        yield from seen.place_problems(found.check(seen.draft, application))

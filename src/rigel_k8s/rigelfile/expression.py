@@ -16,7 +16,7 @@ import attrs
 from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError, UndefinedError
 from jinja2.sandbox import ImmutableSandboxedEnvironment
 
-from rigel_k8s.rigelfile.findings import nearest
+from rigel_k8s.rigelfile.findings import find_nearest
 
 _REFERENCE = re.compile(
     r"""(?P<quoted>'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")
@@ -71,11 +71,11 @@ def references(source: str, known: Callable[[str, str], bool]) -> Iterator[Refer
         if match["item"] is not None:
             yield Reference(header, match["item"], match.start(), match.end())
         else:
-            name = _longest(header, match["name"], known)
+            name = _find_longest(header, match["name"], known)
             yield Reference(header, name, match.start(), match.start("name") + len(name))
 
 
-def _longest(header: str, text: str, known: Callable[[str, str], bool]) -> str:
+def _find_longest(header: str, text: str, known: Callable[[str, str], bool]) -> str:
     cuts = [len(text), *(m.start() for m in reversed(list(re.finditer(r"[-!?.]", text))))]
     for cut in cuts:
         if cut and known(header, text[:cut]):
@@ -84,7 +84,7 @@ def _longest(header: str, text: str, known: Callable[[str, str], bool]) -> str:
     return plain[0] if plain else text
 
 
-def undefined(reference: Reference) -> Any:
+def make_undefined(reference: Reference) -> Any:
     """Return what stands for an unknown value: fit for the filter `default`, and nothing else."""
     return StrictUndefined(name=f"{reference.header}.{reference.name}")
 
@@ -95,7 +95,7 @@ def evaluate(source: str, values: Mapping[Reference, Any]) -> Any:
     Raises:
         ExpressionError: it is no expression, or cannot be computed.
     """
-    text, context = _rewritten(source, values)
+    text, context = _rewrite(source, values)
     try:
         compiled = _environment().compile_expression(text, undefined_to_none=False)
         return _data(compiled(**context), source)
@@ -108,7 +108,7 @@ def evaluate(source: str, values: Mapping[Reference, Any]) -> Any:
         raise ExpressionError(f"in {source}: {error}") from error
 
 
-def _rewritten(source: str, values: Mapping[Reference, Any]) -> tuple[str, dict[str, Any]]:
+def _rewrite(source: str, values: Mapping[Reference, Any]) -> tuple[str, dict[str, Any]]:
     """Return the expression with a name of its own for each reference, and their values."""
     pieces, context, place = [], {}, 0
     for number, (reference, value) in enumerate(values.items()):
@@ -136,7 +136,7 @@ def _syntax(error: TemplateSyntaxError, source: str) -> str:
     if missing:
         kind, name = missing.groups()
         known = _environment().filters if kind == "filter" else _environment().tests
-        near = nearest(name, known)
+        near = find_nearest(name, known)
         return f'no {kind} is called "{name}"' + (f', did you mean "{near}"?' if near else "")
     return f"{source} is no expression: {message}"
 

@@ -67,7 +67,7 @@ def fields_of(cls: type[Any]) -> tuple[Field, ...]:
 
 @cache
 def _fields(cls: Any) -> tuple[Field, ...]:
-    docs = _documented(cls)
+    docs = _parse_docs(cls)
     return tuple(
         _field(attribute, docs)
         for attribute in attrs.fields(attrs.resolve_types(cls))
@@ -88,7 +88,7 @@ def _field(attribute: attrs.Attribute[Any], docs: dict[str, str]) -> Field:
     )
 
 
-def nested_under(cls: Any) -> str | None:
+def nesting_key(cls: Any) -> str | None:
     """Return the key below which the options may stand as well."""
     key = getattr(cls, "nested_under", None)
     return key if isinstance(key, str) else None
@@ -97,7 +97,7 @@ def nested_under(cls: Any) -> str | None:
 # Documentation
 
 
-def _documented(cls: type[Any]) -> dict[str, str]:
+def _parse_docs(cls: type[Any]) -> dict[str, str]:
     """Return what the `Attributes:` section of the docstring says of each."""
     section = inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2]
     found: dict[str, str] = {}
@@ -126,7 +126,7 @@ def summary(cls: type[Any]) -> str:
 
 
 @cache
-def resolved(kind: Any) -> Any:
+def unwrap(kind: Any) -> Any:
     """Return a type without Annotated and NewType around it."""
     while True:
         if typing.get_origin(kind) is typing.Annotated:
@@ -142,7 +142,7 @@ def members(kind: Any) -> tuple[Any, ...]:
     """Return the members of a union, or the type alone."""
     if typing.get_origin(kind) not in (typing.Union, types.UnionType):
         return (kind,)
-    return tuple(inner for member in typing.get_args(kind) for inner in members(resolved(member)))
+    return tuple(inner for member in typing.get_args(kind) for inner in members(unwrap(member)))
 
 
 @cache
@@ -179,20 +179,20 @@ def choices(kind: Any) -> tuple[Any, ...] | None:
     return None
 
 
-def expects(kind: Any) -> str:
+def describe_type(kind: Any) -> str:
     """Return what people call the values of a type: `a list`, `text or a mapping`."""
-    words = dict.fromkeys(word for word in _expected(resolved(kind)) if word != "nothing")
+    words = dict.fromkeys(word for word in _describe_members(unwrap(kind)) if word != "nothing")
     if words.keys() >= {_WORDS[str], _WORDS[float]}:
         words = {word: None for word in words if word not in map(_WORDS.get, _SINGLE)}
         words = {"a single value": None, **words}
     return " or ".join(words) or "nothing"
 
 
-def _expected(kind: Any) -> Iterator[str]:
+def _describe_members(kind: Any) -> Iterator[str]:
     values = choices(kind)
     if len(members(kind)) > 1:
         for member in members(kind):
-            yield from _expected(member)
+            yield from _describe_members(member)
     elif values is not None:
         quoted = ", ".join(f'"{value}"' for value in values)
         yield f"one of {quoted}" if len(values) > 1 else quoted

@@ -31,7 +31,7 @@ class Finding:
     environment: str | None = None
 
 
-def at(node: YamlNode, message: str, kind: str, *, key: bool = False) -> Finding:
+def make_finding(node: YamlNode, message: str, kind: str, *, key: bool = False) -> Finding:
     """Return an error about a node, or about its key."""
     if key and node.key_span:
         return Finding(node.key_span, message, kind, defined_at=node.key_defined_at)
@@ -42,11 +42,13 @@ def at(node: YamlNode, message: str, kind: str, *, key: bool = False) -> Finding
 
 def place(root: YamlNode, problem: Problem) -> Finding:
     """Return a problem of a path below `root` as a finding in the text."""
-    finding = at(locate(root, problem.path), problem.message, problem.kind, key=problem.at_key)
+    finding = make_finding(
+        locate(root, problem.path), problem.message, problem.kind, key=problem.at_key
+    )
     return attrs.evolve(finding, severity=problem.severity)
 
 
-def in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+def sort_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return the findings as the file has them, each once."""
     return tuple(sorted(dict.fromkeys(findings), key=_order))
 
@@ -92,7 +94,7 @@ def _snippet(lines: list[str], span: Span, gutter: int) -> Iterator[str]:
 
 def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError:
     """Return the error that tells all findings."""
-    found = in_order(findings)
+    found = sort_findings(findings)
     count = sum(finding.severity == "error" for finding in found)
     return ProblemsError(
         f"{source.name} has {count} {'problem' if count == 1 else 'problems'}",
@@ -100,21 +102,21 @@ def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError
     )
 
 
-def nearest(word: str, known: Iterable[str]) -> str | None:
+def find_nearest(word: str, known: Iterable[str]) -> str | None:
     """Return the known word that was probably meant."""
-    by_folded = {_folded(name): name for name in known}
-    close = difflib.get_close_matches(_folded(word), by_folded, n=1, cutoff=0.6)
+    by_folded = {_fold(name): name for name in known}
+    close = difflib.get_close_matches(_fold(word), by_folded, n=1, cutoff=0.6)
     return by_folded[close[0]] if close else None
 
 
-def _folded(word: str) -> str:
+def _fold(word: str) -> str:
     return word.lower().replace("-", "_")
 
 
-def meant(word: str, known: Iterable[str]) -> str:
+def suggest(word: str, known: Iterable[str]) -> str:
     """Return `, did you mean "x"?`, or what is known where nothing is near and it is little."""
     names = list(known)
-    near = nearest(word, names)
+    near = find_nearest(word, names)
     if near:
         return f', did you mean "{near}"?'
     if not names:

@@ -12,7 +12,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.problems import Path, Problem
-from rigel_k8s.rigelfile.findings import Finding, meant, place
+from rigel_k8s.rigelfile.findings import Finding, place, suggest
 from rigel_k8s.rigelfile.forms import (
     ApplicationForm,
     ConcurrentForm,
@@ -185,7 +185,7 @@ class _Reader:
             where = (*path, "name") if isinstance(use.value, dict) else path
             name = locate(self._root, where)
             if isinstance(name.value, str) and not name.hole and name.value not in known:
-                message = f'there is no job "{name.value}"{meant(name.value, known)}'
+                message = f'there is no job "{name.value}"{suggest(name.value, known)}'
                 self.tell(where, message, "unknown-job")
 
 

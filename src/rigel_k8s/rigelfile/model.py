@@ -12,7 +12,7 @@ import attrs
 
 from rigel_k8s.problems import Path
 from rigel_k8s.rigelfile.scope import Scope
-from rigel_k8s.rigelfile.source import Source, YamlNode, plain
+from rigel_k8s.rigelfile.source import Source, YamlNode, strip_places
 from rigel_k8s.settings import Application
 
 
@@ -99,4 +99,4 @@ class Rigelfile:
     def vars(self) -> dict[str, Any]:
         """`vars` as plain data, templates filled as far as they can be without data."""
         section = self.root.value.get("vars")
-        return (plain(section) if section else None) or {}
+        return (strip_places(section) if section else None) or {}

@@ -26,7 +26,7 @@ class WrittenInt(int):
         return self.raw
 
 
-def written(value: Any, raw: str | None) -> Any:
+def keep_text(value: Any, raw: str | None) -> Any:
     """Return a number that keeps its text, where the text would be lost; all else unchanged."""
     if raw is None or isinstance(value, bool) or str(value) == raw:
         return value

@@ -8,11 +8,11 @@ from typing import Any
 import attrs
 
 from rigel_k8s.problems import Problem
-from rigel_k8s.rigelfile.fields import nested_under
-from rigel_k8s.rigelfile.findings import Finding, at, in_order, place, problems_error
+from rigel_k8s.rigelfile.fields import nesting_key
+from rigel_k8s.rigelfile.findings import Finding, make_finding, place, problems_error, sort_findings
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.scope import Scope
-from rigel_k8s.rigelfile.source import YamlNode, kind_of, plain
+from rigel_k8s.rigelfile.source import YamlNode, kind_of, strip_places
 from rigel_k8s.rigelfile.structure import Doubts, structure
 
 
@@ -47,9 +47,9 @@ class Preview:
     node: YamlNode
     doubts: Doubts
 
-    def placed(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
+    def place_problems(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
         """Return problems with the draft as findings, without those that a doubt may explain."""
-        sure = (problem for problem in problems if not self.doubts.about(problem.path))
+        sure = (problem for problem in problems if not self.doubts.may_explain(problem.path))
         return tuple(place(self.node, problem) for problem in sure)
 
 
@@ -67,7 +67,7 @@ class Realised:
     raw: dict[str, Any]
     node: YamlNode
 
-    def placed(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
+    def place_problems(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
         """Return problems with the options as findings."""
         return tuple(place(self.node, problem) for problem in problems)
 
@@ -78,7 +78,7 @@ def render_node(
     """Return a node of the Rigelfile with data filled in; `final`: no more data will come."""
     scope = rigelfile.scope.with_data(data, final=final)
     rendered = scope.fill(node)
-    return Rendered(rendered, in_order(scope.findings), not rendered.has_hole())
+    return Rendered(rendered, sort_findings(scope.findings), not rendered.has_hole())
 
 
 def preview(
@@ -114,18 +114,18 @@ def look(
     scope: Scope, spec: ComponentSpec, overrides: YamlNode | None, options: type[Any]
 ) -> Preview:
     """Return a component's options as far as a scope knows their values."""
-    written = scope.fill(merged(spec.options, overrides))
+    written = scope.fill(merge_options(spec.options, overrides))
     findings = [*scope.findings, *_nesting_faults(spec.options, overrides, options)]
     node = written
-    if nested_under(options):
+    if nesting_key(options):
         base, over = scope.fill(spec.options), overrides and scope.fill(overrides)
-        node = merged(base, over, options)
+        node = merge_options(base, over, options)
     result = structure(node, Any if options is dict else options)
     findings += [place(node, problem) for problem in result.problems]
     return Preview(
         options=None if findings else result.draft,
-        raw=plain(written),
-        findings=in_order(findings),
+        raw=strip_places(written),
+        findings=sort_findings(findings),
         complete=result.complete,
         draft=result.draft,
         node=node,
@@ -133,24 +133,24 @@ def look(
     )
 
 
-def merged(options: YamlNode, overrides: YamlNode | None, kind: Any = None) -> YamlNode:
+def merge_options(options: YamlNode, overrides: YamlNode | None, kind: Any = None) -> YamlNode:
     """Return options with the keys of overrides in place of theirs, as Rigel has it.
 
     With an option class that may stand below a key of its own (`nested_under`), that level is gone
     from the result.
     """
     over = overrides.value if overrides else {}
-    under = nested_under(kind)
+    under = nesting_key(kind)
     if not under:
         return attrs.evolve(options, value={**options.value, **over}) if over else options
-    nested = _nested(overrides, under) or {}
+    nested = _find_nested(overrides, under) or {}
     direct = {key: node for key, node in options.value.items() if key not in nested}
-    result = {**(nested or _nested(options, under) or {}), **direct, **over}
+    result = {**(nested or _find_nested(options, under) or {}), **direct, **over}
     result.pop(under, None)
     return attrs.evolve(options, value=result)
 
 
-def _nested(node: YamlNode | None, under: str) -> dict[str, YamlNode] | None:
+def _find_nested(node: YamlNode | None, under: str) -> dict[str, YamlNode] | None:
     inner = node.value.get(under) if node else None
     return inner.value if inner and isinstance(inner.value, dict) else None
 
@@ -158,14 +158,14 @@ def _nested(node: YamlNode | None, under: str) -> dict[str, YamlNode] | None:
 def _nesting_faults(*arguments: Any) -> Iterable[Finding]:
     """Yield keys that stand both below the options' own key and beside it."""
     *nodes, options = arguments
-    under = nested_under(options)
+    under = nesting_key(options)
     for node in nodes if under else ():
         if not node or under not in node.value:
             continue
         inner = node.value[under]
         if not isinstance(inner.value, dict) and not inner.hole:
             message = f"expected a mapping, got {kind_of(inner.value)}"
-            yield at(inner, message, "wrong-type")
-        for key in (_nested(node, str(under)) or {}).keys() & node.value.keys():
+            yield make_finding(inner, message, "wrong-type")
+        for key in (_find_nested(node, str(under)) or {}).keys() & node.value.keys():
             message = f'"{key}" stands below `{under}` as well: remove one'
-            yield at(node.value[key], message, "duplicate-key", key=True)
+            yield make_finding(node.value[key], message, "duplicate-key", key=True)

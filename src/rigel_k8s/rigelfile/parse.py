@@ -30,7 +30,7 @@ _BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\}[^\s,\]}]*)")
 
 def parse(source: Source) -> tuple[YamlNode | None, list[Finding]]:
     """Return the root of a YAML text and what is wrong with it; None where it cannot be read."""
-    deep = _too_deep(source.text)
+    deep = _check_depth(source.text)
     if deep:
         return None, [deep]
     try:
@@ -38,14 +38,14 @@ def parse(source: Source) -> tuple[YamlNode | None, list[Finding]]:
     except yaml.MarkedYAMLError as error:
         return None, [_syntax(error, source)]
     except yaml.YAMLError as error:
-        return None, [_unreadable(error, source)]
+        return None, [_find_unreadable(error, source)]
     if root is None:
         return None, [Finding(_START, "the file is empty: `rigel init` writes a start", "yaml")]
     reader = _Reader()
     return reader.node(root), reader.findings
 
 
-def _too_deep(text: str) -> Finding | None:
+def _check_depth(text: str) -> Finding | None:
     """Refuse what would exhaust the C reader's stack, before it reads that."""
     if _brackets(text) < DEEPEST and not _DEEP_LINE.search(text):
         return None
@@ -88,7 +88,7 @@ def _syntax(error: yaml.MarkedYAMLError, source: Source) -> Finding:
     bare = _BARE_TEMPLATE.search(text)
     if bare:
         start, end = bare.start(1) + 1, bare.end(1) + 1
-        return Finding(Span(line, start, line, end), _quoted(bare[1]), "yaml")
+        return Finding(Span(line, start, line, end), _explain_quotes(bare[1]), "yaml")
     if text[column - 1 : column] == "\t" or text.startswith("\t"):
         return Finding(span, "a tab: YAML indents with spaces only", "yaml")
     if error.problem == "but found another document":
@@ -99,7 +99,7 @@ def _syntax(error: yaml.MarkedYAMLError, source: Source) -> Finding:
     return Finding(span, f"this is not YAML: {error.problem}{context}", "yaml")
 
 
-def _unreadable(error: yaml.YAMLError, source: Source) -> Finding:
+def _find_unreadable(error: yaml.YAMLError, source: Source) -> Finding:
     """Return the character that YAML does not allow, at its place."""
     bad = yaml.reader.Reader.NON_PRINTABLE.search(source.text)
     if not bad:
@@ -110,7 +110,7 @@ def _unreadable(error: yaml.YAMLError, source: Source) -> Finding:
     return Finding(Span(line, column, line, column + 1), message, "yaml")
 
 
-def _quoted(template: str) -> str:
+def _explain_quotes(template: str) -> str:
     return f'a value that begins with {{{{ must be quoted: "{template}"'
 
 
@@ -132,33 +132,33 @@ class _Reader:
         if id(item) in self._done:
             node, size = self._done[id(item)]
             self._count += size
-            return node if self._count <= MOST_VALUES else self._too_many(item)
+            return node if self._count <= MOST_VALUES else self._refuse_aliases(item)
         if id(item) in self._open:
-            return self._refused(item, "an alias of the value that it stands in")
+            return self._refuse(item, "an alias of the value that it stands in")
         self._open.add(id(item))
         before = self._count
         self._count += 1
-        result = self._made(item)
+        result = self._make(item)
         self._open.discard(id(item))
         self._done[id(item)] = result, self._count - before
         return result
 
-    def _refused(self, item: yaml.Node, message: str, kind: str = "yaml") -> YamlNode:
+    def _refuse(self, item: yaml.Node, message: str, kind: str = "yaml") -> YamlNode:
         span = _span(item.start_mark, item.end_mark)
         self.findings.append(Finding(span, message, kind))
         return YamlNode(None, span, hole=True)
 
-    def _too_many(self, item: yaml.Node) -> YamlNode:
+    def _refuse_aliases(self, item: yaml.Node) -> YamlNode:
         if self._count > 2 * MOST_VALUES:  # told once
             return YamlNode(None, _span(item.start_mark, item.end_mark), hole=True)
         self._count += 2 * MOST_VALUES
-        return self._refused(item, f"aliases make more than {MOST_VALUES} values of this file")
+        return self._refuse(item, f"aliases make more than {MOST_VALUES} values of this file")
 
-    def _made(self, item: yaml.Node) -> YamlNode:
+    def _make(self, item: yaml.Node) -> YamlNode:
         span = _span(item.start_mark, item.end_mark)
         if isinstance(item, yaml.MappingNode):
-            bare = _bare_template(item)
-            return self._refused(item, bare) if bare else YamlNode(self._mapping(item), span)
+            bare = _explain_bare_template(item)
+            return self._refuse(item, bare) if bare else YamlNode(self._mapping(item), span)
         if isinstance(item, yaml.SequenceNode):
             return YamlNode([self.node(child) for child in item.value], span)
         return YamlNode(self._scalar(item), span, raw=str(item.value))
@@ -174,10 +174,10 @@ class _Reader:
             if item.tag == f"{_TAG}float":
                 return _CONSTRUCT.construct_yaml_float(item)
         except (ValueError, LookupError):  # an explicit tag on a text that does not fit it
-            self._refused(item, f'"{item.value}" does not fit its tag')
+            self._refuse(item, f'"{item.value}" does not fit its tag')
         else:
             if item.tag not in _TEXT_TAGS:
-                self._refused(item, f"the tag {item.tag} means nothing here: leave it out")
+                self._refuse(item, f"the tag {item.tag} means nothing here: leave it out")
         return str(item.value)
 
     def _mapping(self, item: yaml.MappingNode) -> dict[str, YamlNode]:
@@ -187,7 +187,7 @@ class _Reader:
             if key.tag == f"{_TAG}merge":
                 inherited = inherited | self._merge(value)
             elif not isinstance(key, yaml.ScalarNode):
-                self._refused(key, "a key must be text, not a list or mapping")
+                self._refuse(key, "a key must be text, not a list or mapping")
             else:
                 self._add(result, key, value)
         return {**inherited, **result}
@@ -200,7 +200,7 @@ class _Reader:
             return
         first = result[name].key_span or _START
         message = f'the key "{name}" stands at {first.line}:{first.column} already: remove one'
-        self._refused(key, message, "duplicate-key")
+        self._refuse(key, message, "duplicate-key")
 
     def _merge(self, value: yaml.Node) -> dict[str, YamlNode]:
         """Return what `<<` brings; of several, an earlier one wins."""
@@ -209,15 +209,15 @@ class _Reader:
             if isinstance(part, yaml.MappingNode):
                 merged |= self.node(part).value or {}
             else:
-                self._refused(part, "<< takes an alias of a mapping, or a list of such")
+                self._refuse(part, "<< takes an alias of a mapping, or a list of such")
         return merged
 
 
-def _bare_template(item: yaml.MappingNode) -> str | None:
+def _explain_bare_template(item: yaml.MappingNode) -> str | None:
     """Return what to tell about `{{ x }}` without quotes, which YAML takes for two mappings."""
     if len(item.value) != 1 or not item.flow_style:
         return None
     key, value = item.value[0]
     if not isinstance(key, yaml.MappingNode) or value.value or len(key.value) != 1:
         return None
-    return _quoted(f"{{{{ {key.value[0][0].value} }}}}")
+    return _explain_quotes(f"{{{{ {key.value[0][0].value} }}}}")

@@ -9,13 +9,13 @@ import attrs
 
 from rigel_k8s.rigelfile.fields import (
     Field,
-    expects,
+    describe_type,
     fields_of,
     members,
-    nested_under,
-    resolved,
+    nesting_key,
     summary,
     type_arguments,
+    unwrap,
 )
 
 HEAD = """# Reference
@@ -39,27 +39,29 @@ def _component(names: tuple[str, ...], cls: Any) -> Iterator[str]:
     if not attrs.has(cls):
         yield "Any keys.\n"
         return
-    under = nested_under(cls)
+    under = nesting_key(cls)
     if under:
         yield f"The keys stand directly in `with`, or below `{under}` in it.\n"
     yield _table(cls)
-    for path, inner in _inner(cls, "", {cls}):
+    for path, inner in _find_inner(cls, "", {cls}):
         yield f"#### {names[0]}: `{path}`\n"
         yield _table(inner)
 
 
-def _inner(cls: type[Any], prefix: str, seen: set[type[Any]]) -> Iterator[tuple[str, type[Any]]]:
+def _find_inner(
+    cls: type[Any], prefix: str, seen: set[type[Any]]
+) -> Iterator[tuple[str, type[Any]]]:
     """Yield the classes of values below a class, each once, with the path to the first use."""
     for field in fields_of(cls):
         for path, kind in _classes(field.type, f"{prefix}{field.key}"):
             if kind not in seen:
                 seen.add(kind)
                 yield path, kind
-                yield from _inner(kind, f"{path}.", seen)
+                yield from _find_inner(kind, f"{path}.", seen)
 
 
 def _classes(kind: Any, path: str) -> Iterator[tuple[str, type[Any]]]:
-    for member in members(resolved(kind)):
+    for member in members(unwrap(kind)):
         arguments = type_arguments(member)
         if isinstance(member, type) and attrs.has(member):
             yield path, member
@@ -76,7 +78,7 @@ def _table(cls: type[Any]) -> str:
 
 def _row(field: Field) -> str:
     names = " or ".join(f"`{key}`" for key in field.keys)
-    cells = [names, expects(field.type), _default(field), field.doc]
+    cells = [names, describe_type(field.type), _default(field), field.doc]
     return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
 
 

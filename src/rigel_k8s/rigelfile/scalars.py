@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from rigel_k8s.rigelfile.fields import choices, expects, is_scalar_class
-from rigel_k8s.rigelfile.findings import nearest
+from rigel_k8s.rigelfile.fields import choices, describe_type, is_scalar_class
+from rigel_k8s.rigelfile.findings import find_nearest
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
 _WHOLE = re.compile(r"[+-]?\d+")
@@ -36,7 +36,7 @@ def scalar(node: YamlNode, kind: Any) -> Any:
     if choices(kind) is not None:
         return _choice(node, kind)
     if is_scalar_class(kind):
-        return _parsed(node, kind)
+        return _parse(node, kind)
     if kind is bool:
         return _boolean(node)
     if kind is int:
@@ -55,12 +55,12 @@ def scalar(node: YamlNode, kind: Any) -> Any:
 def mismatch(node: YamlNode, kind: Any, hint: str = "") -> Mismatch:
     """Return that a value is not of a type."""
     if node.value is None:
-        message = f"expected {expects(kind)}, got nothing: write a value or remove the key"
+        message = f"expected {describe_type(kind)}, got nothing: write a value or remove the key"
         return Mismatch(message, "no-value")
-    return Mismatch(f"expected {expects(kind)}, got {described(node)}{hint}")
+    return Mismatch(f"expected {describe_type(kind)}, got {describe(node)}{hint}")
 
 
-def described(node: YamlNode) -> str:
+def describe(node: YamlNode) -> str:
     """Return what stands there, for a message: `the text "x"`, `a list`."""
     if isinstance(node.value, dict | list) or node.value is None:
         return kind_of(node.value)
@@ -76,8 +76,8 @@ def _text(node: YamlNode, kind: Any) -> str:
         return node.value
     if isinstance(node.value, bool):
         raise Mismatch(
-            f"{node.raw} without quotes is a boolean in YAML, and {expects(kind)} is expected:"
-            f' write "{node.raw}"',
+            f"{node.raw} without quotes is a boolean in YAML,"
+            f' and {describe_type(kind)} is expected: write "{node.raw}"',
             "yaml-boolean",
         )
     if isinstance(node.value, int | float) and node.raw is not None:
@@ -127,7 +127,7 @@ def _boolean(node: YamlNode) -> bool:
     raise mismatch(node, bool)
 
 
-def _parsed(node: YamlNode, kind: Any) -> Any:
+def _parse(node: YamlNode, kind: Any) -> Any:
     if issubclass(kind, str):
         raw = _text(node, kind)
     elif issubclass(kind, int):
@@ -151,8 +151,8 @@ def _choice(node: YamlNode, kind: Any) -> Any:
     else:
         text = _text(node, kind)
     if text not in known:
-        near = nearest(text, known)
+        near = find_nearest(text, known)
         hint = f', did you mean "{near}"?' if near else ""
-        raise Mismatch(f'"{text}" is not {expects(kind)}{hint}', "bad-choice")
+        raise Mismatch(f'"{text}" is not {describe_type(kind)}{hint}', "bad-choice")
     is_enum = isinstance(kind, type) and issubclass(kind, enum.Enum)
     return kind(known[text]) if is_enum else known[text]

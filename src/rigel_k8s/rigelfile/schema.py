@@ -14,16 +14,16 @@ from rigel_k8s.rigelfile import forms
 from rigel_k8s.rigelfile.fields import (
     Field,
     choices,
-    expects,
+    describe_type,
     fields_of,
     is_list,
     is_mapping,
     is_scalar_class,
     members,
-    nested_under,
-    resolved,
+    nesting_key,
     summary,
     type_arguments,
+    unwrap,
 )
 from rigel_k8s.rigelfile.source import YamlNode
 
@@ -47,9 +47,9 @@ def schema(jobs: Types, providers: Types) -> Schema:
     sections: dict[str, Schema] = {
         "application": made.of(forms.ApplicationForm),
         "vars": {"type": ["object", "null"]},
-        "jobs": _named(made.component(forms.JobForm, "plugin", jobs)),
-        "providers": _named(made.component(forms.ProviderForm, "provider", providers)),
-        "sequences": _named(made.of(forms.SequenceForm)),
+        "jobs": _mapping_of(made.component(forms.JobForm, "plugin", jobs)),
+        "providers": _mapping_of(made.component(forms.ProviderForm, "provider", providers)),
+        "sequences": _mapping_of(made.of(forms.SequenceForm)),
     }
     fields = {field.key: field for field in fields_of(forms.RigelfileForm)}
     properties = {key: {**inner, "description": fields[key].doc} for key, inner in sections.items()}
@@ -64,7 +64,7 @@ def schema(jobs: Types, providers: Types) -> Schema:
     }
 
 
-def _named(inner: Schema) -> Schema:
+def _mapping_of(inner: Schema) -> Schema:
     return {"type": ["object", "null"], "additionalProperties": inner}
 
 
@@ -94,7 +94,7 @@ class _Definitions:
     def _options(self, cls: type[Any]) -> Schema:
         """Return what `with` may hold, directly or below the class's own key."""
         direct = self.of(cls)
-        under = nested_under(cls)
+        under = nesting_key(cls)
         if not under:
             return direct
         nested = {"type": "object", "properties": {under: direct}, "required": [under]}
@@ -102,7 +102,7 @@ class _Definitions:
 
     def of(self, kind: Any) -> Schema:
         """Return the schema of a type, templates left out at its top."""
-        kind = resolved(kind)
+        kind = unwrap(kind)
         if kind is YamlNode:
             return {"type": "object"}
         if kind is Any or kind is object:
@@ -170,5 +170,5 @@ def _scalar(kind: Any) -> Schema:
         return {"type": "null"}
     if is_scalar_class(kind):
         base = "integer" if issubclass(kind, int) else _TEXT["type"]
-        return {"type": base, "description": expects(kind)}
+        return {"type": base, "description": describe_type(kind)}
     return {int: {"type": "integer"}, float: {"type": "number"}}.get(kind, dict(_TEXT))

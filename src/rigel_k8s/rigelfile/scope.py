@@ -12,8 +12,8 @@ from typing import Any
 import attrs
 
 from rigel_k8s.option_text import has_template
-from rigel_k8s.rigelfile.findings import Finding, at, nearest
-from rigel_k8s.rigelfile.numbers import written
+from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
+from rigel_k8s.rigelfile.numbers import keep_text
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, node_of
 from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed
 from rigel_k8s.rigelfile.template import parts as parts_of
@@ -75,22 +75,22 @@ class Scope:
 
     def render(self, node: YamlNode) -> YamlNode:
         """Return the node with all templates filled that can be; findings tell the rest."""
-        return self._walk(node, self._rendered_text)
+        return self._walk(node, self._render_text)
 
     def fill(self, node: YamlNode) -> YamlNode:
         """Return a rendered node with its holes filled, as far as the data is known."""
-        return self._walk(node, self._filled_text)
+        return self._walk(node, self._fill_text)
 
     def render_variables(self) -> dict[str, YamlNode]:
         """Return all vars, rendered."""
-        return {name: self._rendered_variable(name) for name in self.variables}
+        return {name: self._render_variable(name) for name in self.variables}
 
-    def _rendered_text(self, node: YamlNode) -> YamlNode:
+    def _render_text(self, node: YamlNode) -> YamlNode:
         templated = isinstance(node.value, str) and has_template(node.value)
         return self._text(node) if templated else node
 
-    def _filled_text(self, node: YamlNode) -> YamlNode:
-        return self._rendered_text(attrs.evolve(node, hole=False)) if node.hole else node
+    def _fill_text(self, node: YamlNode) -> YamlNode:
+        return self._render_text(attrs.evolve(node, hole=False)) if node.hole else node
 
     def _walk(self, node: YamlNode, text: Callable[[YamlNode], YamlNode]) -> YamlNode:
         if isinstance(node.value, dict):
@@ -110,7 +110,7 @@ class Scope:
             same = same and new is value and new_key == key
             if new_key in result:
                 message = f'the key "{new_key}" stands here already, from another template'
-                self.findings.append(at(value, message, "duplicate-key", key=True))
+                self.findings.append(make_finding(value, message, "duplicate-key", key=True))
             else:
                 result[new_key] = new
         return node if same else attrs.evolve(node, value=result)
@@ -134,7 +134,7 @@ class Scope:
             return attrs.evolve(node, hole=True)
         if len(pieces) == 1:
             return values[0]
-        return _joined(node, values)
+        return _join(node, values)
 
     def _values(self, node: YamlNode, pieces: list[Part]) -> list[YamlNode]:
         """Return the value of each piece; _Waits, after all wrong ones are told."""
@@ -145,7 +145,7 @@ class Scope:
                 values.append(YamlNode(piece, node.span, raw=piece))
                 continue
             try:
-                value = _placed(node, self._value(node, piece))
+                value = _place(node, self._value(node, piece))
                 waits = waits or value.has_hole()
                 values.append(value)
                 if len(pieces) > 1 and isinstance(value.value, dict | list):
@@ -163,11 +163,11 @@ class Scope:
     def _finding(self, node: YamlNode, wrong: _Wrong, piece: Part, before: list[Part]) -> Finding:
         text = piece if isinstance(piece, str) else piece.text
         same = sum(1 for part in before if not isinstance(part, str) and part.text == text)
-        span = _within(self.source, node, text, same)
-        return attrs.evolve(at(node, wrong.message, wrong.kind), span=span)
+        span = _find_span(self.source, node, text, same)
+        return attrs.evolve(make_finding(node, wrong.message, wrong.kind), span=span)
 
     def _tell(self, node: YamlNode, message: str) -> None:
-        self.findings.append(at(node, message, "template"))
+        self.findings.append(make_finding(node, message, "template"))
 
     # Names
 
@@ -178,26 +178,28 @@ class Scope:
             return self._expression(node, piece)
         if piece.header not in HEADERS:
             raise _Wrong(_bad_header(piece))
-        found = self._lookup(node, piece.header, piece.name)
+        found = self._look_up(node, piece.header, piece.name)
         if found is not None:
             return found
-        raise self._missing(piece.header, piece.name)
+        raise self._judge_missing(piece.header, piece.name)
 
-    def _lookup(self, node: YamlNode, header: str, name: str) -> YamlNode | None:
+    def _look_up(self, node: YamlNode, header: str, name: str) -> YamlNode | None:
         if header == "data":
             try:
                 value = _walk(self._data, name)
             except LookupError:
                 return None
-            return attrs.evolve(_made(value, node, f"data.{name}"), untyped=isinstance(value, str))
+            return attrs.evolve(
+                _make_node(value, node, f"data.{name}"), untyped=isinstance(value, str)
+            )
         return self._variable(name)
 
     def _variable(self, name: str) -> YamlNode | None:
         if name in self.variables:
-            return self._rendered_variable(name)
+            return self._render_variable(name)
         first, _, rest = name.partition(".")
         if rest and first in self.variables:
-            node: YamlNode | None = self._rendered_variable(first)
+            node: YamlNode | None = self._render_variable(first)
             for step in rest.split("."):
                 node = node.value.get(step) if node and isinstance(node.value, dict) else None
             return node
@@ -206,7 +208,7 @@ class Scope:
             return YamlNode(text, _NOWHERE, raw=text, untyped=True, environment=name)
         return None
 
-    def _rendered_variable(self, name: str) -> YamlNode:
+    def _render_variable(self, name: str) -> YamlNode:
         if name in self._rendered:
             return self._rendered[name]
         if name in self._open:
@@ -219,15 +221,15 @@ class Scope:
             self._open.pop()
         return self._rendered[name]
 
-    def _missing(self, header: str, name: str) -> _Wrong | _Waits:
+    def _judge_missing(self, header: str, name: str) -> _Wrong | _Waits:
         """Return whether a name that is not known may come yet, or what is wrong with it."""
         if (header == "data" or self._patient) and name and not self._final:
             return _Waits()
-        return self._unknown(header, name)
+        return self._explain_unknown(header, name)
 
-    def _unknown(self, header: str, name: str) -> _Wrong:
+    def _explain_unknown(self, header: str, name: str) -> _Wrong:
         if header == "data":
-            near = nearest(name, self._data)
+            near = find_nearest(name, self._data)
             stored = ", ".join(f"data.{key}" for key in self._data) or "nothing yet"
             hint = f"did you mean data.{near}?" if near else f"earlier jobs stored {stored}"
             return _Wrong(f"no job before this one has stored data.{name}, {hint}", "unknown-data")
@@ -236,7 +238,7 @@ class Scope:
         first, dot, rest = name.partition(".")
         if dot and first in self.variables:
             return _Wrong(f'vars.{first} has no "{rest}" in it', "unknown-variable")
-        near = nearest(name, self.variables)
+        near = find_nearest(name, self.variables)
         hint = f"did you mean vars.{near}?" if near else f"declare it there or export {name}"
         message = f"vars.{name} is neither in vars nor in the environment, {hint}"
         return _Wrong(message, "unknown-variable")
@@ -252,22 +254,22 @@ class Scope:
         found: list[YamlNode] = []
         missing: _Wrong | _Waits | None = None
         for reference in expression.references(piece.source, self._knows):
-            value = self._lookup(node, reference.header, reference.name)
+            value = self._look_up(node, reference.header, reference.name)
             if value is not None:
                 found.append(value)
-                values[reference] = _native(value)
+                values[reference] = _convert_numbers(value)
             elif reference.header == "data" and not self._final:
                 raise _Waits
             else:
-                missing = missing or self._missing(reference.header, reference.name)
-                values[reference] = expression.undefined(reference)
+                missing = missing or self._judge_missing(reference.header, reference.name)
+                values[reference] = expression.make_undefined(reference)
         if any(value.has_hole() for value in found):
             raise _Waits
         try:
             result = expression.evaluate(piece.source, values)
         except expression.ExpressionError as error:
             raise (missing if missing and error.undefined else _Wrong(str(error))) from error
-        return _origin(_made(result, node, piece.source), found)
+        return _origin(_make_node(result, node, piece.source), found)
 
     def _knows(self, header: str, name: str) -> bool:
         known: Mapping[str, Any] = self._data if header == "data" else self.variables
@@ -277,20 +279,18 @@ class Scope:
 _NOWHERE = Span(0, 0, 0, 0)
 
 
-def _placed(use: YamlNode, value: YamlNode) -> YamlNode:
+def _place(use: YamlNode, value: YamlNode) -> YamlNode:
     """Return a var's value where it is used."""
-    return attrs.evolve(
-        _moved(use, value), key_span=use.key_span, key_defined_at=use.key_defined_at
-    )
+    return attrs.evolve(_move(use, value), key_span=use.key_span, key_defined_at=use.key_defined_at)
 
 
-def _moved(use: YamlNode, value: YamlNode) -> YamlNode:
+def _move(use: YamlNode, value: YamlNode) -> YamlNode:
     """Return a value with its place, and the places of all in it, as definition of what is used."""
     inner: Any = value.value
     if isinstance(inner, dict):
-        inner = {key: _moved(use, child) for key, child in inner.items()}
+        inner = {key: _move(use, child) for key, child in inner.items()}
     elif isinstance(inner, list):
-        inner = [_moved(use, child) for child in inner]
+        inner = [_move(use, child) for child in inner]
     here = value.span == use.span
     return attrs.evolve(
         value,
@@ -314,7 +314,7 @@ def _walk(data: Mapping[str, Any], name: str) -> Any:
     return found
 
 
-def _made(value: Any, node: YamlNode, what: str) -> YamlNode:
+def _make_node(value: Any, node: YamlNode, what: str) -> YamlNode:
     try:
         return node_of(value, YamlNode(None, node.span, key_span=node.key_span))
     except TypeError as error:
@@ -331,13 +331,13 @@ def _origin(result: YamlNode, found: list[YamlNode]) -> YamlNode:
     return result
 
 
-def _native(node: YamlNode) -> Any:
+def _convert_numbers(node: YamlNode) -> Any:
     """Return plain data whose numbers remember how they were written."""
     if isinstance(node.value, dict):
-        return {key: _native(child) for key, child in node.value.items()}
+        return {key: _convert_numbers(child) for key, child in node.value.items()}
     if isinstance(node.value, list):
-        return [_native(child) for child in node.value]
-    return written(node.value, node.raw)
+        return [_convert_numbers(child) for child in node.value]
+    return keep_text(node.value, node.raw)
 
 
 def _as_text(node: YamlNode) -> str:
@@ -346,7 +346,7 @@ def _as_text(node: YamlNode) -> str:
     return node.raw or ""
 
 
-def _joined(node: YamlNode, values: list[YamlNode]) -> YamlNode:
+def _join(node: YamlNode, values: list[YamlNode]) -> YamlNode:
     """Return one text of several pieces, with the origin of the first that was not written here."""
     text = "".join(map(_as_text, values))
     joined = attrs.evolve(node, value=text, raw=text, untyped=True)
@@ -364,7 +364,7 @@ def _bad_header(name: Name) -> str:
     return f'"{written_name}" is no template: begin with vars. (also the environment) or data.'
 
 
-def _within(source: Source, node: YamlNode, text: str, number: int) -> Span:
+def _find_span(source: Source, node: YamlNode, text: str, number: int) -> Span:
     """Return the place of the number-th occurrence of a text inside a scalar, if it is there."""
     span = node.span
     lines = source.text.splitlines()

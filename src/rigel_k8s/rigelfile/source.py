@@ -83,12 +83,12 @@ def kind_of(value: Any) -> str:
     return _KINDS[next(kind for kind in _KINDS if isinstance(value, kind))]
 
 
-def plain(node: YamlNode) -> Any:
+def strip_places(node: YamlNode) -> Any:
     """Return the value without places: dicts, lists and scalars."""
     if isinstance(node.value, dict):
-        return {key: plain(child) for key, child in node.value.items()}
+        return {key: strip_places(child) for key, child in node.value.items()}
     if isinstance(node.value, list):
-        return [plain(child) for child in node.value]
+        return [strip_places(child) for child in node.value]
     return node.value
 
 

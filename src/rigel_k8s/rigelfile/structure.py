@@ -17,18 +17,18 @@ from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.rigelfile.fields import (
     Field,
-    expects,
+    describe_type,
     fields_of,
     is_list,
     is_mapping,
     members,
-    resolved,
     type_arguments,
+    unwrap,
 )
-from rigel_k8s.rigelfile.findings import meant, nearest
-from rigel_k8s.rigelfile.numbers import written
+from rigel_k8s.rigelfile.findings import find_nearest, suggest
+from rigel_k8s.rigelfile.numbers import keep_text
 from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
-from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, plain
+from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, strip_places
 
 T = TypeVar("T")
 _UNKNOWN: Any = object()
@@ -48,7 +48,7 @@ class Doubts:
     missing: list[Path] = attrs.field(factory=list)
     wrong: list[Path] = attrs.field(factory=list)
 
-    def about(self, path: Path) -> bool:
+    def may_explain(self, path: Path) -> bool:
         """Return whether a problem at this path may come of one of them."""
         return (
             any(_begins(path, doubt) for doubt in (*self.texts, *self.wrong, *self.missing))
@@ -141,14 +141,14 @@ class _Structurer:
         self.doubts = Doubts()
 
     def value(self, node: YamlNode, kind: Any, path: Path) -> Any:
-        kind = resolved(kind)
+        kind = unwrap(kind)
         if kind is YamlNode:
             return node
         if node.hole:
-            return self._hole(node, kind, path)
+            return self._fill_hole(node, kind, path)
         if kind is Any or kind is object:
             self._note_holes(node, path)
-            return plain(node)
+            return strip_places(node)
         kinds = members(kind)
         if len(kinds) > 1:
             return self._union(node, kind, kinds, path)
@@ -160,17 +160,17 @@ class _Structurer:
             return self._list(node, kind, path)
         return self._scalar(node, kind, path)
 
-    def _wrong(self, path: Path, message: str, kind: str, *, at_key: bool = False) -> Any:
+    def _report(self, path: Path, message: str, kind: str, *, at_key: bool = False) -> Any:
         self.problems.append(Problem(path, message, kind, at_key=at_key))
         self.doubts.wrong.append(path)
         return _UNKNOWN
 
-    def _mismatch(self, found: Mismatch, path: Path) -> Any:
-        return self._wrong(path, found.message, found.kind)
+    def _report_mismatch(self, found: Mismatch, path: Path) -> Any:
+        return self._report(path, found.message, found.kind)
 
     # Holes
 
-    def _hole(self, node: YamlNode, kind: Any, path: Path) -> Any:
+    def _fill_hole(self, node: YamlNode, kind: Any, path: Path) -> Any:
         for member in members(kind):
             if isinstance(member, type) and issubclass(member, str):
                 self.doubts.texts.append(path)
@@ -188,10 +188,10 @@ class _Structurer:
 
     def _object(self, node: YamlNode, cls: type[Any], path: Path) -> Any:
         if not isinstance(node.value, dict):
-            return self._mismatch(mismatch(node, cls), path)
+            return self._report_mismatch(mismatch(node, cls), path)
         fields = fields_of(cls)
         known = {key: field for field in fields for key in field.keys}
-        guessed = set(self._unknown_keys(node, known, path))
+        guessed = set(self._report_unknown_keys(node, known, path))
         values: dict[str, Any] = {}
         unknown = False
         for key, child in node.value.items():
@@ -200,7 +200,7 @@ class _Structurer:
                 continue
             if field.name in values:
                 message = f'"{key}" and "{field.key}" mean the same: remove one'
-                self._wrong((*path, key), message, "duplicate-key", at_key=True)
+                self._report((*path, key), message, "duplicate-key", at_key=True)
             value = self.value(child, field.type, (*path, key))
             if value is not _UNKNOWN:
                 values[field.name] = value
@@ -208,10 +208,10 @@ class _Structurer:
         absent = [f for f in fields if f.required and not node.value.keys() & set(f.keys)]
         for field in absent:
             if not guessed & {*field.keys, None}:
-                self._missing(field, path)
+                self._report_missing(field, path)
         return _UNKNOWN if unknown or absent else self._built(cls, values, path)
 
-    def _unknown_keys(
+    def _report_unknown_keys(
         self, node: YamlNode, known: dict[str, Field], path: Path
     ) -> Iterator[str | None]:
         """Tell unknown keys; yield what was probably meant, None for a key that waits for data."""
@@ -223,31 +223,33 @@ class _Structurer:
                 yield None
                 continue
             absent = [name for name in known if name not in node.value]
-            message = f'unknown key "{key}"{meant(key, absent or known)}'
+            message = f'unknown key "{key}"{suggest(key, absent or known)}'
             self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
-            near = nearest(key, absent)
+            near = find_nearest(key, absent)
             if near:
                 yield near
 
-    def _missing(self, field: Field, path: Path) -> None:
-        what = f"{expects(field.type)}: {field.doc}" if field.doc else expects(field.type)
+    def _report_missing(self, field: Field, path: Path) -> None:
+        what = (
+            f"{describe_type(field.type)}: {field.doc}" if field.doc else describe_type(field.type)
+        )
         message = f'the key "{field.key}" is missing ({what})'
-        self._wrong(path, message, "missing-key", at_key=True)
+        self._report(path, message, "missing-key", at_key=True)
 
     def _built(self, cls: type[Any], values: dict[str, Any], path: Path) -> Any:
         try:
             return cls(**values)
         except (ValueError, TypeError) as error:  # a validator of the class refused it
-            return self._wrong(path, str(error), "bad-value")
+            return self._report(path, str(error), "bad-value")
 
     def _mapping(self, node: YamlNode, kind: Any, path: Path) -> Any:
         if not isinstance(node.value, dict):
-            return self._mismatch(mismatch(node, kind), path)
+            return self._report_mismatch(mismatch(node, kind), path)
         key_kind, value_kind = type_arguments(kind)
         result = {}
         for key, child in node.value.items():
             place = (*path, key)
-            new_key = self._key(key, child, resolved(key_kind), place)
+            new_key = self._key(key, child, unwrap(key_kind), place)
             value = self.value(child, value_kind, place)
             if new_key is not _UNKNOWN and value is not _UNKNOWN:
                 result[new_key] = value
@@ -263,13 +265,13 @@ class _Structurer:
         try:
             return scalar(node, kind)
         except Mismatch as found:
-            return self._wrong(path, found.message, found.kind, at_key=True)
+            return self._report(path, found.message, found.kind, at_key=True)
 
     def _list(self, node: YamlNode, kind: Any, path: Path) -> Any:
         if not isinstance(node.value, list):
             one = not isinstance(node.value, dict) and node.value is not None
             hint = f": write [{node.raw}]" if one and node.raw else ""
-            return self._mismatch(mismatch(node, kind, hint), path)
+            return self._report_mismatch(mismatch(node, kind, hint), path)
         inner = type_arguments(kind)[0]
         values = [self.value(c, inner, (*path, i)) for i, c in enumerate(node.value)]
         known = [value for value in values if value is not _UNKNOWN]
@@ -285,7 +287,7 @@ class _Structurer:
         try:
             return scalar(node, kind)
         except Mismatch as found:
-            return self._mismatch(found, path)
+            return self._report_mismatch(found, path)
 
     def _union(self, node: YamlNode, kind: Any, kinds: tuple[Any, ...], path: Path) -> Any:
         if node.value is None and type(None) in kinds:
@@ -294,9 +296,9 @@ class _Structurer:
             return self._scalar(node, str, path)
         candidates = [k for k in kinds if k is not type(None) and _may_be(node, k)]
         if not candidates:
-            return self._mismatch(_ambiguous(node, kinds) or mismatch(node, kind), path)
+            return self._report_mismatch(_find_ambiguity(node, kinds) or mismatch(node, kind), path)
         if isinstance(node.value, dict):
-            return self.value(node, _by_keys(node, candidates), path)
+            return self.value(node, _choose_by_keys(node, candidates), path)
         refused = []
         for candidate in sorted(candidates, key=lambda k: _rank(node, k)):
             trial = _Structurer()
@@ -304,17 +306,19 @@ class _Structurer:
             if not trial.problems:
                 self.doubts.include(trial.doubts)
                 keeps_text = str in kinds and candidate in (int, float)
-                return written(value, node.raw) if keeps_text else value
+                return keep_text(value, node.raw) if keeps_text else value
             refused.append(trial)
-        return self._refused(node, kind, refused, path)
+        return self._report_no_member(node, kind, refused, path)
 
-    def _refused(self, node: YamlNode, kind: Any, trials: list[_Structurer], path: Path) -> Any:
+    def _report_no_member(
+        self, node: YamlNode, kind: Any, trials: list[_Structurer], path: Path
+    ) -> Any:
         """Tell why no member of a union fits: the one that came nearest, or what would fit."""
         near = next((t for t in trials if t.problems[0].kind != "wrong-type"), None)
         if isinstance(node.value, list) or len(trials) == 1:
             near = near or trials[0]
         if near is None:
-            return self._mismatch(mismatch(node, kind), path)
+            return self._report_mismatch(mismatch(node, kind), path)
         self.problems += near.problems
         self.doubts.include(near.doubts)
         return _UNKNOWN
@@ -344,7 +348,7 @@ def _may_be(node: YamlNode, kind: Any) -> bool:
     return not is_container and node.value is not None
 
 
-def _ambiguous(node: YamlNode, kinds: tuple[Any, ...]) -> Mismatch | None:
+def _find_ambiguity(node: YamlNode, kinds: tuple[Any, ...]) -> Mismatch | None:
     """Say how a list of one is written where only lists or mappings fit a single value."""
     if isinstance(node.value, dict | list) or node.value is None or not node.raw:
         return None
@@ -370,7 +374,7 @@ def _is(kind: Any, base: type[Any]) -> bool:
     return isinstance(kind, type) and issubclass(kind, base)
 
 
-def _by_keys(node: YamlNode, candidates: list[Any]) -> Any:
+def _choose_by_keys(node: YamlNode, candidates: list[Any]) -> Any:
     """Return the member that has most of a mapping's keys, near misses counted less."""
     classes = [kind for kind in candidates if isinstance(kind, type) and attrs.has(kind)]
     if len(classes) < 2:
@@ -379,7 +383,7 @@ def _by_keys(node: YamlNode, candidates: list[Any]) -> Any:
     def score(cls: type[Any]) -> tuple[int, int]:
         known = {key for field in fields_of(cls) for key in field.keys}
         missed = [key for key in node.value if key not in known]
-        near = sum(1 for key in missed if nearest(key, known - node.value.keys()))
+        near = sum(1 for key in missed if find_nearest(key, known - node.value.keys()))
         return len(node.value) - len(missed), near
 
     return max(classes, key=score)

@@ -13,7 +13,7 @@ from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import Desired, ReleaseId
-from rigel_k8s.rigelfile import Source, merged, structure
+from rigel_k8s.rigelfile import Source, merge_options, structure
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Application
 
@@ -26,7 +26,7 @@ def options(text: str) -> OrchestrationOptions:
     node, findings = parse(Source("Rigelfile", text))
     assert node is not None, findings
     assert not findings
-    found = structure(merged(node, None, OrchestrationOptions), OrchestrationOptions)
+    found = structure(merge_options(node, None, OrchestrationOptions), OrchestrationOptions)
     assert not found.problems
     assert isinstance(found.draft, OrchestrationOptions)
     return found.draft

@@ -10,7 +10,7 @@ import pytest
 from rigel_k8s.compat.found import CommandLine, command_line, find_use
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.names import by_name
-from rigel_k8s.rigelfile import Rigelfile, load, plain
+from rigel_k8s.rigelfile import Rigelfile, load, strip_places
 
 BUILTIN = by_name("job")["dockerfile"]
 
@@ -74,7 +74,7 @@ def test_the_overrides_of_the_place_of_use_are_found_too(rigelfile: Rigelfile) -
     given = {"x": "1.10", "y": ["c"]}
     use = find_use(rigelfile, BUILTIN, dict, given, {}, CommandLine(sequence="s"))
     assert use.overrides is not None
-    assert plain(use.overrides) == {"y": ["c"]}
+    assert strip_places(use.overrides) == {"y": ["c"]}
 
 
 def test_a_plugin_that_is_no_job_of_the_file_is_told(rigelfile: Rigelfile) -> None:

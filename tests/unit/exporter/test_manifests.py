@@ -16,7 +16,7 @@ from rigel_k8s.exporter.config import Config
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import Desired, ReleaseId
-from rigel_k8s.rigelfile import Source, merged, structure
+from rigel_k8s.rigelfile import Source, merge_options, structure
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Application
 
@@ -27,7 +27,7 @@ NODES = "image: r:1\nnodes: { talker: { args: [talk.py] }, listener: { args: [he
 def options(text: str) -> OrchestrationOptions:
     node, _ = parse(Source("Rigelfile", text))
     assert node is not None
-    found = structure(merged(node, None, OrchestrationOptions), OrchestrationOptions)
+    found = structure(merge_options(node, None, OrchestrationOptions), OrchestrationOptions)
     assert not found.problems
     assert isinstance(found.draft, OrchestrationOptions)
     return found.draft

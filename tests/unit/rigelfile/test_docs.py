@@ -34,7 +34,7 @@ def test_the_snippets_pass_the_check(snippet: str, tmp_path: Path) -> None:
     def resolve(kind: str, name: str) -> Any:
         return registry.job_type(name) if kind == "job" else registry.provider_type(name)
 
-    assert check_file(file, {"GHCR_TOKEN": "secret"}, resolve).rendered() == []
+    assert check_file(file, {"GHCR_TOKEN": "secret"}, resolve).render_findings() == []
 
 
 def test_there_are_snippets() -> None:

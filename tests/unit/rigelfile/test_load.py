@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.errors import ProblemsError, UserError
-from rigel_k8s.rigelfile import Rigelfile, load, plain
+from rigel_k8s.rigelfile import Rigelfile, load, strip_places
 from rigel_k8s.rigelfile.model import Concurrent, JobUse, Parallel, Sequential
 
 Loader = Callable[..., Rigelfile]
@@ -33,19 +33,19 @@ sequences:
     )
     assert rigelfile.application.dir == tmp_path
     assert rigelfile.jobs["a"].plugin == "p.A"
-    assert plain(rigelfile.jobs["a"].options) == {}
+    assert strip_places(rigelfile.jobs["a"].options) == {}
     assert rigelfile.jobs["b"].path == ("jobs", "b")
-    assert plain(rigelfile.providers["p"].options) == {"y": 2}
+    assert strip_places(rigelfile.providers["p"].options) == {"y": 2}
     demo = rigelfile.sequences["demo"]
     assert demo.matrix is not None
-    assert plain(demo.matrix) == {"m": [1]}
+    assert strip_places(demo.matrix) == {"m": [1]}
     first, second, third = demo.stages
     assert isinstance(first, Sequential)
     assert isinstance(second, Concurrent)
     assert isinstance(third, Parallel)
     assert first.jobs[0] == JobUse("a", None, ("sequences", "demo", "stages", 0, "jobs", 0))
     assert first.jobs[1].overrides is not None
-    assert plain(first.jobs[1].overrides) == {"x": 2}
+    assert strip_places(first.jobs[1].overrides) == {"x": 2}
     assert [use.name for use in second.dependencies] == ["b"]
     assert second.description == "two"
     assert isinstance(third.stages[1], Concurrent)

@@ -25,7 +25,7 @@ def files(folder: str) -> list[Any]:
 
 
 def compare(result: CheckResult, golden: Path, *, update: bool) -> None:
-    text = "\n".join([*result.rendered(), ""])
+    text = "\n".join([*result.render_findings(), ""])
     if update:
         golden.write_text(text)
     assert text == golden.read_text()
@@ -60,7 +60,7 @@ def test_a_bad_file_is_told_with_places(
 def test_a_good_file_is_clean(file: Path, resolver: Callable[[str, str], Any]) -> None:
     """Nothing is told of a file that is right."""
     result = check_file(file, ENVIRON, resolver)
-    assert result.rendered() == []
+    assert result.render_findings() == []
     assert result.rigelfile is not None
 
 

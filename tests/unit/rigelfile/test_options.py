@@ -111,11 +111,11 @@ def test_problems_of_a_check_are_placed(loaded: Loader, types: Any) -> None:
     """Paths begin at the options, wherever in the file those stand."""
     rigelfile = loaded(FILE)
     real = realise(rigelfile, *use(rigelfile, 0), {}, types["Robot"])
-    finding = real.placed([Problem(("wheels", 0, "name"), "x", "y")])[0]
+    finding = real.place_problems([Problem(("wheels", 0, "name"), "x", "y")])[0]
     assert (finding.span.line, finding.span.column) == (8, 45)
     assert finding.defined_at is not None
     assert finding.defined_at.line == 3
-    finding = real.placed([Problem(("count",), "x", "y", at_key=True)])[0]
+    finding = real.place_problems([Problem(("count",), "x", "y", at_key=True)])[0]
     assert (finding.span.line, finding.span.column) == (17, 34)
 
 

@@ -39,4 +39,4 @@ def test_broken_files(seed: int, tmp_path: Path, resolve: Callable[[str, str], A
         file.write_text(broken(chance.choice(texts), chance))
         for result in (check_file(file, {}, resolve), rigel03(file, {})):
             assert all(finding.span.line > 0 for finding in result.findings)
-            assert len(result.rendered()) == len(result.findings)
+            assert len(result.render_findings()) == len(result.findings)

@@ -102,9 +102,9 @@ def test_our_own_rigelfiles_are_clean(
         return registry.job_type(plugin) if kind == "job" else registry.provider_type(plugin)
 
     environ = {"REGISTRY": "localhost:5000", "BASE_IMAGE": "ros:noetic"}
-    assert check_file(file, environ, resolve).rendered() == []
+    assert check_file(file, environ, resolve).render_findings() == []
     assert errors(real, yaml.safe_load(text)) == []
-    assert rigel03(file, environ).rendered() == []
+    assert rigel03(file, environ).render_findings() == []
 
 
 def test_the_reference_is_up_to_date(update_golden: bool) -> None:  # noqa: FBT001 - a fixture

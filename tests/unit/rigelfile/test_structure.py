@@ -227,9 +227,9 @@ def test_a_draft_has_defaults_for_what_is_wrong() -> None:
     """A check can look at the rest of the options, and knows where not to."""
     result = structured("{a: {name: x, size: y}, b: {size: 1}}", Mapping[str, Leaf])
     assert result.draft == {"a": Leaf("x", 1)}
-    assert result.doubts.about(("a", "size"))
-    assert result.doubts.about(("b", "name"))
-    assert not result.doubts.about(("a", "name"))
+    assert result.doubts.may_explain(("a", "size"))
+    assert result.doubts.may_explain(("b", "name"))
+    assert not result.doubts.may_explain(("a", "name"))
 
 
 def test_a_validator_of_the_class_is_heard() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ProblemsError
-from rigel_k8s.rigelfile import Rigelfile, plain, render_node
+from rigel_k8s.rigelfile import Rigelfile, render_node, strip_places
 
 Loader = Callable[..., Rigelfile]
 
@@ -138,7 +138,7 @@ def filled(loaded: Loader, text: str, data: dict[str, Any], *, final: bool = Tru
     rigelfile = loaded(VARS + JOB % text)
     node = rigelfile.jobs["job"].options
     rendered = render_node(rigelfile, node, data, final=final)
-    return [f.message for f in rendered.findings] or plain(rendered.node)
+    return [f.message for f in rendered.findings] or strip_places(rendered.node)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_a_var_may_wait_for_data(loaded: Loader) -> None:
     node = rigelfile.jobs["job"].options
     assert not render_node(rigelfile, node, {}).complete
     rendered = render_node(rigelfile, node, {"n": 1}, final=True)
-    assert plain(rendered.node) == {"one": "x1y", "two": [1, "x1y"], "1": "k"}
+    assert strip_places(rendered.node) == {"one": "x1y", "two": [1, "x1y"], "1": "k"}
 
 
 def test_unknown_data_is_told_when_the_job_runs(loaded: Loader) -> None:
@@ -206,7 +206,7 @@ def test_an_expression_waits_for_what_its_vars_wait_for(loaded: Loader) -> None:
     )
     node = rigelfile.jobs["job"].options
     assert not render_node(rigelfile, node, {}).complete
-    assert plain(render_node(rigelfile, node, {"n": 1}).node) == {"one": "X1", "two": 2}
+    assert strip_places(render_node(rigelfile, node, {"n": 1}).node) == {"one": "X1", "two": 2}
 
 
 def test_jinja2_is_imported_only_for_expressions() -> None:

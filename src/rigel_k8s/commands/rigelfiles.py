@@ -97,4 +97,6 @@ def schema() -> dict[str, Any]:
 def known_options(kind: Kind) -> dict[tuple[str, ...], type[Any]]:
     """Return the option class of each known job type or provider, by all its names."""
     find = registry.job_type if kind == "job" else registry.provider_type
-    return {(short, *paths): find(short).options for short, paths in registry.known(kind).items()}
+    return {
+        (short, *paths): find(short).options for short, paths in registry.list_names(kind).items()
+    }

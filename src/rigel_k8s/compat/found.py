@@ -71,7 +71,9 @@ def find_use(
         UserError: no job of that plugin has such data.
     """
     uses = [use for use in _candidates(rigelfile, line) if use.spec.plugin.strip() in builtin.names]
-    alike = [use for use in uses if _alike(given, _rendered(rigelfile, use, options, data))]
+    alike = [
+        use for use in uses if _is_same_value(given, _render_options(rigelfile, use, options, data))
+    ]
     for found in (alike, uses if len(uses) == 1 else []):
         if found:
             return found[0]
@@ -82,7 +84,7 @@ def find_use(
     )
 
 
-def _rendered(
+def _render_options(
     rigelfile: Rigelfile, use: PlacedJob, options: type[Any], data: Mapping[str, Any]
 ) -> Mapping[str, Any]:
     raw: Mapping[str, Any] = preview(rigelfile, use.spec, use.overrides, dict(data), options).raw
@@ -109,18 +111,18 @@ def _uses(sequence: SequenceSpec) -> Iterator[JobUse]:
             yield from inner.jobs
 
 
-def _alike(given: Any, ours: Any) -> bool:
+def _is_same_value(given: Any, ours: Any) -> bool:
     """Return whether both are one value, written by Rigel's rules and by ours."""
     if isinstance(given, Mapping) and isinstance(ours, Mapping):
-        return given.keys() == ours.keys() and all(_alike(given[k], ours[k]) for k in given)
+        return given.keys() == ours.keys() and all(_is_same_value(given[k], ours[k]) for k in given)
     if isinstance(given, list) and isinstance(ours, list):
-        return len(given) == len(ours) and all(map(_alike, given, ours))
+        return len(given) == len(ours) and all(map(_is_same_value, given, ours))
     if isinstance(given, str) and has_template(given):  # a template that Rigel does not know
         return True
-    return given == ours or _same_number(given, ours)
+    return given == ours or _is_same_number(given, ours)
 
 
-def _same_number(given: Any, ours: Any) -> bool:
+def _is_same_number(given: Any, ours: Any) -> bool:
     """Return whether 1.1 was made of "1.10", or text of the environment of a number."""
     try:
         return not isinstance(given, bool) and float(given) == float(ours)

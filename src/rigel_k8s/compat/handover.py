@@ -25,13 +25,13 @@ def handover(argv: Sequence[str]) -> Callable[[], Any] | None:
     """
     if len(argv) < 2 or Path(argv[0]).name != "rigel" or argv[1] not in RIGELS_COMMANDS:
         return None
-    if not installed():
+    if not is_installed():
         return None
     entry: Callable[[], Any] = importlib.import_module("rigel.main").main
     return entry
 
 
-def installed() -> bool:
+def is_installed() -> bool:
     """Return whether Rigel 0.3 can be imported; 0.2 has no orchestrator and another grammar."""
     try:
         return all(importlib.util.find_spec(f"rigel.{name}") for name in ("main", "orchestrator"))

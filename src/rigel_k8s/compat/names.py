@@ -9,7 +9,7 @@ from typing import Any
 
 from rigel_k8s.compat.plugin import JobPlugin
 from rigel_k8s.compat.provider import ConnectionProvider
-from rigel_k8s.jobs.names import Builtin, Kind, by_name
+from rigel_k8s.jobs.names import Builtin, Kind, index_by_name
 
 BASES = {
     "job": ("rigel.plugins.plugin", "Plugin"),
@@ -28,18 +28,18 @@ def public(name: str) -> Any:
     """
     path = f"rigel_k8s.{name}"
     for kind in ("job", "provider"):
-        builtin = by_name(kind).get(path)
+        builtin = index_by_name(kind).get(path)
         if builtin:
-            return _for_rigel(kind, name, builtin) or _ours(builtin)
+            return _adapt_to_rigel(kind, name, builtin) or _load_builtin(builtin)
     raise AttributeError(f"module 'rigel_k8s' has no attribute {name!r}")
 
 
-def _ours(builtin: Builtin) -> Any:
+def _load_builtin(builtin: Builtin) -> Any:
     module, _, attribute = builtin.target.partition(":")
     return getattr(importlib.import_module(module), attribute)
 
 
-def _for_rigel(kind: Kind, name: str, builtin: Builtin) -> type[Any] | None:
+def _adapt_to_rigel(kind: Kind, name: str, builtin: Builtin) -> type[Any] | None:
     module, attribute = BASES[kind]
     base = getattr(sys.modules.get(module), attribute, None)
     return _adapter(kind, name, builtin, base) if base else None

@@ -48,16 +48,16 @@ class JobPreview:
     def _look(self, step: Step, known: Known, branch: str = "") -> Held:
         """Collect findings; return the keys that jobs below hold, each with the job's name."""
         if isinstance(step, Job):
-            return self._job(step, known, branch)
+            return self._look_at_job(step, known, branch)
         if isinstance(step, Jobs):
             return {
                 k: w for inner in step.steps for k, w in self._look(inner, known, branch).items()
             }
         if isinstance(step, Serving):
-            return self._serving(step, known, branch)
-        return self._branches(step, known, branch)
+            return self._look_at_serving(step, known, branch)
+        return self._look_at_branches(step, known, branch)
 
-    def _job(self, job: Job, known: Known, branch: str) -> Held:
+    def _look_at_job(self, job: Job, known: Known, branch: str) -> Held:
         options, findings = self._options(job, known)
         self._findings.update(dict.fromkeys(findings))
         if options is None:
@@ -68,18 +68,18 @@ class JobPreview:
             return {}
         return {key: f"job {job.name}{f' ({branch})' if branch else ''}"}
 
-    def _serving(self, step: Serving, known: Known, branch: str) -> Held:
-        held = [self._job(job, known, branch) for job in step.dependencies]
-        return _side_by_side([*held, self._look(step.jobs, known, branch)])
+    def _look_at_serving(self, step: Serving, known: Known, branch: str) -> Held:
+        held = [self._look_at_job(job, known, branch) for job in step.dependencies]
+        return _combine([*held, self._look(step.jobs, known, branch)])
 
-    def _branches(self, step: Branches, known: Known, branch: str) -> Held:
+    def _look_at_branches(self, step: Branches, known: Known, branch: str) -> Held:
         matrix, findings = self._matrix(step, known)
         self._findings.update(dict.fromkeys(findings))
         if matrix is None:
             return self._look(step.body, known, branch)
-        return _side_by_side(self._each(step, combinations(matrix), known, branch))
+        return _combine(self._look_at_each(step, combinations(matrix), known, branch))
 
-    def _each(
+    def _look_at_each(
         self, step: Branches, chosen: list[dict[str, Any]], known: Known, branch: str
     ) -> Iterator[Held]:
         for combination in chosen:
@@ -87,7 +87,7 @@ class JobPreview:
             yield self._look(step.body, {**known, **combination}, name)
 
 
-def _side_by_side(parts: Iterator[Held] | list[Held]) -> Held:
+def _combine(parts: Iterator[Held] | list[Held]) -> Held:
     held: Held = {}
     for part in parts:
         for key, where in part.items():

@@ -81,26 +81,26 @@ class Execution:
     def run(self, steps: Jobs, data: dict[str, Any]) -> None:
         """Run all steps; returns when all have ended, and leaves a failure in `failure`."""
         trunk = Branch("", data, self._around.report, self.scope)
-        self._started(partial(self._step, steps, trunk), trunk).join()
+        self._start_thread(partial(self._run_step, steps, trunk), trunk).join()
 
-    def _step(self, step: Step, branch: Branch) -> None:
+    def _run_step(self, step: Step, branch: Branch) -> None:
         if branch.scope.cancelled.is_set():
             raise Stopped
         if isinstance(step, Job):
-            self._job(step, branch)
+            self._run_job(step, branch)
         elif isinstance(step, Jobs):
             for inner in step.steps:
-                self._step(inner, branch)
+                self._run_step(inner, branch)
         elif isinstance(step, Serving):
-            self._serving(step, branch)
+            self._run_serving(step, branch)
         else:
-            self._branches(step, branch)
+            self._run_branches(step, branch)
 
     # Branches
 
-    def _branches(self, step: Branches, branch: Branch) -> None:
+    def _run_branches(self, step: Branches, branch: Branch) -> None:
         tasks = [
-            self._started(partial(self._step, step.body, part), part)
+            self._start_thread(partial(self._run_step, step.body, part), part)
             for part in self._parts(step, branch)
         ]
         for task in tasks:
@@ -110,7 +110,9 @@ class Execution:
 
     def _parts(self, step: Branches, branch: Branch) -> list[Branch]:
         """Return a branch for each combination: a copy of the data, and the combination in it."""
-        with self._failing(f"the matrix of a parallel stage{_in(branch)}", branch):
+        with self._note_failure(
+            f"the matrix of a parallel stage{_describe_branch(branch)}", branch
+        ):
             chosen = combinations(self._around.matrix(step, branch.data))
             if not chosen:
                 branch.report.warn("the matrix has no combination: its stages do not run")
@@ -126,30 +128,30 @@ class Execution:
 
     # Dependencies
 
-    def _serving(self, step: Serving, branch: Branch) -> None:
+    def _run_serving(self, step: Serving, branch: Branch) -> None:
         scope = branch.scope.part()
         servers: list[tuple[Job, threading.Thread]] = []
         try:
             for job in step.dependencies:
-                servers.append((job, self._server(job, attrs.evolve(branch, scope=scope))))
-            self._step(step.jobs, branch)
+                servers.append((job, self._start_server(job, attrs.evolve(branch, scope=scope))))
+            self._run_step(step.jobs, branch)
         finally:
             scope.cancel()
             self._end(servers, branch)
         if branch.scope.cancelled.is_set():
             raise Stopped
 
-    def _server(self, job: Job, branch: Branch) -> threading.Thread:
+    def _start_server(self, job: Job, branch: Branch) -> threading.Thread:
         """Start a dependency; returns when it is ready, or has ended."""
         ready = threading.Event()
 
         def serve() -> None:
             try:
-                self._job(job, branch, ready)
+                self._run_job(job, branch, ready)
             finally:
                 ready.set()
 
-        thread = self._started(serve, branch)
+        thread = self._start_thread(serve, branch)
         timeout = self._around.settings.timeout or READY_TIMEOUT
         if not ready.wait(timeout):
             late = RigelK8sError(
@@ -170,11 +172,11 @@ class Execution:
 
     # Jobs
 
-    def _job(self, job: Job, branch: Branch, ready: threading.Event | None = None) -> None:
-        where = f"job {job.name}{_in(branch)}"
+    def _run_job(self, job: Job, branch: Branch, ready: threading.Event | None = None) -> None:
+        where = f"job {job.name}{_describe_branch(branch)}"
         scope = branch.scope.part()
         try:
-            with self._failing(where, branch), self._listed(where):
+            with self._note_failure(where, branch), self._list_running(where):
                 branch.report.progress(job.name, "running")
                 self._work(job, branch, scope, where, ready)
         except Stopped as end:
@@ -209,11 +211,11 @@ class Execution:
             serving=ready is not None,
             ready=ready or threading.Event(),
         )
-        with self._held_alone(job, options, where):
+        with self._hold_alone(job, options, where):
             job.type.run(options, context)
 
     @contextmanager
-    def _held_alone(self, job: Job, options: Any, where: str) -> Iterator[None]:
+    def _hold_alone(self, job: Job, options: Any, where: str) -> Iterator[None]:
         """Refuse what another job that runs at this moment holds for itself."""
         exclusive = getattr(job.type, "exclusive", None)
         around = self._around
@@ -236,7 +238,7 @@ class Execution:
                 del self._held[key]
 
     @contextmanager
-    def _listed(self, where: str) -> Iterator[None]:
+    def _list_running(self, where: str) -> Iterator[None]:
         with self._lock:
             self._running.append(where)
         try:
@@ -248,7 +250,7 @@ class Execution:
     # Failures
 
     @contextmanager
-    def _failing(self, where: str, branch: Branch) -> Iterator[None]:
+    def _note_failure(self, where: str, branch: Branch) -> Iterator[None]:
         """Note a failure, stop everything, unwind; after a cancellation a failure is only told."""
         try:
             yield
@@ -263,29 +265,29 @@ class Execution:
         with self._lock:
             first = self.failure is None and not self.scope.cancelled.is_set()
             if first:
-                self.failure = _failed(where, error)
+                self.failure = _failure(where, error)
         if first:
             self.scope.cancel()
         else:
             branch.report.warn(f"{where}, while it was stopped: {_line(error)}")
 
-    def _started(self, work: Callable[[], None], branch: Branch) -> threading.Thread:
+    def _start_thread(self, work: Callable[[], None], branch: Branch) -> threading.Thread:
         """Start a thread; daemonic, since a second Ctrl-C must end the program."""
 
-        def guarded() -> None:
+        def run_guarded() -> None:
             try:
                 work()
             except Stopped:
                 return
             except BaseException as error:
-                self._fail(f"the sequence{_in(branch)}", error, branch)
+                self._fail(f"the sequence{_describe_branch(branch)}", error, branch)
 
-        thread = threading.Thread(target=guarded, daemon=True)
+        thread = threading.Thread(target=run_guarded, daemon=True)
         thread.start()
         return thread
 
 
-def _in(branch: Branch) -> str:
+def _describe_branch(branch: Branch) -> str:
     return f" ({branch.name})" if branch.name else ""
 
 
@@ -293,7 +295,7 @@ def _line(error: BaseException) -> str:
     return error.message if isinstance(error, RigelK8sError) else f"{type(error).__name__}: {error}"
 
 
-def _failed(where: str, error: BaseException) -> JobFailed:
+def _failure(where: str, error: BaseException) -> JobFailed:
     """Return the failure that names the job; a bug's traceback is kept in its details."""
     if isinstance(error, RigelK8sError):
         failed = JobFailed(f"{where}: {error.message}", hint=error.hint, details=error.details)

@@ -76,7 +76,7 @@ class _Live:
     def _follow(self, work: Callable[[], None], word: str) -> None:
         """Do something in a thread of its own; once cancelled, wait no longer than the grace."""
 
-        def guarded() -> None:
+        def run_guarded() -> None:
             try:
                 work()
             except BaseException as error:
@@ -84,13 +84,13 @@ class _Live:
             finally:
                 self._mail.put("ended")
 
-        threading.Thread(target=guarded, daemon=True).start()
-        if not self._ended():
+        threading.Thread(target=run_guarded, daemon=True).start()
+        if not self._wait_for_end():
             for name in self._execution.running or ("a provider",):
                 grace = f"{self._around.grace:g} s"
                 self._around.report.warn(f"{name} did not {word} within {grace} and was left")
 
-    def _ended(self) -> bool:
+    def _wait_for_end(self) -> bool:
         """Wait for the thread in hand; False when the grace is over."""
         deadline = None
         while True:
@@ -108,7 +108,7 @@ class _Live:
 
     def _interrupt(self) -> None:
         if self._interrupted:
-            raise self._left("interrupted twice: nothing was waited for")
+            raise self._interruption("interrupted twice: nothing was waited for")
         self._interrupted = True
         running = ", ".join(self._execution.running) or "no job"
         self._around.report.warn(f"stopping {running}; Ctrl-C again ends at once")
@@ -118,10 +118,10 @@ class _Live:
         if self._execution.failure:
             raise self._execution.failure
         if self._interrupted or (self._execution.scope.cancelled.is_set() and not self._error):
-            raise self._left("interrupted") from self._error
+            raise self._interruption("interrupted") from self._error
         if self._error:
             raise self._error
 
-    def _left(self, message: str) -> Interrupted:
+    def _interruption(self, message: str) -> Interrupted:
         details = [f"still running: {name}" for name in self._execution.running]
         return Interrupted(message, details=details)

@@ -85,6 +85,6 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
 }
 
 
-def by_name(kind: Kind) -> dict[str, Builtin]:
+def index_by_name(kind: Kind) -> dict[str, Builtin]:
     """Return this package's job types or providers under each of their names."""
     return {name: builtin for builtin in BUILTIN[kind] for name in builtin.names}

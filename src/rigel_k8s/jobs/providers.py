@@ -44,7 +44,7 @@ class Providers:
             try:
                 connection = declared.type.connect(declared.options, declared.name, self._report)
             except RigelK8sError as error:
-                raise _named(declared.name, error) from error
+                raise _failure(declared.name, error) from error
             if not self._keep(declared, connection):
                 declared.type.disconnect(connection)
 
@@ -68,7 +68,7 @@ class Providers:
             return not self._closed
 
 
-def _named(name: str, error: RigelK8sError) -> RigelK8sError:
+def _failure(name: str, error: RigelK8sError) -> RigelK8sError:
     kind = UserError if isinstance(error, UserError) else RigelK8sError
     return kind(
         f"provider {name} could not connect: {error.message}",

@@ -20,7 +20,7 @@ from typing import Any
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import rigelstyle
 from rigel_k8s.jobs.job import JobType, ProviderType
-from rigel_k8s.jobs.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, by_name
+from rigel_k8s.jobs.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, index_by_name
 from rigel_k8s.jobs.validation import looks_like, validate, word
 
 
@@ -44,7 +44,7 @@ def provider_type(name: str, directory: Path | None = None) -> ProviderType[Any]
     return resolved
 
 
-def known(kind: Kind) -> dict[str, tuple[str, ...]]:
+def list_names(kind: Kind) -> dict[str, tuple[str, ...]]:
     """Return the short names that work here, each with the import paths that mean the same."""
     names = {builtin.short: builtin.paths for builtin in BUILTIN[kind]}
     for entry in metadata.entry_points(group=ENTRY_POINT_GROUPS[kind]):
@@ -69,15 +69,15 @@ def importable(directory: Path | None) -> Iterator[None]:
 
 def _resolve(kind: Kind, name: str, directory: Path | None) -> Any:
     with importable(directory):
-        builtin = by_name(kind).get(name)
+        builtin = index_by_name(kind).get(name)
         if builtin:
             module, _, attribute = builtin.target.partition(":")
             return getattr(importlib.import_module(module), attribute)()
         found = _entry_point(kind, name) or _class_at(kind, name)
-        return _usable(kind, name, found)
+        return _make_usable(kind, name, found)
 
 
-def _usable(kind: Kind, name: str, found: Any) -> Any:
+def _make_usable(kind: Kind, name: str, found: Any) -> Any:
     """Return an instance of a class of the user's, or Rigel's interface wrapped in ours."""
     if not isinstance(found, type):
         raise UserError(
@@ -102,7 +102,7 @@ def _entry_point(kind: Kind, name: str) -> Any:
         try:
             return entry.load()
         except Exception as error:
-            raise _broken(kind, name, error) from error
+            raise _broken_error(kind, name, error) from error
     return None
 
 
@@ -110,15 +110,15 @@ def _class_at(kind: Kind, name: str) -> Any:
     """Import `package.module.Class` (or `package.module:Class`)."""
     module_name, _, attribute = name.replace(":", ".").rpartition(".")
     if not module_name or not _module_exists(kind, name, module_name):
-        raise _unknown(kind, name)
+        raise _unknown_error(kind, name)
     try:
         module = importlib.import_module(module_name)
     except Exception as error:
-        raise _broken(kind, name, error) from error
+        raise _broken_error(kind, name, error) from error
     try:
         return getattr(module, attribute)
     except AttributeError:
-        raise _missing_class(kind, name, module_name, attribute, vars(module)) from None
+        raise _missing_class_error(kind, name, module_name, attribute, vars(module)) from None
 
 
 def _module_exists(kind: Kind, name: str, module: str) -> bool:
@@ -127,19 +127,19 @@ def _module_exists(kind: Kind, name: str, module: str) -> bool:
     except ModuleNotFoundError as error:
         if error.name and (module == error.name or module.startswith(f"{error.name}.")):
             return False
-        raise _broken(kind, name, error) from error
+        raise _broken_error(kind, name, error) from error
     except Exception as error:
-        raise _broken(kind, name, error) from error
+        raise _broken_error(kind, name, error) from error
 
 
-def _broken(kind: Kind, name: str, error: Exception) -> UserError:
+def _broken_error(kind: Kind, name: str, error: Exception) -> UserError:
     return UserError(
         f"{word(kind)} {name} cannot be imported: {type(error).__name__}: {error}",
         hint="import it in Python to see the whole traceback",
     )
 
 
-def _missing_class(
+def _missing_class_error(
     kind: Kind, name: str, module: str, attribute: str, present: dict[str, Any]
 ) -> UserError:
     near = difflib.get_close_matches(attribute, list(present), 1)
@@ -147,8 +147,8 @@ def _missing_class(
     return UserError(f"{word(kind)} {name}: module {module} has no {attribute}", hint=hint)
 
 
-def _unknown(kind: Kind, name: str) -> UserError:
-    names = [n for short, paths in known(kind).items() for n in (short, *paths)]
+def _unknown_error(kind: Kind, name: str) -> UserError:
+    names = [n for short, paths in list_names(kind).items() for n in (short, *paths)]
     of_rigel = name.startswith(("rigel.plugins.", "rigel.providers."))
     # Rigel's paths resemble each other: only a slip of the pen is near there.
     near = difflib.get_close_matches(name, names, 1, 0.95 if of_rigel else 0.6)
@@ -156,11 +156,11 @@ def _unknown(kind: Kind, name: str) -> UserError:
         return UserError(
             f"{word(kind)} {name} is Rigel's own, and Rigel is not installed here",
             hint="install Rigel 0.3 beside this package (docs/rigel.md), or take one of: "
-            + ", ".join(known(kind)),
+            + ", ".join(list_names(kind)),
         )
     meant = f", did you mean {near[0]}?" if near else ""
     return UserError(
         f'unknown {word(kind)} "{name}"{meant}',
-        hint=f"known are {', '.join(known(kind))}; an own one is written package.module.Class "
+        hint=f"known are {', '.join(list_names(kind))}; an own one is written package.module.Class "
         "and stands beside the Rigelfile or is installed",
     )

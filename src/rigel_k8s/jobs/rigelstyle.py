@@ -64,7 +64,7 @@ class RigelStyleJob:
 
     def run(self, options: dict[str, Any], job: JobContext) -> None:
         """Set up, start, process (or serve others until cancelled), stop."""
-        with _worded():
+        with _translate_errors():
             plugin = self._cls(
                 copy.deepcopy(options),
                 copy.deepcopy(dict(job.vars)),
@@ -72,7 +72,7 @@ class RigelStyleJob:
                 dict(job.providers),
                 job.data,
             )
-            with _stopped_once(plugin, job.cancel):
+            with _stop_once(plugin, job.cancel):
                 _phases(plugin, job)
         if job.cancel.is_set() and not job.serving:
             raise Interrupted(f"job {job.name} was stopped")
@@ -91,7 +91,7 @@ def _phases(plugin: Any, job: JobContext) -> None:
 
 
 @contextmanager
-def _stopped_once(plugin: Any, cancel: threading.Event) -> Iterator[None]:
+def _stop_once(plugin: Any, cancel: threading.Event) -> Iterator[None]:
     """Call stop() at the end, or at once from another thread when the job is cancelled.
 
     Rigel calls it from a signal handler, while another method runs; plugins are written for that.
@@ -138,7 +138,7 @@ class RigelStyleProvider:
     def connect(self, options: dict[str, Any], name: str, report: JobReporter) -> Any:
         """Connect; the connection is what the class stored for others, or else its instance."""
         data: dict[str, Any] = {}
-        with _worded():
+        with _translate_errors():
             provider = self._cls(name, copy.deepcopy(options), {}, data)
             provider.connect()
         connection = data.get(name, provider)
@@ -150,13 +150,13 @@ class RigelStyleProvider:
         for index, (known, provider) in enumerate(self._connected):
             if known is connection:
                 del self._connected[index]
-                with _worded():
+                with _translate_errors():
                     provider.disconnect()
                 return
 
 
 @contextmanager
-def _worded() -> Iterator[None]:
+def _translate_errors() -> Iterator[None]:
     """Turn Rigel's own errors, and exit(), into errors of ours; others are bugs and stay."""
     try:
         yield

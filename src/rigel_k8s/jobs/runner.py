@@ -16,11 +16,11 @@ from rigel_k8s.jobs.checking import JobPreview
 from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext, JobReporter, JobType
 from rigel_k8s.jobs.live import run_steps
-from rigel_k8s.jobs.names import by_name
+from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.jobs.providers import Declared
 from rigel_k8s.jobs.registry import importable, job_type, provider_type
 from rigel_k8s.jobs.scope import CancelScope
-from rigel_k8s.jobs.steps import Jobs, job_names, of_job, of_sequence
+from rigel_k8s.jobs.steps import Jobs, job_names, list_job_steps, list_sequence_steps
 from rigel_k8s.jobs.values import Values
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
@@ -58,14 +58,14 @@ def run_job(
     rigelfile: Rigelfile, name: str, *, settings: Settings, report: JobReporter
 ) -> dict[str, Any]:
     """Check and run one job; return the data that it stored. Raises as prepare_job and run do."""
-    return _told(prepare_job(rigelfile, name, settings), report)
+    return _warn_and_run(prepare_job(rigelfile, name, settings), report)
 
 
 def run_sequence(
     rigelfile: Rigelfile, name: str, *, settings: Settings, report: JobReporter
 ) -> dict[str, Any]:
     """Check and run a sequence; return the data of its trunk. Raises as its two halves do."""
-    return _told(prepare_sequence(rigelfile, name, settings), report)
+    return _warn_and_run(prepare_sequence(rigelfile, name, settings), report)
 
 
 def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
@@ -75,10 +75,10 @@ def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared
         ProblemsError: all that is wrong with it and with the providers.
         UserError: there is no such job.
     """
-    spec = _named("job", name, rigelfile.jobs)
-    return _looked_at(
-        rigelfile, settings, [name], lambda types: of_job(spec, types[name])
-    ).prepared()
+    spec = _find_named("job", name, rigelfile.jobs)
+    return _look_at(
+        rigelfile, settings, [name], lambda types: list_job_steps(spec, types[name])
+    ).prepare()
 
 
 def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
@@ -88,7 +88,7 @@ def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Pre
         ProblemsError: all that is wrong with its jobs and with the providers.
         UserError: there is no such sequence, or two of its jobs cannot run side by side.
     """
-    return _sequence_looked_at(rigelfile, name, settings).prepared()
+    return _sequence_looked_at(rigelfile, name, settings).prepare()
 
 
 def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Sequence[Finding]:
@@ -109,11 +109,14 @@ def prepare_use(
     Raises:
         ProblemsError: all that is wrong with it and with the providers of this package.
     """
-    ours = {n: p for n, p in rigelfile.providers.items() if p.plugin in by_name("provider")}
+    ours = {n: p for n, p in rigelfile.providers.items() if p.plugin in index_by_name("provider")}
     rigelfile = attrs.evolve(rigelfile, providers=ours)
-    return _looked_at(
-        rigelfile, settings, [spec.name], lambda types: of_job(spec, types[spec.name], overrides)
-    ).prepared()
+    return _look_at(
+        rigelfile,
+        settings,
+        [spec.name],
+        lambda types: list_job_steps(spec, types[spec.name], overrides),
+    ).prepare()
 
 
 def run(
@@ -143,7 +146,7 @@ def run(
         application=prepared.rigelfile.application,
         settings=prepared.settings,
         report=report,
-        realise=values.realised,
+        realise=values.realise,
         matrix=values.matrix,
         vars=values.vars(),
         providers=connected or {},
@@ -153,7 +156,7 @@ def run(
         return run_steps(prepared.steps, around, declared, data=data, scope=scope)
 
 
-def _told(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
+def _warn_and_run(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
     for warning in prepared.warnings:
         report.warn(warning)
     return run(prepared, report)
@@ -169,7 +172,7 @@ class _LookedAt:
     providers: tuple[Declared, ...]
     findings: Sequence[Finding]
 
-    def prepared(self) -> Prepared:
+    def prepare(self) -> Prepared:
         """Return what can run; raise ProblemsError where something is wrong."""
         source = self.rigelfile.source
         if any(finding.severity == "error" for finding in self.findings):
@@ -179,15 +182,15 @@ class _LookedAt:
 
 
 def _sequence_looked_at(rigelfile: Rigelfile, name: str, settings: Settings) -> _LookedAt:
-    sequence = _named("sequence", name, rigelfile.sequences)
+    sequence = _find_named("sequence", name, rigelfile.sequences)
 
     def steps(types: Mapping[str, JobType[Any]]) -> Jobs:
-        return of_sequence(sequence, rigelfile.jobs, types)
+        return list_sequence_steps(sequence, rigelfile.jobs, types)
 
-    return _looked_at(rigelfile, settings, job_names(sequence), steps)
+    return _look_at(rigelfile, settings, job_names(sequence), steps)
 
 
-def _looked_at(
+def _look_at(
     rigelfile: Rigelfile,
     settings: Settings,
     names: Iterable[str],
@@ -198,7 +201,7 @@ def _looked_at(
     steps = steps_of({name: resolved.job(rigelfile.jobs[name]) for name in names})
     declared = [resolved.provider(spec) for spec in rigelfile.providers.values()]
     values = Values(rigelfile)
-    preview = JobPreview(values.previewed, values.previewed_matrix, rigelfile.application, settings)
+    preview = JobPreview(values.preview, values.preview_matrix, rigelfile.application, settings)
     with importable(settings.rigelfile.parent):
         findings += preview.look_at(steps)
     providers = tuple(filter(None, declared))
@@ -226,10 +229,10 @@ class _Resolution:
     findings: list[Finding]
 
     def job(self, spec: ComponentSpec) -> JobType[Any]:
-        return self._resolved(spec, "plugin", job_type) or _Unresolved()
+        return self._resolve(spec, "plugin", job_type) or _Unresolved()
 
     def provider(self, spec: ComponentSpec) -> Declared | None:
-        kind = self._resolved(spec, "provider", provider_type)
+        kind = self._resolve(spec, "provider", provider_type)
         if kind is None:
             return None
         seen = preview(self.rigelfile, spec, None, {}, kind.options)
@@ -241,7 +244,7 @@ class _Resolution:
         self.findings.extend(place(spec.options, problem) for problem in problems)
         return Declared(spec.name, kind, options)
 
-    def _resolved(
+    def _resolve(
         self, spec: ComponentSpec, key: str, resolve: Callable[[str, Path], T]
     ) -> T | None:
         try:
@@ -253,7 +256,7 @@ class _Resolution:
             return None
 
 
-def _named(what: str, name: str, known: Mapping[str, T]) -> T:
+def _find_named(what: str, name: str, known: Mapping[str, T]) -> T:
     if name in known:
         return known[name]
     near = find_nearest(name, known)

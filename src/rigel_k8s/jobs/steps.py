@@ -67,12 +67,16 @@ Step: TypeAlias = Job | Jobs | Serving | Branches
 Types: TypeAlias = Mapping[str, JobType[Any]]
 
 
-def of_job(spec: ComponentSpec, kind: JobType[Any], overrides: YamlNode | None = None) -> Jobs:
+def list_job_steps(
+    spec: ComponentSpec, kind: JobType[Any], overrides: YamlNode | None = None
+) -> Jobs:
     """Return what `run job` does."""
     return Jobs((Job(spec, kind, overrides),))
 
 
-def of_sequence(sequence: SequenceSpec, specs: Mapping[str, ComponentSpec], types: Types) -> Jobs:
+def list_sequence_steps(
+    sequence: SequenceSpec, specs: Mapping[str, ComponentSpec], types: Types
+) -> Jobs:
     """Return what `run sequence` does, with the specs and types of its jobs by their keys."""
 
     def job(use: JobUse) -> Job:

@@ -63,13 +63,13 @@ def _method_faults(cls: type[Any], kind: Kind) -> Iterator[str]:
         if not callable(getattr(cls, method, None)):
             yield f"it has no method {_signature(method, parameters)}"
         else:
-            yield from _misfit(cls, method, parameters)
+            yield from _find_misfit(cls, method, parameters)
     for method, parameters in OPTIONAL[kind].items():
         if hasattr(cls, method):
-            yield from _misfit(cls, method, parameters)
+            yield from _find_misfit(cls, method, parameters)
 
 
-def _misfit(cls: type[Any], method: str, parameters: tuple[str, ...]) -> Iterator[str]:
+def _find_misfit(cls: type[Any], method: str, parameters: tuple[str, ...]) -> Iterator[str]:
     """Yield a fault if the method, called on an instance, does not take these parameters."""
     static = isinstance(inspect.getattr_static(cls, method), staticmethod | classmethod)
     function = getattr(cls, method)

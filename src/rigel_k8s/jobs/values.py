@@ -34,7 +34,7 @@ class Values:
         node = self._rigelfile.root.value.get("vars")
         return (strip_places(node) if node else None) or {}
 
-    def previewed(self, job: Job, known: Mapping[str, Any]) -> tuple[Any | None, list[Finding]]:
+    def preview(self, job: Job, known: Mapping[str, Any]) -> tuple[Any | None, list[Finding]]:
         """Return a job's options as far as they are known before the run, and what is wrong."""
         seen = preview(self._rigelfile, job.spec, job.overrides, known, job.type.options)
         findings = list(seen.findings)
@@ -42,7 +42,7 @@ class Values:
             findings += seen.place_problems(job.type.check(seen.draft, self._rigelfile.application))
         return seen.options, findings
 
-    def realised(self, job: Job, data: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
+    def realise(self, job: Job, data: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
         """Return a job's options and its raw `with`, now that all data is there.
 
         Raises:
@@ -54,11 +54,11 @@ class Values:
             raise problems_error(self._rigelfile.source, findings)
         return real.options, real.raw
 
-    def previewed_matrix(
+    def preview_matrix(
         self, step: Branches, known: Mapping[str, Any]
     ) -> tuple[Mapping[str, list[Any]] | None, list[Finding]]:
         """Return a matrix if it is known before the run, and what is wrong with it."""
-        return self._rendered(step, known, final=False)
+        return self._render_matrix(step, known, final=False)
 
     def matrix(self, step: Branches, data: Mapping[str, Any]) -> Mapping[str, list[Any]]:
         """Return a matrix, now that all data is there.
@@ -66,12 +66,12 @@ class Values:
         Raises:
             ProblemsError: it is none, with its places.
         """
-        matrix, findings = self._rendered(step, data, final=True)
+        matrix, findings = self._render_matrix(step, data, final=True)
         if matrix is None:
             raise problems_error(self._rigelfile.source, findings)
         return matrix
 
-    def _rendered(
+    def _render_matrix(
         self, step: Branches, data: Mapping[str, Any], *, final: bool
     ) -> tuple[Mapping[str, list[Any]] | None, list[Finding]]:
         if step.matrix is None:

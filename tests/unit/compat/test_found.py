@@ -9,10 +9,10 @@ import pytest
 
 from rigel_k8s.compat.found import CommandLine, command_line, find_use
 from rigel_k8s.errors import UserError
-from rigel_k8s.jobs.names import by_name
+from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.rigelfile import Rigelfile, load, strip_places
 
-BUILTIN = by_name("job")["dockerfile"]
+BUILTIN = index_by_name("job")["dockerfile"]
 
 TEXT = """
 vars: {v: "1.10", list: [a, b]}

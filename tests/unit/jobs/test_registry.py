@@ -12,8 +12,8 @@ import pytest
 
 from rigel_k8s.errors import Interrupted, RigelK8sError, UserError
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.names import BUILTIN, by_name
-from rigel_k8s.jobs.registry import importable, job_type, known, provider_type
+from rigel_k8s.jobs.names import BUILTIN, index_by_name
+from rigel_k8s.jobs.registry import importable, job_type, list_names, provider_type
 from rigel_k8s.settings import Application
 from tests.support.recorder import Recorder
 
@@ -60,8 +60,8 @@ class Greet:
 )
 def test_names_of_rigel_and_of_the_peer_mean_ours(name: str, short: str) -> None:
     """A Rigelfile written for Rigel or src.plugin needs no change."""
-    assert by_name("job")[name].short == short
-    assert by_name("job")[short].short == short
+    assert index_by_name("job")[name].short == short
+    assert index_by_name("job")[short].short == short
 
 
 @pytest.mark.parametrize("kind", ["job", "provider"])
@@ -80,7 +80,7 @@ def test_names_are_resolved_without_importing_other_job_types() -> None:
     import subprocess
 
     code = (
-        "import sys; from rigel_k8s.jobs.registry import known; known('job');"
+        "import sys; from rigel_k8s.jobs.registry import list_names; list_names('job');"
         "sys.exit(any(m.startswith('rigel_k8s.jobs.types') for m in sys.modules))"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -114,7 +114,7 @@ def test_an_entry_point_is_found_by_its_name(beside: Path) -> None:
     (dist / "entry_points.txt").write_text("[rigel_k8s.jobs]\ngreet = greet:Greet\n")
     with importable(beside):
         assert type(job_type("greet")).__name__ == "Greet"
-        assert "greet" in known("job")
+        assert "greet" in list_names("job")
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,9 @@ ROOT = HERE.parents[2]
 
 def known(kind: registry.Kind) -> dict[tuple[str, ...], Any]:
     find: Any = registry.job_type if kind == "job" else registry.provider_type
-    return {(short, *paths): find(short).options for short, paths in registry.known(kind).items()}
+    return {
+        (short, *paths): find(short).options for short, paths in registry.list_names(kind).items()
+    }
 
 
 @pytest.fixture

@@ -149,7 +149,7 @@ class _Check:
             if ready:
                 return ready[-1]
             if not found or self.over.wait(LOOK):
-                raise self._stopped(self._no_pod(key, found))
+                raise self._interruption(self._no_pod_error(key, found))
             self.job.report.progress(key, "waiting for a ready pod")
 
     def _pods(self) -> list[dict[str, Any]]:
@@ -158,7 +158,7 @@ class _Check:
         pods = self.cluster.list("v1", "Pod", self.namespace, labels=labels)
         return sorted(pods, key=lambda pod: str(pod["metadata"].get("creationTimestamp")))
 
-    def _no_pod(self, key: str, found: Sequence[RunningPod]) -> RigelK8sError:
+    def _no_pod_error(self, key: str, found: Sequence[RunningPod]) -> RigelK8sError:
         where = f"release {self.options.deployment_name} in namespace {self.namespace}"
         if found:
             return RigelK8sError(
@@ -197,24 +197,24 @@ class _Check:
         lines = self.cluster.logs(
             self.namespace, subscriber.name, follow=True, since_seconds=10, cancel=self.over
         )
-        for count in arrivals.counted(lines):
+        for count in arrivals.count(lines):
             self.job.report.progress(self.options.subscriber, f"heard {count} of {wanted}")
             if count >= wanted:
                 break
         if arrivals.gap:
             lost = f"a message of {self._way} is missing: {arrivals.gap}"
-            raise self._failed(lost, publisher, subscriber, arrivals)
+            raise self._failure(lost, publisher, subscriber, arrivals)
         if len(arrivals.numbers) < wanted:
             heard = f"{len(arrivals.numbers)} of {wanted} messages of {self._way} arrived"
             late = f"{heard} within {self.options.timeout}"
-            raise self._stopped(self._failed(late, publisher, subscriber, arrivals))
+            raise self._interruption(self._failure(late, publisher, subscriber, arrivals))
         self.job.report.line(
             f"{wanted} messages, {arrivals.numbers[0]} to {arrivals.numbers[-1]}, arrived from "
             f"{self.options.publisher} ({publisher.machine}) "
             f"at {self.options.subscriber} ({subscriber.machine})"
         )
 
-    def _failed(
+    def _failure(
         self, message: str, publisher: RunningPod, subscriber: RunningPod, arrivals: Arrivals
     ) -> RigelK8sError:
         last = [f"  {line}" for line in arrivals.last] or ["  nothing"]
@@ -231,7 +231,7 @@ class _Check:
             "`rigel status`: do the two know each other?",
         )
 
-    def _stopped(self, error: RigelK8sError) -> RigelK8sError:
+    def _interruption(self, error: RigelK8sError) -> RigelK8sError:
         """Return the error, or that the job was told to stop before its time was over."""
         return Interrupted("stopped before it was done") if self.job.cancel.is_set() else error
 
@@ -252,7 +252,7 @@ class Arrivals:
         self.gap: str | None = None
         self._pattern = re.compile(rf"\b{re.escape(nonce)}\b\D*(\d+)")
 
-    def counted(self, lines: Iterable[str]) -> Iterator[int]:
+    def count(self, lines: Iterable[str]) -> Iterator[int]:
         """Yield how many have arrived, each time it grows."""
         for line in lines:
             self.last = [*self.last, line][-5:]

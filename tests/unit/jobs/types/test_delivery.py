@@ -26,7 +26,7 @@ def lines(*numbers: int, nonce: str = "n1") -> list[str]:
 def test_consecutive_numbers_of_the_nonce_are_counted() -> None:
     """Each message counts once, whatever else the lines hold."""
     arrivals = Arrivals("n1")
-    assert list(arrivals.counted(lines(7, 8, 9))) == [1, 2, 3]
+    assert list(arrivals.count(lines(7, 8, 9))) == [1, 2, 3]
     assert arrivals.numbers == [7, 8, 9]
     assert arrivals.gap is None
 
@@ -35,19 +35,19 @@ def test_other_lines_and_older_nonces_do_not_count() -> None:
     """A message made before the check started proves nothing."""
     arrivals = Arrivals("n1")
     told = [*lines(5, nonce="none"), *lines(6, nonce="n12"), "n1", *lines(7)]
-    assert list(arrivals.counted(told)) == [1]
+    assert list(arrivals.count(told)) == [1]
 
 
 def test_a_line_that_the_log_tells_twice_is_one_message() -> None:
     """Following a log again after a break repeats lines."""
-    assert list(Arrivals("n1").counted(lines(1, 2, 2, 3))) == [1, 2, 3]
+    assert list(Arrivals("n1").count(lines(1, 2, 2, 3))) == [1, 2, 3]
 
 
 @pytest.mark.parametrize(("numbers", "gap"), [((1, 2, 4), "2 came 4"), ((5, 6, 1), "6 came 1")])
 def test_a_missing_message_is_a_gap(numbers: tuple[int, ...], gap: str) -> None:
     """A lost message, or a publisher that began anew, ends the counting."""
     arrivals = Arrivals("n1")
-    list(arrivals.counted(lines(*numbers, 7)))
+    list(arrivals.count(lines(*numbers, 7)))
     assert arrivals.gap
     assert gap in arrivals.gap
 

@@ -159,7 +159,7 @@ def metrics(cluster: Cluster, namespace: str) -> Mapping[str, float]:
     labels = {"app.kubernetes.io/name": "ros-exporter"}
     [pod] = cluster.list("v1", "Pod", namespace, labels=labels)
     ref = ObjectRef("v1", "Pod", namespace, str(pod["metadata"]["name"]))
-    text = cluster.proxied(ref, "metrics", port=9419).decode()
+    text = cluster.get_through_proxy(ref, "metrics", port=9419).decode()
     lines = (line.rpartition(" ") for line in text.splitlines() if not line.startswith("#"))
     return {name: float(value) for name, _, value in lines}
 

@@ -68,7 +68,7 @@ class Bench:
     def ask(self, service: str, port: int, path: str, **query: object) -> list[Any]:
         """Return what a Service of the stack answers."""
         ref = ObjectRef("v1", "Service", self.namespace, service)
-        answer = json.loads(self.cluster.proxied(ref, path, port=port, query=query))
+        answer = json.loads(self.cluster.get_through_proxy(ref, path, port=port, query=query))
         found: list[Any] = answer["data"]["result"]
         return found
 

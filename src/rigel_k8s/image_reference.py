@@ -59,10 +59,12 @@ def parse_reference(text: str) -> Reference:
     """Return the parts of an image reference; UserError says what docker would refuse."""
     rest, at, digest = text.partition("@")
     if at and not _DIGEST.fullmatch(digest):
-        raise _refused(text, f'"{digest}" is no digest (sha256: and 64 hexadecimal digits)')
+        raise _reference_error(text, f'"{digest}" is no digest (sha256: and 64 hexadecimal digits)')
     rest, tag = _split_tag(rest)
     if tag is not None and not TAG.fullmatch(tag):
-        raise _refused(text, f'"{tag}" is no tag (letters, digits, ".", "_" and "-", at most 128)')
+        raise _reference_error(
+            text, f'"{tag}" is no tag (letters, digits, ".", "_" and "-", at most 128)'
+        )
     registry, repository = _split_registry(rest)
     _check_name(text, registry, repository)
     return Reference(registry, repository, tag, digest or None)
@@ -100,20 +102,20 @@ def _split_registry(name: str) -> tuple[str, str]:
 
 def _check_name(text: str, registry: str, repository: str) -> None:
     if not _REGISTRY.fullmatch(registry):
-        raise _refused(text, f'"{registry}" is no registry (host, or host:port)')
+        raise _reference_error(text, f'"{registry}" is no registry (host, or host:port)')
     for component in repository.split("/"):
         if _COMPONENT.fullmatch(component):
             continue
         if _COMPONENT.fullmatch(component.lower()):
-            raise _refused(
+            raise _reference_error(
                 text, f'"{component}" has upper-case letters, write "{component.lower()}"'
             )
-        raise _refused(text, f'"{component}" is no part of an image name')
+        raise _reference_error(text, f'"{component}" is no part of an image name')
     if len(f"{registry}/{repository}") > _LONGEST_NAME:
-        raise _refused(text, f"the name is longer than {_LONGEST_NAME} characters")
+        raise _reference_error(text, f"the name is longer than {_LONGEST_NAME} characters")
 
 
-def _refused(text: str, why: str) -> UserError:
+def _reference_error(text: str, why: str) -> UserError:
     return UserError(
         f'"{text}" is no image reference: {why}', hint="write it as [REGISTRY/]NAME[:TAG][@DIGEST]"
     )

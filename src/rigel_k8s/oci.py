@@ -146,7 +146,7 @@ def blob_of(media_type: str, path: Path) -> Blob:
     return Blob(media_type, address, path.stat().st_size, lambda: path.open("rb"))
 
 
-def compact(value: object) -> bytes:
+def encode_json(value: object) -> bytes:
     """Return JSON that depends on nothing but the value."""
     return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
 
@@ -172,14 +172,16 @@ def assemble(
         # buildah refuses to build on an image whose history does not count its layers.
         history = [{"created": moment, "created_by": "rigel-k8s"} for _ in layers]
         image |= {"created": moment, "history": history}
-    configuration = blob(f"{_OCI}.config.v1+json", compact(image))
+    configuration = blob(f"{_OCI}.config.v1+json", encode_json(image))
     manifest = {
         "schemaVersion": 2,
         "mediaType": f"{_OCI}.manifest.v1+json",
         "config": configuration.descriptor,
         "layers": [one.descriptor for one in layers],
     }
-    return Image(blob(f"{_OCI}.manifest.v1+json", compact(manifest)), configuration, tuple(layers))
+    return Image(
+        blob(f"{_OCI}.manifest.v1+json", encode_json(manifest)), configuration, tuple(layers)
+    )
 
 
 def write_archive(
@@ -244,9 +246,9 @@ def _indexes(image: Image, reference: str) -> list[tuple[str, bytes]]:
         "Layers": [one.path for one in image.layers],
     }
     return [
-        ("oci-layout", compact({"imageLayoutVersion": "1.0.0"})),
-        ("index.json", compact({"schemaVersion": 2, "manifests": [named]})),
-        ("manifest.json", compact([docker])),
+        ("oci-layout", encode_json({"imageLayoutVersion": "1.0.0"})),
+        ("index.json", encode_json({"schemaVersion": 2, "manifests": [named]})),
+        ("manifest.json", encode_json([docker])),
     ]
 
 

@@ -80,7 +80,7 @@ def finish(
     except subprocess.TimeoutExpired as error:
         raise CommandFailed(f"{what} did not end within {error.timeout:g} s") from error
     except OSError as error:
-        raise _not_started(words, what, error) from error
+        raise _start_failure(words, what, error) from error
     return Finished(done.returncode, _decode(done.stdout or b""), _decode(done.stderr))
 
 
@@ -104,7 +104,7 @@ def run(
     """
     done = finish(words, what=what, env=env, cwd=cwd, into=into, timeout=timeout)
     if done.code != 0:
-        raise _failed(what or _first_words(words), done.code, done.lines[-LAST_LINES:], hint)
+        raise _failure(what or _first_words(words), done.code, done.lines[-LAST_LINES:], hint)
     return done.output
 
 
@@ -151,18 +151,18 @@ def stream(
     finally:
         _end(process, GRACE if grace is None else grace)
     if code != 0:
-        raise _failed(what, code, last, hint)
+        raise _failure(what, code, last, hint)
 
 
 def _first_words(words: Sequence[str]) -> str:
     return " ".join([Path(words[0]).name, *words[1:3]])
 
 
-def _failed(what: str, code: int, lines: Sequence[str], hint: str | None) -> CommandFailed:
+def _failure(what: str, code: int, lines: Sequence[str], hint: str | None) -> CommandFailed:
     return CommandFailed(f"{what} failed (exit code {code})", hint=hint, details=lines)
 
 
-def _not_started(words: Sequence[str], what: str, error: OSError) -> CommandFailed:
+def _start_failure(words: Sequence[str], what: str, error: OSError) -> CommandFailed:
     if isinstance(error, FileNotFoundError) and error.filename == words[0]:
         return CommandFailed(f"{words[0]} is not installed")
     return CommandFailed(f"{what} could not be started: {error}")
@@ -182,7 +182,7 @@ def _start(
             start_new_session=True,
         )
     except OSError as error:
-        raise _not_started(words, what, error) from error
+        raise _start_failure(words, what, error) from error
 
 
 def _lines(process: subprocess.Popen[bytes], cancel: threading.Event) -> Iterator[str]:

@@ -12,7 +12,7 @@ from rigel_k8s.app.storage import mount_path, volume_source
 from rigel_k8s.app.updating import strategy
 from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.overlay import merge
-from rigel_k8s.objects.pods import Object, compact, probes, stop_hook
+from rigel_k8s.objects.pods import Object, drop_empty, probes, stop_hook
 from rigel_k8s.objects.workloads import (
     ReleaseContext,
     deployment,
@@ -34,7 +34,7 @@ def application_identity(around: ReleaseContext, options: OrchestrationOptions) 
     image = str(options.application_image or around.default_image)
     policy = pull_policy(None, pinned=bool(remote_selector(options.distributed)))
     return PodIdentity(
-        str(options.deployment_name), image, like=compact({"imagePullPolicy": policy})
+        str(options.deployment_name), image, like=drop_empty({"imagePullPolicy": policy})
     )
 
 
@@ -89,7 +89,7 @@ def container(
         {"name": str(volume.name), "mountPath": mount_path(volume)}
         for volume in options.persistent_storage.volumes
     ]
-    return compact(
+    return drop_empty(
         {
             "name": APP_CONTAINER,
             "image": identity.image,

@@ -30,7 +30,7 @@ from rigel_k8s.app.updating import is_rolling, share
 from rigel_k8s.objects.naming import Ros, object_name
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
 from rigel_k8s.objects.pods import MASTER_NAME
-from rigel_k8s.objects.text import words
+from rigel_k8s.objects.text import split_words
 from rigel_k8s.observability.checks import check as check_stack
 from rigel_k8s.problems import Path, Problem
 
@@ -184,7 +184,7 @@ def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[P
 def check_words(path: Path, command: str | list[str]) -> Iterator[Problem]:
     """Yield why a command line is none."""
     try:
-        line = words(command)
+        line = split_words(command)
     except ValueError as error:
         yield Problem(path, f"it cannot be split into words: {str(error).lower()}", "bad-command")
         return

@@ -14,8 +14,8 @@ import yaml
 
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.naming import ros_name
-from rigel_k8s.objects.overlay import plain
-from rigel_k8s.objects.text import words
+from rigel_k8s.objects.overlay import simplify
+from rigel_k8s.objects.text import split_words
 from rigel_k8s.option_text import text_of
 
 #: Where a node's parameter files are mounted.
@@ -81,14 +81,14 @@ def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command
 
 def program(node: NodeOptions) -> list[str]:
     """Return the program and its own arguments; empty for the image's CMD."""
-    own = words(node.args or [])
+    own = split_words(node.args or [])
     if node.launch:
         # Without --wait it ends at once where there is no master yet.
         package = [node.launch.package] if node.launch.package else []
         return ["roslaunch", "--wait", *package, node.launch.file, *assignments(node.launch.args)]
     if node.package:
         return ["rosrun", node.package, node.executable or "", *own]
-    return words(node.command) if node.command is not None else own
+    return split_words(node.command) if node.command is not None else own
 
 
 def ros_arguments(key: str, node: NodeOptions) -> Iterator[str]:
@@ -122,7 +122,7 @@ def scalar(value: Any) -> str:
     """Return a parameter's text; rospy reads it as YAML."""
     if isinstance(value, str | int | float) and not reads_otherwise(value):
         return text_of(value)
-    dumped: str = yaml.safe_dump(plain(value), default_flow_style=True, width=2**20)
+    dumped: str = yaml.safe_dump(simplify(value), default_flow_style=True, width=2**20)
     return dumped.removesuffix("\n...\n").strip()
 
 
@@ -185,7 +185,7 @@ def tree(parameters: Mapping[str, Any]) -> dict[str, Any]:
         place = result
         for parent in parents:
             place = place.setdefault(parent, {})
-        place[last] = plain(value)
+        place[last] = simplify(value)
     return result
 
 

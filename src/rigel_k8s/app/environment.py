@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.objects.overlay import plain
+from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.objects.podoptions import EnvVar
 from rigel_k8s.objects.pods import LOG_PATH, SCRIPTS_PATH, Object
 from rigel_k8s.objects.workloads import ReleaseContext
@@ -90,6 +90,6 @@ def entries(extra: Extra) -> Iterator[tuple[str, Object]]:
         return
     for item in extra:
         if item.value_from is not None:
-            yield str(item.name), {"valueFrom": plain(item.value_from)}
+            yield str(item.name), {"valueFrom": simplify(item.value_from)}
         else:
             yield str(item.name), {"value": "" if item.value is None else text_of(item.value)}

@@ -19,7 +19,7 @@ from rigel_k8s.objects.pods import (
     MASTER_NAME,
     MASTER_PORT,
     Object,
-    compact,
+    drop_empty,
     inpod_volume,
     probes,
     stop_hook,
@@ -53,7 +53,7 @@ def master_deployment(
     made = deployment(
         around,
         MASTER_NAME,
-        compact(
+        drop_empty(
             {
                 "initContainers": list(wired.init_containers),
                 "containers": [container],

@@ -8,7 +8,7 @@ from typing import Any
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.storage import mount_path, volume_source
 from rigel_k8s.objects.podoptions import Device, Volume, VolumeMount
-from rigel_k8s.objects.pods import Object, compact
+from rigel_k8s.objects.pods import Object, drop_empty
 from rigel_k8s.objects.scalars import MountPath, ObjectName
 
 
@@ -55,13 +55,13 @@ def volume_of(mount: VolumeMount, index: int, known: Mapping[str, Volume]) -> Ob
         "secret": {"secretName": str(mount.secret)} if mount.secret else None,
         "emptyDir": {"medium": "Memory", "sizeLimit": str(mount.memory)} if mount.memory else None,
     }
-    return {"name": f"volume-{index}", **compact(source)}
+    return {"name": f"volume-{index}", **drop_empty(source)}
 
 
 def mount_entry(mount: VolumeMount, name: str, known: Mapping[str, Volume]) -> Object:
     """Return the container's mount."""
     default = mount_path(known[mount.name]) if mount.name else None
-    return compact(
+    return drop_empty(
         {
             "name": name,
             "mountPath": str(mount.mount_path or default),

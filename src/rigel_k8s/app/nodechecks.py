@@ -13,7 +13,7 @@ from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.podoptions import EnvVar
 from rigel_k8s.objects.scalars import RosName
-from rigel_k8s.objects.text import words
+from rigel_k8s.objects.text import split_words
 from rigel_k8s.problems import Problem
 
 #: What two nodes of one name do to each other.
@@ -116,7 +116,7 @@ def check_line(name: str, line: Any) -> Iterator[Problem]:
     if line is None:
         return
     try:
-        empty = not words(line)
+        empty = not split_words(line)
     except ValueError as error:
         message = f"it cannot be split into words: {str(error).lower()}"
         yield Problem((name,), message, "bad-command")

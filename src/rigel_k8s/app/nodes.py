@@ -25,9 +25,9 @@ from rigel_k8s.objects.naming import (
     ROS_NAME_ANNOTATION,
     object_name,
 )
-from rigel_k8s.objects.overlay import merge, plain
+from rigel_k8s.objects.overlay import merge, simplify
 from rigel_k8s.objects.podoptions import PortOptions, Volume
-from rigel_k8s.objects.pods import Object, compact, probes, stop_hook
+from rigel_k8s.objects.pods import Object, drop_empty, probes, stop_hook
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import Port
 from rigel_k8s.objects.workloads import (
@@ -88,13 +88,13 @@ class RosNode:
             self.image,
             self.ros_name,
             None if replicas is None else int(replicas),
-            like=compact(
+            like=drop_empty(
                 {
                     "imagePullPolicy": pull_policy(
                         self.options.image_pull_policy, pinned=self.pinned
                     ),
                     "resources": resources(self.options.resources, {}),
-                    "securityContext": plain(self.options.security_context),
+                    "securityContext": simplify(self.options.security_context),
                 }
             ),
         )
@@ -178,7 +178,7 @@ def pod_spec(
         "serviceAccountName": options.service_account and str(options.service_account),
         "terminationGracePeriodSeconds": grace_seconds(options),
     }
-    return compact(made | dict(wired.pod))
+    return drop_empty(made | dict(wired.pod))
 
 
 def container(
@@ -194,7 +194,7 @@ def container(
     defaults = ros_variables(
         around, namespace=ros_namespace(node), host_network=options.host_network
     )
-    return compact(
+    return drop_empty(
         {
             "name": NODE_CONTAINER,
             "image": node.image,
@@ -204,7 +204,7 @@ def container(
             "env": environment(defaults, wired.env, options.env),
             "ports": [container_port(port) for port in ports_of(options)],
             "resources": resources(options.resources, device_resources(options.devices)),
-            "securityContext": plain(options.security_context),
+            "securityContext": simplify(options.security_context),
             **probes(readiness_of(around, options.readiness), ready_words(plan)),
             "lifecycle": stop_hook(grace_seconds(options)),
             "volumeMounts": list(volume_mounts),
@@ -229,7 +229,7 @@ def resources(asked: Resources, devices: Mapping[str, str]) -> Object:
     """Return a container's resources; a device plugin's are limits."""
     limits = {str(name): str(value) for name, value in asked.limits.items()}
     requests = {str(name): str(value) for name, value in asked.requests.items()}
-    return compact({"requests": requests, "limits": limits | dict(devices)})
+    return drop_empty({"requests": requests, "limits": limits | dict(devices)})
 
 
 def parameters_config(node: RosNode) -> str:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Literal
 import attrs
 
 from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
-from rigel_k8s.objects.fields import needed, option
+from rigel_k8s.objects.fields import option, required_field
 from rigel_k8s.objects.podoptions import (
     Device,
     EnvVar,
@@ -56,7 +56,7 @@ class Distributed:
 class Results:
     """Files that are copied out of the application's newest ready pod after the roll-out."""
 
-    source_path: MountPath = needed("a file or directory inside the container")
+    source_path: MountPath = required_field("a file or directory inside the container")
     container: ObjectName = option("which container", ObjectName("ros-app"))
     target: str = option("the directory to copy into, from the application's own", "results")
     wait: Duration | None = option("how long to wait for source_path; left out: one look")
@@ -75,7 +75,7 @@ class Launch:
     """A launch file: roslaunch, or ros2 launch, PACKAGE FILE ARGS."""
 
     package: str | None = option("the ROS package; left out: file is a path")
-    file: str = needed("the launch file")
+    file: str = required_field("the launch file")
     args: Mapping[str, Scalar] = option("the launch file's arguments", {})
 
 

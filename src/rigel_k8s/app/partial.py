@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.objects.overlay import merge, plain
+from rigel_k8s.objects.overlay import merge, simplify
 
 #: A job that says one of these says what the release is.
 WHOLE = ("nodes", "application_image", "deploy_ros_master")
@@ -16,7 +16,7 @@ AS_ONE = ("readiness", "rolling_update", "results")
 
 def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
     """Return a job's `with` without the level that src.plugin's users write, as plain data."""
-    result: dict[str, Any] = plain(raw)
+    result: dict[str, Any] = simplify(raw)
     nested = result.pop(OrchestrationOptions.nested_under, None)
     return {**(nested or {}), **result}
 

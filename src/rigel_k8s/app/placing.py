@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from rigel_k8s.app.options import Distributed
 from rigel_k8s.objects.naming import object_name, selector
 from rigel_k8s.objects.podoptions import Placement, Toleration
-from rigel_k8s.objects.pods import Object, compact
+from rigel_k8s.objects.pods import Object, drop_empty
 
 HOSTNAME = "kubernetes.io/hostname"
 #: The label of remote machines, as src.plugin has it.
@@ -59,4 +59,4 @@ def toleration(item: Toleration) -> Object:
         "effect": item.effect,
         "tolerationSeconds": int(item.seconds) if item.seconds is not None else None,
     }
-    return compact(fields)
+    return drop_empty(fields)

@@ -8,7 +8,7 @@ from rigel_k8s.app import commands, ros2commands
 from rigel_k8s.app.commands import Command
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.naming import Ros
-from rigel_k8s.objects.text import words
+from rigel_k8s.objects.text import split_words
 
 
 def command_of(ros: Ros, key: str, node: NodeOptions, files: Mapping[str, str]) -> Command:
@@ -18,8 +18,8 @@ def command_of(ros: Ros, key: str, node: NodeOptions, files: Mapping[str, str]) 
     if ros == "1":
         return commands.command_of(key, node, files)
     if node.command is not None:
-        return Command(command=words(node.command))
-    return Command(args=words(node.args) if node.args is not None else None)
+        return Command(command=split_words(node.command))
+    return Command(args=split_words(node.args) if node.args is not None else None)
 
 
 def program(ros: Ros, node: NodeOptions) -> list[str]:

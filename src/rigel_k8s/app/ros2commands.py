@@ -22,8 +22,8 @@ from rigel_k8s.app.commands import (
     safe,
 )
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.objects.overlay import plain
-from rigel_k8s.objects.text import words
+from rigel_k8s.objects.overlay import simplify
+from rigel_k8s.objects.text import split_words
 
 FLAG, END = "--ros-args", "--"
 #: The parameters of whatever nodes a process has.
@@ -60,13 +60,13 @@ def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command
 
 def program(node: NodeOptions) -> list[str]:
     """Return the program and its own arguments; empty for the image's CMD."""
-    own = words(node.args or [])
+    own = split_words(node.args or [])
     if node.launch:
         package = [node.launch.package] if node.launch.package else []
         return ["ros2", "launch", *package, node.launch.file, *assignments(node.launch.args)]
     if node.package:
         return ["ros2", "run", node.package, node.executable or "", *own]
-    return words(node.command) if node.command is not None else own
+    return split_words(node.command) if node.command is not None else own
 
 
 def ros_arguments(
@@ -108,7 +108,7 @@ def mounted_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]
         for number, name in enumerate(node.parameter_files)
     }
     if node.parameters:
-        own = {ANY_NODE: {PARAMETERS: plain(node.parameters)}}
+        own = {ANY_NODE: {PARAMETERS: simplify(node.parameters)}}
         found["99-parameters.yaml"] = yaml.safe_dump(own, sort_keys=True, width=2**20)
     return found
 

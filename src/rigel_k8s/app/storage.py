@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from rigel_k8s.objects.naming import labels
 from rigel_k8s.objects.podoptions import Volume
-from rigel_k8s.objects.pods import Object, compact
+from rigel_k8s.objects.pods import Object, drop_empty
 
 
 def claim_name(name: str) -> str:
@@ -65,7 +65,7 @@ def claim(volume: Volume, namespace: str, release: str) -> Object:
             "namespace": namespace,
             "labels": labels(volume.name, release),
         },
-        "spec": compact(spec),
+        "spec": drop_empty(spec),
     }
 
 
@@ -82,5 +82,5 @@ def static_volume(volume: Volume, release: str) -> Object:
         "apiVersion": "v1",
         "kind": "PersistentVolume",
         "metadata": {"name": volume_name(volume.name), "labels": labels(volume.name, release)},
-        "spec": compact(spec),
+        "spec": drop_empty(spec),
     }

@@ -130,7 +130,7 @@ def told(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
     def ask(machine: str) -> Any:
         node = ObjectRef("v1", "Node", "", machine)
         return json.loads(
-            cluster.proxied(node, "stats/summary", query={"only_cpu_and_memory": "true"})
+            cluster.get_through_proxy(node, "stats/summary", query={"only_cpu_and_memory": "true"})
         )
 
     return {

@@ -28,13 +28,13 @@ def lines(text: Sequence[str], buildargs: Mapping[str, str]) -> Iterator[str]:
         begins, goes_on = not goes_on, line.endswith("\\")
         in_stage |= begins and bool(re.match(r"(?i)\s*FROM\s", line))
         if in_stage and begins and not goes_on:
-            for name in declared(line):
+            for name in parse_names(line):
                 if name in buildargs:
                     digest = hashlib.sha256(buildargs[name].encode()).hexdigest()[:12]
                     yield f'LABEL {LABEL}.{name}="{digest}"'
 
 
-def declared(line: str) -> list[str]:
+def parse_names(line: str) -> list[str]:
     """Return the names that an ARG instruction declares."""
     found = re.match(r"(?i)\s*ARG\s+(.+)", line)
     return re.findall(r"(?:^|\s)(\w+)(?==|\s|$)", found.group(1)) if found else []

@@ -100,7 +100,7 @@ def builder_platforms(inspected: str) -> list[str]:
     return [word.strip(" *") for word in match.group(1).split(",")] if match else []
 
 
-def with_credentials(config: Mapping[str, Any], session: Session) -> dict[str, Any]:
+def add_credentials(config: Mapping[str, Any], session: Session) -> dict[str, Any]:
     """Return a docker config.json with the session's credentials, also where a helper keeps others.
 
     An empty helper for a registry is docker's way to say: look into this file.
@@ -132,7 +132,7 @@ def _environment(session: Session) -> dict[str, str]:
     file = known / "config.json"
     config = json.loads(file.read_text("utf-8")) if file.is_file() else {}
     (own / "config.json").touch(0o600)
-    (own / "config.json").write_text(json.dumps(with_credentials(config, session)), "utf-8")
+    (own / "config.json").write_text(json.dumps(add_credentials(config, session)), "utf-8")
     env.setdefault("BUILDX_CONFIG", str(known / "buildx"))
     return {**env, "DOCKER_CONFIG": str(own)}
 

@@ -102,7 +102,12 @@ class Recipe:
 def dockerfile(recipe: Recipe) -> str:
     """Return the Dockerfile's text, without a mark of who wrote it."""
     blocks = [*_clones(recipe), f"FROM {recipe.base}\nUSER root\n", *_apt(recipe), *_env(recipe)]
-    blocks += [*_own_commands(recipe), *_user(recipe), *_tools(recipe), *_dependencies(recipe)]
+    blocks += [
+        *_render_own_commands(recipe),
+        *_user(recipe),
+        *_tools(recipe),
+        *_dependencies(recipe),
+    ]
     blocks += [*_workspace(recipe), *_start(recipe)]
     return "\n".join(blocks)
 
@@ -115,7 +120,7 @@ def entrypoint(recipe: Recipe) -> str:
     return "\n".join(["set -e", *recipe.setup, f"cd {shlex.quote(place)}", *own, *end, ""])
 
 
-def ignored(packages: Iterable[str]) -> str:
+def render_dockerignore(packages: Iterable[str]) -> str:
     """Return the text of a .dockerignore: what must not reach the image nor renew a layer.
 
     A whole workspace (no package.xml at its top) may hold what was built in it before, which would
@@ -155,11 +160,11 @@ def _clones(recipe: Recipe) -> Iterator[str]:
         return
     about = "Repositories of others, cloned in a stage of their own: git stays out of the image."
     yield f"# {about}\nFROM {recipe.base} AS repositories\nUSER root\n"
-    vcs = _by_system(["vcstool"], [f"{_python(recipe.distro)}-vcstool"])
+    vcs = _choose_by_system(["vcstool"], [f"{_python(recipe.distro)}-vcstool"])
     yield _run(f"{vcs}{_install(['git', 'openssh-client', '$tools'])}")
     yield "WORKDIR /repositories\n"
     for number, file in enumerate(recipe.rosinstall):
-        copy = f"COPY {_words(file, f'{number}.rosinstall')}\n"
+        copy = f"COPY {_quote_paths(file, f'{number}.rosinstall')}\n"
         yield f"{copy}RUN mkdir -p src && vcs import src < {number}.rosinstall\n"
 
 
@@ -179,12 +184,12 @@ def _env_value(value: str) -> str:
     return f'"{escaped}"'
 
 
-def _own_commands(recipe: Recipe) -> Iterator[str]:
+def _render_own_commands(recipe: Recipe) -> Iterator[str]:
     if recipe.docker_run:
-        yield "".join(_own_run(command.strip()) for command in recipe.docker_run)
+        yield "".join(_render_run(command.strip()) for command in recipe.docker_run)
 
 
-def _own_run(command: str) -> str:
+def _render_run(command: str) -> str:
     if re.search(r"(?<!\\)\n", command):
         return f"RUN {json.dumps(['/bin/sh', '-ec', command])}\n"
     return f"RUN {command}\n"
@@ -226,7 +231,7 @@ def _install_by_system(recipe: Recipe) -> str:
         debian.append("python3-rosdep2")
         ubuntu.append(f"{_python(recipe.distro)}-rosdep")
     install = _install(["build-essential", "cmake", "$tools"])
-    return f"{_by_system(debian, ubuntu)}{install}"
+    return f"{_choose_by_system(debian, ubuntu)}{install}"
 
 
 def _dependencies(recipe: Recipe) -> Iterator[str]:
@@ -234,15 +239,16 @@ def _dependencies(recipe: Recipe) -> Iterator[str]:
         yield f"COPY --from=repositories {_owner(recipe)}/repositories/src {recipe.workspace}/src\n"
     if not (recipe.builds and recipe.rosdep):
         return
+    manifests = [_locate_manifest(package) for package in sorted(recipe.packages)]
     copies = (
-        f"COPY {_owner(recipe)}{_words(_below(package), f'{recipe.sources}/{_below(package)}')}\n"
-        for package in sorted(recipe.packages)
+        f"COPY {_owner(recipe)}{_quote_paths(path, f'{recipe.sources}/{path}')}\n"
+        for path in manifests
     )
     about = "Only the package.xml files, so that this layer outlives an edit of the sources."
     yield f"# {about}\n{''.join(copies)}{_run(_rosdep(recipe))}"
 
 
-def _below(package: str) -> str:
+def _locate_manifest(package: str) -> str:
     return "package.xml" if package == "." else f"{package}/package.xml"
 
 
@@ -262,7 +268,7 @@ def _rosdep(recipe: Recipe) -> str:
 
 
 def _workspace(recipe: Recipe) -> Iterator[str]:
-    yield f"COPY {_owner(recipe)}{_words('.', f'{recipe.sources}/')}\n"
+    yield f"COPY {_owner(recipe)}{_quote_paths('.', f'{recipe.sources}/')}\n"
     if recipe.username != "root":
         yield f"USER {recipe.username}\n"
     yield f"WORKDIR {recipe.workspace if recipe.builds else recipe.sources}\n"
@@ -296,7 +302,7 @@ def _python(distro: str) -> str:
     return "python" if distro in _PYTHON2_DISTROS else "python3"
 
 
-def _by_system(debian: Iterable[str], ubuntu: Iterable[str]) -> str:
+def _choose_by_system(debian: Iterable[str], ubuntu: Iterable[str]) -> str:
     cases = f"""case "$ID" in \\
         debian) tools="{" ".join(debian)}" ;; \\
         *) tools="{" ".join(ubuntu)}" ;; \\
@@ -318,6 +324,6 @@ def _run(command: str) -> str:
     return f"RUN {command}\n"
 
 
-def _words(*paths: str) -> str:
+def _quote_paths(*paths: str) -> str:
     """Source and destination of a COPY; JSON where a path has a blank."""
     return json.dumps(list(paths)) if any(" " in path for path in paths) else " ".join(paths)

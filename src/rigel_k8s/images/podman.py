@@ -70,12 +70,16 @@ class Podman:
         run = _Run(self.program, session, _environment(self.isolation, session, build))
         if len(build.platforms) < 2:
             run.build(build, _tags(build))
-            return {n: run.push(["push"], full, full) for n, full in _full(build) if push}
+            return {
+                n: run.push(["push"], full, full) for n, full in _list_full_names(build) if push
+            }
         manifest = f"localhost/rigel-k8s-build:{uuid.uuid4().hex}"
         try:
             run.build(build, ["--manifest", manifest, *_cache(build)])
             words = ["manifest", "push", "--all"]
-            digests = {n: run.push(words, manifest, full) for n, full in _full(build) if push}
+            digests = {
+                n: run.push(words, manifest, full) for n, full in _list_full_names(build) if push
+            }
         finally:
             run.forget(manifest)
         if load:
@@ -86,7 +90,10 @@ class Podman:
         """Write the images to a docker archive."""
         run = _Run(self.program, session, session.environ)
         words = ["save", "--format", "docker-archive", "--multi-image-archive"]
-        run([*words, "--output", str(file), *map(_in_full, names)], f"save of {', '.join(names)}")
+        run(
+            [*words, "--output", str(file), *map(_complete_name, names)],
+            f"save of {', '.join(names)}",
+        )
 
 
 def lacks_sys_resource(status: str) -> bool:
@@ -165,17 +172,17 @@ class _Run:
         finish([self.program, "manifest", "rm", manifest], env=self.env)
 
 
-def _in_full(name: str) -> str:
+def _complete_name(name: str) -> str:
     # podman reads a short name of its own as localhost/NAME, and a cluster as docker.io/NAME.
     return str(parse_reference(name))
 
 
-def _full(build: Build) -> list[tuple[str, str]]:
-    return [(name, _in_full(name)) for name in build.names]
+def _list_full_names(build: Build) -> list[tuple[str, str]]:
+    return [(name, _complete_name(name)) for name in build.names]
 
 
 def _tags(build: Build) -> list[str]:
-    return [word for _, full in _full(build) for word in ("--tag", full)]
+    return [word for _, full in _list_full_names(build) for word in ("--tag", full)]
 
 
 def _cache(build: Build) -> list[str]:
@@ -191,11 +198,11 @@ def _environment(isolation: str | None, session: Session, build: Build) -> dict[
         env[ISOLATION] = isolation
     insecure = {r for r in build.registries() if is_loopback(r)} | session.insecure
     conf = session.directory / "registries.conf"
-    conf.write_text(registries_conf(_first_text(_registries_files(env)), insecure), "utf-8")
+    conf.write_text(registries_conf(_read_first(_registries_files(env)), insecure), "utf-8")
     env["CONTAINERS_REGISTRIES_CONF"] = str(conf)
     if session.credentials:
         auth = session.directory / "auth.json"
-        known = json.loads(_first_text(_auth_files(env)) or "{}")
+        known = json.loads(_read_first(_auth_files(env)) or "{}")
         auth.touch(0o600)
         auth.write_text(json.dumps(docker_config(session.credentials, known)), "utf-8")
         env["REGISTRY_AUTH_FILE"] = str(auth)
@@ -222,7 +229,7 @@ def _auth_files(env: Mapping[str, str]) -> list[str]:
     ]
 
 
-def _first_text(files: Iterable[str]) -> str:
+def _read_first(files: Iterable[str]) -> str:
     for file in files:
         if file and Path(file).is_file():
             return Path(file).read_text("utf-8")

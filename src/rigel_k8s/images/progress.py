@@ -30,7 +30,7 @@ def step_of(line: str) -> str | None:
         return None
     stage, number, command = match.groups()
     words = " ".join(command.split())
-    return _short(f"{stage} {number} {words}" if stage else f"{number} {words}")
+    return _shorten(f"{stage} {number} {words}" if stage else f"{number} {words}")
 
 
 class Steps:
@@ -51,7 +51,7 @@ class Steps:
             self._step = step
             self._say(step)
         elif self._step and self._clock() - self._told >= PAUSE:
-            self._say(f"{self._step.split(' ', 1)[0]} {_short(_BUILDX_OUTPUT.sub('', line))}")
+            self._say(f"{self._step.split(' ', 1)[0]} {_shorten(_BUILDX_OUTPUT.sub('', line))}")
 
     def _say(self, state: str) -> None:
         self._told = self._clock()
@@ -78,15 +78,15 @@ def _buildx_failure(lines: Sequence[str]) -> list[str]:
         heading, *others = (line for line in lines if line.startswith(prefix))
         # Both of these show that the output of another step stood between.
         output = (line for line in others if line not in (heading, f"{prefix}..."))
-        found += _bounded([_BUILDX_OUTPUT.sub("", line) for line in (heading, *output)])
+        found += _limit_lines([_BUILDX_OUTPUT.sub("", line) for line in (heading, *output)])
     if found:
-        found += lines[_last(lines, _BUILDX_BEFORE_END) + 1 :]
+        found += lines[_find_last(lines, _BUILDX_BEFORE_END) + 1 :]
     return found
 
 
 def _podman_failure(lines: Sequence[str]) -> Iterator[str]:
     """A step begins with a line of its own, the end with one that quotes the instruction."""
-    end = _last(lines, _PODMAN_END)
+    end = _find_last(lines, _PODMAN_END)
     steps: list[list[str]] = []
     for line in lines[:end]:
         if _PODMAN.match(line):
@@ -97,7 +97,7 @@ def _podman_failure(lines: Sequence[str]) -> Iterator[str]:
         return
     quoted = set(re.findall(r'building at STEP "(.*)": ', "\n".join(lines[end:])))
     for step in [s for s in steps if _is_failed(s, quoted)] or steps[-1:]:
-        yield from _bounded(step)
+        yield from _limit_lines(step)
     yield from lines[end:]
 
 
@@ -107,18 +107,18 @@ def _is_failed(step: Sequence[str], quoted: set[str]) -> bool:
     return match is not None and match[3] in quoted and not done
 
 
-def _last(lines: Sequence[str], pattern: re.Pattern[str]) -> int:
+def _find_last(lines: Sequence[str], pattern: re.Pattern[str]) -> int:
     """Return the place of the last line that begins so, that behind all where none does."""
     places = (number for number in reversed(range(len(lines))) if pattern.match(lines[number]))
     return next(places, len(lines))
 
 
-def _bounded(step: list[str]) -> list[str]:
+def _limit_lines(step: list[str]) -> list[str]:
     left_out = len(step) - MOST_LINES
     if left_out <= 0:
         return step
     return [step[0], f"[{left_out} lines are left out here]", *step[left_out + 1 :]]
 
 
-def _short(text: str) -> str:
+def _shorten(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

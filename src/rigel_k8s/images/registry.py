@@ -110,7 +110,7 @@ class _Registry:
 
     def log_in(self) -> bool:
         """Say whether the registry wanted and took the credentials; RigelK8sError if refused."""
-        base, answer = self._first("/v2/")
+        base, answer = self._ask_bases("/v2/")
         if answer.status == 200:
             return False
         if answer.status != 401:
@@ -118,7 +118,7 @@ class _Registry:
         self._authorize(base, answer.headers.get("WWW-Authenticate", ""), scope=None)
         answer = self._ask("GET", f"{base}/v2/")
         if answer.status in (401, 403):
-            raise self._refused()
+            raise self._login_error()
         if answer.status != 200:
             raise _Unclear(f"it answered {answer.status} after the log-in")
         return True
@@ -126,7 +126,7 @@ class _Registry:
     def digest(self, repository: str, version: str) -> str | None:
         """Return the digest of a tag, None where the repository or tag is not to be seen."""
         path = f"/v2/{repository}/manifests/{version}"
-        base, answer = self._first(path)
+        base, answer = self._ask_bases(path)
         if answer.status == 401:
             scope = f"repository:{repository}:pull"
             try:
@@ -137,15 +137,15 @@ class _Registry:
         if answer.status != 200:
             return None
         found = answer.headers.get("Docker-Content-Digest")
-        return found or self._computed(base + path)
+        return found or self._compute_digest(base + path)
 
-    def _computed(self, url: str) -> str | None:
+    def _compute_digest(self, url: str) -> str | None:
         answer = self._ask("GET", url)
         if answer.status != 200:
             return None
         return f"sha256:{hashlib.sha256(answer.data).hexdigest()}"
 
-    def _first(self, path: str) -> tuple[str, urllib3.BaseHTTPResponse]:
+    def _ask_bases(self, path: str) -> tuple[str, urllib3.BaseHTTPResponse]:
         """Ask over HTTPS, where allowed over HTTP; also returns the base that answered."""
         bases, method = self._bases(), "GET" if path == "/v2/" else "HEAD"
         for base in bases[:-1]:
@@ -190,10 +190,10 @@ class _Registry:
         url = f"{realm}{'&' if '?' in realm else '?'}{urlencode(query)}"
         answer = self._send("GET", url, headers)
         if answer.status in (400, 401, 403):
-            raise self._refused()
+            raise self._login_error()
         return _token_of(answer)
 
-    def _refused(self) -> RigelK8sError:
+    def _login_error(self) -> RigelK8sError:
         return RigelK8sError(
             f'registry {self.credentials.server} refuses user "{self.credentials.username}"',
             hint="check username and password (or token); vars fall back to the environment",

@@ -44,7 +44,7 @@ def _docker(environ: Mapping[str, str]) -> Docker | str:
         return "docker is installed without its buildx plugin"
     works, output = _ask([program, "buildx", "inspect", "--bootstrap"], environ)
     if not works or "Status:" not in output or "Error:" in output:
-        return f"docker's builder is not to be reached ({_last(output)})"
+        return f"docker's builder is not to be reached ({_find_last(output)})"
     return Docker(program, output)
 
 
@@ -55,7 +55,7 @@ def _podman(environ: Mapping[str, str], status: Path) -> Podman | str:
         return "podman is not installed"
     works, output = _ask([program, "version"], environ)
     if not works:
-        return f"podman does not run ({_last(output)})"
+        return f"podman does not run ({_find_last(output)})"
     told = ISOLATION in environ or not status.exists()
     chroot = not told and lacks_sys_resource(status.read_text("utf-8"))
     return Podman(program, isolation="chroot" if chroot else None)
@@ -70,6 +70,6 @@ def _ask(words: list[str], environ: Mapping[str, str]) -> tuple[bool, str]:
     return done.code == 0, "\n".join(done.lines)
 
 
-def _last(output: str) -> str:
+def _find_last(output: str) -> str:
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     return lines[-1] if lines else "no word why"

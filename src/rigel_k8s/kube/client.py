@@ -19,7 +19,7 @@ class Client:
     def __init__(self, target: Target):
         self.target = target
         self.transport = Transport(target)
-        self.resources = ApiResources(self.discovered)
+        self.resources = ApiResources(self.fetch_kinds)
 
     def call(
         self,
@@ -74,7 +74,7 @@ class Client:
         error.status, error.reason = 404, "NoKind"
         raise error
 
-    def discovered(self, api_version: str) -> Mapping[str, Any] | None:
+    def fetch_kinds(self, api_version: str) -> Mapping[str, Any] | None:
         """Return the resource list of an API version, None where the server has none."""
         root = "api" if "/" not in api_version else "apis"
         try:

@@ -239,7 +239,7 @@ class Cluster:
         """Call a function for all items on a few threads; results in the order of the items."""
         return threads.parallel(function, items, width=width)
 
-    def proxied(
+    def get_through_proxy(
         self,
         ref: ObjectRef,
         inner: str,

@@ -114,7 +114,7 @@ def plugin_credentials(
 
     def headers(*, fresh: bool) -> Headers:
         nonlocal state
-        if fresh or expired(state):
+        if fresh or is_expired(state):
             state = run_plugin(plugin, cluster, context)
         return bearer(state["token"]) if state.get("token") else ()
 
@@ -122,7 +122,7 @@ def plugin_credentials(
     return Credentials(certificate, state.get("clientKeyData", ""), headers)
 
 
-def expired(status: Mapping[str, Any]) -> bool:
+def is_expired(status: Mapping[str, Any]) -> bool:
     """Whether a program's answer is at its end, or nearly."""
     stamp = status.get("expirationTimestamp")
     if not stamp:

@@ -114,7 +114,7 @@ def hint(status: int, context: str, server: str) -> str | None:
     return None
 
 
-def unreachable(what: str, reason: str, *, context: str, server: str) -> Refusal:
+def unreachable_error(what: str, reason: str, *, context: str, server: str) -> Refusal:
     """Return the error for a server that gave no answer."""
     error = Refusal(
         f"cannot {what}: the cluster at {server} does not answer: {reason}",

@@ -99,14 +99,14 @@ def carry(
             return
         over = threading.Event()
         with session:
-            threading.Thread(target=upwards, args=(local, session, over), daemon=True).start()
-            downwards(local, session, forward)
+            threading.Thread(target=carry_up, args=(local, session, over), daemon=True).start()
+            carry_down(local, session, forward)
             over.set()
             with suppress(OSError):
                 local.shutdown(socket.SHUT_RDWR)
 
 
-def upwards(local: socket.socket, session: Websocket, over: threading.Event) -> None:
+def carry_up(local: socket.socket, session: Websocket, over: threading.Event) -> None:
     """Carry bytes to the pod until the local side closes.
 
     A websocket cannot be closed for one direction only, so an answer gets some time to arrive.
@@ -118,7 +118,7 @@ def upwards(local: socket.socket, session: Websocket, over: threading.Event) -> 
     session.abort()
 
 
-def downwards(local: socket.socket, session: Websocket, forward: Forward) -> None:
+def carry_down(local: socket.socket, session: Websocket, forward: Forward) -> None:
     """Carry bytes from the pod until it closes."""
     greeted = set()
     while (frame := session.receive(None)) is not None:

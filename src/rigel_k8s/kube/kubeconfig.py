@@ -43,7 +43,7 @@ def load(
         UserError: nothing names a cluster, or what names it makes no sense.
     """
     files = candidates(path, environ)
-    config = merged([file for file in files if file.exists()])
+    config = merge_files([file for file in files if file.exists()])
     if path is not None and not path.exists():
         raise UserError(f"there is no kubeconfig {path}", hint="mend the path after --kubeconfig")
     if not config["contexts"] and context is None and path is None:
@@ -51,7 +51,7 @@ def load(
             return in_cluster(environ, service_account)
         looked = ", ".join(str(file) for file in files)
         raise UserError(f"no cluster is configured (looked at {looked})", hint=NO_CLUSTER)
-    return from_context(config, chosen(config, context, files))
+    return from_context(config, choose_context(config, context, files))
 
 
 def candidates(path: Path | None, environ: Mapping[str, str]) -> list[Path]:
@@ -63,11 +63,11 @@ def candidates(path: Path | None, environ: Mapping[str, str]) -> list[Path]:
     return [Path(environ.get("HOME") or Path.home()) / ".kube" / "config"]
 
 
-def merged(files: Sequence[Path]) -> dict[str, Any]:
+def merge_files(files: Sequence[Path]) -> dict[str, Any]:
     """Return all files as one: whatever stands first wins, as with kubectl."""
     whole: dict[str, Any] = {"clusters": {}, "users": {}, "contexts": {}, "current-context": ""}
     for file in files:
-        content = parsed(file)
+        content = parse_file(file)
         whole["current-context"] = whole["current-context"] or content.get("current-context") or ""
         for section in ("clusters", "users", "contexts"):
             for entry in content.get(section) or []:
@@ -76,7 +76,7 @@ def merged(files: Sequence[Path]) -> dict[str, Any]:
     return whole
 
 
-def parsed(file: Path) -> dict[str, Any]:
+def parse_file(file: Path) -> dict[str, Any]:
     """Return one file's content."""
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
@@ -101,7 +101,7 @@ def absolute(entry: dict[str, Any], base: Path) -> dict[str, Any]:
     return {**entry, **paths}
 
 
-def chosen(config: Mapping[str, Any], context: str | None, files: Sequence[Path]) -> str:
+def choose_context(config: Mapping[str, Any], context: str | None, files: Sequence[Path]) -> str:
     """Return the name of the context to use."""
     name = context or str(config["current-context"])
     known = ", ".join(sorted(config["contexts"])) or "none"

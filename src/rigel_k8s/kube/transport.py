@@ -25,7 +25,7 @@ from urllib3.connection import HTTPConnection, HTTPSConnection
 from urllib3.exceptions import HTTPError, InsecureRequestWarning
 
 from rigel_k8s.errors import ClusterError, UserError
-from rigel_k8s.kube.failures import unreachable
+from rigel_k8s.kube.failures import unreachable_error
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.proxy import proxy_for
 from rigel_k8s.tls import trust
@@ -145,7 +145,7 @@ class Transport:
                     method, url, body=body, headers=headers, retries=losses, redirect=False
                 )
             except BROKEN as error:
-                raise self.unreachable(what, error) from error
+                raise self.unreachable_error(what, error) from error
             answer = Answer(response.status, response.headers, response.data)
             pause = retry_after(answer, attempt)
             if answer.status == 401 and not fresh:
@@ -179,7 +179,7 @@ class Transport:
                 return answer
         except BROKEN as error:
             connection.close()
-            raise self.unreachable(what, error) from error
+            raise self.unreachable_error(what, error) from error
         sock.settimeout(timeout)
         return Stream(connection, response, sock)
 
@@ -254,7 +254,7 @@ class Transport:
             connection.connect()
         except BROKEN as error:
             connection.close()
-            raise self.unreachable(what, error) from error
+            raise self.unreachable_error(what, error) from error
         return connection
 
     def options(self) -> dict[str, Any]:
@@ -280,14 +280,14 @@ class Transport:
                 self.tls = tls_context(self.target, credentials)
             return self.tls
 
-    def unreachable(self, what: str, error: BaseException) -> Exception:
+    def unreachable_error(self, what: str, error: BaseException) -> Exception:
         """Return the error for a server that gave no answer."""
         cause = cause_of(error)
         reason = getattr(cause, "strerror", None) or str(cause) or type(cause).__name__
         if isinstance(cause, ssl.SSLCertVerificationError):
             reason = f"its certificate is not trusted: {cause.verify_message}"
         target = self.target
-        return unreachable(what, reason, context=target.context, server=target.server)
+        return unreachable_error(what, reason, context=target.context, server=target.server)
 
 
 def cause_of(error: BaseException) -> BaseException:

@@ -99,15 +99,15 @@ def connect(client: Client, path: str, what: str, protocols: Sequence[str]) -> W
         )
     except websocket.WebSocketBadStatusException as error:
         connection.close()
-        client.raise_for(refused(error), what)
+        client.raise_for(read_refusal(error), what)
         raise
     except (websocket.WebSocketException, OSError, ssl.SSLError) as error:
         connection.close()
-        raise transport.unreachable(what, error) from error
+        raise transport.unreachable_error(what, error) from error
     return Websocket(inner)
 
 
-def refused(error: Any) -> Answer:
+def read_refusal(error: Any) -> Answer:
     """Return the answer that a server gave instead of a websocket."""
     body = error.resp_body or b""
     return Answer(error.status_code, {}, body if isinstance(body, bytes) else body.encode())

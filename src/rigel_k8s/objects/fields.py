@@ -30,6 +30,6 @@ def option(
     return attrs.field(default=default, metadata=metadata, converter=converter)
 
 
-def needed(doc: str) -> Any:
+def required_field(doc: str) -> Any:
     """Return a field that must be given."""
     return attrs.field(metadata={"doc": doc})

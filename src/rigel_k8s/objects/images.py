@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from rigel_k8s.objects.overlay import plain
+from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.objects.refs import Manifest
 
 
@@ -26,7 +26,7 @@ def pin_images(manifest: Manifest, digests: Mapping[str, str]) -> Manifest:
     """Return a workload with its images by digest where one is known; else the object as it is."""
     if not any(container.get("image") in digests for container in containers(manifest)):
         return manifest
-    result: dict[str, Any] = plain(manifest)
+    result: dict[str, Any] = simplify(manifest)
     for container in containers(result):
         container["image"] = digests.get(container["image"], container["image"])
     return result
@@ -36,7 +36,7 @@ def add_pull_secrets(manifest: Manifest, secrets: Sequence[str]) -> Manifest:
     """Return a workload whose pods may pull with some Secrets too; else the object as it is."""
     if not secrets or not any(True for _ in containers(manifest)):
         return manifest
-    result: dict[str, Any] = plain(manifest)
+    result: dict[str, Any] = simplify(manifest)
     spec = result["spec"]["template"]["spec"]
     named = [*(one["name"] for one in spec.get("imagePullSecrets") or ()), *secrets]
     spec["imagePullSecrets"] = [{"name": name} for name in dict.fromkeys(named)]

@@ -39,7 +39,7 @@ def merge(base: Any, over: Any, key: str = "") -> Any:
     identity = IDENTITIES.get(key)
     if identity and has_identity(base, identity) and has_identity(over, identity):
         return merge_items(base, over, identity, whole=key in WHOLE_ITEMS)
-    return plain(over)
+    return simplify(over)
 
 
 def has_identity(value: Any, identity: str) -> bool:
@@ -54,12 +54,12 @@ def merge_mappings(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str
     result = {}
     for key, value in base.items():
         if key not in over:
-            result[str(key)] = plain(value)
+            result[str(key)] = simplify(value)
         elif over[key] is not None:
             result[str(key)] = merge(value, over[key], key)
     for key, value in over.items():
         if key not in base and value is not None:
-            result[str(key)] = plain(value)
+            result[str(key)] = simplify(value)
     if "readinessProbe" in over and "startupProbe" not in over:
         result.pop("startupProbe", None)  # a probe of the user's own is the only one that counts
     return result
@@ -72,25 +72,25 @@ def merge_items(
     new = {item[identity]: item for item in over}
     merged = [one_item(item, new.get(item[identity]), whole=whole) for item in base]
     known = {item[identity] for item in base}
-    return merged + [plain(item) for item in over if item[identity] not in known]
+    return merged + [simplify(item) for item in over if item[identity] not in known]
 
 
 def one_item(base: Any, over: Any, *, whole: bool) -> Any:
     """Return an item with the other laid over it, if there is one."""
     if over is None:
-        return plain(base)
-    return plain(over) if whole else merge(base, over)
+        return simplify(base)
+    return simplify(over) if whole else merge(base, over)
 
 
-def plain(value: Any) -> Any:
+def simplify(value: Any) -> Any:
     """Return the same data of JSON's own types only."""
     if type(value) in SCALARS:  # most are, and each value of a release comes by several times
         return value
     if isinstance(value, dict | Mapping):  # dict first: the question about Mapping is slow
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): simplify(item) for key, item in value.items()}
     for kind in (str, int, float):
         if isinstance(value, kind):
             return kind(value)
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [simplify(item) for item in value]
     return str(value)

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import attrs
 
-from rigel_k8s.objects.fields import needed, option
+from rigel_k8s.objects.fields import option, required_field
 from rigel_k8s.objects.scalars import (
     Count,
     Delay,
@@ -63,7 +63,7 @@ class RollingUpdate:
 class Volume:
     """A persistent volume: the claim NAME-pvc, and with host_path the static volume NAME-pv."""
 
-    name: ObjectName = needed("the volume's name")
+    name: ObjectName = required_field("the volume's name")
     size: Quantity = option("how much storage is asked for", Quantity("1Gi"))
     storage_class: str | None = option("a StorageClass; left out: the cluster's default")
     host_path: MountPath | None = option("a directory of a machine: a static volume on it is made")
@@ -86,7 +86,7 @@ class PersistentStorage:
 class EnvVar:
     """An environment variable as Kubernetes writes it."""
 
-    name: EnvName = needed("the variable's name")
+    name: EnvName = required_field("the variable's name")
     value: Scalar | None = option("its value")
     value_from: Mapping[str, Any] | None = attrs.field(
         default=None,
@@ -103,7 +103,7 @@ class PortOptions:
     """A port that others reach through a Service of the node's name."""
 
     name: PortName | None = option("the port's name")
-    port: Port = needed("the port of the container")
+    port: Port = required_field("the port of the container")
     service_port: Port | None = option("the Service's port where it differs")
     protocol: Literal["TCP", "UDP"] = option("the protocol", "TCP")
 

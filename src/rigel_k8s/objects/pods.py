@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.objects.podoptions import Readiness
-from rigel_k8s.objects.text import words
+from rigel_k8s.objects.text import split_words
 
 Object = dict[str, Any]
 
@@ -26,7 +26,7 @@ FOR_EVER = 2**31 - 1
 LOOK, LOOK_TIMEOUT = 8, 10
 
 
-def compact(fields: Mapping[str, Any]) -> Object:
+def drop_empty(fields: Mapping[str, Any]) -> Object:
     """Return the fields that say something."""
     return {key: value for key, value in fields.items() if value not in (None, {}, [])}
 
@@ -61,7 +61,7 @@ def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
 
 def own_command(own: Readiness) -> list[str]:
     """Return the user's own check."""
-    return words(own.command) if own.command is not None else ["test", "-e", str(own.file)]
+    return split_words(own.command) if own.command is not None else ["test", "-e", str(own.file)]
 
 
 def timing(own: Readiness) -> Object:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from rigel_k8s.objects.overlay import plain
+from rigel_k8s.objects.overlay import simplify
 
 #: Kubernetes keeps in whole seconds when a pod became ready, so of N it may wait only N - 1: with 1
 #: each crash that was measured counted as ready, for the kubelet told it later.
@@ -21,13 +21,13 @@ KINDS = ("Deployment", "DaemonSet")
 
 def steady(item: Mapping[str, Any]) -> dict[str, Any]:
     """Return an object as plain data, a workload with unprobed containers with its seconds."""
-    made: dict[str, Any] = plain(item)
-    if made["kind"] in KINDS and unprobed(made["spec"]["template"]["spec"]):
+    made: dict[str, Any] = simplify(item)
+    if made["kind"] in KINDS and find_unprobed(made["spec"]["template"]["spec"]):
         made["spec"] = {"minReadySeconds": SECONDS, **made["spec"]}
     return made
 
 
-def unprobed(pod_spec: Mapping[str, Any]) -> list[str]:
+def find_unprobed(pod_spec: Mapping[str, Any]) -> list[str]:
     """Return the names of a pod's containers that are ready as soon as they run."""
     probes = ("readinessProbe", "startupProbe")
     found = pod_spec.get("containers") or []

@@ -11,7 +11,7 @@ from rigel_k8s.option_text import text_of
 MOST = 6  # names in a line; who wants all reads `rigel status -o json`
 
 
-def words(command: str | Sequence[Any]) -> list[str]:
+def split_words(command: str | Sequence[Any]) -> list[str]:
     """Return a command line as a list; text is split as a shell splits it (ValueError)."""
     return shlex.split(command) if isinstance(command, str) else [text_of(w) for w in command]
 

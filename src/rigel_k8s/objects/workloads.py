@@ -9,7 +9,7 @@ import attrs
 
 from rigel_k8s.objects.naming import Ros, labels, selector
 from rigel_k8s.objects.podoptions import Readiness
-from rigel_k8s.objects.pods import Object, compact, inpod_volume, log_volume
+from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, log_volume
 
 
 @attrs.frozen
@@ -39,7 +39,7 @@ class ReleaseContext:
         self, name: str, annotations: Mapping[str, str] | None = None, part_of: str | None = None
     ) -> Object:
         """Return an object's metadata; what is part of a workload has its label."""
-        return compact(
+        return drop_empty(
             {
                 "name": name,
                 "namespace": self.namespace,
@@ -68,9 +68,9 @@ def deployment(
     secrets = [{"name": secret} for secret in around.pull_secrets]
     both = labels(name, around.release) | dict(own_labels or {})
     template = {
-        "metadata": compact({"labels": both, "annotations": dict(pod_annotations or {})}),
+        "metadata": drop_empty({"labels": both, "annotations": dict(pod_annotations or {})}),
         "spec": {
-            **compact({**pod, "imagePullSecrets": secrets}),
+            **drop_empty({**pod, "imagePullSecrets": secrets}),
             # Kubernetes' variables for Services would fill the environment with ROS_MASTER_PORT ...
             "enableServiceLinks": False,
         },

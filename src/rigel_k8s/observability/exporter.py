@@ -18,7 +18,7 @@ from rigel_k8s import __version__
 from rigel_k8s.network.modes import join, wire_pod
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
-from rigel_k8s.objects.pods import MASTER_URI, Object, compact
+from rigel_k8s.objects.pods import MASTER_URI, Object, drop_empty
 from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
 from rigel_k8s.observability.manifests.frame import COMPONENT, CONFIG_ANNOTATION, container, nobody
 from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
@@ -159,7 +159,7 @@ def configuration(
         "interval": interval,
     }
     own = of_ros1(around, wired) if around.ros == "1" else of_dds(graph, plan)
-    return compact(said | own)
+    return drop_empty(said | own)
 
 
 def of_ros1(around: ReleaseContext, wired: Wiring) -> Object:

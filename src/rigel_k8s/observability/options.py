@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import attrs
 
-from rigel_k8s.objects.fields import needed, option
+from rigel_k8s.objects.fields import option, required_field
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import (
     Duration,
@@ -130,7 +130,7 @@ class ExistingPrometheus:
 class ExistingLoki:
     """A Loki that is there: log lines are sent to it."""
 
-    url: str = needed("where it answers, http://loki.logging:3100 say")
+    url: str = required_field("where it answers, http://loki.logging:3100 say")
     tenant: str | None = option("X-Scope-OrgID, where it has tenants")
     secret: ObjectName | None = option(
         "a Secret in the stack's namespace with `username` and `password`, where it asks for them"

@@ -7,7 +7,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.objects.overlay import plain
+from rigel_k8s.objects.overlay import simplify
 
 #: What is one application's own, or where the stack is and not what it is.
 OWN = ("enabled", "ros_metrics", "namespace")
@@ -33,7 +33,7 @@ class StackRequest:
 
 def request_of(raw: Mapping[str, Any]) -> StackRequest:
     """Return what a job's `observability`, as plain data, says of the stack."""
-    said: dict[str, Any] = {key: value for key, value in plain(raw).items() if key not in OWN}
+    said: dict[str, Any] = {key: value for key, value in simplify(raw).items() if key not in OWN}
     password = None
     if isinstance(said.get("grafana"), dict):
         password = said["grafana"].pop("admin_password", None)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import attrs
 
 from rigel_k8s.objects.refs import Manifest, ObjectRef
-from rigel_k8s.objects.steady import unprobed
+from rigel_k8s.objects.steady import find_unprobed
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
@@ -38,7 +38,7 @@ def unprobed_in(workload: ObjectRef, pods: Iterable[Manifest]) -> Iterator[Unpro
     for pod in pods:
         meta = pod["metadata"]
         if workload.kind in KINDS and not meta.get("deletionTimestamp"):
-            for name in unprobed(pod["spec"]):
+            for name in find_unprobed(pod["spec"]):
                 yield Unprobed(workload, meta["name"], name, meta["uid"])
 
 

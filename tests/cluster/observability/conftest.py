@@ -56,7 +56,7 @@ class Stack:
     def ask(self, service: str, port: int, path: str, **query: object) -> Any:
         """Return what a Service of the stack answers."""
         ref = ObjectRef("v1", "Service", self.namespace, service)
-        answer = json.loads(self.cluster.proxied(ref, path, port=port, query=query))
+        answer = json.loads(self.cluster.get_through_proxy(ref, path, port=port, query=query))
         assert answer["status"] == "success", answer
         return answer["data"]
 

@@ -190,7 +190,7 @@ def test_the_operator_runs_a_prometheus(
 
     def answer() -> bool:
         try:
-            told = cluster.proxied(pod, "-/ready", port=9090).decode()
+            told = cluster.get_through_proxy(pod, "-/ready", port=9090).decode()
         except ClusterError:
             return False
         return "Prometheus Server is Ready" in told

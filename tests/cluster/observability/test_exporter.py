@@ -106,7 +106,7 @@ class Demo:
     def metrics(self) -> dict[str, float]:
         """One scrape, as the API server passes it on: name and labels -> value."""
         ref = ObjectRef("v1", "Pod", self.namespace, f"{self.pod(EXPORTER)}:{EXPORTER_PORT}")
-        text = self.cluster.proxied(ref, "metrics").decode()
+        text = self.cluster.get_through_proxy(ref, "metrics").decode()
         lines = (line.rpartition(" ") for line in text.splitlines() if not line.startswith("#"))
         return {name: float(value) for name, _, value in lines}
 

@@ -84,7 +84,7 @@ class Place:
         end = time.monotonic() + 180
         while True:
             try:
-                return str(self.cluster.proxied(ref, path, port=port).decode())
+                return str(self.cluster.get_through_proxy(ref, path, port=port).decode())
             except ClusterError:
                 if time.monotonic() > end:
                     raise

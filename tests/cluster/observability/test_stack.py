@@ -392,7 +392,9 @@ def test_what_is_not_run_here_is_taken_by_the_api_server(
 def test_pods_have_series_of_cadvisor_and_no_metrics_server(cluster: Any) -> None:
     """Each pod's processor and memory are in the kubelet's answer; metrics.k8s.io is nobody's."""
     node = cluster.nodes()[0]["metadata"]["name"]
-    answer = cluster.proxied(ObjectRef("v1", "Node", "", node), "metrics/cadvisor").decode()
+    answer = cluster.get_through_proxy(
+        ObjectRef("v1", "Node", "", node), "metrics/cadvisor"
+    ).decode()
     pod = next(
         pod["metadata"]["name"]
         for pod in cluster.list("v1", "Pod", fields=f"spec.nodeName={node},status.phase=Running")

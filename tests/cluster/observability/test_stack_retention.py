@@ -115,7 +115,7 @@ def test_lines_beyond_the_retention_are_deleted(brief: Stack) -> None:
 
     def deleted() -> bool:
         ref = ObjectRef("v1", "Service", brief.namespace, "loki")
-        text = brief.cluster.proxied(ref, "metrics", port=3100).decode()
+        text = brief.cluster.get_through_proxy(ref, "metrics", port=3100).decode()
         counts = [
             line
             for line in text.splitlines()

@@ -15,7 +15,7 @@ import pytest
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.images.credentials import RegistryCredentials
-from rigel_k8s.images.docker import Docker, builder_platforms, with_credentials
+from rigel_k8s.images.docker import Docker, add_credentials, builder_platforms
 from rigel_k8s.images.engine import Build, Session
 
 INSPECTED = """Name:   default
@@ -157,7 +157,7 @@ def test_a_credential_store_does_not_hide_them(fake: Fake) -> None:
     session = attrs.evolve(
         fake.session, credentials=(SECRET, RegistryCredentials("docker.io", "a", "b"))
     )
-    config = with_credentials({"credsStore": "desktop"}, session)
+    config = add_credentials({"credsStore": "desktop"}, session)
     assert config["credsStore"] == "desktop"
     assert config["credHelpers"] == {"host:5000": "", "docker.io": "", "index.docker.io": ""}
 

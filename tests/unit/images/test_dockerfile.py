@@ -9,7 +9,13 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.images.dockerfile import Recipe, dockerfile, entrypoint, exec_form, ignored
+from rigel_k8s.images.dockerfile import (
+    Recipe,
+    dockerfile,
+    entrypoint,
+    exec_form,
+    render_dockerignore,
+)
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -134,5 +140,5 @@ def test_the_last_line_is_a_command() -> None:
 
 def test_a_workspace_leaves_out_what_was_built_in_it() -> None:
     """build/ and devel/ of a workspace stay out; those of a single package may be its own."""
-    assert "devel" in ignored(["src/hello"]).splitlines()
-    assert "devel" not in ignored(["."]).splitlines()
+    assert "devel" in render_dockerignore(["src/hello"]).splitlines()
+    assert "devel" not in render_dockerignore(["."]).splitlines()

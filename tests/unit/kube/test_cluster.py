@@ -157,7 +157,7 @@ def test_a_refusal_is_none_of_that(serve: Any) -> None:
         lambda: client.list("x.example.com/v1", "Robot"),
         lambda: client.create(MANIFEST),
         lambda: list(client.logs("n", "p")),
-        lambda: client.proxied(REF, "x"),
+        lambda: client.get_through_proxy(REF, "x"),
     ):
         with pytest.raises(ClusterError, match="no right"):
             call()
@@ -244,7 +244,7 @@ def test_a_service_is_asked_through_the_server(serve: Any) -> None:
     client, server = serve(answer_with(b"pong"))
     service = ObjectRef("v1", "Service", "robot", "loki")
     query = {"match": ["a", "b c"]}
-    assert client.proxied(service, "loki/api/v1/x", port=3100, query=query) == b"pong"
+    assert client.get_through_proxy(service, "loki/api/v1/x", port=3100, query=query) == b"pong"
     request = asked(server)
     assert request.path == "/api/v1/namespaces/robot/services/loki%3A3100/proxy/loki/api/v1/x"
     assert request.query == query

@@ -13,7 +13,7 @@ import yaml
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION, NetworkPlan, PodIdentity
-from rigel_k8s.objects.overlay import plain
+from rigel_k8s.objects.overlay import simplify
 
 from ..app.shapes import options
 
@@ -45,7 +45,7 @@ def revision(name: str, address: str) -> dict[str, Any]:
 def made(told: NetworkPlan) -> Iterator[Mapping[str, Any]]:
     """Yield the objects of a plan, then the wiring of each pod."""
     for _, item in network_objects(told):
-        yield plain(item)
+        yield simplify(item)
     for pod in told.pods:
         found = attrs.asdict(wire_pod(told, pod), recurse=False)
-        yield {"wiring": pod.name} | {key: plain(v) for key, v in found.items() if v}
+        yield {"wiring": pod.name} | {key: simplify(v) for key, v in found.items() if v}

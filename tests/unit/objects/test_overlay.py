@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.app.partial import flat, is_partial, overlay
-from rigel_k8s.objects.overlay import merge, plain
+from rigel_k8s.objects.overlay import merge, simplify
 from rigel_k8s.objects.scalars import Port, Quantity
 
 
@@ -50,7 +50,7 @@ def test_merging(base: dict[str, Any], over: dict[str, Any], result: dict[str, A
 
 def test_plain_data_is_of_jsons_own_types() -> None:
     """A subclass of str would reach the YAML writer as a Python object."""
-    made = plain({Quantity("a"): (Port(1), Quantity("1Gi"), True, None, 1.5)})
+    made = simplify({Quantity("a"): (Port(1), Quantity("1Gi"), True, None, 1.5)})
     assert made == {"a": [1, "1Gi", True, None, 1.5]}
     assert [type(v) for v in made["a"]] == [int, str, bool, type(None), float]
     assert [type(k) for k in made] == [str]

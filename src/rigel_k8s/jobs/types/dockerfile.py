@@ -20,7 +20,7 @@ from rigel_k8s.images.dockerfile import (
     dockerfile,
     entrypoint,
     exec_form,
-    ignored,
+    render_dockerignore,
 )
 from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.option_text import Scalar, has_template, text_of
@@ -131,7 +131,7 @@ class DockerfileJob:
         for file in files:
             _refuse_foreign(file)
         if _is_ours(directory / _IGNORE_FILE):
-            files[directory / _IGNORE_FILE] = f"{_MARK_LINE}{ignored(recipe.packages)}"
+            files[directory / _IGNORE_FILE] = f"{_MARK_LINE}{render_dockerignore(recipe.packages)}"
         if not recipe.builds:
             job.report.line(
                 f"nothing to compile in {directory}: the sources are copied as they are"

@@ -17,7 +17,7 @@ from rigel_k8s.network.files import SCRIPT, around, files_config, interface_scri
 from rigel_k8s.network.mode import Mode, ModeUse, mode_path
 from rigel_k8s.network.options import INTERFACE, Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
-from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, Object, compact
+from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, Object, drop_empty
 from rigel_k8s.problems import Problem
 
 NETWORKS_ANNOTATION = "k8s.v1.cni.cncf.io/networks"
@@ -58,7 +58,7 @@ def definition(plan: NetworkPlan, network: Network) -> Object:
 def plugin(name: str, network: Network) -> dict[str, Any]:
     """Return the configuration of the macvlan or ipvlan plugin."""
     static = {"capabilities": {"ips": True}} if network.ipam == "static" else {}
-    return compact(
+    return drop_empty(
         {
             "cniVersion": CNI_VERSION,
             "name": name,
@@ -74,14 +74,14 @@ def plugin(name: str, network: Network) -> dict[str, Any]:
 
 def ipam(network: Network) -> dict[str, Any]:
     """Return who gives out addresses, and which."""
-    routes = {"routes": [compact({"dst": to, "gw": network.gateway}) for to in network.routes]}
+    routes = {"routes": [drop_empty({"dst": to, "gw": network.gateway}) for to in network.routes]}
     kind = network.ipam or "whereabouts"
     if kind == "whereabouts":
-        return compact({"type": kind, **whereabouts_range(network), **routes})
+        return drop_empty({"type": kind, **whereabouts_range(network), **routes})
     if kind == "host-local":
-        return compact({"type": kind, "ranges": [host_local_ranges(network)], **routes})
+        return drop_empty({"type": kind, "ranges": [host_local_ranges(network)], **routes})
     if kind == "static":
-        return compact({"type": kind, **routes})
+        return drop_empty({"type": kind, **routes})
     return {"type": kind}
 
 
@@ -106,7 +106,7 @@ def host_local_ranges(network: Network) -> list[dict[str, Any]]:
     """Return the ranges as host-local reads them; it knows no exclusions, only several ranges."""
     pool = Pool(network)
     return [
-        compact(
+        drop_empty(
             {
                 "subnet": str(pool.subnet),
                 "rangeStart": str(first),

@@ -11,8 +11,8 @@ from rigel_k8s.network.files import around
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
-from rigel_k8s.objects.pods import Object, compact, inpod_volume, stop_hook
-from rigel_k8s.objects.text import words
+from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, stop_hook
+from rigel_k8s.objects.text import split_words
 from rigel_k8s.objects.workloads import deployment, service
 
 #: The options of `network` that describe a server.
@@ -21,7 +21,7 @@ SERVER_KEYS = frozenset({"image", "command", "service_account"})
 
 def command_line(network: Network, default: Sequence[str]) -> list[str]:
     """Return what the image's ENTRYPOINT runs."""
-    return words(network.command) if network.command else list(default)
+    return split_words(network.command) if network.command else list(default)
 
 
 def environment(sources: dict[str, Object]) -> list[Object]:
@@ -69,7 +69,7 @@ def server_deployment(plan: NetworkPlan, network: Network, name: str, container:
     return deployment(
         around(plan),
         name,
-        compact(pod),
+        drop_empty(pod),
         strategy={"type": "Recreate"},
         annotations={FIRST_ANNOTATION: "true"},
     )

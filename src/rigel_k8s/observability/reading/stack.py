@@ -46,7 +46,7 @@ class StackService:
     def ask(self, path: str, query: Mapping[str, object] | None = None) -> bytes:
         """Return what it answers to a GET; raises as Cluster.proxied."""
         ref = ObjectRef("v1", "Service", self.namespace, self.name)
-        return self.cluster.proxied(ref, self.prefix + path, port=self.port, query=query)
+        return self.cluster.get_through_proxy(ref, self.prefix + path, port=self.port, query=query)
 
 
 @attrs.frozen

@@ -47,7 +47,7 @@ class Watch:
 
     def _ask(self, name: str, port: int, path: str, query: dict[str, object]) -> Any:
         service = ObjectRef("v1", "Service", self.namespace, name)
-        answer = json.loads(self.cluster.proxied(service, path, port=port, query=query))
+        answer = json.loads(self.cluster.get_through_proxy(service, path, port=port, query=query))
         assert answer["status"] == "success", answer
         return answer["data"]
 

@@ -37,7 +37,7 @@ def kubelets_word(cluster: Any, row: dict[str, Any]) -> tuple[float, float]:
     ref = ObjectRef("v1", "Node", "", row["node"])
     [pod] = [
         pod
-        for pod in json.loads(cluster.proxied(ref, "stats/summary"))["pods"]
+        for pod in json.loads(cluster.get_through_proxy(ref, "stats/summary"))["pods"]
         if pod["podRef"]["name"] == row["pod"]
     ]
     return pod["cpu"]["usageNanoCores"] / 1e9, pod["memory"]["workingSetBytes"]

@@ -14,7 +14,7 @@ import pytest
 from rigel_k8s.errors import ConflictError, NotFoundError
 from rigel_k8s.kube.failures import Conflict, Refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.ownership import covers, managers, owned_fields, taken_over
+from rigel_k8s.release.ownership import covers, find_owned_fields, managers, take_over
 
 from .until import until
 
@@ -238,7 +238,7 @@ class ClusterContract:
     def test_ownership_can_be_written(self, cluster: Any, other: Any, namespace: str) -> None:
         """The way of --adopt: what others had set becomes ours, and goes when we do not say it."""
         theirs = other.apply(config(namespace, a="1", extra="theirs"))
-        meta = {"managedFields": taken_over(theirs), "resourceVersion": version(theirs)}
+        meta = {"managedFields": take_over(theirs), "resourceVersion": version(theirs)}
         live = cluster.patch(ref_of(theirs), {"metadata": meta})
         assert managers(live) == ()
         assert cluster.apply(config(namespace, a="1"))["data"] == {"a": "1"}
@@ -264,7 +264,7 @@ class ClusterContract:
     def test_defaults_belong_to_nobody(self, cluster: Any, other: Any, namespace: str) -> None:
         live = cluster.apply(deployment(namespace, replicas=0))
         assert live["spec"]["strategy"]["rollingUpdate"]["maxSurge"] == "25%"
-        assert "f:strategy" not in owned_fields(live)["f:spec"]
+        assert "f:strategy" not in find_owned_fields(live)["f:spec"]
         other.apply({**deployment(namespace), "spec": {**deployment(namespace)["spec"]}})
 
     # What is refused.

@@ -22,7 +22,7 @@ from rigel_k8s.observability.manifests.stack import Boards, Stack
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.observability.request import StackRequest
-from rigel_k8s.release.deploy import last_good
+from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 
@@ -56,7 +56,7 @@ def desired_stack(request: StackRequest, cluster: Cluster) -> DesiredStack:
         UserError: there is one in another namespace, or what all say together contradicts itself.
     """
     where = _namespace(request.namespace, installed_in(cluster))
-    last = last_good(cluster, ReleaseId(where, RELEASE))
+    last = find_last_good(cluster, ReleaseId(where, RELEASE))
     said = merge(dict(last.options) if last else {}, request.said)
     stack = Stack(
         _options(said),

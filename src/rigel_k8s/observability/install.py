@@ -18,7 +18,7 @@ from rigel_k8s.observability.manifests.operator import GROUP_VERSION, KINDS
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import deploy, diff, last_good
+from rigel_k8s.release.deploy import deploy, diff, find_last_good
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 
@@ -105,7 +105,7 @@ def _installed(
     asked: DesiredStack, cluster: Cluster, options: DeployOptions, password: str | None
 ) -> StackResult:
     _warn_of_lost_data(asked, options.report)
-    last = last_good(cluster, asked.release)
+    last = find_last_good(cluster, asked.release)
     plan = diff(asked.desired, cluster, adopt=options.adopt)
     if asked.stack.has_grafana:
         _make_namespace(cluster, asked.release)

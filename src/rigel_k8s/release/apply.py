@@ -14,7 +14,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import WORKLOADS, rank, wave
-from rigel_k8s.release.ownership import managers, taken_over
+from rigel_k8s.release.ownership import managers, take_over
 from rigel_k8s.release.plan import predecessors
 from rigel_k8s.release.types import Plan, Step
 from rigel_k8s.report import Reporter
@@ -56,7 +56,7 @@ class Applier:
             self.go_on()
             done = self.cluster.parallel(self.write, chosen)
             applied |= {s.ref: live for s, live in zip(chosen, done, strict=True)}
-            self.until_defined(chosen)
+            self.wait_until_defined(chosen)
             if comes_first(chosen[0]) and chosen is not ordered[-1]:
                 self.until_ready(done)
         return applied
@@ -67,7 +67,7 @@ class Applier:
             raise AssertionError("only steps with a manifest write")
         live = step.live
         if live is not None and live["metadata"].get("deletionTimestamp"):
-            self.until_gone([step.ref])
+            self.wait_until_gone([step.ref])
             live = None
         if live is not None and keeps_rolling(step.manifest, live):
             live = self.end_rolling(step.ref)
@@ -91,7 +91,7 @@ class Applier:
         """
         for again in range(TAKE_OVER_TRIES):
             meta = {
-                "managedFields": taken_over(live),
+                "managedFields": take_over(live),
                 "resourceVersion": live["metadata"]["resourceVersion"],
             }
             try:
@@ -116,10 +116,10 @@ class Applier:
         before = [step for step in workloads if step not in last]
         self.cluster.parallel(self.delete, before)
         if last or any(step.ref.kind in CLAIMS for step in others):
-            self.until_no_pods(before)
+            self.wait_until_no_pods(before)
         self.cluster.parallel(self.delete, last)
         if any(step.ref.kind in CLAIMS for step in others):
-            self.until_no_pods(last)
+            self.wait_until_no_pods(last)
         for number in sorted({rank(step.ref.kind) for step in others}, reverse=True):
             self.cluster.parallel(self.delete, [s for s in others if rank(s.ref.kind) == number])
 
@@ -128,7 +128,7 @@ class Applier:
         self.cluster.parallel(self.delete, steps)
         for step in steps:
             self.report.progress(step.ref.name, "ends before its successor starts")
-        self.until_no_pods(steps)
+        self.wait_until_no_pods(steps)
         for step in steps:
             self.report.progress(step.ref.name, "gone", done=True)
 
@@ -140,15 +140,15 @@ class Applier:
         except ConflictError:
             self.report.warn(f"{step.ref} was made anew by somebody else meanwhile: left alone")
 
-    def until_no_pods(self, steps: Iterable[Step]) -> None:
+    def wait_until_no_pods(self, steps: Iterable[Step]) -> None:
         """Wait until no pod of some workloads is left."""
         ended = list(steps)
-        self.until_gone([step.ref for step in ended if step.ref.kind == "Pod"])
+        self.wait_until_gone([step.ref for step in ended if step.ref.kind == "Pod"])
         for step in ended:
             if labels := selector(step.live):
-                self.until_no_pods_of(step.ref, labels)
+                self.wait_until_no_pods_of(step.ref, labels)
 
-    def until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
+    def wait_until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
         """Wait until no pod has some labels."""
         end = time.monotonic() + self.gone_timeout
         while time.monotonic() < end:
@@ -176,9 +176,9 @@ class Applier:
             else:
                 left.add(name)
 
-    def until_gone(self, refs: Sequence[ObjectRef]) -> None:
+    def wait_until_gone(self, refs: Sequence[ObjectRef]) -> None:
         """Wait until objects that are being deleted are gone, for all of them at once."""
-        end, left = time.monotonic() + self.gone_timeout, self.ending(refs)
+        end, left = time.monotonic() + self.gone_timeout, self.find_ending(refs)
         while left:
             if time.monotonic() > end:
                 held = [f"{ref_of(live)}: {holders(live)} holds it" for live in left]
@@ -189,18 +189,18 @@ class Applier:
                 )
             self.go_on()
             self.cancel.wait(LOOK)
-            left = self.ending([ref_of(live) for live in left])
+            left = self.find_ending([ref_of(live) for live in left])
 
-    def ending(self, refs: Sequence[ObjectRef]) -> list[Live]:
+    def find_ending(self, refs: Sequence[ObjectRef]) -> list[Live]:
         """Return those objects that are there and being deleted."""
         found = filter(None, self.cluster.parallel(self.cluster.get, refs))
         return [live for live in found if live["metadata"].get("deletionTimestamp")]
 
-    def until_defined(self, steps: Iterable[Step]) -> None:
+    def wait_until_defined(self, steps: Iterable[Step]) -> None:
         """Wait until the kinds that were just defined are served."""
         end = time.monotonic() + DEFINED_TIMEOUT
         for step in steps:
-            for api_version, kind in defined(step.manifest):
+            for api_version, kind in list_defined_kinds(step.manifest):
                 while not self.cluster.serves(api_version, kind):
                     if time.monotonic() > end:
                         raise ClusterError(f"{step.ref} is not served after {DEFINED_TIMEOUT:g} s")
@@ -228,7 +228,7 @@ def selector(live: Manifest | None) -> Mapping[str, str]:
     return labels
 
 
-def defined(manifest: Manifest | None) -> list[tuple[str, str]]:
+def list_defined_kinds(manifest: Manifest | None) -> list[tuple[str, str]]:
     """Return the API versions and kinds that a CustomResourceDefinition brings."""
     if manifest is None or manifest["kind"] != "CustomResourceDefinition":
         return []

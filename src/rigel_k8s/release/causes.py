@@ -60,7 +60,7 @@ def pods_of(
         return [pod for pod in pods if pod["metadata"]["uid"] == uid]
     owners = {uid}
     if workload["kind"] == "Deployment":
-        owners = {rs["metadata"]["uid"] for rs in newest(workload, replica_sets)}
+        owners = {rs["metadata"]["uid"] for rs in find_newest(workload, replica_sets)}
     found = [pod for pod in pods if owner(pod) in owners]
     revision = (workload.get("status") or {}).get("updateRevision")
     if workload["kind"] == "StatefulSet" and revision:
@@ -69,7 +69,7 @@ def pods_of(
     return found
 
 
-def newest(deployment: Manifest, replica_sets: Iterable[Manifest]) -> Iterator[Manifest]:
+def find_newest(deployment: Manifest, replica_sets: Iterable[Manifest]) -> Iterator[Manifest]:
     """Yield the ReplicaSet of a Deployment's newest template."""
     note = "deployment.kubernetes.io/revision"
     number = (deployment["metadata"].get("annotations") or {}).get(note)
@@ -101,14 +101,14 @@ def causes(
         owners: the workload's ReplicaSets, whose events count as its own.
     """
     warnings = list(events)
-    found = [*of_owner(workload, owners, warnings)]
+    found = [*explain_owner(workload, owners, warnings)]
     for pod in pods:
         if not pod["metadata"].get("deletionTimestamp"):
-            found += of_pod(pod, warnings)
+            found += explain_pod(pod, warnings)
     return list({cause.key: cause for cause in reversed(found)}.values())[::-1]
 
 
-def of_owner(
+def explain_owner(
     workload: Manifest, owners: Sequence[Manifest], events: Sequence[Manifest]
 ) -> Iterator[Cause]:
     """Yield why a workload's controller cannot make pods (a quota, an admission)."""
@@ -123,22 +123,22 @@ def of_owner(
                 yield Cause("quota", f"no pod can be made: {event.get('message', '')}")
 
 
-def of_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
+def explain_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
     """Yield what is wrong with one pod."""
     name, status = pod["metadata"]["name"], pod.get("status") or {}
     for condition in status.get("conditions") or []:
         if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
-            yield unscheduled(str(condition.get("message", "")), name)
+            yield explain_scheduling(str(condition.get("message", "")), name)
     if status.get("phase") == "Failed":
         told = status.get("message") or status.get("reason") or "see its log"
         evicted = status.get("reason") == "Evicted"
         yield Cause("evicted" if evicted else "failed", f"pod {name} failed: {told}", name)
     for container in containers(status):
-        yield from of_container(pod, container)
-    yield from of_events(pod, events)
+        yield from explain_container(pod, container)
+    yield from explain_by_events(pod, events)
 
 
-def unscheduled(message: str, pod: str) -> Cause:
+def explain_scheduling(message: str, pod: str) -> Cause:
     """Return why the scheduler finds no node."""
     lowered = message.lower()
     if "persistentvolumeclaim" in lowered:
@@ -146,7 +146,7 @@ def unscheduled(message: str, pod: str) -> Cause:
     return Cause("unschedulable", f"no node takes the pod: {message}", pod)
 
 
-def of_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[Cause]:
+def explain_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[Cause]:
     """Yield why one container does not run."""
     name, own = pod["metadata"]["name"], container["name"]
     waiting = (container.get("state") or {}).get("waiting") or {}
@@ -161,7 +161,7 @@ def of_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[Cause]
     elif reason in START:
         yield Cause("start", f"container {own} cannot be started: {message or reason}", name, own)
     elif not container.get("ready"):
-        yield from of_exit(name, container)
+        yield from explain_exit(name, container)
 
 
 def core(message: str) -> str:
@@ -169,7 +169,7 @@ def core(message: str) -> str:
     return message.rpartition('": ')[2] or message
 
 
-def of_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
+def explain_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
     """Yield how a container ended, where it did."""
     state, last = container.get("state") or {}, container.get("lastState") or {}
     ended = state.get("terminated") or last.get("terminated")
@@ -201,11 +201,11 @@ def exit_words(ended: Mapping[str, Any]) -> str:
     return f"exited with code {code}{signal}"
 
 
-def of_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
+def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
     """Yield what the events say about a pod whose containers have not started."""
     name, status = pod["metadata"]["name"], pod.get("status") or {}
     started = any(map(is_past_mounts, containers(status)))
-    for event in about(pod, events):
+    for event in find_events(pod, events):
         kind, message = EVENTS.get(event["reason"], ""), event.get("message") or ""
         if kind and not started and not BUSY.search(message):
             yield Cause(kind, f"{event['reason']}: {message}", name)
@@ -221,12 +221,12 @@ def is_past_mounts(container: Mapping[str, Any]) -> bool:
 
 def probe_failure(pod: Manifest, events: Iterable[Manifest]) -> str:
     """Return what the last failed probe of a pod said, "" where none failed."""
-    failed = [e for e in about(pod, events) if e["reason"] in ("Unhealthy", "ProbeWarning")]
+    failed = [e for e in find_events(pod, events) if e["reason"] in ("Unhealthy", "ProbeWarning")]
     failed.sort(key=lambda event: str(event.get("lastTimestamp") or event.get("eventTime") or ""))
     return " ".join(str(failed[-1].get("message", "")).split()) if failed else ""
 
 
-def about(pod: Manifest, events: Iterable[Manifest]) -> Iterator[Manifest]:
+def find_events(pod: Manifest, events: Iterable[Manifest]) -> Iterator[Manifest]:
     """Yield the events about a pod."""
     uid = pod["metadata"]["uid"]
     return (event for event in events if event["involvedObject"].get("uid") == uid)

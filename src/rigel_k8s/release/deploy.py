@@ -22,7 +22,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import refusals, revisions
 from rigel_k8s.release.apply import Applier
-from rigel_k8s.release.lease import Held, held
+from rigel_k8s.release.lease import Held, hold
 from rigel_k8s.release.patience import Patience
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
@@ -112,7 +112,7 @@ def history(cluster: Cluster, release: ReleaseId) -> list[Revision]:
     ]
 
 
-def last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
+def find_last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
     """Return the newest revision that became ready, None where none has."""
     good = [r for r in revisions.records(cluster, release) if r.status == "good"]
     return good[-1].revision() if good else None
@@ -137,7 +137,7 @@ def rollback(
     Raises:
         UserError: there is no such revision.
     """
-    target = chosen(revisions.records(cluster, release), release, number).revision()
+    target = choose_record(revisions.records(cluster, release), release, number).revision()
     keep = frozenset(item.ref for item in target.inventory if item.ref.kind == "Secret")
     desired = Desired(release, target.objects, options=target.options)
     return carry_out(
@@ -155,7 +155,7 @@ def rollback(
     )
 
 
-def chosen(
+def choose_record(
     records: list[revisions.Record], release: ReleaseId, number: int | None
 ) -> revisions.Record:
     """Return the record to roll back to."""
@@ -180,16 +180,16 @@ def carry_out(run: Run) -> Revision:
         waiter(run, found, Held()).wait(live)
         return found.last
     make_namespace(run, found)
-    with held(run.cluster, run.release, run.report, run.cancel) as lease:
-        found, plan = again(run, found, plan)
-        return written(run, found, plan, lease)
+    with hold(run.cluster, run.release, run.report, run.cancel) as lease:
+        found, plan = look_again(run, found, plan)
+        return apply_and_record(run, found, plan, lease)
 
 
 def is_settled(found: Survey, plan: Plan) -> bool:
     """Whether the last revision is good and is what is wanted, and so is the cluster."""
     if found.last is None or found.last.status != "good" or plan.changes:
         return False
-    wanted = revisions.recordable(found.manifests)
+    wanted = revisions.choose_recordable(found.manifests)
     before = (found.last.objects, found.last.options)
     return json.dumps(before, sort_keys=True) == json.dumps(
         (wanted, found.desired.options), sort_keys=True
@@ -205,7 +205,7 @@ def make_namespace(run: Run, found: Survey) -> None:
             run.cluster.create(made)
 
 
-def again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
+def look_again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
     """Return what was found, looked at anew where another deploy has ended since."""
     for _ in range(ATTEMPTS):
         newest = revisions.records(run.cluster, run.release)
@@ -222,7 +222,7 @@ def versions(records: Collection[revisions.Record]) -> list[str]:
     return [str(record.secret["metadata"]["resourceVersion"]) for record in records]
 
 
-def written(run: Run, found: Survey, plan: Plan, lease: Held) -> Revision:
+def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revision:
     """Apply, wait, prune and record, with the Lease held."""
     tell_plan(run, plan)
     pending = new_revision(run, found, plan)
@@ -264,7 +264,7 @@ def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
         number=found.next_number,
         status="pending",
         created=datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        objects=revisions.recordable(found.manifests),
+        objects=revisions.choose_recordable(found.manifests),
         inventory=tuple(InventoryItem(ref, uid) for ref, uid in sorted(known.items())),
         options=run.desired.options,
         description=run.description,

@@ -38,12 +38,14 @@ def lines(shown: Manifest | None, other: Manifest | None, word: str) -> list[str
     notes = {key: value for key, value in notes.items() if key not in HIDDEN_NOTES}
     content["metadata"] = {**content["metadata"], "annotations": notes}
     if content["kind"] == "Secret":
-        content["data"] = dict(hidden(content.get("data") or {}, other, word))
+        content["data"] = dict(hide_values(content.get("data") or {}, other, word))
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     return str(yaml.dump(content, Dumper=dumper, width=1000)).splitlines(keepends=True)
 
 
-def hidden(data: dict[str, Any], other: Manifest | None, word: str) -> Iterator[tuple[str, str]]:
+def hide_values(
+    data: dict[str, Any], other: Manifest | None, word: str
+) -> Iterator[tuple[str, str]]:
     """Yield a Secret's keys; values only tell whether they are the other side's."""
     there = (other or {}).get("data") or {}
     for key, value in data.items():

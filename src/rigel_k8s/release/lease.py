@@ -48,7 +48,7 @@ class Held:
 
 
 @contextmanager
-def held(
+def hold(
     cluster: Cluster, release: ReleaseId, report: Reporter, cancel: threading.Event
 ) -> Iterator[Held]:
     """Hold a release's Lease.
@@ -57,7 +57,7 @@ def held(
         ClusterError: another deploy of the release is under way; tells whose it is.
     """
     ref = lease_ref(release)
-    lease = acquired(cluster, ref, report, cancel)
+    lease = acquire(cluster, ref, report, cancel)
     mine, over = Held(), threading.Event()
     thread = threading.Thread(target=renew, args=(cluster, lease, mine, over), daemon=True)
     thread.start()
@@ -77,7 +77,7 @@ def lease_ref(release: ReleaseId) -> ObjectRef:
     return ObjectRef("coordination.k8s.io/v1", "Lease", release.namespace, name)
 
 
-def acquired(
+def acquire(
     cluster: Cluster, ref: ObjectRef, report: Reporter, cancel: threading.Event
 ) -> dict[str, Any]:
     """Return the Lease when it is ours."""
@@ -88,15 +88,15 @@ def acquired(
             other = cluster.get(ref)
         if other is None:
             continue
-        if not dead(cluster, ref, other, report, cancel):
-            raise taken(ref, other)
+        if not is_dead(cluster, ref, other, report, cancel):
+            raise taken_error(ref, other)
         with suppress(ConflictError, NotFoundError):  # somebody else was quicker: look again
             version = {"resourceVersion": other["metadata"]["resourceVersion"]}
             return cluster.replace(manifest(ref, version))
     raise Interrupted("interrupted before anything was changed")
 
 
-def dead(
+def is_dead(
     cluster: Cluster,
     ref: ObjectRef,
     other: dict[str, Any],
@@ -104,7 +104,7 @@ def dead(
     cancel: threading.Event,
 ) -> bool:
     """Whether the holder of a Lease is gone; may take as long as a Lease lasts to find out."""
-    alive = same_machine(other)
+    alive = is_alive(other)
     if alive is not None:
         return not alive
     report.line(f"waiting up to {DURATION} s for the Lease of {holder(other)} to expire")
@@ -119,7 +119,7 @@ def dead(
     return True
 
 
-def taken(ref: ObjectRef, other: dict[str, Any]) -> ClusterError:
+def taken_error(ref: ObjectRef, other: dict[str, Any]) -> ClusterError:
     """Return the error for a Lease that somebody else holds."""
     release = ref.name.removeprefix("rigel.")
     since = other["spec"].get("acquireTime", "an unknown time")
@@ -178,23 +178,25 @@ def process() -> str:
     """Return what names this very process among all of this machine, "" where it cannot be told."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        return f"{boot} {Path('/proc/self/ns/pid').readlink()} {os.getpid()} {started(os.getpid())}"
+        return (
+            f"{boot} {Path('/proc/self/ns/pid').readlink()} {os.getpid()} {read_start(os.getpid())}"
+        )
     except OSError:
         return ""
 
 
-def started(pid: int) -> str:
+def read_start(pid: int) -> str:
     """Return when a process was started, in ticks since the machine was."""
     return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
 
 
-def same_machine(lease: dict[str, Any]) -> bool | None:
+def is_alive(lease: dict[str, Any]) -> bool | None:
     """Whether a Lease's holder lives, None where it is not a process of this machine."""
     words = str((lease["metadata"].get("annotations") or {}).get(PROCESS, "")).split()
     own = process().split()
     if len(words) != 4 or words[:2] != own[:2]:
         return None
     try:
-        return started(int(words[2])) == words[3]
+        return read_start(int(words[2])) == words[3]
     except OSError:
         return False

@@ -17,7 +17,7 @@ from rigel_k8s.objects.refs import Manifest
 CONTROLLERS = ("kube-", "kubelet", "k3s", "cloud-controller")
 
 
-def owned_fields(live: Manifest) -> Mapping[str, Any] | None:
+def find_owned_fields(live: Manifest) -> Mapping[str, Any] | None:
     """Return the tree of the fields that we applied, None where we did not."""
     for entry in live["metadata"].get("managedFields") or []:
         if is_ours(entry):
@@ -28,12 +28,12 @@ def owned_fields(live: Manifest) -> Mapping[str, Any] | None:
 
 def is_applied(live: Manifest) -> bool:
     """Whether we have applied an object (and no controller has made it)."""
-    return owned_fields(live) is not None
+    return find_owned_fields(live) is not None
 
 
 def covers(manifest: Manifest, live: Manifest) -> bool:
     """Whether every field of a manifest is still owned by us: nobody has changed it since."""
-    fields = owned_fields(live)
+    fields = find_owned_fields(live)
     if fields is None:
         return False
     said = {k: v for k, v in manifest.items() if k not in ("apiVersion", "kind", "metadata")}
@@ -72,7 +72,7 @@ def managers(live: Manifest) -> tuple[str, ...]:
     return tuple(dict.fromkeys(entry["manager"] for entry in entries if is_other_tool(entry)))
 
 
-def taken_over(live: Manifest) -> list[dict[str, Any]]:
+def take_over(live: Manifest) -> list[dict[str, Any]]:
     """Return the records of ownership with all that other tools had set as ours.
 
     The next apply then removes what they had set and we do not say.

@@ -90,7 +90,7 @@ class Ledger:
                 seen.cause = attrs.evolve(seen.cause, kind="restarted")
         return fresh
 
-    def hopeless(self, now: float) -> Iterator[Seen]:
+    def find_hopeless(self, now: float) -> Iterator[Seen]:
         """Yield the causes that have lasted too long."""
         for seen in self.seen.values():
             if seen.cause.kind == "restarted":  # it runs at the moment, and may get ready

@@ -9,7 +9,7 @@ from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import PROTECTED, rank
-from rigel_k8s.release.survey import Live, Survey, belongs, unchanged
+from rigel_k8s.release.survey import Live, Survey, belongs, is_unchanged
 from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId, Step
 
 #: What changes by itself, and what says nothing about the object.
@@ -47,12 +47,12 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
         raise result  # refusals.check comes first and explains it
     if live is None or live["metadata"].get("deletionTimestamp"):
         return Step("create", ref, manifest, live, result or manifest)
-    if unchanged(manifest, live) or (result is not None and same(live, result)):
+    if is_unchanged(manifest, live) or (result is not None and is_same(live, result)):
         return Step("keep", ref, manifest, live, live)
     return Step("change", ref, manifest, live, result)
 
 
-def same(live: Manifest, result: Manifest) -> bool:
+def is_same(live: Manifest, result: Manifest) -> bool:
     """Whether two states of an object differ in nothing that anybody wrote."""
     return substance(live) == substance(result)
 

@@ -22,7 +22,7 @@ NAMESPACE_ANNOTATION = "rigel-k8s/namespace"
 
 def manifests_to_apply(desired: Desired) -> tuple[Manifest, ...]:
     """Return all manifests as apply sends them, in the order of apply."""
-    made = [stamped(labelled(plain_secret(m), desired.release)) for m in desired.objects]
+    made = [add_hash(add_label(encode_secret(m), desired.release)) for m in desired.objects]
     return tuple(sorted(made, key=lambda m: rank(m["kind"])))
 
 
@@ -32,7 +32,7 @@ def hash_of(manifest: Manifest) -> str:
     return str(annotations.get(HASH_ANNOTATION, ""))
 
 
-def labelled(manifest: Manifest, release: ReleaseId) -> dict[str, Any]:
+def add_label(manifest: Manifest, release: ReleaseId) -> dict[str, Any]:
     """Return a manifest that says which release it belongs to."""
     meta = dict(manifest["metadata"])
     meta["labels"] = {**(meta.get("labels") or {}), RELEASE_LABEL: release.name}
@@ -42,7 +42,7 @@ def labelled(manifest: Manifest, release: ReleaseId) -> dict[str, Any]:
     return {**manifest, "metadata": meta}
 
 
-def stamped(manifest: Manifest) -> dict[str, Any]:
+def add_hash(manifest: Manifest) -> dict[str, Any]:
     """Return a manifest with the hash of all that it says."""
     meta = dict(manifest["metadata"])
     others = {k: v for k, v in (meta.get("annotations") or {}).items() if k != HASH_ANNOTATION}
@@ -52,7 +52,7 @@ def stamped(manifest: Manifest) -> dict[str, Any]:
     return {**manifest, "metadata": meta}
 
 
-def plain_secret(manifest: Manifest) -> Manifest:
+def encode_secret(manifest: Manifest) -> Manifest:
     """Return a Secret with `data` only: `stringData` cannot be read back."""
     if manifest["kind"] != "Secret" or "stringData" not in manifest:
         return manifest

@@ -55,7 +55,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
         Refused: immutable fields, or objects of another release.
         ConflictError: objects or fields of another manager, and nobody said to adopt them.
     """
-    problems = [*foreign(survey), *invalid(survey)]
+    problems = [*find_foreign(survey), *find_invalid(survey)]
     if problems:
         error = Refused(
             f"{survey.desired.release.name} cannot become what the Rigelfile says; "
@@ -64,7 +64,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
         )
         error.problems = tuple(problems)
         raise error
-    if lines := [] if adopt else [*unowned(survey), *conflicts(survey)]:
+    if lines := [] if adopt else [*find_unowned(survey), *find_conflicts(survey)]:
         raise ConflictError(
             f"{len(lines)} object(s) of {survey.desired.release.name} are managed by others; "
             "nothing was changed",
@@ -73,26 +73,26 @@ def check(survey: Survey, *, adopt: bool) -> None:
         )
 
 
-def foreign(survey: Survey) -> Iterator[Problem]:
+def find_foreign(survey: Survey) -> Iterator[Problem]:
     """Yield a problem for each object that another release owns."""
-    for ref, live in wanted_live(survey):
+    for ref, live in find_overwritten(survey):
         owner = (live["metadata"].get("labels") or {}).get(RELEASE_LABEL)
         if owner and not belongs(live, survey.desired.release):
             text = f"{ref} belongs to another release ({owner}): choose another name"
             yield Problem(survey.desired.origins.get(ref, ()), text, "other-release")
 
 
-def unowned(survey: Survey) -> Iterator[str]:
+def find_unowned(survey: Survey) -> Iterator[str]:
     """Yield a line for each object that is there and that we have not made."""
     known = {item.uid for item in survey.inventory if item.uid}
-    for ref, live in wanted_live(survey):
+    for ref, live in find_overwritten(survey):
         labels = live["metadata"].get("labels") or {}
         if RELEASE_LABEL not in labels and live["metadata"].get("uid") not in known:
             made_by = ", ".join(managers(live)) or "another program"
             yield f"{ref} is there already, made by {made_by}"
 
 
-def conflicts(survey: Survey) -> Iterator[str]:
+def find_conflicts(survey: Survey) -> Iterator[str]:
     """Yield a line for each object of which another manager owns fields that we want to write."""
     for ref, result in survey.results.items():
         if isinstance(result, Conflict) and result.fields:
@@ -103,14 +103,14 @@ def conflicts(survey: Survey) -> Iterator[str]:
             yield f"{ref}: {told}"
 
 
-def wanted_live(survey: Survey) -> Iterator[tuple[ObjectRef, Manifest]]:
+def find_overwritten(survey: Survey) -> Iterator[tuple[ObjectRef, Manifest]]:
     """Yield the objects that are there and that we are about to write."""
     for ref in survey.results:
         if ref in survey.live:
             yield ref, survey.live[ref]
 
 
-def invalid(survey: Survey) -> Iterator[Problem]:
+def find_invalid(survey: Survey) -> Iterator[Problem]:
     """Yield a problem for each object that Kubernetes would refuse."""
     manifests = {(m["kind"], m["metadata"]["name"]): m for m in survey.manifests}
     for ref, result in survey.results.items():
@@ -118,19 +118,19 @@ def invalid(survey: Survey) -> Iterator[Problem]:
             continue
         path = survey.desired.origins.get(ref, ())
         manifest = manifests[ref.kind, ref.name]
-        text = explained(ref, result, survey.live.get(ref), manifest)
+        text = explain(ref, result, survey.live.get(ref), manifest)
         kind = "unknown-kind" if isinstance(result, Missing) else "refused"
         yield Problem(path, f"{ref}: {text}", "immutable" if ref in survey.live else kind)
 
 
-def explained(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: Manifest) -> str:
+def explain(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: Manifest) -> str:
     """Return what a refusal means and the way out; Kubernetes' words where we know no better."""
     where = f"-n {ref.namespace} " if ref.namespace else ""
     delete = DELETE.format(where=where, kind=ref.kind.lower(), name=ref.name)
     text = " ".join(cause.message for cause in error.causes)
     if live is not None:
         if ref.kind == "PersistentVolumeClaim":
-            return claim(live, manifest, delete) or plain(error)
+            return claim(live, manifest, delete) or quote(error)
         if ref.kind == "PersistentVolume" and "immutable" in text:
             return VOLUME.format(delete=delete)
         if ref.kind == "Job" and "immutable" in text:
@@ -139,7 +139,7 @@ def explained(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: M
             return SELECTOR.format(kind=ref.kind, delete=delete)
         if ref.kind == "StatefulSet" and "Forbidden: updates to" in text:
             return f"{text}; or delete it first: {delete}"
-    return plain(error)
+    return quote(error)
 
 
 def claim(live: Manifest, manifest: Manifest, delete: str) -> str | None:
@@ -157,7 +157,7 @@ def claim(live: Manifest, manifest: Manifest, delete: str) -> str | None:
     return CLAIM.format(fields=", ".join(changed), delete=delete) if changed else None
 
 
-def plain(error: Refusal) -> str:
+def quote(error: Refusal) -> str:
     """Return a refusal in Kubernetes' own words."""
     causes = [f"{c.field}: {c.message}" if c.field else c.message for c in error.causes]
     return "; ".join(causes) or error.message

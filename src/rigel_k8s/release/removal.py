@@ -16,7 +16,7 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import CLAIMS, GONE_TIMEOUT, Applier
-from rigel_k8s.release.lease import held
+from rigel_k8s.release.lease import hold
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.plan import prunes
 from rigel_k8s.release.survey import belongs, namespace_ref
@@ -61,16 +61,16 @@ def down(
     cancel = cancel or threading.Event()
     if not find(cluster, release) and not revisions.records(cluster, release):
         return Plan(release, ())
-    with held(cluster, release, report, cancel):
+    with hold(cluster, release, report, cancel):
         live = find(cluster, release)
         items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
         plan = Plan(release, tuple(prunes(items, live, (), release, volumes=volumes)))
         applier = Applier(cluster, report, cancel, gone_timeout=timeout or GONE_TIMEOUT)
         applier.prune(plan.steps)
         pruned = [step for step in plan.steps if step.action == "prune"]
-        applier.until_no_pods(pruned)
+        applier.wait_until_no_pods(pruned)
         # Who deploys anew at once must not meet the old data.
-        applier.until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
+        applier.wait_until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
         revisions.forget(cluster, revisions.records(cluster, release))
     return plan
 
@@ -81,14 +81,14 @@ def find(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:
     inventory = records[-1].revision().inventory if records else ()
     found: dict[ObjectRef, Live] = {}
 
-    def listed(kind: tuple[str, str]) -> None:
+    def list_kind(kind: tuple[str, str]) -> None:
         try:
             there = cluster.list(*kind, release.namespace, labels={RELEASE_LABEL: release.name})
         except Forbidden:  # what we may not see we have not made
             return
         found.update({ref_of(o): o for o in there if belongs(o, release) and is_applied(o)})
 
-    cluster.parallel(listed, KINDS)
+    cluster.parallel(list_kind, KINDS)
     refs = [item.ref for item in inventory if item.ref not in found]
     uids = {item.ref: item.uid for item in inventory}
     for ref, live in zip(refs, cluster.parallel(cluster.get, refs), strict=True):

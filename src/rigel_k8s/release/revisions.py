@@ -58,7 +58,7 @@ class Record:
         Raises:
             ClusterError: it was written by a version of this tool that we do not understand.
         """
-        return decoded(self)
+        return decode(self)
 
 
 def secret_ref(release: ReleaseId, number: int) -> ObjectRef:
@@ -74,12 +74,12 @@ def records(cluster: Cluster, release: ReleaseId) -> list[Record]:
 
 def create(cluster: Cluster, revision: Revision) -> None:
     """Write a new record; Conflict where another run has written this number."""
-    cluster.create(encoded(revision))
+    cluster.create(encode(revision))
 
 
 def update(cluster: Cluster, revision: Revision) -> None:
     """Write a record's status and inventory anew."""
-    secret = encoded(revision)
+    secret = encode(revision)
     body = {"metadata": {"labels": secret["metadata"]["labels"]}, "data": secret["data"]}
     cluster.patch(secret_ref(revision.release, revision.number), body)
 
@@ -97,20 +97,20 @@ def forget(cluster: Cluster, old: Iterable[Record]) -> None:
 
 def record(revision: Revision) -> Record:
     """Return the record of a revision as it has just been written."""
-    return Record(revision.release, encoded(revision))
+    return Record(revision.release, encode(revision))
 
 
-def recordable(manifests: Iterable[Manifest]) -> tuple[Manifest, ...]:
+def choose_recordable(manifests: Iterable[Manifest]) -> tuple[Manifest, ...]:
     """Return the manifests that may stand in a record: all but Secrets."""
     return tuple(manifest for manifest in manifests if manifest["kind"] != "Secret")
 
 
-def encoded(revision: Revision) -> dict[str, Any]:
+def encode(revision: Revision) -> dict[str, Any]:
     """Return the Secret of a revision."""
     ref = secret_ref(revision.release, revision.number)
     payload = {
         "format": FORMAT,
-        "objects": recordable(revision.objects),
+        "objects": choose_recordable(revision.objects),
         "inventory": [[*attrs.astuple(item.ref), item.uid] for item in revision.inventory],
         "options": revision.options,
     }
@@ -138,15 +138,17 @@ def encoded(revision: Revision) -> dict[str, Any]:
     }
 
 
-def decoded(record: Record) -> Revision:
+def decode(record: Record) -> Revision:
     """Return the revision of a record."""
     secret = record.secret
     try:
         payload = json.loads(gzip.decompress(base64.b64decode(secret["data"]["release"])))
     except (KeyError, ValueError, OSError, EOFError) as error:
-        raise unreadable(record, "it is damaged") from error
+        raise unreadable_error(record, "it is damaged") from error
     if payload.get("format") != FORMAT:
-        raise unreadable(record, f"its format is {payload.get('format')}, this version knows 1")
+        raise unreadable_error(
+            record, f"its format is {payload.get('format')}, this version knows 1"
+        )
     notes = secret["metadata"].get("annotations") or {}
     return Revision(
         release=record.release,
@@ -161,7 +163,7 @@ def decoded(record: Record) -> Revision:
     )
 
 
-def unreadable(record: Record, why: str) -> ClusterError:
+def unreadable_error(record: Record, why: str) -> ClusterError:
     """Return the error for a record that cannot be read."""
     written = (record.secret["metadata"].get("annotations") or {}).get(VERSION) or "an unknown"
     return ClusterError(

@@ -98,7 +98,7 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
     Raises:
         UserError: nothing of it is on the cluster.
     """
-    found, records = collected(cluster, release)
+    found, records = collect(cluster, release)
     events = found.pop("Event", [])
     owned = [live for kind in found.values() for live in kind if kind and is_applied(live)]
     workloads = [live for live in owned if belongs(live, release)]
@@ -112,21 +112,21 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
         records[-1].number if records else 0,
         records[-1].status if records else "",
         tuple(
-            of_workload(live, found, events)
+            describe_workload(live, found, events)
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
             if live["kind"] in WORKLOADS or not readiness(live).done
         ),
     )
 
 
-def collected(
+def collect(
     cluster: Cluster, release: ReleaseId
 ) -> tuple[dict[str, list[Live]], Sequence[revisions.Record]]:
     """Return the release's objects, all pods of its namespace that may be its own, and warnings."""
     found: dict[str, list[Live]] = {}
     records: list[revisions.Record] = []
 
-    def listed(api_version: str, kind: str, **selectors: Any) -> Callable[[], None]:
+    def list_kind(api_version: str, kind: str, **selectors: Any) -> Callable[[], None]:
         def call() -> None:
             try:
                 found[kind] = cluster.list(api_version, kind, release.namespace, **selectors)
@@ -137,14 +137,14 @@ def collected(
         return call
 
     own = {RELEASE_LABEL: release.name}
-    work = [listed(*kind, labels=own) for kind in KINDS]
-    work += [listed("v1", "Pod", labels=own), listed("v1", "Event", fields="type=Warning")]
+    work = [list_kind(*kind, labels=own) for kind in KINDS]
+    work += [list_kind("v1", "Pod", labels=own), list_kind("v1", "Event", fields="type=Warning")]
     work.append(lambda: records.extend(revisions.records(cluster, release)))
     cluster.parallel(lambda call: call(), work)
     return found, records
 
 
-def of_workload(
+def describe_workload(
     live: Manifest, found: Mapping[str, Sequence[Live]], events: Iterable[Manifest]
 ) -> WorkloadStatus:
     """Return the state of one workload."""
@@ -165,12 +165,12 @@ def of_workload(
         state.wanted,
         state.done and state.ok,
         told,
-        tuple(of_pod(pod, warnings) for pod in sorted(pods, key=newest_first)),
+        tuple(describe_pod(pod, warnings) for pod in sorted(pods, key=newest_first)),
         live["metadata"].get("annotations") or {},
     )
 
 
-def of_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
+def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
     """Return the state of one pod."""
     meta, state = pod["metadata"], pod.get("status") or {}
     kind = KIND.search("" if is_ready(pod) else probe_failure(pod, events))
@@ -181,14 +181,14 @@ def of_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
         "Terminating" if is_ending(pod) else state.get("phase", "Unknown"),
         is_ready(pod),
         sum(int(c.get("restartCount", 0)) for c in containers(state)),
-        "" if is_ready(pod) else why(pod, events),
+        "" if is_ready(pod) else explain_unready(pod, events),
         meta.get("creationTimestamp", ""),
         next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
         kind.group(1) if kind else "",
     )
 
 
-def why(pod: Manifest, events: Sequence[Manifest]) -> str:
+def explain_unready(pod: Manifest, events: Sequence[Manifest]) -> str:
     """Return why a pod is not ready."""
     found = [cause.message for cause in causes(pod, [pod], events)]
     return "; ".join(filter(None, [*found, probe_failure(pod, events)]))

@@ -73,19 +73,19 @@ def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
     """
     release = desired.release
     manifests = manifests_to_apply(desired)
-    namespace, history, live = listed(cluster, release, manifests)
+    namespace, history, live = list_objects(cluster, release, manifests)
     check_namespace(desired, namespace)
     last = history[-1].revision() if history else None
-    live |= left_over(cluster, live, manifests, last)
-    candidates = [m for m in manifests if not unchanged(m, live.get(ref_of(m)))]
+    live |= find_left_over(cluster, live, manifests, last)
+    candidates = [m for m in manifests if not is_unchanged(m, live.get(ref_of(m)))]
     if namespace is None:
         candidates = [m for m in candidates if not m["metadata"].get("namespace")]
-    results = dry_runs(cluster, candidates, manifests, adopt=adopt)
-    live |= strangers(cluster, live, results)
+    results = try_candidates(cluster, candidates, manifests, adopt=adopt)
+    live |= find_strangers(cluster, live, results)
     return Survey(desired, manifests, live, results, namespace, history, last)
 
 
-def listed(
+def list_objects(
     cluster: Cluster, release: ReleaseId, manifests: Iterable[Manifest]
 ) -> tuple[Live | None, list[Record], dict[ObjectRef, Live]]:
     """Return the namespace, the history, and what of the release is there of the wanted kinds."""
@@ -133,7 +133,7 @@ def check_namespace(desired: Desired, namespace: Live | None) -> None:
         )
 
 
-def left_over(
+def find_left_over(
     cluster: Cluster,
     live: Mapping[ObjectRef, Live],
     manifests: Iterable[Manifest],
@@ -147,14 +147,14 @@ def left_over(
     return {ref: there for ref, there in found if there is not None}
 
 
-def unchanged(manifest: Manifest, live: Manifest | None) -> bool:
+def is_unchanged(manifest: Manifest, live: Manifest | None) -> bool:
     """Whether a live object is what a manifest says, by its hash and the fields that we own."""
     if live is None or live["metadata"].get("deletionTimestamp"):
         return False
     return hash_of(live) == hash_of(manifest) and covers(manifest, live)
 
 
-def dry_runs(
+def try_candidates(
     cluster: Cluster, candidates: Sequence[Manifest], manifests: Iterable[Manifest], *, adopt: bool
 ) -> dict[ObjectRef, Live | Refusal]:
     """Return what applying each candidate would make of it, or why it would be refused.
@@ -167,7 +167,7 @@ def dry_runs(
         if m["kind"] == "CustomResourceDefinition"
     }
 
-    def tried(manifest: Manifest) -> Live | Refusal:
+    def try_one(manifest: Manifest) -> Live | Refusal:
         try:
             return cluster.apply(manifest, force=adopt, dry_run=True)
         except Missing as error:
@@ -177,18 +177,18 @@ def dry_runs(
             return error
         except Refusal as error:
             if error.status == 400 and "dry run" in error.message:
-                return untried(cluster, manifest)
+                return assume_result(cluster, manifest)
             if error.status == 422 and "spec.strategy.rollingUpdate" in error.message:
-                return untried(cluster, manifest)  # apply ends the old strategy before
+                return assume_result(cluster, manifest)  # apply ends the old strategy before
             if error.status not in (409, 422) and not is_about_object(error):
                 raise
             return error
 
     refs = [ref_of(m) for m in candidates]
-    return dict(zip(refs, cluster.parallel(tried, candidates), strict=True))
+    return dict(zip(refs, cluster.parallel(try_one, candidates), strict=True))
 
 
-def untried(cluster: Cluster, manifest: Manifest) -> Live:
+def assume_result(cluster: Cluster, manifest: Manifest) -> Live:
     """Return what stands for a dry run that says nothing of the deploy."""
     live = cluster.get(ref_of(manifest))
     version = live["metadata"]["resourceVersion"] if live else ""
@@ -201,7 +201,7 @@ def is_about_object(error: Refusal) -> bool:
     return "quota" in error.message or "can be resized" in error.message
 
 
-def strangers(
+def find_strangers(
     cluster: Cluster, live: Mapping[ObjectRef, Live], results: Mapping[ObjectRef, Live | Refusal]
 ) -> dict[ObjectRef, Live]:
     """Return objects with our names that are not labelled as ours.

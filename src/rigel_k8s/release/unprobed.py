@@ -33,7 +33,7 @@ class Unprobed:
     uid: str  # of the pod
 
 
-def unprobed_in(workload: ObjectRef, pods: Iterable[Manifest]) -> Iterator[Unprobed]:
+def find_unprobed_in(workload: ObjectRef, pods: Iterable[Manifest]) -> Iterator[Unprobed]:
     """Yield the containers that nobody probes in those of a workload's pods that are to stay."""
     for pod in pods:
         meta = pod["metadata"]
@@ -42,7 +42,7 @@ def unprobed_in(workload: ObjectRef, pods: Iterable[Manifest]) -> Iterator[Unpro
                 yield Unprobed(workload, meta["name"], name, meta["uid"])
 
 
-def ended(cluster: Cluster, suspects: Iterable[Unprobed]) -> set[ObjectRef]:
+def find_ended(cluster: Cluster, suspects: Iterable[Unprobed]) -> set[ObjectRef]:
     """Return the workloads with a container that does not run, asking for all of them at once.
 
     Where logs may not be read, nothing is known and none has ended.

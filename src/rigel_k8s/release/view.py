@@ -93,7 +93,7 @@ class ReleaseView:
         """Return an object, None while it has not been seen."""
         return self.objects[ref.api_version, ref.kind].get(ref)
 
-    def owned(self, kind: Kind) -> dict[str, list[Live]]:
+    def group_by_owner(self, kind: Kind) -> dict[str, list[Live]]:
         """Return the objects of a kind by the UID of their owner (their own, without one)."""
         found: dict[str, list[Live]] = defaultdict(list)
         for live in self.objects[kind].values():

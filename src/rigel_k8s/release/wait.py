@@ -19,7 +19,7 @@ from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.patience import Ledger, Patience, Seen
 from rigel_k8s.release.readiness import UNSEEN, ObjectReadiness, readiness
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.release.unprobed import Unprobed, ended, unprobed_in
+from rigel_k8s.release.unprobed import Unprobed, find_ended, find_unprobed_in
 from rigel_k8s.release.view import EVENT, POD, REPLICA_SET, Kind, ReleaseView
 from rigel_k8s.report import Reporter
 
@@ -78,7 +78,7 @@ class Waiter:
         """
         targets = {ref_of(live): live for live in applied if is_waited_for(live)}
         self.optional = {ref: remedy(live) for ref, live in targets.items() if is_optional(live)}
-        if all(self.settled(ref, live) for ref, live in targets.items()):
+        if all(self.take_in(ref, live) for ref, live in targets.items()):
             return
         deadline = time.monotonic() + self.timeout
         spaces = {ref.namespace for ref in targets if ref.namespace}
@@ -93,7 +93,7 @@ class Waiter:
                     view.watch([EVENT], fields="type=Warning")
                 self.look_for_causes(view, targets, now)
                 if now > deadline and self.enough_since is None:
-                    raise self.too_late(view, targets)
+                    raise self.timeout_error(view, targets)
                 if self.cancel.is_set():
                     raise Interrupted(
                         f"interrupted while {self.release.name} was rolling out: "
@@ -109,8 +109,8 @@ class Waiter:
         own = f"{RELEASE_LABEL}={self.release.name}"
         view.watch(sorted(kinds - {POD}), labels=own)
         if kinds & {("apps/v1", "Deployment")}:
-            view.watch([REPLICA_SET], labels=own if all(map(labelled, found)) else "")
-        view.watch([POD], labels=own if all(map(labelled, found)) else "")
+            view.watch([REPLICA_SET], labels=own if all(map(has_label, found)) else "")
+        view.watch([POD], labels=own if all(map(has_label, found)) else "")
 
     def all_ready(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> bool:
         """Whether everything is ready; shows what has changed."""
@@ -118,10 +118,10 @@ class Waiter:
         for ref in targets:
             live = view.find(ref)
             if live is not None:
-                self.settled(ref, live)
-        return self.enough([ref for ref in targets if not self.ready(ref)])
+                self.take_in(ref, live)
+        return self.is_enough([ref for ref in targets if not self.is_ready(ref)])
 
-    def enough(self, waiting: Sequence[ObjectRef]) -> bool:
+    def is_enough(self, waiting: Sequence[ObjectRef]) -> bool:
         """Whether nothing is waited for any more: what is optional only has a short while."""
         if not all(ref in self.optional for ref in waiting):
             self.enough_since = None
@@ -138,13 +138,17 @@ class Waiter:
 
     def look_for_crashes(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> None:
         """Note which workloads crashed lately: without probes they look ready in between."""
-        pods, sets, now = view.owned(POD), view.owned(REPLICA_SET), time.monotonic()
+        pods, sets, now = (
+            view.group_by_owner(POD),
+            view.group_by_owner(REPLICA_SET),
+            time.monotonic(),
+        )
         for ref in targets:
             live = view.find(ref)
             if live is None or ref.kind not in WORKLOADS or ref not in self.rolling:
                 continue
             own = sets.get(live["metadata"]["uid"], [])
-            count = sum(map(crash_count, its_pods(live, own, pods)))
+            count = sum(map(crash_count, find_newest_pods(live, own, pods)))
             if count != self.crashes.get(ref, (0, 0.0))[0]:
                 self.crashes[ref] = (count, now)
         lately = {ref for ref, (_, since) in self.crashes.items() if now - since < STEADY}
@@ -152,28 +156,32 @@ class Waiter:
 
     def all_run(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> bool:
         """Whether what nobody probes really runs; each new pod is asked once, when all is ready."""
-        pods, sets, fresh = view.owned(POD), view.owned(REPLICA_SET), list[Unprobed]()
+        pods, sets, fresh = (
+            view.group_by_owner(POD),
+            view.group_by_owner(REPLICA_SET),
+            list[Unprobed](),
+        )
         for ref in targets:
             live = view.find(ref)
-            if live is not None and ref in self.rolling and self.ready(ref):
-                own = its_pods(live, sets.get(live["metadata"]["uid"], []), pods)
-                fresh += (u for u in unprobed_in(ref, own) if u.uid not in self.looked_at)
+            if live is not None and ref in self.rolling and self.is_ready(ref):
+                own = find_newest_pods(live, sets.get(live["metadata"]["uid"], []), pods)
+                fresh += (u for u in find_unprobed_in(ref, own) if u.uid not in self.looked_at)
         self.looked_at |= {one.uid for one in fresh}
-        for ref in (over := ended(self.cluster, fresh)):
+        for ref in (over := find_ended(self.cluster, fresh)):
             self.crashes[ref] = (self.crashes.get(ref, (0, 0.0))[0], time.monotonic())
         return not over
 
-    def settled(self, ref: ObjectRef, live: Manifest) -> bool:
+    def take_in(self, ref: ObjectRef, live: Manifest) -> bool:
         """Take in an object's state, show it, and return whether it is ready."""
         state = self.states[ref] = readiness(live)
         if not state.done:
             self.rolling.add(ref)
         told = {seen.ref for seen in self.ledger.seen.values()}
         if ref.kind in WORKLOADS and ref not in told and state.message != UNSEEN:
-            self.show(ref, state.message, done=self.ready(ref))
-        return self.ready(ref)
+            self.show(ref, state.message, done=self.is_ready(ref))
+        return self.is_ready(ref)
 
-    def ready(self, ref: ObjectRef) -> bool:
+    def is_ready(self, ref: ObjectRef) -> bool:
         """Whether an object is ready, or a claim that waits for its pod."""
         state = self.states.get(ref)
         if ref in self.unsteady and ref.kind != "Job":
@@ -193,38 +201,38 @@ class Waiter:
         if now - self.explained < EXPLAIN:
             return
         self.explained = now
-        found = list(self.current(view, targets))
+        found = list(self.find_causes(view, targets))
         wrong = {ref for ref, _ in found}
-        coming = any(not self.ready(ref) and ref not in wrong for ref in targets)
+        coming = any(not self.is_ready(ref) and ref not in wrong for ref in targets)
         for seen in self.ledger.note(now, found, others_coming=coming, unsteady=self.unsteady):
             if seen.cause.kind != "restarted":
                 self.tell(seen)
         for ref, cause in dict(reversed(found)).items():  # the first of each: two would take turns
             if ref.kind in WORKLOADS:
                 self.show(ref, cause.message, done=False)
-        if hopeless := [s for s in self.ledger.hopeless(now) if s.ref not in self.optional]:
-            raise self.failed(hopeless)
+        if hopeless := [s for s in self.ledger.find_hopeless(now) if s.ref not in self.optional]:
+            raise self.failure(hopeless)
 
-    def current(
+    def find_causes(
         self, view: ReleaseView, targets: dict[ObjectRef, Manifest]
     ) -> Iterator[tuple[ObjectRef, Cause]]:
         """Yield what is wrong now."""
-        pods, sets = view.owned(POD), view.owned(REPLICA_SET)
+        pods, sets = view.group_by_owner(POD), view.group_by_owner(REPLICA_SET)
         warnings = view.warnings()
         for ref in targets:
             live = view.find(ref)
-            if live is None or self.ready(ref):
+            if live is None or self.is_ready(ref):
                 continue
             if self.states[ref].done and not self.states[ref].ok:
                 yield ref, Cause("failed", self.states[ref].message)
             elif ref.kind == "PersistentVolumeClaim":
-                yield from ((ref, cause) for cause in self.of_claim(ref, live))
+                yield from ((ref, cause) for cause in self.explain_claim(ref, live))
             elif ref.kind in WORKLOADS:
                 own = sets.get(live["metadata"]["uid"], [])
-                for cause in causes(live, its_pods(live, own, pods), warnings, own):
+                for cause in causes(live, find_newest_pods(live, own, pods), warnings, own):
                     yield ref, cause
 
-    def of_claim(self, ref: ObjectRef, live: Manifest) -> Iterator[Cause]:
+    def explain_claim(self, ref: ObjectRef, live: Manifest) -> Iterator[Cause]:
         """Yield why a claim is not bound; one that waits for its first pod is as it shall be."""
         name = (live.get("spec") or {}).get("storageClassName")
         with suppress(ClusterError):
@@ -258,7 +266,7 @@ class Waiter:
             return [f"    {line}" for line in lines]
         return []
 
-    def failed(self, hopeless: Sequence[Seen]) -> RolloutFailed:
+    def failure(self, hopeless: Sequence[Seen]) -> RolloutFailed:
         """Return the error for causes that will not go away."""
         names = ", ".join(dict.fromkeys(seen.ref.name for seen in hopeless))
         return RolloutFailed(
@@ -271,15 +279,16 @@ class Waiter:
         """Return a cause as lines."""
         return [f"{seen.ref.kind} {seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
 
-    def too_late(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> RolloutFailed:
+    def timeout_error(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> RolloutFailed:
         """Return the error for the end of the time."""
-        pods, sets = view.owned(POD), view.owned(REPLICA_SET)
-        warnings, lines, late = view.warnings(), [], self.late(targets)
+        pods, sets = view.group_by_owner(POD), view.group_by_owner(REPLICA_SET)
+        warnings, lines, late = view.warnings(), [], self.find_late(targets)
         for ref in late:
             live = view.find(ref)
             own = sets.get(live["metadata"]["uid"], []) if live else []
             failures = [
-                probe_failure(p, warnings) for p in (its_pods(live, own, pods) if live else [])
+                probe_failure(p, warnings)
+                for p in (find_newest_pods(live, own, pods) if live else [])
             ]
             state = self.states[ref].message if ref in self.states else "not seen"
             lines.append("; ".join([f"{ref.kind} {ref.name}: {state}", *filter(None, failures)]))
@@ -291,9 +300,9 @@ class Waiter:
             details=lines,
         )
 
-    def late(self, targets: dict[ObjectRef, Manifest]) -> list[ObjectRef]:
+    def find_late(self, targets: dict[ObjectRef, Manifest]) -> list[ObjectRef]:
         """Return what the release cannot do without and is not ready."""
-        return [ref for ref in targets if not self.ready(ref) and ref not in self.optional]
+        return [ref for ref in targets if not self.is_ready(ref) and ref not in self.optional]
 
     def hint(self, ref: ObjectRef) -> str:
         """Return what to do next."""
@@ -310,7 +319,7 @@ def remedy(live: Manifest) -> str:
     return str((live["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))
 
 
-def its_pods(
+def find_newest_pods(
     workload: Manifest, sets: Sequence[Manifest], pods: dict[str, list[dict[str, Any]]]
 ) -> list[Manifest]:
     """Return the pods of a workload's newest template from those sorted by their owners."""
@@ -325,7 +334,7 @@ def crash_count(pod: Manifest) -> int:
     return ended + sum(int(c.get("restartCount", 0)) for c in states)
 
 
-def labelled(live: Manifest) -> bool:
+def has_label(live: Manifest) -> bool:
     """Whether an object's pods carry the release's label."""
     template = (live.get("spec") or {}).get("template")
     if template is None:

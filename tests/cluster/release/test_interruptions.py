@@ -17,7 +17,7 @@ from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import deploy, history
-from rigel_k8s.release.lease import held, lease_ref
+from rigel_k8s.release.lease import hold, lease_ref
 from rigel_k8s.release.removal import down
 from tests.support.until import until
 
@@ -115,7 +115,7 @@ def test_a_second_deploy_is_told_who_holds_the_release(
     deploy(make.desired(make.config(a="1")), cluster, report=report)
     wanted = make.desired(make.config(a="2"))
     with (
-        held(cluster, make.release, report, threading.Event()),
+        hold(cluster, make.release, report, threading.Event()),
         pytest.raises(ClusterError, match=f"process {os.getpid()}") as caught,
     ):
         deploy(wanted, cluster, report=report)

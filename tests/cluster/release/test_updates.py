@@ -12,7 +12,7 @@ import pytest
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import deploy, diff, history, last_good, rollback
+from rigel_k8s.release.deploy import deploy, diff, find_last_good, history, rollback
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired, ReleaseId
@@ -35,7 +35,7 @@ def test_a_deploy_makes_what_is_wanted_and_waits_until_it_is_ready(
     assert live["status"]["availableReplicas"] == 1
     assert (revision.number, revision.status) == (1, "good")
     assert all(item.uid for item in revision.inventory)
-    assert last_good(cluster, make.release).options == {"x": [1]}
+    assert find_last_good(cluster, make.release).options == {"x": [1]}
     assert ("talker", "1 of 1 ready", True) in report.states
 
 

@@ -97,8 +97,8 @@ def last(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     def found(cluster: Any, release: ReleaseId) -> Revision | None:
         return revision(options) if options else None
 
-    monkeypatch.setattr(observability_wanted, "last_good", found)
-    monkeypatch.setattr(observability_install, "last_good", found)
+    monkeypatch.setattr(observability_wanted, "find_last_good", found)
+    monkeypatch.setattr(observability_install, "find_last_good", found)
     return options
 
 

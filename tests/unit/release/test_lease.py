@@ -14,7 +14,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import deploy as release
 from rigel_k8s.release import lease
 from rigel_k8s.release.deploy import deploy, history
-from rigel_k8s.release.lease import PROCESS, Held, held, lease_ref, process
+from rigel_k8s.release.lease import PROCESS, Held, hold, lease_ref, process
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
@@ -41,7 +41,7 @@ def mine(monkeypatch: pytest.MonkeyPatch) -> Held:
     def hold(*_: Any) -> Iterator[Held]:
         yield made
 
-    monkeypatch.setattr(release, "held", hold)
+    monkeypatch.setattr(release, "hold", hold)
     return made
 
 
@@ -82,7 +82,7 @@ def test_a_lease_that_is_anothers_is_lost_and_left_alone(
     """The renewal finds another version, or none."""
     monkeypatch.setattr(lease, "RENEW", 0.01)
     other = fake.as_manager("other")
-    with held(fake, RELEASE, report, threading.Event()) as mine:
+    with hold(fake, RELEASE, report, threading.Event()) as mine:
         assert not mine.lost.is_set()
         fake.store.objects.pop(LEASE)
         if how == "taken over":
@@ -97,7 +97,7 @@ def test_a_lease_is_renewed_and_given_back(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lease, "RENEW", 0.01)
-    with held(fake, RELEASE, report, threading.Event()) as mine:
+    with hold(fake, RELEASE, report, threading.Event()) as mine:
         first = fake.objects[LEASE]["metadata"]["resourceVersion"]
         until(
             lambda: fake.objects[LEASE]["metadata"]["resourceVersion"] != first,

@@ -50,9 +50,9 @@ def waiter(told: Recorder, remedy: str = "") -> Waiter:
 def test_what_is_needed_is_waited_for_whatever_else_there_is(now: list[float]) -> None:
     told = Recorder()
     made = waiter(told)
-    assert not made.enough([NEEDED, EXTRA])
+    assert not made.is_enough([NEEDED, EXTRA])
     now[0] += 10 * GRACE
-    assert not made.enough([NEEDED])
+    assert not made.is_enough([NEEDED])
     assert told.warnings == []
 
 
@@ -60,11 +60,11 @@ def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float])
     told = Recorder()
     made = waiter(told)
     now[0] += 10 * GRACE
-    assert not made.enough([EXTRA])
+    assert not made.is_enough([EXTRA])
     now[0] += GRACE - 1
-    assert not made.enough([EXTRA])
+    assert not made.is_enough([EXTRA])
     now[0] += 2
-    assert made.enough([EXTRA])
+    assert made.is_enough([EXTRA])
     assert told.warnings == [
         "ros-exporter is not ready: 0 of 1 ready; app runs without it;"
         " `rigel status` tells how it goes on"
@@ -74,23 +74,23 @@ def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float])
 def test_its_remedy_is_told_where_it_has_one(now: list[float]) -> None:
     told = Recorder()
     made = waiter(told, "do that")
-    made.enough([EXTRA])
+    made.is_enough([EXTRA])
     now[0] += GRACE + 1
-    assert made.enough([EXTRA])
+    assert made.is_enough([EXTRA])
     assert told.warnings[0].endswith("app runs without it; do that")
 
 
 def test_its_while_begins_anew_when_a_needed_one_falls_back(now: list[float]) -> None:
     made = waiter(Recorder())
-    assert not made.enough([EXTRA])
+    assert not made.is_enough([EXTRA])
     now[0] += GRACE + 1
-    assert not made.enough([NEEDED, EXTRA])
-    assert not made.enough([EXTRA])
+    assert not made.is_enough([NEEDED, EXTRA])
+    assert not made.is_enough([EXTRA])
 
 
 def test_nothing_is_told_where_it_is_ready_in_time(now: list[float]) -> None:
     told = Recorder()
-    assert waiter(told).enough([])
+    assert waiter(told).is_enough([])
     assert told.warnings == []
 
 
@@ -111,7 +111,7 @@ def test_of_two_causes_one_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[str] = []
     made = waiter(Recorder())
     causes = [(NEEDED, Cause("image", "cannot be pulled")), (NEEDED, Cause("mount", "no file"))]
-    monkeypatch.setattr(Waiter, "current", lambda *_: iter(causes))
+    monkeypatch.setattr(Waiter, "find_causes", lambda *_: iter(causes))
     monkeypatch.setattr(Waiter, "show", lambda _, ref, text, **__: shown.append(text))
     made.look_for_causes(cast(Any, None), {}, 1000.0)
     made.look_for_causes(cast(Any, None), {}, 1001.0)

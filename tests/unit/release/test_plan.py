@@ -16,7 +16,7 @@ from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.order import rank
-from rigel_k8s.release.ownership import covers, managers, taken_over
+from rigel_k8s.release.ownership import covers, managers, take_over
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.prepare import hash_of, manifests_to_apply
 from rigel_k8s.release.refusals import Refused, check
@@ -146,7 +146,7 @@ def test_taking_over_makes_other_tools_fields_ours_and_leaves_controllers_alone(
         {"manager": "x", "operation": "Update", "subresource": "status", "fieldsV1": {"f:d": {}}},
     ]
     assert managers(live) == ("helm",)
-    *others, ours = taken_over(live)
+    *others, ours = take_over(live)
     assert [entry["manager"] for entry in others] == ["kube-controller-manager", "x"]
     assert (ours["manager"], ours["operation"]) == ("rigel", "Apply")
     assert ours["fieldsV1"] == {"f:a": {}, "f:b": {}}

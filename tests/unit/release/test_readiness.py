@@ -249,11 +249,11 @@ def test_a_cause_is_new_once_and_hopeless_after_its_time() -> None:
     image = Cause("image", "not found")
     assert len(ledger.note(0, [(REF, image)], others_coming=False)) == 1
     assert ledger.note(10, [(REF, image)], others_coming=False) == []
-    assert list(ledger.hopeless(14)) == []
-    assert [seen.ref for seen in ledger.hopeless(15)] == [REF]
+    assert list(ledger.find_hopeless(14)) == []
+    assert [seen.ref for seen in ledger.find_hopeless(15)] == [REF]
     ledger.note(20, [], others_coming=False)
     assert len(ledger.note(21, [(REF, image)], others_coming=False)) == 1
-    assert list(ledger.hopeless(30)) == []
+    assert list(ledger.find_hopeless(30)) == []
 
 
 def test_a_crash_has_time_while_others_are_on_their_way() -> None:
@@ -261,12 +261,12 @@ def test_a_crash_has_time_while_others_are_on_their_way() -> None:
     ledger = Ledger(Patience(crash=20, crash_limit=120))
     for now in range(0, 100, 10):
         ledger.note(now, [(REF, crash())], others_coming=True)
-        assert list(ledger.hopeless(now)) == []
+        assert list(ledger.find_hopeless(now)) == []
     ledger.note(111, [(REF, crash())], others_coming=False)
-    assert len(list(ledger.hopeless(111))) == 1
+    assert len(list(ledger.find_hopeless(111))) == 1
     for now in range(112, 121):
         ledger.note(now, [(REF, crash()), (OTHER, crash())], others_coming=True)
-    assert [seen.ref for seen in ledger.hopeless(120)] == [REF]
+    assert [seen.ref for seen in ledger.find_hopeless(120)] == [REF]
 
 
 def test_a_container_that_runs_at_the_moment_is_not_given_up() -> None:
@@ -274,8 +274,8 @@ def test_a_container_that_runs_at_the_moment_is_not_given_up() -> None:
     ledger = Ledger(Patience(crash=20))
     ledger.note(0, [(REF, crash())], others_coming=False)
     ledger.note(30, [(REF, crash("restarted"))], others_coming=False)
-    assert list(ledger.hopeless(30)) == []
+    assert list(ledger.find_hopeless(30)) == []
     ledger.note(35, [], others_coming=False, unsteady={REF})
-    assert list(ledger.hopeless(35)) == []
+    assert list(ledger.find_hopeless(35)) == []
     assert ledger.note(40, [(REF, crash())], others_coming=False) == []
-    assert len(list(ledger.hopeless(40))) == 1
+    assert len(list(ledger.find_hopeless(40))) == 1

@@ -12,7 +12,7 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
 from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import deploy, diff, history, last_good, rollback
+from rigel_k8s.release.deploy import deploy, diff, find_last_good, history, rollback
 from rigel_k8s.release.refusals import Refused
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired
@@ -111,7 +111,7 @@ def test_a_failure_marks_the_revision_and_prunes_nothing(fake: Any, report: Any)
     assert failed.status == "failed"
     assert {item.ref.name for item in failed.inventory} == {"old", "talker"}
     assert ObjectRef("v1", "ConfigMap", "n", "old") in fake.objects
-    good = last_good(fake, RELEASE)
+    good = find_last_good(fake, RELEASE)
     assert good is not None
     assert good.number == 1
     rollback(fake, RELEASE, report=report)

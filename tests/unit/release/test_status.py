@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.release.status import of_pod
+from rigel_k8s.release.status import describe_pod
 
 UNREADY = {"type": "Ready", "status": "False"}
 POD: dict[str, Any] = {
@@ -27,5 +27,5 @@ POD: dict[str, Any] = {
 def test_the_kind_that_a_probe_names_is_a_value(said: str, kind: str) -> None:
     """Nobody searches a sentence for it."""
     event = {"reason": "Unhealthy", "message": said, "involvedObject": {"uid": "u"}}
-    found = of_pod(POD, [event])
+    found = describe_pod(POD, [event])
     assert (found.kind, found.message) == (kind, " ".join(said.split()))

@@ -8,7 +8,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.unprobed import ended, unprobed_in
+from rigel_k8s.release.unprobed import find_ended, find_unprobed_in
 
 TALKER = ObjectRef("apps/v1", "Deployment", "n", "talker")
 JOB = ObjectRef("batch/v1", "Job", "n", "calibrate")
@@ -38,12 +38,12 @@ class Runtime:
 def test_only_what_nobody_probes_in_pods_that_stay_is_asked() -> None:
     """A container with a probe speaks for itself; a Job's may end; an old pod shall."""
     pods = [pod("a"), pod("b", deletionTimestamp="2026-01-01T00:00:00Z")]
-    assert [(one.pod, one.container) for one in unprobed_in(TALKER, pods)] == [("a", "plain")]
-    assert not list(unprobed_in(JOB, pods))
+    assert [(one.pod, one.container) for one in find_unprobed_in(TALKER, pods)] == [("a", "plain")]
+    assert not list(find_unprobed_in(JOB, pods))
 
 
 def test_a_workload_has_ended_where_one_of_its_containers_has() -> None:
     """One of three pods is enough."""
-    found = list(unprobed_in(TALKER, [pod("a"), pod("b"), pod("c")]))
-    assert ended(Runtime(frozenset({"b"})), found) == {TALKER}  # type: ignore[arg-type]
-    assert ended(Runtime(frozenset()), found) == set()  # type: ignore[arg-type]
+    found = list(find_unprobed_in(TALKER, [pod("a"), pod("b"), pod("c")]))
+    assert find_ended(Runtime(frozenset({"b"})), found) == {TALKER}  # type: ignore[arg-type]
+    assert find_ended(Runtime(frozenset()), found) == set()  # type: ignore[arg-type]

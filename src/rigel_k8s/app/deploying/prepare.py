@@ -159,9 +159,9 @@ class _LastRevision:
     @property
     def revision(self) -> Revision | None:
         if not self._asked and self._cluster is not None:
-            from rigel_k8s.release.deploy import last_good
+            from rigel_k8s.release.deploy import find_last_good
 
-            self._found = last_good(self._cluster, self._release)
+            self._found = find_last_good(self._cluster, self._release)
             self._asked = True
         return self._found
 

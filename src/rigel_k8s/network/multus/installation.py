@@ -16,7 +16,7 @@ from rigel_k8s.network.options import Install
 from rigel_k8s.objects.facts import is_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import last_good
+from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.survey import belongs
 
 Object = Mapping[str, Any]
@@ -114,7 +114,7 @@ def settled(cluster: Cluster, said: Install) -> Install:
     Several Rigelfiles share a cluster's network: one that says `install: true` must not take back
     what another has said of images and directories.
     """
-    last = last_good(cluster, RELEASE)
+    last = find_last_good(cluster, RELEASE)
     before = dict(last.options) if last else {}
     new = attrs.asdict(said, filter=lambda _, value: value is not None)
     return Install(**{**before, **new})

@@ -18,7 +18,7 @@ from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.observability.installation import installed_in
 from rigel_k8s.observability.names import RELEASE
-from rigel_k8s.release.deploy import last_good
+from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.types import ReleaseId
 
 #: Where a stack is looked for by somebody who may not list the Services of all namespaces.
@@ -80,7 +80,7 @@ class InstalledStack:
         Whichever application has said so: all share one stack.
         """
         try:
-            last = last_good(self.cluster, ReleaseId(self.namespace, RELEASE))
+            last = find_last_good(self.cluster, ReleaseId(self.namespace, RELEASE))
         except Refusal:
             return {}
         said = last.options.get("existing") if last else None

@@ -69,7 +69,7 @@ def revision(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             return None
         return Revision(release, 3, "good", "", kept["objects"], (), kept["options"])
 
-    monkeypatch.setattr(deploys, "last_good", last_good)
+    monkeypatch.setattr(deploys, "find_last_good", last_good)
     return kept
 
 

@@ -39,13 +39,13 @@ class Pool:
 
     def __len__(self) -> int:
         """Return how many there are."""
-        return max(0, self._span) - sum(map(self._within, self.reserved))
+        return max(0, self._span) - sum(map(self._count_within, self.reserved))
 
     @property
     def _span(self) -> int:
         return int(self.last) - int(self.first) + 1
 
-    def _within(self, network: IPv4Network) -> int:
+    def _count_within(self, network: IPv4Network) -> int:
         """Return how many addresses of a network lie between the first and the last."""
         start = max(int(self.first), int(network.network_address))
         end = min(int(self.last), int(network.broadcast_address))
@@ -66,7 +66,7 @@ class Pool:
         if start <= end:
             yield IPv4Address(start), IPv4Address(end)
 
-    def beginning_at(self, number: int) -> Iterator[IPv4Address]:
+    def iterate_from(self, number: int) -> Iterator[IPv4Address]:
         """Yield all addresses, once each, beginning at any of them."""
         for step in range(max(0, self._span)):
             address = self.first + (number + step) % self._span
@@ -95,14 +95,14 @@ def assign(
             result[name] = had
     for name in wanted:
         if name not in result:
-            result[name] = free(pool, name, salt, set(result.values()))
+            result[name] = find_free(pool, name, salt, set(result.values()))
     return {name: f"{result[name]}/{pool.subnet.prefixlen}" for name in wanted}
 
 
-def free(pool: Pool, name: str, salt: str, taken: set[IPv4Address]) -> IPv4Address:
+def find_free(pool: Pool, name: str, salt: str, taken: set[IPv4Address]) -> IPv4Address:
     """Return the first free address from where a name's hash points to."""
     number = int.from_bytes(hashlib.sha256(f"{salt}/{name}".encode()).digest()[:8], "big")
-    for address in pool.beginning_at(number):
+    for address in pool.iterate_from(number):
         if address not in taken:
             return address
     raise ValueError(f"{len(taken)} addresses are given out, and none is left for {name}")

@@ -59,11 +59,11 @@ def check_keys(network: Network) -> Iterator[Problem]:
                 f"`{key}` is for {join_words(modes)}; {network.mode} does not read it: leave it out"
             )
             yield Problem(("network", key), message, "foreign-key", at_key=True)
-        elif key in OF_RANGES and (reason := nobody_asks(network)):
+        elif key in OF_RANGES and (reason := explain_unasked(network)):
             yield Problem(("network", key), reason, "foreign-key", at_key=True)
 
 
-def nobody_asks(network: Network) -> str | None:
+def explain_unasked(network: Network) -> str | None:
     """Return why nobody is told of addresses."""
     if network.mode == "attachment" and network.ipam != "static":
         return (

@@ -37,7 +37,7 @@ MACHINE_ID = {
 }
 
 
-def around(plan: NetworkPlan) -> ReleaseContext:
+def make_context(plan: NetworkPlan) -> ReleaseContext:
     """Return what is the same for all objects that a mode adds."""
     return ReleaseContext(
         plan.namespace, plan.release, None, plan.distro, plan.ros, pull_secrets=plan.pull_secrets
@@ -60,16 +60,16 @@ def files_config(plan: NetworkPlan, texts: Mapping[str, str]) -> Object:
     It stands in no pod template: whoever starts reads what is true then, and nobody restarts
     because a neighbour came.
     """
-    return config_map(around(plan), config_name(plan), texts, part_of=plan.release)
+    return config_map(make_context(plan), config_name(plan), texts, part_of=plan.release)
 
 
-def as_they_are(plan: NetworkPlan) -> Wiring:
+def mount_files(plan: NetworkPlan) -> Wiring:
     """Return what lets a pod read the files as the ConfigMap has them."""
     volume = {"name": VOLUME, "configMap": {"name": config_name(plan)}}
     return Wiring(volumes=[volume], mounts=[mount()])
 
 
-def made_at_start(
+def render_at_start(
     plan: NetworkPlan, pod: PodIdentity, interface: str, missing: str, *, own_machine_id: bool
 ) -> Wiring:
     """Return what lets a pod start only with its interface, and read files with its address.

@@ -18,13 +18,13 @@ def check_ranges(network: Network) -> Iterator[Problem]:
     """Yield addresses that are none, or lie where they cannot."""
     subnet = read_network(network.subnet)
     if network.subnet is not None and subnet is None:
-        yield problem_at("subnet", not_a_network(network.subnet))
+        yield problem_at("subnet", explain_invalid(network.subnet))
     elif subnet is not None:
         yield from check_subnet(network.subnet or "", subnet)
         yield from check_inside(network, subnet)
     for index, route in enumerate(network.routes):
         if read_network(route) is None:
-            yield problem_at(("routes", index), not_a_network(route))
+            yield problem_at(("routes", index), explain_invalid(route))
     if network.routes and network.gateway is None:
         yield problem_at(
             "routes", "through which gateway? give `gateway`", kind="incomplete", at_key=True
@@ -71,7 +71,7 @@ def check_excluded(index: int, item: str, subnet: IPv4Network) -> Iterator[Probl
     """Yield why an exclusion excludes nothing."""
     found = read_network(item)
     if found is None:
-        yield problem_at(("exclude", index), not_a_network(item))
+        yield problem_at(("exclude", index), explain_invalid(item))
     elif not found.overlaps(subnet):
         message = f"nothing of {subnet} lies in it, so it excludes nothing"
         yield Problem(("network", "exclude", index), message, KIND, severity="warning")
@@ -84,7 +84,7 @@ def pool_of(network: Network) -> Pool | None:
     return Pool(network)
 
 
-def not_a_network(text: str) -> str:
+def explain_invalid(text: str) -> str:
     """Return why a text is no range of IPv4 addresses."""
     if read_v6(text):
         return f'"{text}" is IPv6, which DDS is not configured for here; give an IPv4 range'

@@ -11,7 +11,7 @@ import pytest
 
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.install import install
-from rigel_k8s.network.multus.interfaces import without_interface
+from rigel_k8s.network.multus.interfaces import find_without_interface
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.recorder import Recorder
@@ -122,7 +122,7 @@ def test_a_pod_without_its_network_is_named(lab: Any, rigel: Callable[..., Any])
     asks = {"metadata": {"annotations": {"k8s.v1.cni.cncf.io/networks": "lan"}}}
     lab.cluster.patch(ObjectRef("v1", "Pod", lab.namespace, "deaf"), asks)
     lab.start("hears")
-    assert [m.pod for m in without_interface(lab.pods())] == ["deaf"]
+    assert [m.pod for m in find_without_interface(lab.pods())] == ["deaf"]
     done = rigel("network", "status", check=False)
     assert done.returncode == 1
     assert f"pod {lab.namespace}/deaf on node" in done.stdout

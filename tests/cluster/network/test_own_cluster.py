@@ -22,7 +22,7 @@ import pytest
 from rigel_k8s.errors import UserError
 from rigel_k8s.network.multus import RELEASE, WHEREABOUTS_IMAGE, rollout
 from rigel_k8s.network.multus.install import install
-from rigel_k8s.network.multus.interfaces import without_interface
+from rigel_k8s.network.multus.interfaces import find_without_interface
 from rigel_k8s.network.multus.removal import remove, users
 from rigel_k8s.network.multus.status import network_status
 from rigel_k8s.network.options import Install
@@ -113,7 +113,7 @@ def test_pods_of_a_restart_get_their_network(own: Any, own_lab: Any) -> None:
     over.set()
     watcher.join()
     assert daemon(own, "node1")["metadata"]["uid"] != old["uid"]
-    assert without_interface(pods) == []
+    assert find_without_interface(pods) == []
     assert all(own_lab.has_interface(name) for name in names)
     assert not gone.is_set()
 

@@ -13,7 +13,13 @@ import attrs
 
 from rigel_k8s.network.addresses import Pool
 from rigel_k8s.network.dds import pinned_files, pinned_variables, uses
-from rigel_k8s.network.files import SCRIPT, around, files_config, interface_script, made_at_start
+from rigel_k8s.network.files import (
+    SCRIPT,
+    files_config,
+    interface_script,
+    make_context,
+    render_at_start,
+)
 from rigel_k8s.network.mode import Mode, ModeUse, mode_path
 from rigel_k8s.network.options import INTERFACE, Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
@@ -50,7 +56,7 @@ def definition(plan: NetworkPlan, network: Network) -> Object:
     return {
         "apiVersion": "k8s.cni.cncf.io/v1",
         "kind": "NetworkAttachmentDefinition",
-        "metadata": around(plan).metadata(name, part_of=plan.release),
+        "metadata": make_context(plan).metadata(name, part_of=plan.release),
         "spec": {"config": json.dumps(plugin(name, network))},
     }
 
@@ -87,7 +93,7 @@ def ipam(network: Network) -> dict[str, Any]:
 
 def whereabouts_range(network: Network) -> dict[str, Any]:
     """Return the range as whereabouts reads it."""
-    never = [item if "/" in item else f"{item}/32" for item in excluded(network)]
+    never = [item if "/" in item else f"{item}/32" for item in list_excluded(network)]
     return {
         "range": str(IPv4Network(network.subnet or "", strict=False)),
         "range_start": network.range_start,
@@ -97,7 +103,7 @@ def whereabouts_range(network: Network) -> dict[str, Any]:
     }
 
 
-def excluded(network: Network) -> list[str]:
+def list_excluded(network: Network) -> list[str]:
     """Return what is not given out; a gateway has its address already."""
     return [*network.exclude, *([network.gateway] if network.gateway else [])]
 
@@ -126,7 +132,7 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
         " is Multus running on its machine? a new pod gets it: delete this one"
     )
     identity = plan.ros != "1" and uses(plan, "fastdds")
-    made = made_at_start(plan, pod, INTERFACE, missing, own_machine_id=identity)
+    made = render_at_start(plan, pod, INTERFACE, missing, own_machine_id=identity)
     return attrs.evolve(
         made,
         env=variables(plan, pod),

@@ -18,10 +18,10 @@ from rigel_k8s.network.dds import (
 )
 from rigel_k8s.network.files import (
     SCRIPT,
-    as_they_are,
     files_config,
     interface_script,
-    made_at_start,
+    mount_files,
+    render_at_start,
 )
 from rigel_k8s.network.mode import Mode
 from rigel_k8s.network.options import Network
@@ -52,9 +52,9 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     interface = network.interface if plan.ros != "1" else None
     if interface:
         missing = f"{interface} is missing: this machine has no such interface (network.interface)"
-        base = made_at_start(plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds"))
+        base = render_at_start(plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds"))
     else:
-        base = as_they_are(plan) if needs_profile(plan) else Wiring()
+        base = mount_files(plan) if needs_profile(plan) else Wiring()
     return attrs.evolve(
         base,
         env=variables(plan, interface),

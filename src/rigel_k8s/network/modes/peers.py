@@ -29,7 +29,7 @@ from rigel_k8s.network.dds import (
     udp_only,
     uses,
 )
-from rigel_k8s.network.files import around, as_they_are, config_name, files_config
+from rigel_k8s.network.files import config_name, files_config, make_context, mount_files
 from rigel_k8s.network.mode import Mode, ModeUse
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.rangechecks import read_v6
@@ -75,7 +75,7 @@ def peer_service(plan: NetworkPlan, pod: PodIdentity) -> Object:
     return {
         "apiVersion": "v1",
         "kind": "Service",
-        "metadata": around(plan).metadata(peer_name(pod.name), part_of=pod.name),
+        "metadata": make_context(plan).metadata(peer_name(pod.name), part_of=pod.name),
         "spec": {
             "selector": selector(pod.name),
             "ipFamilies": ["IPv4"],
@@ -104,7 +104,7 @@ def peer_files(plan: NetworkPlan, network: Network) -> dict[str, str]:
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     """Return what lets a pod look for the others."""
     reads_files = uses(plan, "cyclonedds") or not reads_udp_only(plan)
-    base = as_they_are(plan) if reads_files else Wiring()
+    base = mount_files(plan) if reads_files else Wiring()
     # Who was told of peers elsewhere must start again when those are others.
     text = json.dumps(sorted(network.peers))
     mark = hashlib.sha256(text.encode()).hexdigest()[:8] if network.peers else None

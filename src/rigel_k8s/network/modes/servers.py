@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rigel_k8s.network.files import around
+from rigel_k8s.network.files import make_context
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
@@ -45,7 +45,7 @@ def container_port(name: str, number: int, protocol: str) -> Object:
 def server_service(plan: NetworkPlan, name: str, number: int, protocol: str) -> Object:
     """Return the Service that clients know a server by."""
     entry = {"name": "server", "port": number, "targetPort": number, "protocol": protocol}
-    made = service(around(plan), name, [entry])
+    made = service(make_context(plan), name, [entry])
     if protocol == "UDP":
         made["spec"]["ipFamilies"] = ["IPv4"]  # Fast DDS is told to use no other
     return made
@@ -57,7 +57,9 @@ def server_deployment(plan: NetworkPlan, network: Network, name: str, container:
     Its pods do not say how they are networked: nobody asks whether they find each other.
     """
     volume, mount = inpod_volume(plan.release)
-    image = str(network.image or (plan.pods[0].image if plan.pods else around(plan).default_image))
+    image = str(
+        network.image or (plan.pods[0].image if plan.pods else make_context(plan).default_image)
+    )
     whole = {
         **container,
         "image": image,
@@ -67,7 +69,7 @@ def server_deployment(plan: NetworkPlan, network: Network, name: str, container:
     account = network.service_account
     pod = {"containers": [whole], "volumes": [volume], "serviceAccountName": account}
     return deployment(
-        around(plan),
+        make_context(plan),
         name,
         drop_empty(pod),
         strategy={"type": "Recreate"},

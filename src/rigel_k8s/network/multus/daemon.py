@@ -66,7 +66,7 @@ def multus_daemon(
         dhcp: whether CNI's DHCP daemon runs too.
     """
     config = config_map(
-        machines.named("rigel-multus-config"),
+        machines.name_object("rigel-multus-config"),
         {"daemon-config.json": json.dumps(_configuration(machines), indent=2, sort_keys=True)},
     )
     env = {

@@ -17,8 +17,8 @@ from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.modes import mode_of
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import Installation
-from rigel_k8s.network.multus.installation import Found, MultusPart, find, settled
-from rigel_k8s.network.multus.proving import fingerprint, prove, proven, remember
+from rigel_k8s.network.multus.installation import Found, MultusPart, complete_options, find
+from rigel_k8s.network.multus.proving import find_proven, fingerprint, prove, remember
 from rigel_k8s.network.multus.rollout import Rollout
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.report import Reporter
@@ -77,13 +77,13 @@ def install(
         report.warn(f"node {name} is not ready: it is not waited for")
     if installation.multus or installation.whereabouts:
         Rollout(cluster, installation, found, report, cancel, timeout, adopt).run()
-    return _proved(cluster, options, report, cancel)
+    return _prove_nodes(cluster, options, report, cancel)
 
 
 def _look(cluster: Cluster, said: Install) -> tuple[Install, Found]:
     """Look at the cluster, which wants rights that an application's deploy does not."""
     try:
-        options = settled(cluster, said)
+        options = complete_options(cluster, said)
         return options, find(cluster, options)
     except Forbidden as error:
         error.hint = "`rigel network install` by an administrator, once; then leave `install` out"
@@ -108,7 +108,7 @@ def _tell_others(found: Found, report: Reporter) -> None:
             report.line(f"{name} is there already ({part.where}, {part.image}): used as it is")
 
 
-def _proved(
+def _prove_nodes(
     cluster: Cluster, options: Install, report: Reporter, cancel: threading.Event
 ) -> MultusResult:
     """Let those nodes attach a pod that have not shown it before."""
@@ -116,7 +116,7 @@ def _proved(
     if found.multus is None:
         raise ClusterError("Multus was removed while it was being installed")
     marks = marks_of(found)
-    new = sorted(marks.keys() - proven(cluster, marks))
+    new = sorted(marks.keys() - find_proven(cluster, marks))
     failed = prove(cluster, new, found.multus.image, report, cancel) if new else {}
     if new:
         remember(cluster, {node: mark for node, mark in marks.items() if node not in failed})

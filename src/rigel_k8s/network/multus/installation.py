@@ -108,7 +108,7 @@ def find(cluster: Cluster, options: Install) -> Found:
     )
 
 
-def settled(cluster: Cluster, said: Install) -> Install:
+def complete_options(cluster: Cluster, said: Install) -> Install:
     """Return options with those of the last installation for what is not said.
 
     Several Rigelfiles share a cluster's network: one that says `install: true` must not take back

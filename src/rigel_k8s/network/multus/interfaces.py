@@ -33,12 +33,12 @@ class Missing:
         return f"pod {self.namespace}/{self.pod} on {self.node} runs without its network {names}"
 
 
-def without_interface(pods: Iterable[Pod]) -> list[Missing]:
+def find_without_interface(pods: Iterable[Pod]) -> list[Missing]:
     """Return the running pods that lack a network; starting it anew is the remedy."""
-    return [missing for pod in pods if (missing := _missing(pod))]
+    return [missing for pod in pods if (missing := _find_missing(pod))]
 
 
-def asked(pod: Pod) -> list[str]:
+def list_asked(pod: Pod) -> list[str]:
     """Return the networks that a pod asks for, NAMESPACE/NAME, one for each interface."""
     text = _annotations(pod).get(ASKED, "").strip()
     own = pod["metadata"].get("namespace", "default")
@@ -49,20 +49,20 @@ def asked(pod: Pod) -> list[str]:
     return [name if "/" in name else f"{own}/{name}" for name in names if name]
 
 
-def attached(pod: Pod) -> list[str]:
+def list_attached(pod: Pod) -> list[str]:
     """Return the networks that a pod got beside its cluster's own, NAMESPACE/NAME."""
     entries = [entry for entry in _list(_annotations(pod).get(GOT, "")) if isinstance(entry, dict)]
     return [str(entry.get("name", "")) for entry in entries if not entry.get("default")]
 
 
-def _missing(pod: Pod) -> Missing | None:
+def _find_missing(pod: Pod) -> Missing | None:
     meta, spec = pod["metadata"], pod.get("spec", {})
     running = pod.get("status", {}).get("phase") == "Running"
     if not running or meta.get("deletionTimestamp"):
         return None
-    left = attached(pod)
+    left = list_attached(pod)
     lacking = []
-    for name in asked(pod):
+    for name in list_asked(pod):
         if name in left:
             left.remove(name)
         else:

@@ -12,7 +12,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.network.multus.interfaces import asked
+from rigel_k8s.network.multus.interfaces import list_asked
 
 Object = Mapping[str, Any]
 
@@ -41,7 +41,7 @@ class Unkept:
         )
 
 
-def unkept(
+def find_unkept(
     pods: Iterable[Object], daemons: Iterable[Object], attachments: Iterable[Object]
 ) -> list[Unkept]:
     """Return the running pods whose leases have nobody; starting them anew is the remedy.
@@ -54,9 +54,9 @@ def unkept(
     since = {pod["spec"].get("nodeName", ""): _daemon_start(pod) for pod in daemons}
     found = []
     for pod in pods if by_dhcp else ():
-        networks = tuple(name for name in asked(pod) if name in by_dhcp)
+        networks = tuple(name for name in list_asked(pod) if name in by_dhcp)
         meta, node = pod["metadata"], pod["spec"].get("nodeName", "")
-        started = min(_starts(pod), default="")
+        started = min(_list_starts(pod), default="")
         running = pod.get("status", {}).get("phase") == "Running"
         if networks and running and started and started < since.get(node, ""):
             found.append(Unkept(meta.get("namespace", "default"), meta["name"], node, networks))
@@ -85,7 +85,7 @@ def _daemon_start(pod: Object) -> str:
     return ""
 
 
-def _starts(pod: Object) -> Iterator[str]:
+def _list_starts(pod: Object) -> Iterator[str]:
     """Yield when a pod's containers have started, as Kubernetes writes it: sortable text.
 
     The first one starts when the pod's networks are there.

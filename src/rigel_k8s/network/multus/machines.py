@@ -52,7 +52,7 @@ class Machines:
     others: tuple[str, ...] = ()
     retired: bool = False
 
-    def named(self, name: str) -> str:
+    def name_object(self, name: str) -> str:
         """Return an object's name."""
         return f"{name}-{self.suffix}" if self.suffix else name
 
@@ -170,7 +170,7 @@ def daemon_set(
     configuration: Sequence[Object],
 ) -> Object:
     """Return a DaemonSet in the machines' own network; it rolls when its configuration changes."""
-    own = machines.named(name)
+    own = machines.name_object(name)
     digest = hashlib.sha256(json.dumps(list(configuration), sort_keys=True).encode()).hexdigest()
     spec = {
         "hostNetwork": True,

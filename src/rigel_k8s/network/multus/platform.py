@@ -52,7 +52,7 @@ def platform(
     own_conf, own_bin, roots = OWN[kind](version, (data_dir or K3S_DATA_DIR).rstrip("/"))
     conf_dir, bin_dir = conf_dir or own_conf, bin_dir or own_bin
     return Platform(
-        kind, conf_dir, bin_dir, _mounted(roots, (conf_dir, bin_dir)), kind in ("k3s", "kind")
+        kind, conf_dir, bin_dir, _choose_mounts(roots, (conf_dir, bin_dir)), kind in ("k3s", "kind")
     )
 
 
@@ -88,12 +88,12 @@ def _is_fixed(version: str) -> bool:
     return (major, minor) > max(K3S_FIXED)
 
 
-def _mounted(roots: tuple[str, ...], directories: tuple[str, ...]) -> tuple[str, ...]:
+def _choose_mounts(roots: tuple[str, ...], directories: tuple[str, ...]) -> tuple[str, ...]:
     """Return the roots that are needed, and the directories that lie in none of them."""
-    used = [root for root in roots if any(_within(d, root) for d in directories)]
-    rest = [d for d in directories if not any(_within(d, root) for root in used)]
+    used = [root for root in roots if any(_is_within(d, root) for d in directories)]
+    rest = [d for d in directories if not any(_is_within(d, root) for root in used)]
     return tuple(dict.fromkeys([*used, *rest]))
 
 
-def _within(directory: str, root: str) -> bool:
+def _is_within(directory: str, root: str) -> bool:
     return directory == root or directory.startswith(f"{root}/")

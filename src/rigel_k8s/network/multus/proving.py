@@ -47,12 +47,12 @@ def prove(
     try:
         cluster.create(attachment)
         cluster.parallel(cluster.create, list(pods.values()))
-        return _watched(cluster, run, nodes, report, cancel)
+        return _watch(cluster, run, nodes, report, cancel)
     finally:
         _clean_up(cluster, run, attachment)
 
 
-def _watched(
+def _watch(
     cluster: Cluster, run: str, nodes: Sequence[str], report: Reporter, cancel: threading.Event
 ) -> dict[str, str]:
     """Wait for the pods' ends."""
@@ -83,13 +83,13 @@ def _outcome(cluster: Cluster, pod: Object, *, late: bool) -> str | None:
     events = [e for e in cluster.events(pod) if e.get("reason") == "FailedCreatePodSandBox"]
     count = sum(int(event.get("count") or 1) for event in events)
     if events and (late or count >= FAILURES):
-        return _plain(str(events[-1].get("message", "")))
+        return _shorten(str(events[-1].get("message", "")))
     if late:
         return f"no attachment within {TIMEOUT:g} s: {_state(pod)}"
     return None
 
 
-def _plain(message: str) -> str:
+def _shorten(message: str) -> str:
     """Return what matters of the many who hand on a plugin's error."""
     text = re.sub(r"[0-9a-f]{64}", "...", message)
     for start in (r"error adding container to network", r"ERRORED:", r"plugin type="):
@@ -132,7 +132,7 @@ def fingerprint(node: Object, sets: Iterable[Object]) -> str:
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:16]
 
 
-def proven(cluster: Cluster, marks: Mapping[str, str]) -> set[str]:
+def find_proven(cluster: Cluster, marks: Mapping[str, str]) -> set[str]:
     """Return the nodes whose proof still holds.
 
     Args:

@@ -63,16 +63,16 @@ def _platform(node: Node, install: Install) -> Platform:
 def k3s_data_dir(node: Node) -> str | None:
     """Return the --data-dir that k3s was started with, as it writes it on its node."""
     annotations = node["metadata"].get("annotations") or {}
-    words = _parsed(annotations.get("k3s.io/node-args"))
-    if isinstance(words, list) and (said := _of_words([str(word) for word in words])):
+    words = _parse_json(annotations.get("k3s.io/node-args"))
+    if isinstance(words, list) and (said := _read_data_dir([str(word) for word in words])):
         return said
-    environment = _parsed(annotations.get("k3s.io/node-env"))
+    environment = _parse_json(annotations.get("k3s.io/node-env"))
     said = str(environment.get("K3S_DATA_DIR", "")) if isinstance(environment, dict) else ""
     # k3s tells its own processes where this release is unpacked by the same variable.
     return re.sub(r"/data/[0-9a-f]{32,}/?$", "", said) or None
 
 
-def _of_words(words: Sequence[str]) -> str | None:
+def _read_data_dir(words: Sequence[str]) -> str | None:
     for place, word in enumerate(words):
         name, _, value = word.partition("=")
         if name in ("--data-dir", "-d"):
@@ -80,7 +80,7 @@ def _of_words(words: Sequence[str]) -> str | None:
     return None
 
 
-def _parsed(text: str | None) -> Any:
+def _parse_json(text: str | None) -> Any:
     try:
         return json.loads(text or "null")
     except ValueError:

@@ -18,8 +18,8 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import network_release
 from rigel_k8s.network.multus.install import installation_of
-from rigel_k8s.network.multus.installation import Found, find, settled
-from rigel_k8s.network.multus.interfaces import asked
+from rigel_k8s.network.multus.installation import Found, complete_options, find
+from rigel_k8s.network.multus.interfaces import list_asked
 from rigel_k8s.network.multus.proving import forget
 from rigel_k8s.network.multus.rollout import WITHOUT_ALL, machine_script
 from rigel_k8s.network.options import Install
@@ -66,7 +66,7 @@ def remove(
         RolloutFailed: a node does not give its configuration back.
     """
     cancel = cancel or threading.Event()
-    options = settled(cluster, options)
+    options = complete_options(cluster, options)
     found = find(cluster, options)
     _refuse(cluster, found, report, force=force)
     installation = installation_of(found, options, retired=True)
@@ -83,7 +83,7 @@ def remove(
 
 def users(cluster: Cluster) -> list[Object]:
     """Return the pods that have, or are getting, a second network."""
-    return [pod for pod in cluster.list("v1", "Pod") if asked(pod) and not _is_over(pod)]
+    return [pod for pod in cluster.list("v1", "Pod") if list_asked(pod) and not _is_over(pod)]
 
 
 def _is_over(pod: Object) -> bool:
@@ -134,10 +134,10 @@ def _retire(
     except RolloutFailed:
         if not found.away:
             raise
-        report.warn(_left(found.away))
+        report.warn(_describe_left(found.away))
 
 
-def _left(away: Sequence[str]) -> str:
+def _describe_left(away: Sequence[str]) -> str:
     names = ", ".join(away)
     return (
         f"{names} can start no pods when it is back, until `rigel network install` or"

@@ -27,7 +27,7 @@ def multus_rights() -> tuple[Object, ...]:
         _rule("", ["events"], ("create", "patch", "update")),
         _rule("events.k8s.io", ["events"], ("create", "patch", "update")),
     ]
-    return (_account(MULTUS), *_granted(MULTUS, "Cluster", rules))
+    return (_account(MULTUS), *_grant(MULTUS, "Cluster", rules))
 
 
 def whereabouts_rights() -> tuple[Object, ...]:
@@ -47,8 +47,8 @@ def whereabouts_rights() -> tuple[Object, ...]:
     ]
     return (
         _account(WHEREABOUTS),
-        *_granted(WHEREABOUTS, "Cluster", everywhere),
-        *_granted(WHEREABOUTS, "", own),
+        *_grant(WHEREABOUTS, "Cluster", everywhere),
+        *_grant(WHEREABOUTS, "", own),
     )
 
 
@@ -64,7 +64,7 @@ def _account(name: str) -> Object:
     }
 
 
-def _granted(name: str, scope: str, rules: Sequence[Object]) -> tuple[Object, Object]:
+def _grant(name: str, scope: str, rules: Sequence[Object]) -> tuple[Object, Object]:
     """Return a role and its binding, for the cluster or (scope "") for the namespace."""
     metadata = {"name": name} | ({} if scope else {"namespace": RELEASE.namespace})
     role = {

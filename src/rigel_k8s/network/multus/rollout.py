@@ -72,11 +72,11 @@ class Rollout:
             try:
                 self._deploy(desired)
             except ClusterError:
-                if not self._others_end(end):
+                if not self._wait_for_others(end):
                     raise
             else:
                 break
-        self._until(lambda: list(self._unready()), end)
+        self._wait_until_complete(lambda: list(self._find_unready()), end)
 
     def _deploy(self, desired: Desired) -> None:
         try:
@@ -90,7 +90,7 @@ class Rollout:
                 description="network",
             )
         except RolloutFailed:
-            if not self.found.away or list(self._unready()):
+            if not self.found.away or list(self._find_unready()):
                 raise
             newest = revisions.records(self.cluster, RELEASE)[-1].revision()
             revisions.update(self.cluster, attrs.evolve(newest, status="good"))
@@ -102,7 +102,7 @@ class Rollout:
             for one in part.sets if self.found.away and part and part.ours else ():
                 self.cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
-    def _others_end(self, end: float) -> bool:
+    def _wait_for_others(self, end: float) -> bool:
         """Wait while somebody else installs the same; return whether anybody did."""
         ref = lease_ref(RELEASE)
         lease = self.cluster.get(ref)
@@ -114,7 +114,7 @@ class Rollout:
                 raise Interrupted(STOPPED)
         return time.monotonic() < end
 
-    def _until(self, lacking: Callable[[], list[str]], end: float) -> None:
+    def _wait_until_complete(self, lacking: Callable[[], list[str]], end: float) -> None:
         """Wait until nothing is lacking."""
         while lines := lacking():
             if time.monotonic() > end:
@@ -128,7 +128,7 @@ class Rollout:
             if self.cancel.wait(LOOK):
                 raise Interrupted(STOPPED)
 
-    def _unready(self) -> Iterator[str]:
+    def _find_unready(self) -> Iterator[str]:
         """Yield what is not ready, and not new, on the nodes that are up."""
         labels = {RELEASE_LABEL: RELEASE.name}
         for one in self.cluster.list("apps/v1", "DaemonSet", RELEASE.namespace, labels=labels):

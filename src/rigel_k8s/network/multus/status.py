@@ -9,10 +9,10 @@ import attrs
 
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus.install import marks_of
-from rigel_k8s.network.multus.installation import Found, MultusPart, find, settled
-from rigel_k8s.network.multus.interfaces import Missing, without_interface
-from rigel_k8s.network.multus.leases import Unkept, unkept
-from rigel_k8s.network.multus.proving import proven
+from rigel_k8s.network.multus.installation import Found, MultusPart, complete_options, find
+from rigel_k8s.network.multus.interfaces import Missing, find_without_interface
+from rigel_k8s.network.multus.leases import Unkept, find_unkept
+from rigel_k8s.network.multus.proving import find_proven
 from rigel_k8s.network.options import Install
 from rigel_k8s.network.preflight.attachments import API, KIND
 from rigel_k8s.objects.facts import is_ready, stays_ready
@@ -79,20 +79,20 @@ class NetworkStatus:
 
 def network_status(cluster: Cluster, options: Install) -> NetworkStatus:
     """Look at all nodes and pods of a cluster."""
-    found = find(cluster, settled(cluster, options))
+    found = find(cluster, complete_options(cluster, options))
     pods = cluster.list("v1", "Pod")
     marks = marks_of(found)
-    good = proven(cluster, marks)
+    good = find_proven(cluster, marks)
     ready = {
         name: _nodes_of(part, pods)
         for name, part in (("multus", found.multus), ("whereabouts", found.whereabouts))
     }
     return NetworkStatus(
-        _told(found.multus),
-        _told(found.whereabouts),
+        _describe_part(found.multus),
+        _describe_part(found.whereabouts),
         tuple(_nodes(found, ready, good)),
-        tuple(without_interface(pods)),
-        tuple(unkept(pods, _pods_of(found.multus, pods), _attachments(cluster))),
+        tuple(find_without_interface(pods)),
+        tuple(find_unkept(pods, _pods_of(found.multus, pods), _attachments(cluster))),
     )
 
 
@@ -102,7 +102,7 @@ def _attachments(cluster: Cluster) -> list[dict[str, Any]]:
     return cluster.list(API, KIND)
 
 
-def _told(part: MultusPart | None) -> PartStatus | None:
+def _describe_part(part: MultusPart | None) -> PartStatus | None:
     return PartStatus(part.where, part.image, part.ours) if part else None
 
 

@@ -37,7 +37,7 @@ class Range:
     @property
     def size(self) -> int:
         """How many addresses there are to give out."""
-        taken = sum(self._within(one) for one in _collapsed(self.exclude))
+        taken = sum(self._count_within(one) for one in _collapse(self.exclude))
         return max(0, int(self.last) - int(self.first) + 1 - taken)
 
     def overlaps(self, other: Range) -> bool:
@@ -46,7 +46,7 @@ class Range:
             return False
         return int(self.first) <= int(other.last) and int(other.first) <= int(self.last)
 
-    def _within(self, one: Subnet) -> int:
+    def _count_within(self, one: Subnet) -> int:
         first = max(int(self.first), int(one.network_address))
         return max(0, min(int(self.last), int(one.broadcast_address)) - first + 1)
 
@@ -142,7 +142,7 @@ def _range(ipam: Mapping[str, Any]) -> Range | None:
     whole = subnet(rest if dash else text)
     if whole is None:
         return None
-    first, last = usable(whole)
+    first, last = find_usable(whole)
     if dash:
         first, last = address(start) or first, address(rest.partition("/")[0]) or last
     exclude = [subnet(one) for one in ipam.get("exclude") or []]
@@ -154,7 +154,7 @@ def _range(ipam: Mapping[str, Any]) -> Range | None:
     )
 
 
-def usable(whole: Subnet) -> tuple[Address, Address]:
+def find_usable(whole: Subnet) -> tuple[Address, Address]:
     """Return the first and last address that a machine may have."""
     first, last = whole.network_address, whole.broadcast_address
     return (first + 1, last - 1) if whole.num_addresses > 2 else (first, last)
@@ -176,7 +176,7 @@ def address(text: object) -> Address | None:
         return None
 
 
-def _collapsed(subnets: Sequence[Subnet]) -> Iterator[Subnet]:
+def _collapse(subnets: Sequence[Subnet]) -> Iterator[Subnet]:
     """Yield the same addresses, none of them twice."""
     yield from ipaddress.collapse_addresses(s for s in subnets if s.version == 4)
     yield from ipaddress.collapse_addresses(s for s in subnets if s.version == 6)

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.network.options import Network
-from rigel_k8s.network.preflight.attachments import Attachment, Range, address, subnet, usable
+from rigel_k8s.network.preflight.attachments import Attachment, Range, address, find_usable, subnet
 from rigel_k8s.network.preflight.daemon import Daemon
 from rigel_k8s.network.preflight.machine import Address, MachineFacts, Subnet
 from rigel_k8s.network.preflight.wanted import NETWORK_STATUS, Wanted, may_run, requests
@@ -146,12 +146,12 @@ class Case:
         whole = subnet(self.network.subnet) if self.network.subnet else None
         if whole is None:
             return ()
-        first, last = usable(whole)
+        first, last = find_usable(whole)
         exclude = tuple(s for s in map(subnet, self.network.exclude) if s is not None)
         first = address(self.network.range_start) or first
         return (Range(whole, first, address(self.network.range_end) or last, exclude),)
 
-    def asked_addresses(self, one: Attachment) -> dict[Address, str]:
+    def list_asked_addresses(self, one: Attachment) -> dict[Address, str]:
         """Return the addresses that workloads ask for by name."""
         return {
             given: pod.workload
@@ -195,16 +195,16 @@ def pool(manifest: Manifest) -> AddressPool | None:
     )
 
 
-def taken(pods: Sequence[Manifest]) -> Iterator[Taken]:
+def find_taken(pods: Sequence[Manifest]) -> Iterator[Taken]:
     """Yield the second addresses that pods have, as Multus tells it on them, or were given."""
     for pod in (p for p in pods if (p.get("status") or {}).get("phase") not in ENDED):
         meta, node = pod["metadata"], (pod.get("spec") or {}).get("nodeName", "")
         notes, namespace = meta.get("annotations") or {}, meta["namespace"]
-        for key, given in _attached(notes, namespace):
+        for key, given in _find_attached(notes, namespace):
             yield Taken(given, f"{namespace}/{meta['name']}", key, node)
 
 
-def _attached(notes: Mapping[str, str], namespace: str) -> Iterator[tuple[str, Address]]:
+def _find_attached(notes: Mapping[str, str], namespace: str) -> Iterator[tuple[str, Address]]:
     """Yield (attachment, address) as Multus tells it, else as the pod asks for it."""
     if NETWORK_STATUS not in notes:
         for request in requests(notes, namespace):

@@ -36,7 +36,7 @@ def list_some(items: Iterable[object], most: int = 5) -> str:
     return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
-def by_text(texts: Mapping[str, str]) -> dict[str, list[str]]:
+def group_by_text(texts: Mapping[str, str]) -> dict[str, list[str]]:
     """Return what is said of several machines, once, with the machines that it is said of."""
     grouped: dict[str, list[str]] = {}
     for node, text in texts.items():

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import PreflightFinding, by_text, list_some
+from rigel_k8s.network.preflight.finding import PreflightFinding, group_by_text, list_some
 from rigel_k8s.network.preflight.machine import Interface, MachineFacts
 
 #: Interfaces that networks of pods and engines have made: nobody means these.
@@ -21,15 +21,15 @@ def interfaces(case: Case) -> Iterator[PreflightFinding]:
     if case.network.mode == "host" and case.network.interface:
         seen = {n: f for n, f in case.view.machines.items() if n in case.nodes()}
         name = case.network.interface
-        yield from _missing({node: (name, facts) for node, facts in seen.items()})
+        yield from _check_presence({node: (name, facts) for node, facts in seen.items()})
     for one in case.attachments:
         if one.on_an_interface:
             found = {node: (_master(one, facts), facts) for node, facts in case.machines(one)}
-            yield from _missing(found)
+            yield from _check_presence(found)
             there = {n: f.interfaces[m] for n, (m, f) in found.items() if m in f.interfaces}
-            yield from _unfit(one, there)
-            yield from _carries_other(one, found)
-            yield from _used_by_other(case, one, there)
+            yield from _check_fitness(one, there)
+            yield from _check_own_use(one, found)
+            yield from _check_other_users(case, one, there)
 
 
 def _master(one: Attachment, facts: MachineFacts) -> str:
@@ -39,7 +39,7 @@ def _master(one: Attachment, facts: MachineFacts) -> str:
 Found = Mapping[str, tuple[str, MachineFacts]]
 
 
-def _missing(found: Found) -> Iterator[PreflightFinding]:
+def _check_presence(found: Found) -> Iterator[PreflightFinding]:
     nameless = [node for node, (master, _) in found.items() if not master]
     if nameless:
         yield PreflightFinding(
@@ -50,11 +50,11 @@ def _missing(found: Found) -> Iterator[PreflightFinding]:
             fault="rigelfile",
         )
     lacking = {
-        node: f"{master} (there: {_usable(facts) or 'none'})"
+        node: f"{master} (there: {_list_usable(facts) or 'none'})"
         for node, (master, facts) in found.items()
         if master and master not in facts.interfaces
     }
-    for text, nodes in by_text(lacking).items():
+    for text, nodes in group_by_text(lacking).items():
         verb = "has" if len(nodes) == 1 else "have"
         yield PreflightFinding(
             "interface-missing",
@@ -65,15 +65,15 @@ def _missing(found: Found) -> Iterator[PreflightFinding]:
         )
 
 
-def _usable(facts: MachineFacts) -> str:
+def _list_usable(facts: MachineFacts) -> str:
     names = sorted(name for name in facts.interfaces if not name.startswith(OTHERS))
     return list_some(
         (f"{n} (wireless)" if facts.interfaces[n].wireless else n for n in names), most=8
     )
 
 
-def _unfit(one: Attachment, there: Mapping[str, Interface]) -> Iterator[PreflightFinding]:
-    for rule in (_wireless, _not_ethernet, _down, _no_carrier, _mtu):
+def _check_fitness(one: Attachment, there: Mapping[str, Interface]) -> Iterator[PreflightFinding]:
+    for rule in (_check_wireless, _check_ethernet, _check_up, _check_carrier, _check_mtu):
         said: dict[PreflightFinding, None] = {}
         for i in dict.fromkeys(there.values()):
             nodes = list_some(node for node, other in there.items() if other == i)
@@ -81,7 +81,7 @@ def _unfit(one: Attachment, there: Mapping[str, Interface]) -> Iterator[Prefligh
         yield from said
 
 
-def _wireless(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
+def _check_wireless(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if i.wireless and one.program == "macvlan":
         yield PreflightFinding(
             "interface-wireless",
@@ -93,7 +93,7 @@ def _wireless(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFi
         )
 
 
-def _not_ethernet(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
+def _check_ethernet(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if not i.ethernet and one.program == "macvlan":
         yield PreflightFinding(
             "interface-not-ethernet",
@@ -103,7 +103,7 @@ def _not_ethernet(one: Attachment, i: Interface, which: str) -> Iterator[Preflig
         )
 
 
-def _down(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
+def _check_up(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if not i.up:
         yield PreflightFinding(
             "interface-down",
@@ -112,7 +112,7 @@ def _down(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFindin
         )
 
 
-def _no_carrier(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
+def _check_carrier(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if i.up and i.state in ("down", "lowerlayerdown", "dormant"):
         yield PreflightFinding(
             "interface-no-carrier",
@@ -122,7 +122,7 @@ def _no_carrier(one: Attachment, i: Interface, which: str) -> Iterator[Preflight
         )
 
 
-def _mtu(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
+def _check_mtu(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if one.mtu > i.mtu:
         yield PreflightFinding(
             "mtu",
@@ -132,7 +132,7 @@ def _mtu(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding
         )
 
 
-def _carries_other(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
+def _check_own_use(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
     """Yield interfaces with something on top, in the machine's own network, that wants them alone.
 
     The kernel says no more than "Device or resource busy" when a pod starts.
@@ -153,7 +153,7 @@ def _carries_other(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
                 )
 
 
-def _used_by_other(
+def _check_other_users(
     case: Case, one: Attachment, there: Mapping[str, Interface]
 ) -> Iterator[PreflightFinding]:
     """Yield interfaces that pods of other attachments use the other way, on machines of ours."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
-from rigel_k8s.network.preflight.wanted import selected
+from rigel_k8s.network.preflight.wanted import is_selected
 
 #: A message of 1 MB that arrives at once in fragments of 64 KB is lost in a buffer of 416 KiB and
 #: fits into one of 1 MiB (docs/preflight.md: how it was measured).
@@ -24,7 +24,7 @@ def buffers(case: Case) -> Iterator[PreflightFinding]:
     users = case.nodes()
     seen = {node: facts for node, facts in case.view.machines.items() if node in users}
     small = {
-        node: ", ".join(f"{n} {facts.settings[n]}" for n in BUFFERS if _small(facts.settings, n))
+        node: ", ".join(f"{n} {facts.settings[n]}" for n in BUFFERS if _is_small(facts.settings, n))
         for node, facts in seen.items()
     }
     nodes = [node for node, text in small.items() if text]
@@ -40,7 +40,7 @@ def buffers(case: Case) -> Iterator[PreflightFinding]:
     yield from _fragments(case)
 
 
-def _small(settings: Mapping[str, int], name: str) -> bool:
+def _is_small(settings: Mapping[str, int], name: str) -> bool:
     return settings.get(name, LEAST) < LEAST
 
 
@@ -98,7 +98,7 @@ def policies(case: Case) -> Iterator[PreflightFinding]:
     for policy in case.view.policies:
         selector = (policy.get("spec") or {}).get("podSelector") or {}
         for pod in case.wanted:
-            if pod.pods and selected(selector, pod.labels):
+            if pod.pods and is_selected(selector, pod.labels):
                 found[policy["metadata"]["name"]] = None
     if not found:
         return

@@ -20,9 +20,9 @@ from rigel_k8s.network.preflight.attachments import (
     Attachment,
     attachment,
 )
-from rigel_k8s.network.preflight.case import AddressPool, Case, MachineView, Taken, pool, taken
+from rigel_k8s.network.preflight.case import AddressPool, Case, MachineView, Taken, find_taken, pool
 from rigel_k8s.network.preflight.daemon import Daemon, daemon, is_multus
-from rigel_k8s.network.preflight.finding import PreflightFinding, by_text
+from rigel_k8s.network.preflight.finding import PreflightFinding, group_by_text
 from rigel_k8s.network.preflight.machine import PROBE, MachineFacts, parse
 from rigel_k8s.network.preflight.services import service_ranges
 from rigel_k8s.objects.refs import ObjectRef
@@ -43,9 +43,9 @@ def look(case: Case, cluster: Cluster) -> tuple[Case, list[PreflightFinding]]:
     """Return the case with what was seen of the cluster, and what could not be looked at."""
     eyes = _Eyes(cluster)
     case = attrs.evolve(case, view=eyes.cluster_view(case))
-    view = attrs.evolve(case.view, machines=eyes.machines(case), taken=eyes.taken(case))
+    view = attrs.evolve(case.view, machines=eyes.machines(case), taken=eyes.find_taken(case))
     # The machine's own network lacks nothing that a machine could tell: no warning without need.
-    return attrs.evolve(case, view=view), eyes.told() if case.keys else []
+    return attrs.evolve(case, view=view), eyes.report_unseen() if case.keys else []
 
 
 class _Eyes:
@@ -55,12 +55,13 @@ class _Eyes:
         self._cluster = cluster
         self._unseen: dict[str, str] = {}  # what -> why not
 
-    def told(self) -> list[PreflightFinding]:
+    def report_unseen(self) -> list[PreflightFinding]:
         """Return the warning that tells what could not be looked at."""
         if not self._unseen:
             return []
         parts = "; ".join(
-            f"{', '.join(sorted(what))} ({why})" for why, what in by_text(self._unseen).items()
+            f"{', '.join(sorted(what))} ({why})"
+            for why, what in group_by_text(self._unseen).items()
         )
         return [
             PreflightFinding(
@@ -75,11 +76,9 @@ class _Eyes:
         """Return all but the machines; the questions are asked at once."""
         cluster, attaching = self._cluster, bool(case.keys)
         questions: dict[str, Callable[[], Any]] = {
-            "nodes": lambda: self._asked("nodes", cluster.nodes, NOTHING),
+            "nodes": lambda: self._ask("nodes", cluster.nodes, NOTHING),
             "daemons": self._daemons,
-            "policies": lambda: self._asked(
-                "NetworkPolicies", lambda: self._policies(case), NOTHING
-            ),
+            "policies": lambda: self._ask("NetworkPolicies", lambda: self._policies(case), NOTHING),
         }
         if attaching:
             questions |= {
@@ -87,7 +86,7 @@ class _Eyes:
                 "whereabouts": lambda: self._serves(POOL_API, POOL_KIND),
                 "attachments": lambda: self._attachments(case),
                 "services": lambda: service_ranges(cluster),
-                "pools": lambda: self._asked("whereabouts' IPPools", self._pools, NO_POOLS),
+                "pools": lambda: self._ask("whereabouts' IPPools", self._pools, NO_POOLS),
             }
         answers = cluster.parallel(lambda ask: ask(), questions.values())
         known = dict(zip(questions, answers, strict=True))
@@ -104,30 +103,32 @@ class _Eyes:
         answers = self._cluster.parallel(self._machine, asked)
         return {one.node: facts for one, facts in zip(asked, answers, strict=True) if facts}
 
-    def taken(self, case: Case) -> Sequence[Taken]:
+    def find_taken(self, case: Case) -> Sequence[Taken]:
         """Return which second addresses pods have; asked only where some may collide with ours."""
         pairs = [(one, other) for one in case.attachments for other in case.neighbours(one)]
         if not any(p.program != q.program or q in case.rivals(p) for p, q in pairs):
             return ()
-        return self._asked(
-            "other pods' second addresses", lambda: list(taken(self._cluster.list("v1", "Pod"))), ()
+        return self._ask(
+            "other pods' second addresses",
+            lambda: list(find_taken(self._cluster.list("v1", "Pod"))),
+            (),
         )
 
-    def _asked(self, what: str, question: Callable[[], T], otherwise: T) -> T:
+    def _ask(self, what: str, question: Callable[[], T], otherwise: T) -> T:
         try:
             return question()
         except ClusterError as error:
-            self._unseen[what] = _why(error)
+            self._unseen[what] = _explain(error)
             return otherwise
 
     def _serves(self, api: str, kind: str) -> bool:
-        return self._asked(f"kinds of {api}", lambda: self._cluster.serves(api, kind), True)
+        return self._ask(f"kinds of {api}", lambda: self._cluster.serves(api, kind), True)
 
     def _daemons(self) -> Mapping[str, Daemon] | None:
         """Return Multus' pods by node, whoever installed them and under whatever name."""
-        return self._asked("Multus' daemons", self._found_daemons, None)
+        return self._ask("Multus' daemons", self._find_daemons, None)
 
-    def _found_daemons(self) -> Mapping[str, Daemon] | None:
+    def _find_daemons(self) -> Mapping[str, Daemon] | None:
         sets = self._cluster.list("apps/v1", "DaemonSet")
         pods = [pod for one in sets if is_multus(one) for pod in self._pods_of(one)]
         return {pod["spec"].get("nodeName", ""): daemon(pod) for pod in pods}
@@ -152,11 +153,11 @@ class _Eyes:
         try:
             items = self._cluster.list(API, KIND)
         except ClusterError as error:
-            self._unseen["NetworkAttachmentDefinitions of other namespaces"] = _why(error)
-            return self._named([key for key in case.keys if key not in case.own])
+            self._unseen["NetworkAttachmentDefinitions of other namespaces"] = _explain(error)
+            return self._find_named([key for key in case.keys if key not in case.own])
         return {one.key: one for one in map(attachment, items)}, frozenset()
 
-    def _named(self, keys: Sequence[str]) -> tuple[dict[str, Attachment], frozenset[str]]:
+    def _find_named(self, keys: Sequence[str]) -> tuple[dict[str, Attachment], frozenset[str]]:
         found: dict[str, Attachment] = {}
         unread = []
         for key in keys:
@@ -178,10 +179,10 @@ class _Eyes:
             )
             return parse(done.stdout.decode("utf-8", "replace"))
         except (ClusterError, ValueError) as error:
-            self._unseen[f"interfaces and CNI programs of {one.node}"] = _why(error)
+            self._unseen[f"interfaces and CNI programs of {one.node}"] = _explain(error)
             return None
 
 
-def _why(error: Exception) -> str:
+def _explain(error: Exception) -> str:
     """Return why something could not be seen; of what is forbidden the word is enough."""
     return "forbidden" if isinstance(error, Forbidden) else str(error)

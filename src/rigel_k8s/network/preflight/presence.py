@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rigel_k8s.network.multus.machines import STANDARD
 from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
-from rigel_k8s.network.preflight.finding import INSTALL, PreflightFinding, by_text, list_some
+from rigel_k8s.network.preflight.finding import INSTALL, PreflightFinding, group_by_text, list_some
 
 #: Virtual networks that deliver to MAC addresses of their own machines only, as Kubernetes' cloud
 #: providers call themselves in a node's providerID.
@@ -31,7 +31,7 @@ def presence(case: Case) -> Iterator[PreflightFinding]:
             "whereabouts is not installed: the cluster knows no IPPool to keep addresses in",
             f"{INSTALL}; or another `network.ipam`",
         )
-    yield from _daemons(case)
+    yield from _check_daemons(case)
     known = {*case.view.attachments, *case.own, *case.view.unread}
     there = list_some(sorted(case.view.attachments)) or "none"
     for key in (key for key in case.keys if key not in known):
@@ -43,7 +43,7 @@ def presence(case: Case) -> Iterator[PreflightFinding]:
         )
 
 
-def _daemons(case: Case) -> Iterator[PreflightFinding]:
+def _check_daemons(case: Case) -> Iterator[PreflightFinding]:
     """Yield the machines without a Multus that answers; those that are off are left alone."""
     if case.view.daemons is None:
         return
@@ -75,7 +75,7 @@ def clouds(case: Case) -> Iterator[PreflightFinding]:
         provider = ((node.get("spec") or {}).get("providerID") or "").partition("://")[0]
         if provider in CLOUDS and node["metadata"]["name"] in counting:
             found[node["metadata"]["name"]] = provider
-    for provider, nodes in by_text(found).items():
+    for provider, nodes in group_by_text(found).items():
         yield PreflightFinding(
             "cloud",
             f"{list_some(nodes)} {'is' if len(nodes) == 1 else 'are'} of {provider}: virtual"
@@ -90,12 +90,12 @@ def clouds(case: Case) -> Iterator[PreflightFinding]:
 def programs(case: Case) -> Iterator[PreflightFinding]:
     """Yield CNI programs, and parts of the kernel, that machines lack."""
     for one in case.attachments:
-        yield from _missing_programs(case, one)
-        yield from _missing_in_kernel(case, one)
-        yield from _dhcp(case, one)
+        yield from _check_programs(case, one)
+        yield from _check_kernel(case, one)
+        yield from _check_dhcp(case, one)
 
 
-def _missing_programs(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
+def _check_programs(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     needed = dict.fromkeys(one.programs)
     lacking: dict[str, str] = {}
     remedies: dict[str, str] = {}
@@ -104,14 +104,14 @@ def _missing_programs(case: Case, one: Attachment) -> Iterator[PreflightFinding]
         names = [name for name in needed if name not in there] if facts.programs else []
         if names:
             lacking[node] = f"{list_some(names)} (looked into {list_some(facts.programs)})"
-            remedies[lacking[node]] = _bringing(names)
-    for text, nodes in by_text(lacking).items():
+            remedies[lacking[node]] = _suggest_source(names)
+    for text, nodes in group_by_text(lacking).items():
         verb = "lacks" if len(nodes) == 1 else "lack"
         message = f"{list_some(nodes)} {verb} CNI programs: {text}"
         yield PreflightFinding("program-missing", message, remedies[text])
 
 
-def _bringing(names: Sequence[str]) -> str:
+def _suggest_source(names: Sequence[str]) -> str:
     """Return what brings CNI programs; the standard ones are brought where machines lack most."""
     if set(names) <= {"whereabouts"}:
         return INSTALL
@@ -123,22 +123,22 @@ def _bringing(names: Sequence[str]) -> str:
     return "put them into that directory on each of these machines"
 
 
-def _missing_in_kernel(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
+def _check_kernel(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     nodes = [node for node, facts in case.machines(one) if facts.kernel.get(one.program) is False]
     if nodes:
         yield PreflightFinding(
             "kernel",
             f"the kernel of {list_some(nodes)} was built without {one.program}",
             f"a kernel with CONFIG_{one.program.upper()},"
-            f" or another `network.mode`: {_other(one.program)}",
+            f" or another `network.mode`: {_suggest_other(one.program)}",
         )
 
 
-def _other(program: str) -> str:
+def _suggest_other(program: str) -> str:
     return "macvlan or peers" if program == "ipvlan" else "ipvlan or peers"
 
 
-def _dhcp(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
+def _check_dhcp(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     if one.ipam != "dhcp":
         return
     nodes = [node for node, facts in case.machines(one) if facts.dhcp is False]

@@ -16,17 +16,17 @@ def ranges(case: Case) -> Iterator[PreflightFinding]:
     """Yield what an attachment's addresses collide with."""
     for one in case.attachments:
         for given in case.ranges(one):
-            yield from _cluster_networks(case, given)
-            yield from _other_interfaces(case, one, given)
-            yield from _machines(case, one, given)
-            yield from _other_ranges(case, one, given)
-        yield from _other_pods(case, one)
-        yield from _asked_in_vain(case, one)
+            yield from _check_cluster_networks(case, given)
+            yield from _check_other_interfaces(case, one, given)
+            yield from _check_machines(case, one, given)
+            yield from _check_other_ranges(case, one, given)
+        yield from _check_other_pods(case, one)
+        yield from _check_asked(case, one)
 
 
-def _asked_in_vain(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
+def _check_asked(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     """Yield attachments that do not give pods the addresses that they ask for."""
-    if not case.asked_addresses(one) or (one.ipam == "static" and one.passes):
+    if not case.list_asked_addresses(one) or (one.ipam == "static" and one.passes):
         return
     if one.ipam != "static":
         why = f"its addresses come from {one.ipam or 'nobody'}"
@@ -41,7 +41,7 @@ def _asked_in_vain(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     )
 
 
-def _cluster_networks(case: Case, given: Range) -> Iterator[PreflightFinding]:
+def _check_cluster_networks(case: Case, given: Range) -> Iterator[PreflightFinding]:
     pods = [f"{text} ({node})" for node, text in _pod_networks(case) if _overlap(given, text)]
     if pods:
         yield _overlapping("pod-network", given, f"the pod network: {list_some(pods)}")
@@ -74,7 +74,9 @@ def _overlap(given: Range, other: Subnet) -> bool:
     return given.subnet.version == other.version and given.subnet.overlaps(other)
 
 
-def _other_interfaces(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
+def _check_other_interfaces(
+    case: Case, one: Attachment, given: Range
+) -> Iterator[PreflightFinding]:
     """Yield ranges that machines reach elsewhere: pods would look for them at the second network.
 
     Routes to pods are left out: they are told as the pod network.
@@ -86,7 +88,7 @@ def _other_interfaces(case: Case, one: Attachment, given: Range) -> Iterator[Pre
             length = route.subnet.prefixlen
             if route.interface == master or length in (0, route.subnet.max_prefixlen):
                 continue
-            if _overlap(given, route.subnet) and not any(_within(route.subnet, p) for p in pods):
+            if _overlap(given, route.subnet) and not any(_is_within(route.subnet, p) for p in pods):
                 yield PreflightFinding(
                     "route",
                     f"{node} reaches {route.subnet} by {route.interface}, and subnet"
@@ -96,13 +98,13 @@ def _other_interfaces(case: Case, one: Attachment, given: Range) -> Iterator[Pre
                 )
 
 
-def _within(inner: Subnet, outer: Subnet) -> bool:
+def _is_within(inner: Subnet, outer: Subnet) -> bool:
     return inner.version == outer.version and inner.subnet_of(outer)  # type: ignore[arg-type]
 
 
-def _machines(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
+def _check_machines(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
     """Yield addresses of machines and of the gateway that pods would get."""
-    asked = case.asked_addresses(one)
+    asked = case.list_asked_addresses(one)
     owners = _owners(case)
     if one.ipam == "static":
         stolen = [f"{a} ({owners[a]})" for a in sorted(asked, key=int) if a in owners]
@@ -135,7 +137,7 @@ def _owners(case: Case) -> dict[Address, str]:
     return {one: node for one, node in found.items() if not any(one in n for n in pods)}
 
 
-def _other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
+def _check_other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
     """Yield attachments on the same interface that give out the same addresses unknowingly."""
     for other in case.rivals(one):
         for theirs in other.ranges:
@@ -151,9 +153,9 @@ def _other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[Preflig
                 )
 
 
-def _other_pods(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
+def _check_other_pods(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     """Yield addresses that pods of other attachments on the same interface have."""
-    asked, given = case.asked_addresses(one), case.ranges(one)
+    asked, given = case.list_asked_addresses(one), case.ranges(one)
     others = {other.key for other in case.rivals(one)}
     clashing = [
         f"{taken.address} ({taken.pod})"
@@ -183,7 +185,7 @@ def room(case: Case) -> Iterator[PreflightFinding]:
             yield _host_local(nodes)
         given = case.ranges(one)
         if given and one.ipam in ("whereabouts", "static", "host-local"):
-            yield from _too_few(case, one, given, pods)
+            yield from _check_room(case, one, given, pods)
 
 
 def _host_local(nodes: list[str]) -> PreflightFinding:
@@ -196,7 +198,7 @@ def _host_local(nodes: list[str]) -> PreflightFinding:
     )
 
 
-def _too_few(
+def _check_room(
     case: Case, one: Attachment, given: tuple[Range, ...], pods: int
 ) -> Iterator[PreflightFinding]:
     # Of several ranges a pod gets one address each, so the smallest decides.
@@ -210,7 +212,7 @@ def _too_few(
             fault="rigelfile",
         )
         return
-    others = _held_by_others(case, least) if one.ipam == "whereabouts" else []
+    others = _find_held_by_others(case, least) if one.ipam == "whereabouts" else []
     if pods > least.size - len(others):
         yield PreflightFinding(
             "addresses-run-out",
@@ -221,6 +223,6 @@ def _too_few(
         )
 
 
-def _held_by_others(case: Case, given: Range) -> list[Taken]:
+def _find_held_by_others(case: Case, given: Range) -> list[Taken]:
     found = {t.address: t for pool in case.view.pools for t in pool.taken if given.gives(t.address)}
     return [taken for _, taken in sorted(found.items()) if not case.is_own(taken.pod)]

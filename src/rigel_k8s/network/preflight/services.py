@@ -25,14 +25,14 @@ def service_ranges(cluster: Cluster) -> list[Subnet]:
     Clusters from 1.33 on list them. Others name theirs when a Service asks for an address outside
     of it, which is tried as a dry run.
     """
-    for texts in (_listed, _refused, _known):
+    for texts in (_list_ranges, _provoke_refusal, _read_default):
         found = [one for one in map(subnet, texts(cluster)) if one is not None]
         if found:
             return found
     return []
 
 
-def _listed(cluster: Cluster) -> Iterator[str]:
+def _list_ranges(cluster: Cluster) -> Iterator[str]:
     try:
         objects = cluster.list("networking.k8s.io/v1", "ServiceCIDR")
     except ClusterError:
@@ -41,7 +41,7 @@ def _listed(cluster: Cluster) -> Iterator[str]:
         yield from (item.get("spec") or {}).get("cidrs") or []
 
 
-def _refused(cluster: Cluster) -> Iterator[str]:
+def _provoke_refusal(cluster: Cluster) -> Iterator[str]:
     try:
         cluster.create(_service(), dry_run=True)
     except ClusterError as error:
@@ -57,7 +57,7 @@ def _service() -> dict[str, Any]:
     }
 
 
-def _known(cluster: Cluster) -> Iterator[str]:
+def _read_default(cluster: Cluster) -> Iterator[str]:
     try:
         found = cluster.get(ObjectRef("v1", "Service", "default", "kubernetes"))
     except ClusterError:

@@ -113,7 +113,7 @@ def may_run(pod: Manifest, node: Manifest) -> bool:
         chosen.items() <= labels.items()
         and _has_affinity(pod, labels, name)
         and all(
-            _tolerated(taint, pod.get("tolerations") or [])
+            _is_tolerated(taint, pod.get("tolerations") or [])
             for taint in (node.get("spec") or {}).get("taints") or []
         )
     )
@@ -147,7 +147,7 @@ def _holds(rule: Manifest, labels: Mapping[str, str]) -> bool:
     return difference > 0 if rule["operator"] == "Gt" else difference < 0
 
 
-def _tolerated(taint: Manifest, tolerations: Sequence[Manifest]) -> bool:
+def _is_tolerated(taint: Manifest, tolerations: Sequence[Manifest]) -> bool:
     if taint.get("effect") == "PreferNoSchedule" or taint["key"] in PASSING:
         return True
     return any(_tolerates(one, taint) for one in tolerations)
@@ -162,7 +162,7 @@ def _tolerates(one: Manifest, taint: Manifest) -> bool:
     return bool(same)
 
 
-def selected(selector: Manifest, labels: Mapping[str, str]) -> bool:
+def is_selected(selector: Manifest, labels: Mapping[str, str]) -> bool:
     """Return whether a label selector, such as a policy's, selects a pod with these labels."""
     return (selector.get("matchLabels") or {}).items() <= labels.items() and all(
         _holds(rule, labels) for rule in selector.get("matchExpressions") or []

@@ -209,10 +209,10 @@ def test_what_is_not_said_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(network_found, "find_last_good", lambda *_: Last)
     cluster: Any = None
-    assert network_found.settled(cluster, Install()) == Install(**before)
+    assert network_found.complete_options(cluster, Install()) == Install(**before)
     said = Install(data_dir="/var/lib/rancher/k3s")
-    assert network_found.settled(cluster, said) == Install(
+    assert network_found.complete_options(cluster, said) == Install(
         multus_image="registry.lab/multus:1", data_dir="/var/lib/rancher/k3s"
     )
     monkeypatch.setattr(network_found, "find_last_good", lambda *_: None)
-    assert network_found.settled(cluster, Install()) == Install()
+    assert network_found.complete_options(cluster, Install()) == Install()

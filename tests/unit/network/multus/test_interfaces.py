@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.network.multus.interfaces import asked, without_interface
+from rigel_k8s.network.multus.interfaces import find_without_interface, list_asked
 
 ETH0 = {"name": "cbr0", "interface": "eth0", "default": True}
 
@@ -40,7 +40,7 @@ def pod(networks: Any = None, status: Any = None, phase: str = "Running", **meta
 )
 def test_asked(text: Any, names: list[str]) -> None:
     """Both forms of the annotation are read, names without a namespace are the pod's own."""
-    assert asked(pod(text)) == names
+    assert list_asked(pod(text)) == names
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_asked(text: Any, names: list[str]) -> None:
 )
 def test_pods_that_lack_nothing(fine: Any) -> None:
     """Nothing is told of pods that have what they asked for, or do not run (yet, any more)."""
-    assert without_interface([fine]) == []
+    assert find_without_interface([fine]) == []
 
 
 @pytest.mark.parametrize(
@@ -69,6 +69,6 @@ def test_pods_that_lack_nothing(fine: Any) -> None:
 )
 def test_pods_that_lack_a_network(one: Any, lacking: tuple[str, ...]) -> None:
     """A running pod is named with its node and each network that it has not got."""
-    (missing,) = without_interface([one])
+    (missing,) = find_without_interface([one])
     assert (missing.pod, missing.node, missing.networks) == ("talker", "robot", lacking)
     assert str(missing).startswith("pod lab/talker on robot runs without its network ")

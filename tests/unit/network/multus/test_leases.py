@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from rigel_k8s.network.multus.leases import unkept
+from rigel_k8s.network.multus.leases import find_unkept
 
 EARLY, LATE, LATEST = "2026-01-01T10:00:00Z", "2026-01-01T10:00:05Z", "2026-01-01T11:00:00Z"
 
@@ -49,7 +49,7 @@ LAN = [attachment("dhcp"), attachment("whereabouts", "other")]
 def test_a_pod_older_than_its_daemon_is_named() -> None:
     """What counts is when the pod was attached, not when its program was last started."""
     pods = [pod("old"), pod("new", started=LATEST), pod("there", node="node2")]
-    (one,) = unkept(pods, [daemon("node1", LATE), daemon("node2", EARLY)], LAN)
+    (one,) = find_unkept(pods, [daemon("node1", LATE), daemon("node2", EARLY)], LAN)
     assert str(one) == (
         "nobody renews the address of pod robots/old on node1 at robots/lan: the DHCP daemon there"
         " has started since"
@@ -59,8 +59,8 @@ def test_a_pod_older_than_its_daemon_is_named() -> None:
 def test_what_has_nothing_to_do_with_it_is_not_named() -> None:
     """Pods of other networks, ended ones, and those of machines with a daemon of their own."""
     pods = [pod("other", networks="other"), pod("ended", phase="Succeeded")]
-    assert unkept(pods, [daemon("node1", LATE)], LAN) == []
-    assert unkept([pod("old")], [daemon("node1", None)], LAN) == []
-    assert unkept([pod("old")], [daemon("node1", LATE)], [attachment("static")]) == []
+    assert find_unkept(pods, [daemon("node1", LATE)], LAN) == []
+    assert find_unkept([pod("old")], [daemon("node1", None)], LAN) == []
+    assert find_unkept([pod("old")], [daemon("node1", LATE)], [attachment("static")]) == []
     listed = {"metadata": LAN[0]["metadata"], "spec": {"config": "no JSON"}}
-    assert unkept([pod("old")], [daemon("node1", LATE)], [listed]) == []
+    assert find_unkept([pod("old")], [daemon("node1", LATE)], [listed]) == []

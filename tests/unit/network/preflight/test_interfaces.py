@@ -6,7 +6,7 @@ import attrs
 
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import attachment
-from rigel_k8s.network.preflight.case import MachineView, taken
+from rigel_k8s.network.preflight.case import MachineView, find_taken
 from rigel_k8s.network.preflight.machine import MachineFacts
 
 from .cases import found, machine, nad, texts, view, with_interface, workload
@@ -160,7 +160,7 @@ def test_ipvlan_of_other_pods() -> None:
         },
         "spec": {"nodeName": "node2"},
     }
-    seen = view(attachments={other.key: other}, taken=list(taken([pod])))
+    seen = view(attachments={other.key: other}, taken=list(find_taken([pod])))
     assert texts(found(seen=seen)) == [
         "error rigelfile interface-shared: eth0 carries ipvlan already, by vision/cams (used by"
         " vision/cam-1): one interface carries macvlan or ipvlan, never both => `mode: ipvlan` as"

@@ -10,7 +10,7 @@ import pytest
 
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.preflight.attachments import attachment
-from rigel_k8s.network.preflight.case import Taken, pool, taken
+from rigel_k8s.network.preflight.case import Taken, find_taken, pool
 from rigel_k8s.network.preflight.machine import Route
 
 from .cases import addresses, found, machine, nad, node, texts, view, workload
@@ -185,7 +185,7 @@ def test_an_address_that_another_pod_has() -> None:
             "annotations": {"k8s.v1.cni.cncf.io/network-status": told},
         }
     }
-    seen = view(attachments={other.key: other}, taken=list(taken([pod])))
+    seen = view(attachments={other.key: other}, taken=list(find_taken([pod])))
     expected = (
         "error rigelfile address-taken: pods would be given addresses that other pods have:"
         " 10.77.0.9 (nets/cam) => " + KEEP_OFF
@@ -194,7 +194,7 @@ def test_an_address_that_another_pod_has() -> None:
     network = Network(mode="macvlan", ipam="static", subnet="10.77.0.0/24")
     mine = [nad(ipam={"type": "static"}, **IPS), workload(networks=static("10.77.0.9/24"))]
     assert texts(found(*mine, seen=seen, network=network)) == [expected]
-    ended = attrs.evolve(seen, taken=list(taken([{**pod, "status": {"phase": "Succeeded"}}])))
+    ended = attrs.evolve(seen, taken=list(find_taken([{**pod, "status": {"phase": "Succeeded"}}])))
     assert found(seen=ended) == []
 
 

@@ -28,7 +28,7 @@ import yaml
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.installation import installed_in
+from rigel_k8s.observability.installation import find_namespace
 from rigel_k8s.settings import Settings
 
 PARTS = ("loki", "promtail", "prometheus", "kube-state-metrics", "node-exporter", "ros-exporter")
@@ -184,7 +184,7 @@ def main() -> None:
     """Measure and print."""
     words = arguments()
     with connect(Settings(context=words.context)) as cluster:
-        namespace = installed_in(cluster)
+        namespace = find_namespace(cluster)
         if namespace is None:
             raise SystemExit("there is no stack: deploy one with observability: {enabled: true}")
         bench = Bench(cluster, words.context, namespace, words.image, words.seconds)

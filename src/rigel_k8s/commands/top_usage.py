@@ -16,7 +16,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
-from rigel_k8s.observability.reading.stack import NoStack, why_not
+from rigel_k8s.observability.reading.stack import NoStack, explain
 
 METRICS = "metrics.k8s.io/v1beta1"
 UNITS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}
@@ -94,7 +94,7 @@ def refused(name: str, error: NoStack | ClusterError) -> str:
     """Return why one was not asked."""
     if isinstance(error, Forbidden) and name != "Prometheus":
         return f"you may not ask {name}"
-    return why_not(name, error)
+    return explain(name, error)
 
 
 def asked(cluster: Cluster, prometheus: PrometheusClient, namespace: str) -> Mapping[str, Usage]:

@@ -36,13 +36,13 @@ def survey(
 
     Where something is wrong that a busy machine may explain too, a longer look decides.
     """
-    found = glance(cluster, release, cancel, LISTEN)
+    found = look_briefly(cluster, release, cancel, LISTEN)
     if found is not None and any(finding.kind in DOUBTFUL for finding in found.errors):
-        return glance(cluster, release, cancel, LONGER)
+        return look_briefly(cluster, release, cancel, LONGER)
     return found
 
 
-def glance(
+def look_briefly(
     cluster: Cluster, release: ReleaseId, cancel: threading.Event | None, seconds: float
 ) -> DiscoveryGraph | None:
     """Return what one look of so many seconds shows."""
@@ -66,12 +66,12 @@ def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: thread
         Interrupted: `cancel` was set.
     """
     until = time.monotonic() + PATIENCE
-    found = glance(cluster, release, cancel, LISTEN)
+    found = look_briefly(cluster, release, cancel, LISTEN)
     while found is not None and found.errors and time.monotonic() < until:
         report.progress("graph", found.errors[0].message)
         if cancel.wait(AGAIN):
             raise Interrupted("stopped while looking at the DDS graph; the release stays deployed")
-        found = glance(cluster, release, cancel, LISTEN)
+        found = look_briefly(cluster, release, cancel, LISTEN)
     if found is not None and found.errors:
         found = survey(cluster, release, cancel)
     if found is not None:

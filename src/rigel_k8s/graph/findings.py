@@ -9,7 +9,7 @@ import attrs
 
 from rigel_k8s.graph.looks import Observation
 from rigel_k8s.graph.members import Member
-from rigel_k8s.graph.paths import Paths, deaf_findings, paths
+from rigel_k8s.graph.paths import Paths, find_deaf, paths
 from rigel_k8s.graph.words import GraphFinding
 from rigel_k8s.network.modes.peers import peer_name
 from rigel_k8s.objects.text import join_words
@@ -64,10 +64,10 @@ def graph(found: Sequence[Member], seen: Mapping[str, Observation]) -> Discovery
     ways = paths(looked, seen)
     known = discoveries(looked, seen)
     findings = [
-        *unseen(found, seen),
-        *(finding for member in looked for finding in of_pod(member, seen[member.pod])),
-        *deaf_findings(looked, ways),
-        *undiscovered(looked, seen, known, ways),
+        *find_unseen(found, seen),
+        *(finding for member in looked for finding in check_pod(member, seen[member.pod])),
+        *find_deaf(looked, ways),
+        *find_undiscovered(looked, seen, known, ways),
     ]
     rows = tuple(row(member, seen[member.pod], known.get(member.pod)) for member in found)
     return DiscoveryGraph(rows, tuple(sorted(ways.deaf)), tuple(findings))
@@ -116,7 +116,7 @@ def asks(other: Member, member: Member) -> bool:
     return other.mode == "peers" and other.workload != member.workload
 
 
-def unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator[GraphFinding]:
+def find_unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator[GraphFinding]:
     """Yield why pods could not be looked into; pods of one reason together."""
     reasons: dict[str, list[str]] = defaultdict(list)
     for member in found:
@@ -128,7 +128,7 @@ def unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator
         )
 
 
-def of_pod(member: Member, seen: Observation) -> Iterator[GraphFinding]:
+def check_pod(member: Member, seen: Observation) -> Iterator[GraphFinding]:
     """Yield what is wrong inside one pod."""
     wrong = list(interface_findings(member, seen))
     if not wrong and member.middleware == "zenoh":
@@ -199,7 +199,7 @@ def router_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
         yield "no-router", "is connected to no zenoh router", remedy
 
 
-def undiscovered(
+def find_undiscovered(
     looked: Sequence[Member],
     seen: Mapping[str, Observation],
     known: Mapping[str, Mapping[str, bool]],
@@ -209,7 +209,7 @@ def undiscovered(
     by_pod = {member.pod: member for member in looked}
     for pod, others in known.items():
         member = by_pod[pod]
-        if list(of_pod(member, seen[pod])):
+        if list(check_pod(member, seen[pod])):
             continue
         missing = [
             other

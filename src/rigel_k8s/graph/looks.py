@@ -129,9 +129,9 @@ def look(
         run.late = not run.hears
     wait(runs, lambda run: run.ended, seconds, cancel)
     for run in runs:
-        run.enough()
+        run.finish()
     wait(runs, lambda run: run.ended, END, cancel)
-    seen = {run.member.pod: run.seen() for run in runs}
+    seen = {run.member.pod: run.read_observation() for run in runs}
     return {m.pod: seen.get(m.pod, Observation("its container does not run")) for m in found}
 
 
@@ -146,7 +146,7 @@ def wait(
     while not all(done(run) for run in runs) and time.monotonic() < until:
         if cancel is not None and cancel.wait(TICK):
             for run in runs:
-                run.enough()
+                run.finish()
             raise Interrupted("stopped while looking at the DDS graph; the release stays deployed")
         if cancel is None:
             time.sleep(TICK)
@@ -193,7 +193,7 @@ class Look:
         """Whether it has told that it hears, or never will."""
         return self.ended or b"\n" in self.output.getvalue()
 
-    def enough(self) -> None:
+    def finish(self) -> None:
         """Tell it to end; once."""
         if self.writing >= 0:
             with suppress(BrokenPipeError):  # it has ended by itself
@@ -201,7 +201,7 @@ class Look:
             os.close(self.writing)
             self.writing = -1
 
-    def seen(self) -> Observation:
+    def read_observation(self) -> Observation:
         """Return what it told."""
         lines = self.output.getvalue().decode("utf-8", "replace").splitlines()
         if self.late and not self.problem:

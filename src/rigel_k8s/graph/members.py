@@ -82,8 +82,8 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
     """Return a pod as a member, None where it takes no part."""
     meta, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
     annotations = meta.get("annotations") or {}
-    note = parsed(annotations.get(NETWORK_ANNOTATION), {})
-    container = mounting(spec)
+    note = parse_json(annotations.get(NETWORK_ANNOTATION), {})
+    container = find_container(spec)
     if "mode" not in note or note.get("ros") == "1" or container is None:
         return None
     if annotations.get(ROS_ANNOTATION) == "none":  # beside ROS nodes: nobody expects it
@@ -100,7 +100,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         domain=None if note.get("domain") is None else int(note["domain"]),
         middleware=str(note.get("middleware") or ("zenoh" if note["mode"] == "zenoh" else "")),
         interface=str(interface) if interface else None,
-        address=expected_address(note, annotations, interface),
+        address=choose_address(note, annotations, interface),
         ip=str(status.get("podIP") or ""),
         servers=tuple(filter(None, env.get("ROS_DISCOVERY_SERVER", "").split(";"))),
         own_ways=tuple(v for v in OWN_WAYS if env.get(v)) if note["mode"] == "none" else (),
@@ -109,7 +109,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
     )
 
 
-def parsed(text: str | None, otherwise: Any) -> Any:
+def parse_json(text: str | None, otherwise: Any) -> Any:
     """Return JSON as data, `otherwise` where it is none."""
     try:
         found = json.loads(text or "")
@@ -118,7 +118,7 @@ def parsed(text: str | None, otherwise: Any) -> Any:
     return found if isinstance(found, type(otherwise)) else otherwise
 
 
-def mounting(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def find_container(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """Return the container that has the in-pod scripts."""
     for container in spec.get("containers") or []:
         if any(m.get("mountPath") == MOUNT_PATH for m in container.get("volumeMounts") or []):
@@ -126,7 +126,7 @@ def mounting(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
     return None
 
 
-def expected_address(
+def choose_address(
     note: Mapping[str, Any], annotations: Mapping[str, str], interface: str | None
 ) -> str | None:
     """Return the address that was promised, else the one that Multus says it gave."""
@@ -137,7 +137,7 @@ def expected_address(
 
 def addresses_of(annotations: Mapping[str, str], interface: str | None) -> Iterator[str]:
     """Yield the IPv4 addresses that Multus says it gave to an interface."""
-    for network in parsed(annotations.get(STATUS_ANNOTATION), []):
+    for network in parse_json(annotations.get(STATUS_ANNOTATION), []):
         if interface and network.get("interface") == interface:
             yield from (str(ip) for ip in network.get("ips") or [] if ":" not in str(ip))
 

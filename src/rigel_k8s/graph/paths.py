@@ -57,7 +57,7 @@ def paths(looked: Sequence[Member], seen: Mapping[str, Observation]) -> Paths:
     return Paths(frozenset(heard), frozenset(set(arrived) - heard), frozenset(alone))
 
 
-def deaf_findings(looked: Sequence[Member], ways: Paths) -> Iterator[GraphFinding]:
+def find_deaf(looked: Sequence[Member], ways: Paths) -> Iterator[GraphFinding]:
     """Yield which machines do not hear which others."""
     bare = any(m.mode == "none" for m in looked)
     names = [f"at {name}" for name in sorted({m.interface for m in looked if m.interface})]
@@ -77,7 +77,7 @@ def deaf_findings(looked: Sequence[Member], ways: Paths) -> Iterator[GraphFindin
 
 def deaf_messages(ways: Paths, where: str) -> Iterator[tuple[str, set[str]]]:
     """Yield what is deaf in words, and the machines: first those that nothing reaches at all."""
-    cut = sorted(cut_off(ways))
+    cut = sorted(find_cut_off(ways))
     for machine in cut:
         yield (
             f"multicast{where} passes neither from {machine} to any other machine nor back",
@@ -91,7 +91,7 @@ def deaf_messages(ways: Paths, where: str) -> Iterator[tuple[str, set[str]]]:
         yield deaf_message(one, other, where, both=both), {one, other}
 
 
-def cut_off(ways: Paths) -> set[str]:
+def find_cut_off(ways: Paths) -> set[str]:
     """Return the machines that are deaf to all others and unheard by all, of three and more."""
     machines = {name for way in ways.heard | ways.deaf for name in way}
     if len(machines) < 3 or not any(a != b for a, b in ways.heard):

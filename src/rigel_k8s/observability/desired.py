@@ -16,7 +16,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.observability import boards
 from rigel_k8s.observability.checks import check
-from rigel_k8s.observability.installation import api_servers, gives_storage, installed_in
+from rigel_k8s.observability.installation import api_servers, find_namespace, gives_storage
 from rigel_k8s.observability.manifests.desired import stack_release
 from rigel_k8s.observability.manifests.stack import Boards, Stack
 from rigel_k8s.observability.names import RELEASE
@@ -55,7 +55,7 @@ def desired_stack(request: StackRequest, cluster: Cluster) -> DesiredStack:
     Raises:
         UserError: there is one in another namespace, or what all say together contradicts itself.
     """
-    where = _namespace(request.namespace, installed_in(cluster))
+    where = _namespace(request.namespace, find_namespace(cluster))
     last = find_last_good(cluster, ReleaseId(where, RELEASE))
     said = merge(dict(last.options) if last else {}, request.said)
     stack = Stack(

@@ -73,7 +73,7 @@ def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> 
     try:
         asked = desired_stack(request, cluster)
         _check_operator(asked, cluster)
-        return _installed(asked, cluster, options, request.password)
+        return _install(asked, cluster, options, request.password)
     except Forbidden as error:
         error.hint = "an administrator installs it once, for all, with a job `observability`"
         raise
@@ -101,7 +101,7 @@ def _check_operator(asked: DesiredStack, cluster: Cluster) -> None:
         )
 
 
-def _installed(
+def _install(
     asked: DesiredStack, cluster: Cluster, options: DeployOptions, password: str | None
 ) -> StackResult:
     _warn_of_lost_data(asked, options.report)
@@ -115,11 +115,11 @@ def _installed(
     away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_ready(n))
     for name in away:
         options.report.warn(f"node {name} is not ready: it is not waited for")
-    revision = _deployed(asked, cluster, options, away=bool(away))
+    revision = _deploy(asked, cluster, options, away=bool(away))
     return StackResult(asked, revision, changed=True, away=away)
 
 
-def _deployed(
+def _deploy(
     asked: DesiredStack, cluster: Cluster, options: DeployOptions, *, away: bool
 ) -> Revision:
     bound = options.timeout or PATIENT
@@ -134,7 +134,7 @@ def _deployed(
             description=options.description,
         )
     except RolloutFailed:
-        if not away or list(_unready(cluster, asked.release, options.cancel)):
+        if not away or list(_find_unready(cluster, asked.release, options.cancel)):
             raise
         newest = revisions.records(cluster, asked.release)[-1].revision()
         good = attrs.evolve(newest, status="good")
@@ -142,7 +142,9 @@ def _deployed(
         return good
 
 
-def _unready(cluster: Cluster, release: ReleaseId, cancel: threading.Event | None) -> Iterator[str]:
+def _find_unready(
+    cluster: Cluster, release: ReleaseId, cancel: threading.Event | None
+) -> Iterator[str]:
     """Yield the names of the stack's pods that are not ready on machines that are up."""
     up = {node["metadata"]["name"] for node in cluster.nodes() if is_ready(node)}
     pods = cluster.list("v1", "Pod", release.namespace, labels={RELEASE_LABEL: release.name})

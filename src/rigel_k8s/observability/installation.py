@@ -12,7 +12,7 @@ from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION
 
 
-def installed_in(cluster: Cluster) -> str | None:
+def find_namespace(cluster: Cluster) -> str | None:
     """Return the namespace of the cluster's stack, None where there is none."""
     roles = cluster.list(
         "rbac.authorization.k8s.io/v1", "ClusterRole", labels={RELEASE_LABEL: RELEASE}

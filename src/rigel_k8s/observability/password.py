@@ -35,7 +35,7 @@ def ensure_administrator(cluster: Cluster, namespace: str, said: str | None) -> 
     if live is None:
         _create(cluster, namespace, said or secrets.token_urlsafe(LENGTH))
     elif said is not None and _password(live) != said:
-        cluster.patch(administrator_ref(namespace), {"data": {PASSWORD: _encoded(said)}})
+        cluster.patch(administrator_ref(namespace), {"data": {PASSWORD: _encode(said)}})
         _start_anew(cluster, namespace)
 
 
@@ -48,7 +48,7 @@ def _create(cluster: Cluster, namespace: str, password: str) -> None:
                 "kind": "Secret",
                 "type": "Opaque",
                 "metadata": {"name": ADMIN_SECRET, "namespace": namespace},
-                "data": {USER_NAME: _encoded(USER), PASSWORD: _encoded(password)},
+                "data": {USER_NAME: _encode(USER), PASSWORD: _encode(password)},
             }
         )
     except ConflictError:  # another deploy was quicker, and its password counts
@@ -65,5 +65,5 @@ def _password(secret: Any) -> str:
     return base64.b64decode(secret.get("data", {}).get(PASSWORD, "")).decode()
 
 
-def _encoded(text: str) -> str:
+def _encode(text: str) -> str:
     return base64.b64encode(text.encode()).decode()

@@ -10,7 +10,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.naming import selector
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.desired import NAMESPACE
-from rigel_k8s.observability.installation import installed_in
+from rigel_k8s.observability.installation import find_namespace
 from rigel_k8s.observability.manifests.alloy import ALLOY
 from rigel_k8s.observability.manifests.promtail import PROMTAIL
 from rigel_k8s.observability.names import RELEASE
@@ -45,7 +45,7 @@ def remove(
     Raises:
         UserError: there is no stack.
     """
-    where = namespace or installed_in(cluster) or NAMESPACE
+    where = namespace or find_namespace(cluster) or NAMESPACE
     _stop_collecting(cluster, where, report, cancel or threading.Event())
     plan = down(
         cluster,

@@ -14,7 +14,7 @@ import attrs
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.installation import installed_in
+from rigel_k8s.observability.installation import find_namespace
 from tests.support import until as waiting
 
 from ...support import shared
@@ -137,7 +137,7 @@ def _images(context: str) -> None:
 def watching(cluster: Any, context: str, tmp_path_factory: pytest.TempPathFactory) -> Stack:
     """The cluster's one stack, deployed once for all processes; the run's end takes it away."""
     ours = shared.directory() / shared.STACK
-    if not ours.exists() and (there := installed_in(cluster)):
+    if not ours.exists() and (there := find_namespace(cluster)):
         namespace = there
     else:
         namespace = "monitoring"

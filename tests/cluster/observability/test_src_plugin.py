@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.observability.installation import installed_in
+from rigel_k8s.observability.installation import find_namespace
 from rigel_k8s.observability.removal import remove as remove_stack
 from tests.support.recorder import Recorder
 
@@ -25,10 +25,10 @@ PUB = "rostopic pub -r 5 chatter std_msgs/String hello"
 @pytest.fixture
 def no_stack(cluster: Any) -> Iterator[None]:
     """Nobody has deployed a stack yet, and none is left."""
-    if installed_in(cluster):
+    if find_namespace(cluster):
         pytest.skip("the cluster has a stack that is not of these tests")
     yield
-    if installed_in(cluster):
+    if find_namespace(cluster):
         remove_stack(cluster, Recorder(), volumes=True)
 
 

@@ -11,7 +11,7 @@ from rigel_k8s.commands.logs.lines import LogOptions
 from rigel_k8s.kube.failures import refusal
 from rigel_k8s.observability.options import Existing, ExistingLoki, Observability
 from rigel_k8s.observability.reading.doors import target_port
-from rigel_k8s.observability.reading.stack import InstalledStack, NoStack, part_of, why_not
+from rigel_k8s.observability.reading.stack import InstalledStack, NoStack, explain, part_of
 
 POD = {"spec": {"containers": [{"ports": [{"name": "http", "containerPort": 8080}]}]}}
 
@@ -83,7 +83,7 @@ def test_what_the_api_server_cannot_pass_on_is_told(more: dict[str, str], words:
 def test_why_a_part_is_not_asked_is_told_in_few_words(status: int, words: str) -> None:
     """What is refused, what is not ready, and what it says itself."""
     error = refusal(status, b"parse error", "ask Service m/loki", context="c", server="s")
-    assert why_not("Loki", error).startswith(words)
+    assert explain("Loki", error).startswith(words)
 
 
 def test_only_what_asks_for_the_past_asks_for_a_stack() -> None:

@@ -271,7 +271,7 @@ def looks(monkeypatch: pytest.MonkeyPatch) -> list[DiscoveryGraph | None]:
     def glance(*_: Any) -> DiscoveryGraph | None:
         return found.pop(0) if len(found) > 1 else found[0]
 
-    monkeypatch.setattr(graphs, "glance", glance)
+    monkeypatch.setattr(graphs, "look_briefly", glance)
     monkeypatch.setattr(graphs, "AGAIN", 0.0)
     return found
 

@@ -25,7 +25,7 @@ from rigel_k8s.observability import (
 )
 from rigel_k8s.observability.desired import desired_stack, render_stack
 from rigel_k8s.observability.install import install
-from rigel_k8s.observability.installation import api_servers, gives_storage, installed_in
+from rigel_k8s.observability.installation import api_servers, find_namespace, gives_storage
 from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import request_of
@@ -173,7 +173,7 @@ def test_storage_and_api_servers_are_looked_for() -> None:
     assert gives_storage(cluster)
     assert not gives_storage(Cluster(other))  # type: ignore[arg-type]
     assert api_servers(cluster) == ("10.0.0.1", "10.42.0.0")
-    assert installed_in(cluster) is None
+    assert find_namespace(cluster) is None
 
 
 def test_without_an_operator_the_way_out_is_told(last: dict[str, Any]) -> None:

@@ -35,7 +35,7 @@ from rigel_k8s.commands.pods import Pod, matching, no_pod, pods_of, release_pods
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.observability.names import LOKI
-from rigel_k8s.observability.reading.stack import NoStack, part_of, why_not
+from rigel_k8s.observability.reading.stack import NoStack, explain, part_of
 
 HOUR = 3600  # seconds: how far `level` looks back where nothing else is said
 BEHIND = 10 * SECOND  # by how much Loki's last line may be later than one that is still to come
@@ -54,7 +54,7 @@ def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterat
             part = part_of(found.cluster, LOKI, found.observability)
             stored = stored_of(part, found.id, options.since or HOUR)
         except (NoStack, ClusterError) as error:
-            text = f"{why_not('Loki', error)}: these are lines of containers that are there now"
+            text = f"{explain('Loki', error)}: these are lines of containers that are there now"
             yield LogLine("", "", text, note=True)
     past = Past(found, nodes, options, stored)
     yield from past.lines()

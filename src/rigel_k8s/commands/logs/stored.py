@@ -68,7 +68,7 @@ class Stored:
 
     def end(self, pod: str) -> int | None:
         """Return when Loki's last line of a pod was said, None where it has none."""
-        last = self._loki.last(selector(**self._own, pod=pod), self._begin, self._end, 1)
+        last = self._loki.read_last(selector(**self._own, pod=pod), self._begin, self._end, 1)
         return last[-1].time if last else None
 
     def lines(self, asked: Asked, levels: Collection[str], tail: int | None) -> Iterator[LogLine]:
@@ -95,7 +95,7 @@ class Stored:
         if not tail:
             return []
         query = selector(**self._own, pod=pod, level=levels)
-        entries = self._loki.last(query, self._begin, self._end, tail)
+        entries = self._loki.read_last(query, self._begin, self._end, tail)
         return [line for entry in entries for line in lines_of(entry)][-tail:]
 
 

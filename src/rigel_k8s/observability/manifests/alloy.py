@@ -20,7 +20,7 @@ from rigel_k8s.observability.manifests.frame import (
     rule,
 )
 from rigel_k8s.observability.manifests.images import ALLOY_IMAGE
-from rigel_k8s.observability.manifests.relabelling import contract, of_releases
+from rigel_k8s.observability.manifests.relabelling import contract, select_releases
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.manifests.storage import data_volume
 from rigel_k8s.observability.names import LABELS
@@ -93,26 +93,26 @@ def block(
 ) -> str:
     """Return a block of Alloy's language."""
     head = f'{kind} "{label}"' if label else kind
-    body = [f"{key} = {literal(value)}" for key, value in values.items()] + list(inner)
+    body = [f"{key} = {render_literal(value)}" for key, value in values.items()] + list(inner)
     text = "\n".join(body).replace("\n", "\n  ")
     return f"{head} {{\n  {text}\n}}" if body else f"{head} {{ }}"
 
 
-def literal(value: object) -> str:
+def render_literal(value: object) -> str:
     """Return a value as Alloy writes it: as JSON, but for names and the equals signs of objects."""
     if isinstance(value, Name):
         return str(value)
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key} = {literal(v)}" for key, v in value.items()) + "}"
+        return "{" + ", ".join(f"{key} = {render_literal(v)}" for key, v in value.items()) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(literal(item) for item in value) + "]"
+        return "[" + ", ".join(render_literal(item) for item in value) + "]"
     return json.dumps(value)
 
 
 def _selectors(stack: Stack) -> list[str]:
     if stack.collects_all:
         return []
-    return [block("selectors", {"role": "pod", "label": of_releases()})]
+    return [block("selectors", {"role": "pod", "label": select_releases()})]
 
 
 def _stages() -> Iterator[str]:

@@ -10,7 +10,7 @@ import yaml
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.observability.manifests.frame import Object
-from rigel_k8s.observability.manifests.relabelling import SOURCES, by_annotation, contract
+from rigel_k8s.observability.manifests.relabelling import SOURCES, contract, keep_annotated
 from rigel_k8s.observability.manifests.scraping import KUBE_STATE_METRICS, NODE_EXPORTER
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import RELEASE
@@ -37,7 +37,7 @@ def monitoring(stack: Stack, found: ExistingPrometheus) -> Iterator[Object]:
         found,
         "rigel-applications",
         {"matchExpressions": [{"key": RELEASE_LABEL, "operator": "Exists"}]},
-        [*by_annotation(), *contract(), job("pods")],
+        [*keep_annotated(), *contract(), job("pods")],
         everywhere=True,
     )
     for name, kept in _parts(stack):

@@ -25,16 +25,16 @@ def policies(stack: Stack) -> Iterator[Object]:
 
 def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
     """Yield who may reach which part; an empty source is everybody."""
-    options, outside = stack.options, _outside(stack)
+    options, outside = stack.options, _list_outside(stack)
     if stack.has_loki:
         writers = [stack.collector] if stack.collector else []
         inside = _parts([*writers, GRAFANA, PROMETHEUS])
-        yield LOKI, _open(options.loki, [*inside, *outside])
+        yield LOKI, _list_sources(options.loki, [*inside, *outside])
     if stack.has_prometheus:
         inside = _parts([GRAFANA, PROMETHEUS])
-        yield PROMETHEUS, _open(options.prometheus, [*inside, *outside])
+        yield PROMETHEUS, _list_sources(options.prometheus, [*inside, *outside])
     if stack.has_grafana:
-        yield GRAFANA, _open(options.grafana, outside)
+        yield GRAFANA, _list_sources(options.grafana, outside)
     scraper = _parts([PROMETHEUS]) if stack.has_prometheus else [{"namespaceSelector": {}}]
     if stack.collector:
         yield stack.collector, scraper
@@ -42,12 +42,12 @@ def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
         yield KUBE_STATE_METRICS, scraper
 
 
-def _open(part: Component, sources: list[Object]) -> list[Object]:
+def _list_sources(part: Component, sources: list[Object]) -> list[Object]:
     """Return the sources of a part that may have been asked to be reached from outside."""
     return [] if part.service_type in ("NodePort", "LoadBalancer") else sources
 
 
-def _outside(stack: Stack) -> list[Object]:
+def _list_outside(stack: Stack) -> list[Object]:
     hosts = [
         {"ipBlock": {"cidr": f"{address}/{128 if ':' in address else 32}"}}
         for address in stack.api_servers

@@ -20,7 +20,7 @@ from rigel_k8s.observability.manifests.frame import (
     rule,
 )
 from rigel_k8s.observability.manifests.images import PROMTAIL_IMAGE
-from rigel_k8s.observability.manifests.relabelling import contract, log_path, of_releases
+from rigel_k8s.observability.manifests.relabelling import contract, log_path, select_releases
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LABELS
 
@@ -79,7 +79,7 @@ def _client(stack: Stack) -> Object:
 
 def _scrape(stack: Stack) -> Object:
     # Promtail adds the machine to the selector itself, by HOSTNAME: nobody else's pods are told.
-    selectors = [] if stack.collects_all else [{"role": "pod", "label": of_releases()}]
+    selectors = [] if stack.collects_all else [{"role": "pod", "label": select_releases()}]
     found: Object = {"role": "pod"}
     if selectors:
         found["selectors"] = selectors

@@ -32,7 +32,7 @@ SOURCES: Mapping[str, str] = {
 }
 
 
-def of_releases() -> str:
+def select_releases() -> str:
     """Return the selector of pods that belong to a release."""
     return RELEASE_LABEL
 
@@ -61,11 +61,11 @@ def log_path(directory: str) -> Iterator[Rule]:
     }
 
 
-def by_annotation() -> list[Rule]:
+def keep_annotated() -> list[Rule]:
     """Return the rules that leave the pods that ask to be scraped, at the port that they name."""
-    number, asked = "__meta_kubernetes_pod_container_port_number", annotated("port")
+    number, asked = "__meta_kubernetes_pod_container_port_number", name_annotation("port")
     return [
-        {"source_labels": [annotated("scrape")], "action": "keep", "regex": "true"},
+        {"source_labels": [name_annotation("scrape")], "action": "keep", "regex": "true"},
         {
             "source_labels": ["__meta_kubernetes_pod_phase"],
             "action": "drop",
@@ -99,18 +99,18 @@ def by_annotation() -> list[Rule]:
             "replacement": "[$1]:$2",
         },
         {
-            "source_labels": [annotated("scheme")],
+            "source_labels": [name_annotation("scheme")],
             "regex": "(https?)",
             "target_label": "__scheme__",
         },
         {
-            "source_labels": [annotated("path")],
+            "source_labels": [name_annotation("path")],
             "regex": "(.+)",
             "target_label": "__metrics_path__",
         },
     ]
 
 
-def annotated(word: str) -> str:
+def name_annotation(word: str) -> str:
     """Return Prometheus' name of an annotation by which pods ask to be scraped."""
     return meta("annotation", f"prometheus.io/{word}")

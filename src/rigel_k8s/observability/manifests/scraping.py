@@ -9,7 +9,7 @@ import yaml
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.observability.manifests.frame import Object
-from rigel_k8s.observability.manifests.relabelling import SOURCES, by_annotation, contract
+from rigel_k8s.observability.manifests.relabelling import SOURCES, contract, keep_annotated
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import LOKI, PROMETHEUS, RELEASE
 
@@ -61,15 +61,15 @@ def configuration(stack: Stack, rules: str) -> str:
 
 
 def _jobs(stack: Stack) -> Iterator[Object]:
-    yield _own(PROMETHEUS, stack)
+    yield _scrape_own(PROMETHEUS, stack)
     if stack.has_loki:
-        yield _own(LOKI, stack)
+        yield _scrape_own(LOKI, stack)
     if stack.collector:
-        yield _own(stack.collector, stack)
+        yield _scrape_own(stack.collector, stack)
     if stack.kube_state_metrics.enabled:
-        yield {**_own(KUBE_STATE_METRICS, stack), "honor_labels": True}
+        yield {**_scrape_own(KUBE_STATE_METRICS, stack), "honor_labels": True}
     if stack.node_exporter.enabled:
-        yield _own(NODE_EXPORTER, stack)
+        yield _scrape_own(NODE_EXPORTER, stack)
     yield _kubelet("cadvisor", "/metrics/cadvisor", [SLICES, UNASKED])
     yield _kubelet("kubelet", "/metrics", [VOLUMES])
     yield {
@@ -77,11 +77,11 @@ def _jobs(stack: Stack) -> Iterator[Object]:
         # The exporter tells of nodes: whose pod it is itself says nothing of them.
         "honor_labels": True,
         "kubernetes_sd_configs": [{"role": "pod"}],
-        "relabel_configs": [*by_annotation(), *contract()],
+        "relabel_configs": [*keep_annotated(), *contract()],
     }
 
 
-def _own(part: str, stack: Stack) -> Object:
+def _scrape_own(part: str, stack: Stack) -> Object:
     """Return the job of one of the stack's own parts."""
     selector = f"{NAME_LABEL}={part},{RELEASE_LABEL}={RELEASE}"
     return {

@@ -87,7 +87,7 @@ class Door:
         if not self._errors and not self._away:
             return
         told, self._errors[:] = list(self._errors), []
-        if not self._away and self._still_there():
+        if not self._away and self._is_there():
             yield from (f"{self.name}: {text}" for text in told)
             return
         self.close()
@@ -111,7 +111,7 @@ class Door:
         self._pod, self._errors = meta["name"], forward.errors
         self.port = forward.ports[remote]
 
-    def _still_there(self) -> bool:
+    def _is_there(self) -> bool:
         return any(pod["metadata"]["name"] == self._pod for pod in self._ready_pods())
 
     def _ready_pod(self) -> dict[str, Any]:

@@ -60,7 +60,7 @@ class LokiClient:
         for begin, until in windows(start, end):
             yield from self._pages(query, begin, until)
 
-    def last(self, query: str, start: int, end: int, count: int) -> list[Entry]:
+    def read_last(self, query: str, start: int, end: int, count: int) -> list[Entry]:
         """Return the last so many entries, the oldest of them first."""
         if count > PAGE:
             return list(deque(self.entries(query, start, end), maxlen=count))

@@ -16,7 +16,7 @@ from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.observability.installation import installed_in
+from rigel_k8s.observability.installation import find_namespace
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.types import ReleaseId
@@ -67,7 +67,7 @@ class InstalledStack:
             port = self.services[name]["spec"]["ports"][0]["port"]
             return StackService(self.cluster, self.namespace, name, port)
         if there := self.existing.get(name):
-            return there_before(self.cluster, there)
+            return parse_existing(self.cluster, there)
         raise NoStack(
             f"the observability stack in {self.namespace} has no {name.capitalize()}",
             hint=f"`observability: {{{name}: {{enabled: true}}}}` deploys it",
@@ -97,11 +97,11 @@ def part_of(cluster: Cluster, name: str, observability: Any) -> StackService:
     """
     there: Any = getattr(getattr(observability, "existing", None), name, None)
     if getattr(there, "url", None):
-        return there_before(cluster, attrs.asdict(there))
+        return parse_existing(cluster, attrs.asdict(there))
     return find_stack(cluster).part(name)
 
 
-def there_before(cluster: Cluster, said: Mapping[str, Any]) -> StackService:
+def parse_existing(cluster: Cluster, said: Mapping[str, Any]) -> StackService:
     """Return what a job names as there before.
 
     Raises:
@@ -110,10 +110,10 @@ def there_before(cluster: Cluster, said: Mapping[str, Any]) -> StackService:
     url = str(said["url"])
     if said.get("tenant") or said.get("secret"):
         raise NoStack(f"{url} wants a tenant or a password, which the API server does not pass on")
-    return in_cluster(cluster, url)
+    return parse_url(cluster, url)
 
 
-def in_cluster(cluster: Cluster, url: str) -> StackService:
+def parse_url(cluster: Cluster, url: str) -> StackService:
     """Return the Service that a URL names as pods do: http://NAME.NAMESPACE:PORT.
 
     Raises:
@@ -145,7 +145,7 @@ def find_stack(cluster: Cluster, namespace: str | None = None) -> InstalledStack
         by_namespace.setdefault(meta["namespace"], {})[meta["name"]] = service
     if not by_namespace:
         where = f" in the namespace {namespace}" if namespace else " on this cluster"
-        if (bare := without_services(cluster)) and namespace in (None, bare):
+        if (bare := find_bare_stack(cluster)) and namespace in (None, bare):
             return InstalledStack(cluster, bare, {})
         raise NoStack(f"there is no observability stack{where}", hint=HINT)
     if len(by_namespace) > 1:
@@ -155,10 +155,10 @@ def find_stack(cluster: Cluster, namespace: str | None = None) -> InstalledStack
     return InstalledStack(cluster, found, named)
 
 
-def without_services(cluster: Cluster) -> str | None:
+def find_bare_stack(cluster: Cluster) -> str | None:
     """Return the namespace of a stack whose servers were all there before, None for none."""
     try:
-        return installed_in(cluster)
+        return find_namespace(cluster)
     except Refusal:
         return None
 
@@ -174,7 +174,7 @@ def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:
     return cluster.list("v1", "Service", USUAL, labels=labels)
 
 
-def why_not(what: str, error: ClusterError | NoStack) -> str:
+def explain(what: str, error: ClusterError | NoStack) -> str:
     """Return in a few words why a part of the stack is not asked."""
     if not isinstance(error, Refusal):
         return error.message

@@ -15,8 +15,8 @@ from rigel_k8s.observability.reading.stack import (
     InstalledStack,
     NoStack,
     StackService,
+    explain,
     find_stack,
-    why_not,
 )
 from rigel_k8s.release import status as states
 from rigel_k8s.release.types import ReleaseId
@@ -86,7 +86,7 @@ def answer(stack: InstalledStack, name: str) -> Answer:
     except NoStack as error:
         return Answer(name, ok=None, said=error.message)
     except ClusterError as error:
-        return Answer(name, ok=False, said=why_not(name.capitalize(), error) + of)
+        return Answer(name, ok=False, said=explain(name.capitalize(), error) + of)
     return Answer(name, found.ok, found.said + of)
 
 

@@ -24,7 +24,7 @@ def main(arguments: list[str]) -> int:
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ended.set())
-    half = _half(config)
+    half = _make_half(config)
     try:
         return _serve(half, config, ended)
     finally:
@@ -48,7 +48,7 @@ def _serve(half: Half, config: Config, ended: threading.Event) -> int:
     return 0
 
 
-def _half(config: Config) -> Half:
+def _make_half(config: Config) -> Half:
     """Return the graph that the configuration names; the other ROS is not even loaded."""
     if config.ros == "1":
         from rigel_k8s.exporter.ros1 import Ros1

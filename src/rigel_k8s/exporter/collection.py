@@ -57,13 +57,13 @@ class Collection:
             return text(self._samples())
 
     def _samples(self) -> Iterator[Sample]:
-        yield from self._own()
+        yield from self._describe_itself()
         yield from _process()
         if self._last:
             yield from self._standing.samples()
         yield from self._listening.samples(time.time())
 
-    def _own(self) -> Iterator[Sample]:
+    def _describe_itself(self) -> Iterator[Sample]:
         middleware = self._config.middleware
         info = {"version": __version__, "ros": self._config.ros, "middleware": middleware}
         yield Sample("ros_exporter_info", 1, info)
@@ -77,9 +77,9 @@ class Collection:
         while not self._ended.is_set():
             began = time.monotonic()
             self._look()
-            self._rest(began + self._config.interval)
+            self._wait(began + self._config.interval)
 
-    def _rest(self, until: float) -> None:
+    def _wait(self, until: float) -> None:
         while not self._ended.wait(max(0.0, min(_TICK, until - time.monotonic()))):
             self._listening.refresh(time.time())
             if time.monotonic() >= until:

@@ -158,14 +158,14 @@ class Domain:
             with self._lock:
                 if timers.is_due("announce", now):
                     self._reach()
-                    sockets.send(self._participant.announcement(), self._announced_to())
+                    sockets.send(self._participant.announcement(), self._list_targets())
                 if timers.is_due("ask", now):
-                    sockets.send(self._participant.announcement(), self._asked())
+                    sockets.send(self._participant.announcement(), self._list_peer_places())
                 if timers.is_due("tick", now):
                     self._participant.tick(now)
         with self._lock:
             if self._end.is_set():
-                sockets.send(self._participant.farewell(), self._announced_to())
+                sockets.send(self._participant.farewell(), self._list_targets())
             self._sockets = None
         sockets.close()
 
@@ -179,14 +179,14 @@ class Domain:
     def _has_moved(self, timers: _Timers, now: float) -> bool:
         return timers.is_due("interfaces", now) and addresses(self._interface) != self._found
 
-    def _announced_to(self) -> list[Place]:
+    def _list_targets(self) -> list[Place]:
         if self._mode == "multicast":
             return [(rtps.GROUP, rtps.announcement_port(self._domain))]
         if self._mode == "discovery-server":
             return list(self._participant.servers)
         return [place for peer in self._participant.peers.values() for place in peer.places]
 
-    def _asked(self) -> list[Place]:
+    def _list_peer_places(self) -> list[Place]:
         """Return where there may be peers."""
         if self._mode != "peers":
             return []

@@ -63,7 +63,7 @@ def endpoint(payload: Payload) -> Endpoint:
         type=found.text(PID_TYPE),
         is_reliable=found.get(PID_RELIABILITY, "I", (BEST_EFFORT,))[0] == RELIABLE,
         is_local=found.get(PID_DURABILITY, "I", (VOLATILE,))[0] >= TRANSIENT_LOCAL,
-        quality=tuple((pid, _little(found, pid)) for pid in repeated if found.raw(pid)),
+        quality=tuple((pid, _convert_to_little(found, pid)) for pid in repeated if found.raw(pid)),
     )
 
 
@@ -73,13 +73,13 @@ def key_of(payload: Payload) -> bytes:
     return bytes(found.raw(PID_ENDPOINT) or found.raw(PID_GUID))
 
 
-def _little(found: Parameters, pid: int) -> bytes:
+def _convert_to_little(found: Parameters, pid: int) -> bytes:
     """Return a value of words and texts in little-endian order, as we write everything."""
     raw: bytes = found.raw(pid)
-    return raw if found.order == "<" else _turned(raw, pid)
+    return raw if found.order == "<" else _swap_order(raw, pid)
 
 
-def _turned(raw: bytes, pid: int) -> bytes:
+def _swap_order(raw: bytes, pid: int) -> bytes:
     """Turn the byte order of an ownership's word, or of a partition's list of texts."""
     if len(raw) < 4:
         raise rtps.Malformed("a quality of service without a value")

@@ -152,7 +152,7 @@ class Participant:
             self._apply(guid, incoming.gap(item), now)
             return
         self._apply(guid, incoming.heartbeat(item), now)
-        if incoming.missing() or not item.final:
+        if incoming.list_missing() or not item.final:
             self._tell_of(peer, item.writer, incoming.answer(item.writer))
 
     def _take_acknack(self, peer: Peer, item: wire.Acknack) -> None:

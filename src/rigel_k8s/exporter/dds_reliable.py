@@ -71,8 +71,8 @@ class Incoming:
         if isinstance(item, wire.Data):
             self._keep(item.number, Change(bytes(item.payload), item.status, item.key))
         else:
-            self._put_together(item)
-        return self._ready()
+            self._assemble(item)
+        return self._take_ready()
 
     def heartbeat(self, item: wire.Heartbeat) -> list[Change]:
         """Take in what the writer has; what is before it, nobody waits for."""
@@ -84,7 +84,7 @@ class Incoming:
         self.done = max(self.done, item.first - 1)
         self.last = max(item.last, self.done)
         self._waiting = {n: change for n, change in self._waiting.items() if n > self.done}
-        return self._ready()
+        return self._take_ready()
 
     def _begin_anew(self) -> None:
         """Follow a writer that has started anew, as a discovery server does under its old GUID.
@@ -105,9 +105,9 @@ class Incoming:
         for number in item.others:
             self._keep(number, None)
         self._waiting = {n: change for n, change in self._waiting.items() if n > self.done}
-        return self._ready()
+        return self._take_ready()
 
-    def missing(self) -> list[int]:
+    def list_missing(self) -> list[int]:
         """Return the numbers that are still to come."""
         end = min(self.last + 1, self.done + 1 + wire.WIDEST)
         return [number for number in range(self.done + 1, end) if number not in self._waiting]
@@ -115,7 +115,7 @@ class Incoming:
     def answer(self, writer: bytes, *, final: bool = True) -> bytes:
         """Return the ACKNACK of what has come; not final asks the writer for a heartbeat."""
         self._count += 1
-        missing = self.missing()
+        missing = self.list_missing()
         base = self.done + 1 if self.is_known else 0
         if self._holds_back and not missing:
             base = self.done
@@ -127,7 +127,7 @@ class Incoming:
                 self._waiting[number] = change
             self._broken.pop(number, None)
 
-    def _put_together(self, part: wire.Fragment) -> None:
+    def _assemble(self, part: wire.Fragment) -> None:
         if not Assembly.fits(part):
             self._keep(part.number, None)
             return
@@ -137,7 +137,7 @@ class Incoming:
         if whole is not None:
             self._keep(part.number, Change(whole))
 
-    def _ready(self) -> list[Change]:
+    def _take_ready(self) -> list[Change]:
         found = []
         while self.is_known and self.done + 1 in self._waiting:
             self.done += 1

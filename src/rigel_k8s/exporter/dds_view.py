@@ -27,7 +27,7 @@ def graph(
             ours.add(peer.told.prefix)
         elif not peer.is_server:
             others.append(peer)
-    published, subscribed = _counted(writers, ours), _counted(readers, ours)
+    published, subscribed = _count_endpoints(writers, ours), _count_endpoints(readers, ours)
     topics = [Topic(*key, published[key], subscribed[key]) for key in {**published, **subscribed}]
     return Graph(nodes=_nodes(others), topics=topics)
 
@@ -48,7 +48,9 @@ def _nodes(peers: Iterable[Peer]) -> list[Node]:
     return list(found.values())
 
 
-def _counted(endpoints: Mapping[bytes, Endpoint], ours: set[bytes]) -> Counter[tuple[str, str]]:
+def _count_endpoints(
+    endpoints: Mapping[bytes, Endpoint], ours: set[bytes]
+) -> Counter[tuple[str, str]]:
     """Return how many endpoints each topic has; services' and ROS' own topics are left out."""
     return Counter(
         (names.topic_name(endpoint.topic), names.type_name(endpoint.type))

@@ -59,13 +59,13 @@ class Sockets:
 
     def _open(self, domain: int, name: str, address: str, *, is_multicast: bool) -> None:
         joined = membership(rtps.GROUP, name)
-        mouth = self._add(_bound(address, 0))
+        mouth = self._add(_bind(address, 0))
         mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, joined)
         self._mouths[address] = mouth
         self.meta.append(mouth.getsockname())
-        self.data.append(self._add(_bound(address, 0)).getsockname())
+        self.data.append(self._add(_bind(address, 0)).getsockname())
         if is_multicast:
-            ear = self._add(_bound(rtps.GROUP, rtps.announcement_port(domain)))
+            ear = self._add(_bind(rtps.GROUP, rtps.announcement_port(domain)))
             ear.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
             ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
 
@@ -103,7 +103,7 @@ class Sockets:
         self._selector.close()
 
 
-def _bound(address: str, port: int) -> socket.socket:
+def _bind(address: str, port: int) -> socket.socket:
     found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     found.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _ROOM)
     if port:

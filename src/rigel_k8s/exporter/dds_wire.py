@@ -159,7 +159,7 @@ def heartbeat(
     reader: bytes, writer: bytes, first: int, last: int, count: int, *, final: bool
 ) -> bytes:
     """Return a HEARTBEAT, which a reader must answer unless it is final."""
-    body = reader + writer + _packed(first) + _packed(last) + pack("<I", count)
+    body = reader + writer + _pack(first) + _pack(last) + pack("<I", count)
     return pack("<BBH", HEARTBEAT, rtps.LITTLE | (FINAL if final else 0), len(body)) + body
 
 
@@ -167,17 +167,17 @@ def acknack(
     reader: bytes, writer: bytes, base: int, missing: Iterable[int], count: int, *, final: bool
 ) -> bytes:
     """Return an ACKNACK: all before `base` is there, `missing` (from `base` on) is wanted."""
-    body = reader + writer + _packed(base) + _bits(base, missing) + pack("<I", count)
+    body = reader + writer + _pack(base) + _bits(base, missing) + pack("<I", count)
     return pack("<BBH", ACKNACK, rtps.LITTLE | (FINAL if final else 0), len(body)) + body
 
 
 def gap(reader: bytes, writer: bytes, start: int, end: int) -> bytes:
     """Return a GAP: there is nothing from `start` to before `end`."""
-    body = reader + writer + _packed(start) + _packed(end) + pack("<I", 0)
+    body = reader + writer + _pack(start) + _pack(end) + pack("<I", 0)
     return pack("<BBH", GAP, rtps.LITTLE, len(body)) + body
 
 
-def _packed(number: int) -> bytes:
+def _pack(number: int) -> bytes:
     return bytes(rtps.sequence_number(number))
 
 

@@ -37,7 +37,7 @@ class Listening:
             for topic, reader in (
                 (_DIAGNOSTICS, self._statuses),
                 (_CLOCK, self._time),
-                (_TF, self._transforms),
+                (_TF, self._take_transforms),
             )
             if asked[topic]
         }
@@ -84,7 +84,7 @@ class Listening:
     def _time(self, payload: bytes, _: float) -> None:
         self._clock = self._half.clock(payload)
 
-    def _transforms(self, payload: bytes, now: float) -> None:
+    def _take_transforms(self, payload: bytes, now: float) -> None:
         for parent, child, stamp in self._half.transforms(payload):
             if self._room("transforms", self._frames, (parent, child), TRANSFORMS):
                 self._frames[parent, child] = stamp, now
@@ -100,14 +100,14 @@ class Listening:
         """Yield what is to be told."""
         self.refresh(now)
         with self._lock:
-            yield from self._of_topics()
-            yield from self._of_diagnostics(now)
-            yield from self._of_time(now)
+            yield from self._sample_topics()
+            yield from self._sample_diagnostics(now)
+            yield from self._sample_time(now)
         for what, keys in self._over.items():
             if keys:
                 yield Sample("ros_exporter_dropped", len(keys), {"what": what})
 
-    def _of_topics(self) -> Iterator[Sample]:
+    def _sample_topics(self) -> Iterator[Sample]:
         for topic in sorted(self._named):
             heard, labels = self._heard[topic], {"topic": topic}
             yield Sample("ros_topic_messages_total", heard.messages, labels)
@@ -118,13 +118,13 @@ class Listening:
                     age = heard.last - heard.stamp
                     yield Sample("ros_topic_header_age_seconds", age, labels)
 
-    def _of_diagnostics(self, now: float) -> Iterator[Sample]:
+    def _sample_diagnostics(self, now: float) -> Iterator[Sample]:
         for (name, hardware), (level, when) in sorted(self._levels.items()):
             told = _STALE_LEVEL if when + STALE < now else level
             labels = {"name": name, "hardware_id": hardware}
             yield Sample("ros_diagnostics_level", told, labels)
 
-    def _of_time(self, now: float) -> Iterator[Sample]:
+    def _sample_time(self, now: float) -> Iterator[Sample]:
         clock = self._heard.get(_CLOCK)
         if _CLOCK in self._read and clock and clock.last is not None:
             yield Sample("ros_clock_age_seconds", now - clock.last)

@@ -67,11 +67,11 @@ def text(samples: Iterable[Sample]) -> str:
 
 
 def _line(sample: Sample) -> str:
-    labels = ",".join(f'{key}="{_escaped(value)}"' for key, value in sample.labels.items())
+    labels = ",".join(f'{key}="{_escape(value)}"' for key, value in sample.labels.items())
     return f"{sample.name}{{{labels}}} {_number(sample.value)}"
 
 
-def _escaped(value: str) -> str:
+def _escape(value: str) -> str:
     return value.replace("\\", "\\\\").replace("\n", "\\n").replace('"', '\\"')
 
 

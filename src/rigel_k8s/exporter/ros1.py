@@ -21,7 +21,7 @@ from rigel_k8s.exporter.ros1_calls import Conversation, Refused
 from rigel_k8s.exporter.ros1_node import Slave
 from rigel_k8s.exporter.ros1_topic import Hearing
 from rigel_k8s.exporter.ros1_traffic import Ledger
-from rigel_k8s.exporter.ros1_view import MASTER, Said, View, ask_master, ask_nodes, lookup
+from rigel_k8s.exporter.ros1_view import MASTER, Said, View, ask_master, ask_nodes, look_up_nodes
 from rigel_k8s.inpod.rosrpc import CallFailed
 
 #: What every exporter's name begins with; none is told of in metrics.
@@ -70,11 +70,11 @@ class Ros1:
         try:
             view = await ask_master(self._uri, self._name)
         except CallFailed:
-            return await self._without_master()
-        names = self._chosen(view)
+            return await self._ask_without_master()
+        names = self._choose_nodes(view)
         await self._find(names, view)
         said = await self._ask(names)
-        later = await self._again(view, said)
+        later = await self._ask_again(view, said)
         self._count(said)
         await self._hear(view)
         return Graph(
@@ -82,10 +82,10 @@ class Ros1:
             topics=_topics(view, self._hearings),
             traffic=self._ledger.totals(),
             master=Master(up=True, pid=view.pid, run=view.run),
-            dropped={"nodes": len(_visible(view.nodes)) - len(names)},
+            dropped={"nodes": len(_hide_exporters(view.nodes)) - len(names)},
         )
 
-    async def _without_master(self) -> Graph:
+    async def _ask_without_master(self) -> Graph:
         """Return what the nodes say that were there before; nobody knows whether they still are."""
         said = await self._ask(())
         self._count(said)
@@ -95,15 +95,17 @@ class Ros1:
             master=Master(up=False),
         )
 
-    def _chosen(self, view: View) -> list[str]:
+    def _choose_nodes(self, view: View) -> list[str]:
         """Return the nodes to tell of: the expected ones, then the others by name."""
-        return sorted(_visible(view.nodes), key=lambda n: (n not in self._first, n))[: self._most]
+        return sorted(_hide_exporters(view.nodes), key=lambda n: (n not in self._first, n))[
+            : self._most
+        ]
 
     async def _find(self, names: Sequence[str], view: View) -> None:
         """Learn where the nodes are that are new, silent, or not asked for in a while."""
         now = time.monotonic()
         wanted = [n for n in names if n not in self._places or self._places[n].asked + _FRESH < now]
-        found = await lookup(self._uri, self._name, wanted) if wanted else {}
+        found = await look_up_nodes(self._uri, self._name, wanted) if wanted else {}
         for name, uri in found.items():
             old = self._places.get(name)
             pid = old.pid if old and old.uri == uri else ""
@@ -131,9 +133,9 @@ class Ros1:
         """Return whether who answers at a node's old place is that node still."""
         return said.answers and said.pid == self._places[name].pid
 
-    async def _again(self, view: View, said: Mapping[str, Said]) -> View:
+    async def _ask_again(self, view: View, said: Mapping[str, Said]) -> View:
         """Return the master's state once more where somebody has registered meanwhile, perhaps."""
-        if not any(_missing(name, answer, (view,)) for name, answer in said.items()):
+        if not any(_count_missing(name, answer, (view,)) for name, answer in said.items()):
             return view
         try:
             return await ask_master(self._uri, self._name)
@@ -156,7 +158,7 @@ class Ros1:
             up=known and said.answers,
             registered=known,
             address=place.uri if place else "",
-            missing=_missing(name, said, views),
+            missing=_count_missing(name, said, views),
         )
 
     def _count(self, said: Mapping[str, Said]) -> None:
@@ -171,7 +173,9 @@ class Ros1:
         """Begin to hear a topic with the next look, and keep that many of its latest payloads."""
         with self._lock:
             if self._slave is None:
-                self._slave = Slave(self._uri, lambda: list(self._hearings), self._changed)
+                self._slave = Slave(
+                    self._uri, lambda: list(self._hearings), self._update_publishers
+                )
             hearing = Hearing(topic, self._name, keep, self._leave)
             self._hearings[topic] = hearing
         return hearing
@@ -205,7 +209,7 @@ class Ros1:
         assert self._slave is not None  # there is one with the first topic
         return f"http://{self._host or local_address}:{self._slave.port}/"
 
-    def _changed(self, topic: str, publishers: Sequence[str]) -> None:
+    def _update_publishers(self, topic: str, publishers: Sequence[str]) -> None:
         if hearing := self._hearings.get(topic):
             hearing.publishers(publishers)
 
@@ -217,7 +221,9 @@ class Ros1:
         talk = Conversation(self._uri, self._name, MASTER)
         try:
             for topic in topics:
-                await talk.call("unregisterSubscriber", topic, self._api(await _local(talk)))
+                await talk.call(
+                    "unregisterSubscriber", topic, self._api(await _find_own_address(talk))
+                )
         except CallFailed:
             pass  # it is gone itself
         finally:
@@ -267,13 +273,13 @@ class _Place:
         self.uri, self.asked, self.pid = uri, asked, pid
 
 
-async def _local(talk: Conversation) -> str:
+async def _find_own_address(talk: Conversation) -> str:
     """Return the own address as the master sees it."""
     await talk.call("getPid")
     return talk.local_address or ""
 
 
-def _visible(names: Iterable[str]) -> set[str]:
+def _hide_exporters(names: Iterable[str]) -> set[str]:
     """Return the names without exporters'."""
     return {name for name in names if name != NAME and not name.startswith(f"{NAME}_")}
 
@@ -284,15 +290,15 @@ def _topics(view: View, named: Iterable[str]) -> list[Topic]:
         Topic(
             name,
             view.types.get(name, ""),
-            len(_visible(view.publishers.get(name, ()))),
-            len(_visible(view.subscribers.get(name, ()))),
+            len(_hide_exporters(view.publishers.get(name, ()))),
+            len(_hide_exporters(view.subscribers.get(name, ()))),
         )
         for name in sorted(found)
     ]
     return [topic for topic in made if topic.publishers or topic.subscribers or topic.name in named]
 
 
-def _missing(name: str, said: Said, views: Sequence[View]) -> int:
+def _count_missing(name: str, said: Said, views: Sequence[View]) -> int:
     """Return how much a node says it does and none of the views knows."""
     parts = [(said.publishes, "publishers"), (said.subscribes, "subscribers")]
     if not views:

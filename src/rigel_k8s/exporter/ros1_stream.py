@@ -36,8 +36,8 @@ class Stream:
         try:
             self._socket = socket.create_connection((host, port), _CONNECT)
             _watch(self._socket)
-            self._socket.sendall(encoded(_asked(topic, caller)))
-            fields = decoded(self._exactly(min(self._length(), _LARGEST_HEADER)))
+            self._socket.sendall(encode_header(_list_wishes(topic, caller)))
+            fields = decode_header(self._read_exactly(min(self._length(), _LARGEST_HEADER)))
         except (OSError, ValueError) as error:
             raise StreamFailed(str(error)) from error
         if "error" in fields:
@@ -59,7 +59,7 @@ class Stream:
             while True:
                 size = self._length()
                 whole = keep and size <= LARGEST_KEPT
-                first = self._exactly(size if whole else min(size, ros1_messages.HEADER))
+                first = self._read_exactly(size if whole else min(size, ros1_messages.HEADER))
                 stamp = ros1_messages.stamp(first) if self._stamped else None
                 self._skip(size - len(first), scratch)
                 heard(size, stamp, first if whole else None)
@@ -71,16 +71,16 @@ class Stream:
         self._socket.close()
 
     def _length(self) -> int:
-        found: int = struct.unpack("<I", self._exactly(4))[0]
+        found: int = struct.unpack("<I", self._read_exactly(4))[0]
         return found
 
-    def _exactly(self, size: int) -> bytes:
+    def _read_exactly(self, size: int) -> bytes:
         data = bytearray()
         while len(data) < size:
-            data += self._some(size - len(data))
+            data += self._read_some(size - len(data))
         return bytes(data)
 
-    def _some(self, size: int) -> bytes:
+    def _read_some(self, size: int) -> bytes:
         data = self._socket.recv(min(size, _CHUNK))
         if not data:
             raise ValueError("the publisher has ended the connection")
@@ -95,14 +95,14 @@ class Stream:
             size -= got
 
 
-def encoded(fields: Mapping[str, str]) -> bytes:
+def encode_header(fields: Mapping[str, str]) -> bytes:
     """Return a TCPROS connection header with its length in front."""
     lines = [f"{key}={value}".encode() for key, value in fields.items()]
     body = b"".join(struct.pack("<I", len(line)) + line for line in lines)
     return struct.pack("<I", len(body)) + body
 
 
-def decoded(data: bytes) -> dict[str, str]:
+def decode_header(data: bytes) -> dict[str, str]:
     """Return the fields of a connection header.
 
     Raises:
@@ -124,7 +124,7 @@ def _fields(data: bytes) -> Iterator[tuple[str, str]]:
         at += 4 + size
 
 
-def _asked(topic: str, caller: str) -> dict[str, str]:
+def _list_wishes(topic: str, caller: str) -> dict[str, str]:
     return {"callerid": caller, "topic": topic, "md5sum": "*", "type": "*", "tcp_nodelay": "0"}
 
 

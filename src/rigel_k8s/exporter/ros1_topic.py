@@ -77,7 +77,7 @@ class Hearing:
         """Whether whole messages are wanted."""
         return self._kept.maxlen != 0
 
-    def heard(self, size: int, stamp: float | None, payload: bytes | None) -> None:
+    def count_message(self, size: int, stamp: float | None, payload: bytes | None) -> None:
         """Count a message."""
         with self._lock:
             self._messages += 1
@@ -114,7 +114,7 @@ class _Link:
         pause = _RETRY
         while not self._closed.wait(0):
             began = time.monotonic()
-            self._once()
+            self._follow_once()
             pause = (
                 _RETRY
                 if time.monotonic() - began > _RETRY_LONGEST
@@ -122,7 +122,7 @@ class _Link:
             )
             self._closed.wait(pause)
 
-    def _once(self) -> None:
+    def _follow_once(self) -> None:
         hearing = self._hearing
         try:
             host, port = _address(self.uri, hearing.topic, hearing.caller)
@@ -133,7 +133,7 @@ class _Link:
             self._stream = stream
             if self._closed.is_set():
                 stream.close()
-        stream.listen(hearing.heard, keep=hearing.keeps)
+        stream.listen(hearing.count_message, keep=hearing.keeps)
         stream.close()
 
 
@@ -144,13 +144,13 @@ def _address(uri: str, topic: str, caller: str) -> tuple[str, int]:
         StreamFailed: it does not say.
     """
     try:
-        _, host, port = asyncio.run(_asked(uri, topic, caller))
+        _, host, port = asyncio.run(_ask_publisher(uri, topic, caller))
         return str(host), int(port)
     except (CallFailed, ValueError, TypeError) as error:
         raise StreamFailed(str(error)) from error
 
 
-async def _asked(uri: str, topic: str, caller: str) -> Any:
+async def _ask_publisher(uri: str, topic: str, caller: str) -> Any:
     """Return a publisher's answer: the protocol, and where."""
     talk = Conversation(uri, caller, _ANSWER)
     try:

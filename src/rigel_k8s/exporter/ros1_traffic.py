@@ -15,7 +15,7 @@ _Key = tuple[str, str, str]
 _WIDTH = 1 << 32
 
 
-def grown(old: int, new: int) -> int:
+def count_growth(old: int, new: int) -> int:
     """Return how much a connection's counter has grown: around the end of 32 bits, or anew."""
     if new >= old:
         return new - old
@@ -40,7 +40,7 @@ class Ledger:
             seen = self._seen.get(key, {})
             now = {(uri, c): counts for c, *counts in connections}
             steps = [
-                [grown(a, b) for a, b in zip(seen.get(c, (0, 0)), counts)]
+                [count_growth(a, b) for a, b in zip(seen.get(c, (0, 0)), counts)]
                 for c, counts in now.items()
             ]
             self._seen[key] = {c: (counts[0], counts[1]) for c, counts in now.items()}
@@ -68,7 +68,7 @@ def _entries(stats: Any) -> Iterator[tuple[str, str, list[tuple[str, int, int]]]
     """
     published, received = (*stats, [], [])[:2] if isinstance(stats, list) else ([], [])
     for topic, *rest in published:
-        yield "published", topic, [_sent(c) for c in _connections(rest) if len(c) >= 4]
+        yield "published", topic, [_parse_connection(c) for c in _connections(rest) if len(c) >= 4]
     for topic, *rest in received:
         yield "received", topic, [(c[0], int(c[2]), int(c[1])) for c in _connections(rest)]
 
@@ -77,7 +77,7 @@ def _connections(rest: Sequence[Any]) -> list[list[str]]:
     return [c for part in rest if isinstance(part, list) for c in part if len(c) >= 3]
 
 
-def _sent(entry: Sequence[str]) -> tuple[str, int, int]:
+def _parse_connection(entry: Sequence[str]) -> tuple[str, int, int]:
     """Return a connection; roscpp's has a number more, the bytes with the messages' lengths."""
     if len(entry) >= 5:
         return entry[0], int(entry[3]), int(entry[2])

@@ -90,7 +90,7 @@ async def _parameter(talk: Conversation, name: str) -> str:
         return ""
 
 
-async def lookup(uri: str, caller: str, names: Iterable[str]) -> dict[str, str]:
+async def look_up_nodes(uri: str, caller: str, names: Iterable[str]) -> dict[str, str]:
     """Return the URIs of those of the nodes that the master knows, as far as it comes to say."""
     talk, found = Conversation(uri, caller, MASTER), {}
     try:

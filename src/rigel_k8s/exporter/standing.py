@@ -46,8 +46,8 @@ class Standing:
 
     def take(self, graph: Graph, now: float) -> None:
         """Take in a look."""
-        nodes = _first(graph.nodes, NODES, lambda n: (n.name not in self._expected, n.name))
-        topics = _first(graph.topics, TOPICS, lambda t: (t.name not in self._named, t.name))
+        nodes = _take_first(graph.nodes, NODES, lambda n: (n.name not in self._expected, n.name))
+        topics = _take_first(graph.topics, TOPICS, lambda t: (t.name not in self._named, t.name))
         much = {topic.name for topic in graph.topics} - {topic.name for topic in topics}
         traffic = [part for part in graph.traffic if part.topic not in much][:TRAFFIC]
         self._dropped = {
@@ -82,12 +82,12 @@ class Standing:
             Sample("ros_exporter_dropped", count, {"what": what})
             for what, count in self._dropped.items()
         )
-        yield from self._of_master()
+        yield from self._sample_master()
         for node in self._nodes():
-            yield from self._of_node(node)
-        yield from self._of_topics()
+            yield from self._sample_node(node)
+        yield from self._sample_topics()
 
-    def _of_master(self) -> Iterator[Sample]:
+    def _sample_master(self) -> Iterator[Sample]:
         if self._graph.master:
             yield Sample("ros_master_up", self._graph.master.up)
             yield Sample("ros_master_restarts_total", self._restarts)
@@ -102,14 +102,14 @@ class Standing:
         room = max(0, NODES - len(self._graph.nodes))
         return [*self._graph.nodes, *gone[: max(room, len(self._expected))]]
 
-    def _of_node(self, node: Node) -> Iterator[Sample]:
+    def _sample_node(self, node: Node) -> Iterator[Sample]:
         labels = {"ros_node": node.name, "workload": self._workloads.get(node.name, "")}
         yield Sample("ros_node_up", node.up, labels)
         yield Sample("ros_node_registered", node.registered, labels)
         if self._graph.master:
             yield Sample("ros_node_missing_registrations", node.missing, labels)
 
-    def _of_topics(self) -> Iterator[Sample]:
+    def _sample_topics(self) -> Iterator[Sample]:
         for topic in self._graph.topics:
             labels = {"topic": topic.name, "type": topic.type}
             yield Sample("ros_topic_publishers", topic.publishers, labels)
@@ -120,5 +120,5 @@ class Standing:
             yield Sample("ros_node_topic_bytes_total", part.size, labels)
 
 
-def _first(items: Iterable[T], most: int, key: Callable[[T], tuple[bool, str]]) -> list[T]:
+def _take_first(items: Iterable[T], most: int, key: Callable[[T], tuple[bool, str]]) -> list[T]:
     return sorted(items, key=key)[:most]

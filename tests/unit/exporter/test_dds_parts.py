@@ -74,7 +74,7 @@ def test_samples_come_in_order_and_once():
     incoming = Incoming(READER)
     assert incoming.take(sample(3)) == [], "nobody knows yet what there was before"
     assert incoming.heartbeat(heartbeat(1, 4)) == []
-    assert incoming.missing() == [1, 2, 4]
+    assert incoming.list_missing() == [1, 2, 4]
     [ack] = read(incoming.answer(WRITER))
     assert ack == wire.Acknack(READER, WRITER, 1, (1, 2, 4))
     assert len(incoming.take(sample(1))) == 1
@@ -99,7 +99,7 @@ def test_writer_that_starts_anew():
     for number in range(1, 6):
         incoming.take(sample(number))
     incoming.heartbeat(heartbeat(1, 2))
-    assert incoming.missing() == [1, 2]
+    assert incoming.list_missing() == [1, 2]
     assert len(incoming.take(sample(1))) == 1
 
 
@@ -118,7 +118,7 @@ def test_reliable_fragments():
     incoming.heartbeat(heartbeat(1, 1))
     assert incoming.take(fragment(1, 3, count=2)) == []
     assert incoming.take(fragment(1, 1)) == []
-    assert incoming.missing() == [1]
+    assert incoming.list_missing() == [1]
     [change] = incoming.take(fragment(1, 2))
     assert change.payload == bytes(fragment(1, 1, count=4).payload)
 

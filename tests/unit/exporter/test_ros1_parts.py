@@ -7,8 +7,8 @@ import struct
 import pytest
 
 from rigel_k8s.exporter import ros1_messages
-from rigel_k8s.exporter.ros1_stream import decoded, encoded
-from rigel_k8s.exporter.ros1_traffic import Ledger, grown
+from rigel_k8s.exporter.ros1_stream import decode_header, encode_header
+from rigel_k8s.exporter.ros1_traffic import Ledger, count_growth
 
 
 def text(value: str) -> bytes:
@@ -56,15 +56,15 @@ def test_what_is_cut_off_is_no_message(read) -> None:  # type: ignore[no-untyped
 
 def test_connection_headers_go_there_and_back() -> None:
     fields = {"callerid": "/me", "md5sum": "*", "message_definition": "a=1\nb"}
-    assert decoded(encoded(fields)[4:]) == fields
+    assert decode_header(encode_header(fields)[4:]) == fields
     with pytest.raises(ValueError, match="TCPROS"):
-        decoded(struct.pack("<I", 3) + b"abc")
+        decode_header(struct.pack("<I", 3) + b"abc")
 
 
 def test_a_counter_goes_on_around_32_bits_and_after_a_restart() -> None:
-    assert grown(5, 8) == 3
-    assert grown(2**31 - 1, -(2**31)) == 1
-    assert grown(1000, 10) == 10
+    assert count_growth(5, 8) == 3
+    assert count_growth(2**31 - 1, -(2**31)) == 1
+    assert count_growth(1000, 10) == 10
 
 
 def test_both_client_libraries_counts_are_read() -> None:

@@ -20,7 +20,7 @@ from rigel_k8s.app.application import (
 )
 from rigel_k8s.app.commands import full_name
 from rigel_k8s.app.desired import deploys_master
-from rigel_k8s.app.distros import meant, ros_of
+from rigel_k8s.app.distros import guess_distro, ros_of
 from rigel_k8s.app.exporterchecks import check_exporter
 from rigel_k8s.app.networkchecks import check_network
 from rigel_k8s.app.nodechecks import check_node
@@ -75,7 +75,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
 
 def check_distro(distro: str) -> Iterator[Problem]:
     """Yield a distribution that is probably misspelt; one of a user's own is no mistake."""
-    if name := meant(distro):
+    if name := guess_distro(distro):
         message = (
             f'application.distro: "{distro}" is taken for a ROS 1 of your own, or is it "{name}"?'
         )
@@ -217,12 +217,12 @@ def check_containers(options: OrchestrationOptions, ros: Ros) -> Iterator[Proble
         ),
     ]
     for path, patch, first in written:
-        if extra := beside(containers_of(patch), first):
+        if extra := list_extra_containers(containers_of(patch), first):
             place = (*path, "spec", "template", "spec", "containers")
             yield Problem(place, f"{extra}: {SIDECARS}", "sidecar", at_key=True)
 
 
-def beside(written: Sequence[Mapping[str, Any]], own: Sequence[str]) -> str:
+def list_extra_containers(written: Sequence[Mapping[str, Any]], own: Sequence[str]) -> str:
     """Return the names of the containers that come to a pod's first one, "" for none."""
     names = [*own, *(str(c.get("name")) for c in written if c.get("name") not in own)]
     return ", ".join(names[1:])

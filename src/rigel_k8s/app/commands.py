@@ -169,7 +169,7 @@ def parameter_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, st
     if not wants_file(node):
         return {}
     found = {
-        f"{number:02}-{safe(name)}.yaml": files[name]
+        f"{number:02}-{make_key(name)}.yaml": files[name]
         for number, name in enumerate(node.parameter_files)
     }
     if node.parameters:
@@ -189,7 +189,7 @@ def tree(parameters: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def safe(name: str) -> str:
+def make_key(name: str) -> str:
     """Return a file's name as a key of a ConfigMap may be."""
     stem = PurePosixPath(name).stem
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in stem)[:200]

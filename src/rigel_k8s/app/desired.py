@@ -142,15 +142,15 @@ class Draft:
         ]
         return Desired(
             release=self.release,
-            objects=tuple(bound_to_master(final)),
+            objects=tuple(bind_to_master(final)),
             origins={ref_of(item): path for path, item in self.traced},
             options=options_to_keep(raw or {}),
             create_namespace=create_namespace,
-            protected=frozenset(protected(self.objects)),
+            protected=frozenset(list_protected(self.objects)),
         )
 
 
-def bound_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
+def bind_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
     """Yield the objects, the pods of all nodes bound to the very roscore that they register with.
 
     The exporter registers anew by itself, and would forget that there was another roscore.
@@ -294,7 +294,7 @@ def placement(options: OrchestrationOptions) -> Mapping[str, Any]:
     return {"nodeSelector": chosen[0], "tolerations": tolerations(asked, pinned=True)}
 
 
-def protected(items: Iterable[Object]) -> Iterator[ObjectRef]:
+def list_protected(items: Iterable[Object]) -> Iterator[ObjectRef]:
     """Yield what outlives `down`: claims and volumes."""
     kinds = ("PersistentVolumeClaim", "PersistentVolume")
     return (ref_of(item) for item in items if item["kind"] in kinds)

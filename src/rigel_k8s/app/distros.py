@@ -18,7 +18,7 @@ def ros_of(distro: str, told: Ros | None = None) -> Ros:
     return told or ("1" if is_ros1(distro) else "2")
 
 
-def meant(distro: str) -> str | None:
+def guess_distro(distro: str) -> str | None:
     """Return the distribution that an unknown name was probably meant to be."""
     known = sorted(ROS1 | ROS2)
     if distro.lower() in known:

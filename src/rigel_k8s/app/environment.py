@@ -76,7 +76,7 @@ def has_value(source: Mapping[str, Any]) -> bool:
     return any(value is not None for value in source.values())
 
 
-def literal(extra: Extra, name: str) -> str | None:
+def find_literal(extra: Extra, name: str) -> str | None:
     """Return the text that the user gives a variable, None where it is not known here."""
     found = dict(entries(extra)).get(name, {}).get("value")
     return None if found is None else str(found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from rigel_k8s.app.commands import PARAMETERS_PATH, flat, safe
+from rigel_k8s.app.commands import PARAMETERS_PATH, flat, make_key
 from rigel_k8s.app.mounts import device_of, mount_of, source_count
 from rigel_k8s.app.nodes import port_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
@@ -134,7 +134,7 @@ def check_appended(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
             yield Problem(("parameters", key), str(error), RosName.kind, at_key=True)
     wanted = [k for k in ("parameters", "remappings", "parameter_files") if getattr(node, k)]
     for key in wanted:
-        if reason := unreadable(node, key, ros):
+        if reason := explain_unreadable(node, key, ros):
             yield Problem((key,), reason, "not-appendable", at_key=True)
 
 
@@ -145,7 +145,7 @@ def flat_keys(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield str(key), name
 
 
-def unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
+def explain_unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
     """Return why a node could not read what the key says, None where it can."""
     line = program(ros, node)
     if not line:
@@ -154,7 +154,7 @@ def unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
             " say what runs with args, package and executable, or launch"
         )
     if node.launch:
-        return unreadable_to_launch(node, key, ros)
+        return explain_unreadable_to_launch(node, key, ros)
     if ros == "1" and key == "parameter_files":
         unknown = "the name of an anonymous node is unknown before it starts: use parameters"
         return unknown if node.anonymous else None
@@ -163,7 +163,7 @@ def unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
     return None
 
 
-def unreadable_to_launch(node: NodeOptions, key: str, ros: Ros) -> str | None:
+def explain_unreadable_to_launch(node: NodeOptions, key: str, ros: Ros) -> str | None:
     """Return why a launch file could not read what the key says, None where it can."""
     if key == "parameter_files":
         named = any(PARAMETERS_PATH in str(value) for value in node.launch.args.values())  # type: ignore[union-attr]
@@ -171,7 +171,7 @@ def unreadable_to_launch(node: NodeOptions, key: str, ros: Ros) -> str | None:
             return None
         return (
             "ros2 launch reads no parameter files by itself: name them in launch.args, as"
-            f" {PARAMETERS_PATH}/00-{safe(node.parameter_files[0])}.yaml"
+            f" {PARAMETERS_PATH}/00-{make_key(node.parameter_files[0])}.yaml"
         )
     where = "launch.args" if key == "parameters" else "the launch file"
     tool = "roslaunch" if ros == "1" else "ros2 launch"

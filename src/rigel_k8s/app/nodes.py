@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import attrs
 
 from rigel_k8s.app.commands import PARAMETERS_PATH, Command, full_name
-from rigel_k8s.app.environment import environment, literal, ros_variables
+from rigel_k8s.app.environment import environment, find_literal, ros_variables
 from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.placing import affinity, node_selector, tolerations
@@ -114,7 +114,7 @@ def node_objects(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> It
 
 def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
     """Return the network as a node has it, which may say itself in which domain it is."""
-    own = literal(node.options.env, "ROS_DOMAIN_ID") if plan.ros == "2" else None
+    own = find_literal(node.options.env, "ROS_DOMAIN_ID") if plan.ros == "2" else None
     return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
 
 

@@ -19,7 +19,7 @@ from rigel_k8s.app.commands import (
     Command,
     assignments,
     full_name,
-    safe,
+    make_key,
 )
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.overlay import simplify
@@ -48,7 +48,7 @@ def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command
         key: the node's key in `nodes`.
         files: the texts of its parameter files, by the names in `parameter_files`.
     """
-    mounted = mounted_files(node, files)
+    mounted = render_files(node, files)
     line = program(node)
     line += ros_arguments(key, node, line, mounted)
     if not line:
@@ -101,10 +101,10 @@ def reads_ros_arguments(line: Sequence[str]) -> bool:
     return marks[-1:] == [FLAG]
 
 
-def mounted_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
+def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
     """Return the files to mount, in the order of loading; `parameters` win over files."""
     found = {
-        f"{number:02}-{safe(name)}.yaml": as_parameters(files[name])
+        f"{number:02}-{make_key(name)}.yaml": nest_parameters(files[name])
         for number, name in enumerate(node.parameter_files)
     }
     if node.parameters:
@@ -113,7 +113,7 @@ def mounted_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]
     return found
 
 
-def as_parameters(text: str) -> str:
+def nest_parameters(text: str) -> str:
     """Return a parameter file as rcl reads it; one of plain names and values is for any node.
 
     The text itself is kept: rcl reads 1e3 as a number where this program's reader sees text.

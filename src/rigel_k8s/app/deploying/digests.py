@@ -25,34 +25,36 @@ def pins(
     Asked in this order: a push of this run, the image's registry, the release's last revision. An
     image of the nodes' own (loaded, never pushed) has none and stays as it is.
     """
-    digests = dict(_pushed(images, data))
+    digests = dict(_find_pushed(images, data))
     rest = [image for image in images if image not in digests and "@" not in image]
-    digests |= _asked(rest, credentials)
+    digests |= _ask_registries(rest, credentials)
     found = {image: f"{image}@{digest}" for image, digest in digests.items()}
     rest = [image for image in rest if image not in found]
     if rest:
-        last = dict(_of_revision(last_objects()))
+        last = dict(_read_revision(last_objects()))
         found |= {image: last[image] for image in rest if image in last}
     return found
 
 
-def _pushed(images: Sequence[str], data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _find_pushed(images: Sequence[str], data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     known = data.get(DIGESTS)
     if not isinstance(known, Mapping):
         return
-    by_name = {_canonical(image): str(digest) for image, digest in known.items()}
+    by_name = {_complete_name(image): str(digest) for image, digest in known.items()}
     for image in images:
-        if "@" not in image and _canonical(image) in by_name:
-            yield image, by_name[_canonical(image)]
+        if "@" not in image and _complete_name(image) in by_name:
+            yield image, by_name[_complete_name(image)]
 
 
-def _canonical(image: str) -> str:
+def _complete_name(image: str) -> str:
     """Return an image's full name: `app` is docker.io/library/app:latest."""
     reference = parse_reference(image)
     return f"{reference.name}:{reference.tag or 'latest'}"
 
 
-def _asked(images: Sequence[str], credentials: Sequence[RegistryCredentials]) -> dict[str, str]:
+def _ask_registries(
+    images: Sequence[str], credentials: Sequence[RegistryCredentials]
+) -> dict[str, str]:
     if not images:
         return {}
 
@@ -65,7 +67,7 @@ def _asked(images: Sequence[str], credentials: Sequence[RegistryCredentials]) ->
         return {image: digest for image, digest in answers if digest}
 
 
-def _of_revision(objects: Manifests) -> Iterator[tuple[str, str]]:
+def _read_revision(objects: Manifests) -> Iterator[tuple[str, str]]:
     """Yield (image without its digest, the same with it) of a revision's workloads."""
     for image in images_of(objects):
         name, at, _ = image.partition("@")

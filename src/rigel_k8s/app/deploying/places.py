@@ -27,7 +27,7 @@ def check_places(objects: Manifests, cluster: Cluster) -> None:
         nodes = cluster.nodes()
     except ClusterError:
         return
-    missing = list(unplaced(wanted, nodes))
+    missing = list(find_unplaced(wanted, nodes))
     if missing:
         count = len(missing)
         raise UserError(
@@ -45,7 +45,7 @@ def selectors(objects: Manifests) -> Iterator[tuple[str, Mapping[str, str]]]:
             yield f"{item['kind']} {item['metadata']['name']}", spec["nodeSelector"]
 
 
-def unplaced(
+def find_unplaced(
     wanted: Mapping[str, Mapping[str, str]], nodes: Sequence[Mapping[str, Any]]
 ) -> Iterator[str]:
     """Yield a line for each workload without a machine."""

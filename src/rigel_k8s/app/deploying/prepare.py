@@ -15,7 +15,7 @@ import yaml
 
 from rigel_k8s.app.checks import check
 from rigel_k8s.app.deploying.digests import pins
-from rigel_k8s.app.deploying.secrets import has_pull_secret, needed_credentials, secret_name
+from rigel_k8s.app.deploying.secrets import choose_credentials, has_pull_secret, secret_name
 from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat, is_partial, overlay
@@ -121,7 +121,7 @@ def _finish(
     network = options.network
     previous = last.objects() if network and network.ipam == "static" else ()
     drafted = draft(options, release, application, texts, files=files, previous=previous)
-    credentials = needed_credentials(drafted.images, known)
+    credentials = choose_credentials(drafted.images, known)
     with ThreadPoolExecutor(max_workers=1) as beside:
         looked = beside.submit(_examine, drafted.objects, options, eyes)
         digests = pins(drafted.images, data, known, last.objects)
@@ -202,10 +202,10 @@ def timeout_of(options: OrchestrationOptions, settings: Settings) -> float | Non
         return options.timeout.seconds
     if isinstance(options.readiness, Readiness) and options.readiness.timeout_seconds:
         return float(options.readiness.timeout_seconds)
-    return _longest_of_nodes(options)
+    return _find_longest_timeout(options)
 
 
-def _longest_of_nodes(options: OrchestrationOptions) -> float | None:
+def _find_longest_timeout(options: OrchestrationOptions) -> float | None:
     from rigel_k8s.release.deploy import DEFAULT_TIMEOUT
 
     checks = [n.readiness for n in options.nodes.values() if isinstance(n.readiness, Readiness)]

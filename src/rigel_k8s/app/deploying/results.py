@@ -37,7 +37,7 @@ def copy_results(
         RigelK8sError: there is no ready pod, no such path, or no tar in the image.
         Interrupted: the job was told to stop while it waited for the path.
     """
-    pod = newest_pod(release, cluster)
+    pod = find_newest_pod(release, cluster)
     source = PurePosixPath(results.source_path)
     wait_for(source, results, release, pod, cluster, cancel)
     command = ["tar", "cf", "-", "-C", str(source.parent), source.name or "."]
@@ -63,7 +63,7 @@ def copy_results(
     return target / source.name
 
 
-def newest_pod(release: ReleaseId, cluster: Cluster) -> str:
+def find_newest_pod(release: ReleaseId, cluster: Cluster) -> str:
     """Return the name of the application's newest ready pod."""
     own = {NAME_LABEL: release.name, RELEASE_LABEL: release.name}
     pods = [p for p in cluster.list("v1", "Pod", release.namespace, labels=own) if stays_ready(p)]

@@ -34,7 +34,7 @@ def has_pull_secret(release: ReleaseId, cluster: Cluster) -> bool:
     return cluster.get(ref) is not None
 
 
-def needed_credentials(
+def choose_credentials(
     images: Sequence[str], known: Sequence[RegistryCredentials]
 ) -> tuple[RegistryCredentials, ...]:
     """Return the credentials of the registries that the images come from."""

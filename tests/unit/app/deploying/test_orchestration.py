@@ -17,7 +17,7 @@ import pytest
 from rigel_k8s.app.deploying.digests import pins
 from rigel_k8s.app.deploying.places import check_places
 from rigel_k8s.app.deploying.prepare import prepare, release_of, timeout_of
-from rigel_k8s.app.deploying.results import extract, newest_pod
+from rigel_k8s.app.deploying.results import extract, find_newest_pod
 from rigel_k8s.app.deploying.secrets import secret_of, write_pull_secret
 from rigel_k8s.errors import ClusterError, RigelK8sError, UserError
 from rigel_k8s.images.credentials import RegistryCredentials
@@ -401,7 +401,7 @@ def archive(**files: str) -> io.BytesIO:
 def test_results_come_from_the_newest_pod_that_is_ready_and_stays(fake: FakeCluster) -> None:
     release = ReleaseId("n", "demo")
     with pytest.raises(RigelK8sError, match="no pod of demo in n is ready"):
-        newest_pod(release, fake)  # type: ignore[arg-type]
+        find_newest_pod(release, fake)  # type: ignore[arg-type]
     fake.store.controllers = None
     labels = {"app.kubernetes.io/name": "demo", "rigel-k8s/release": "demo"}
     pods = {"old": "True", "new": "True", "late": "False", "ending": "True"}
@@ -412,7 +412,7 @@ def test_results_come_from_the_newest_pod_that_is_ready_and_stays(fake: FakeClus
             meta |= {"deletionTimestamp": "2026-01-01T00:00:09Z", "finalizers": ["x/hold"]}
         status = {"conditions": [{"type": "Ready", "status": ready}]}
         fake.create({"apiVersion": "v1", "kind": "Pod", "metadata": meta, "status": status})
-    assert newest_pod(release, fake) == "new"  # type: ignore[arg-type]
+    assert find_newest_pod(release, fake) == "new"  # type: ignore[arg-type]
 
 
 def test_results_are_unpacked_into_their_directory(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import attrs
 import click
 
-from rigel_k8s.cli.words import json_option, print_json, quiet
+from rigel_k8s.cli.words import is_quiet, json_option, print_json
 
 if TYPE_CHECKING:
     from rigel_k8s.lab import ClusterStatus
@@ -181,7 +181,7 @@ def steps(ctx: click.Context) -> Callable[[str], None]:
     begin = time.monotonic()
 
     def tell(text: str) -> None:
-        if not quiet(ctx):
+        if not is_quiet(ctx):
             click.echo(f"{time.monotonic() - begin:5.0f} s  {text}", err=True)
 
     return tell

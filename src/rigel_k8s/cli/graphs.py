@@ -18,10 +18,10 @@ def cells(graph: DiscoveryGraph, pod: str) -> list[str]:
     row = next((one for one in graph.pods if one.pod == pod), None)
     if row is None:
         return ["-"] * len(HEADS)
-    return [row.interface or "all", row.address or "-", discovered(row)]
+    return [row.interface or "all", row.address or "-", describe_discovery(row)]
 
 
-def discovered(row: PodGraph) -> str:
+def describe_discovery(row: PodGraph) -> str:
     """Return in how many of the others a pod was discovered, or over whom it goes."""
     if row.reaches:
         return "over a server" if row.mode == "discovery-server" else "over a router"

@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import click
 
-from rigel_k8s.cli.words import reporting
+from rigel_k8s.cli.words import choose_reporter
 
 Variant: TypeAlias = Literal["core", "devel"]
 Distro: TypeAlias = Literal["jazzy", "kilted"]
@@ -26,7 +26,7 @@ def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: 
     """A ROS 1 base image from Debian's packages, used just as ros:noetic is."""
     from rigel_k8s.commands import images
 
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         name = images.ros1_base(report, variant=variant, push=push, force=force)
     click.echo(name)
 
@@ -42,7 +42,7 @@ def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bo
     """A ROS 2 base image from Debian and PyPI's wheels, used just as ros:jazzy is."""
     from rigel_k8s.commands import images
 
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         name = images.ros2_base(report, distro=distro, push=push, force=force)
     click.echo(name)
 
@@ -57,6 +57,6 @@ def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None: 
     """The image of the exporter that gives an application's ros_metrics."""
     from rigel_k8s.commands import images
 
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         name = images.ros_exporter(report, push=push, force=force)
     click.echo(name)

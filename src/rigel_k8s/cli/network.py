@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import attrs
 import click
 
-from rigel_k8s.cli.words import Timeout, json_option, print_json, reporting, settings
+from rigel_k8s.cli.words import Timeout, choose_reporter, json_option, print_json, settings
 from rigel_k8s.errors import UserError
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def install(
     from rigel_k8s.commands import network as networks
     from rigel_k8s.network.multus.install import describe
 
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         done = networks.install(
             settings(ctx, timeout=timeout, adopt=adopt), options_of(words), report
         )
@@ -120,7 +120,7 @@ def remove(
     """Take both away, so that every node goes on starting pods."""
     from rigel_k8s.commands import network as networks
 
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         done = networks.remove(
             settings(ctx, timeout=timeout),
             options_of(words),

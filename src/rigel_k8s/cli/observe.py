@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import attrs
 import click
 
-from rigel_k8s.cli.words import Timeout, json_option, print_json, reporting, settings
+from rigel_k8s.cli.words import Timeout, choose_reporter, json_option, print_json, settings
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.observe import Administrator, Opened
@@ -92,7 +92,7 @@ def remove(
 
     if volumes and not yes:
         confirm("Delete all logs and metrics of all applications?")
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         gone, count, kept = actions.remove(settings(ctx, timeout=timeout), report, volumes=volumes)
     left = f", {kept} kept for their data" if kept else ""
     deleted = f"{count} object{'s' * (count != 1)} deleted"

@@ -9,12 +9,12 @@ import click
 
 from rigel_k8s.cli.words import (
     Timeout,
+    choose_reporter,
+    is_quiet,
     job_argument,
     job_option,
     json_option,
     print_json,
-    quiet,
-    reporting,
     settings,
     warn,
 )
@@ -53,7 +53,7 @@ def diff(ctx: click.Context, /, job: str | None, exit_code: bool, adopt: bool) -
     for line in found.text.splitlines():
         click.secho(line, fg=line_color(line))
     changes = len(found.plan.changes)
-    if not quiet(ctx):
+    if not is_quiet(ctx):
         click.echo(summary(found.plan), err=True)
     return 1 if exit_code and changes else 0
 
@@ -137,7 +137,7 @@ def rollback(
     from rigel_k8s.commands import releases
 
     words = settings(ctx, timeout=timeout, adopt=adopt)
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         new = releases.rollback(words, job, revision, report)
     click.echo(f"revision {new.number}: {new.description}")
 
@@ -161,7 +161,7 @@ def down(
 
     if volumes and not yes:
         confirm("Delete claims and volumes with all their data?")
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         found, plan = releases.down(settings(ctx, timeout=timeout), job, report, volumes=volumes)
     counts = dict.fromkeys(("prune", "forget"), 0)
     for step in plan.steps:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from rigel_k8s.cli.words import json_option, print_json, quiet, settings
+from rigel_k8s.cli.words import is_quiet, json_option, print_json, settings
 
 
 @click.command()
@@ -39,7 +39,7 @@ def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FB
         return 2 if failed else 0
     for text in dict.fromkeys(text for result in results for text in result.render_findings()):
         click.echo(text)
-    if not failed and not quiet(ctx):
+    if not failed and not is_quiet(ctx):
         click.echo(f"{results[0].source.name}: no problems")
     return 2 if failed else 0
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import click
 
-from rigel_k8s.cli.words import Timeout, complete_runnable, reporting, settings
+from rigel_k8s.cli.words import Timeout, choose_reporter, complete_runnable, settings
 
 
 @click.command()
@@ -28,5 +28,5 @@ def run(
     """Run a job or a sequence of the Rigelfile."""
     from rigel_k8s.commands import run as runs
 
-    with reporting(ctx) as report:
+    with choose_reporter(ctx) as report:
         runs.run(kind, name, settings(ctx, timeout=timeout, adopt=adopt), report)

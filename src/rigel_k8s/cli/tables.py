@@ -61,7 +61,7 @@ def rows_of(
     for pod in workload.pods:
         on = pod.node or "-"
         place = [pod.name, on, *(cells(graph, pod.name) if graph is not None else ())]
-        yield [*name, *place, str(pod.restarts), age(pod.created, now), short(pod.image)]
+        yield [*name, *place, str(pod.restarts), age(pod.created, now), shorten_image(pod.image)]
     if not workload.pods:
         yield [*name, *["-"] * (5 + (len(HEADS) if graph is not None else 0))]
 
@@ -73,19 +73,21 @@ def reasons_of(found: ReleaseStatus) -> Iterator[str]:
             yield f"{workload.name}: {workload.message}"
         if not workload.done and (remedy := workload.annotations.get(REMEDY_ANNOTATION)):
             yield f"{workload.name}: {remedy}"
-        for pod in unready(workload):
+        for pod in find_unready(workload):
             if pod.message and pod.message not in workload.message:
                 yield f"{pod.name}: {pod.message}"
 
 
-def unready(workload: WorkloadStatus) -> list[PodStatus]:
+def find_unready(workload: WorkloadStatus) -> list[PodStatus]:
     """Return the pods that are not ready and should be; one that ends has no need to."""
     return [pod for pod in workload.pods if not pod.ready and pod.phase != "Terminating"]
 
 
 def way_out(found: ReleaseStatus) -> str:
     """Return the command that brings nodes back which roscore has forgotten."""
-    orphans = [w.name for w in found.workloads if any(pod.kind == ORPHAN for pod in unready(w))]
+    orphans = [
+        w.name for w in found.workloads if any(pod.kind == ORPHAN for pod in find_unready(w))
+    ]
     if not orphans:
         return ""
     names = " ".join(orphans)
@@ -109,7 +111,7 @@ def age(created: str, now: datetime) -> str:
     return f"{seconds}s"
 
 
-def short(image: str) -> str:
+def shorten_image(image: str) -> str:
     """Return an image with a digest short enough for a table."""
     name, at, digest = image.partition("@sha256:")
     return f"{name}{at}{digest[:7]}" if at else image or "-"

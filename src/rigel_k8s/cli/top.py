@@ -9,7 +9,7 @@ import attrs
 import click
 
 from rigel_k8s.cli.words import complete_node, job_option, json_option, print_json, settings
-from rigel_k8s.cli.words import quiet as is_quiet
+from rigel_k8s.cli.words import is_quiet as is_quiet
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.top import Top, Topics, TopicUsage, UsageRow
@@ -62,13 +62,13 @@ def show(found: Top, output: str) -> None:
         print_json({**attrs.asdict(found.release), "source": found.source, "nodes": nodes})
         return
     everything = [cells(row) for row in found.rows]
-    left_out = {head for heads in EXPORTERS if not any_told(heads, everything) for head in heads}
+    left_out = {head for heads in EXPORTERS if not has_any(heads, everything) for head in heads}
     shown = [i for i, head in enumerate(HEADS) if head not in left_out]
     heads, *rows = ([line[i] for i in shown] for line in (HEADS, *everything))
     click.echo(table(heads, rows))
 
 
-def any_told(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
+def has_any(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
     """Return whether any of these columns says anything."""
     return any(row[HEADS.index(head)] != NOT_TOLD for row in rows for head in heads)
 
@@ -78,11 +78,11 @@ def cells(row: UsageRow) -> list[str]:
     return [
         row.workload,
         row.ros_name or "-",
-        told(row.up, lambda up: "yes" if up else "NO"),
-        told(row.cpu, lambda cores: f"{cores * 1000:.0f}m"),
-        told(row.memory, lambda size: f"{size / KIB / KIB:.0f}Mi"),
-        told(row.published, rate),
-        told(row.received, rate),
+        format_cell(row.up, lambda up: "yes" if up else "NO"),
+        format_cell(row.cpu, lambda cores: f"{cores * 1000:.0f}m"),
+        format_cell(row.memory, lambda size: f"{size / KIB / KIB:.0f}Mi"),
+        format_cell(row.published, rate),
+        format_cell(row.received, rate),
         str(row.restarts),
         row.pod,
         row.node or "-",
@@ -112,14 +112,14 @@ def topic_cells(row: TopicUsage) -> list[str]:
         row.type or "-",
         str(row.publishers),
         str(row.subscribers),
-        told(row.rate, lambda value: f"{rate(value)}/s"),
-        told(row.bandwidth, lambda value: f"{size_of(value)}/s"),
-        told(row.age, lambda value: f"{max(0.0, value):.1f}s ago"),
-        told(row.delay, lambda value: f"{value * 1000:.1f}ms"),
+        format_cell(row.rate, lambda value: f"{rate(value)}/s"),
+        format_cell(row.bandwidth, lambda value: f"{size_of(value)}/s"),
+        format_cell(row.age, lambda value: f"{max(0.0, value):.1f}s ago"),
+        format_cell(row.delay, lambda value: f"{value * 1000:.1f}ms"),
     ]
 
 
-def told(value: T | None, write: Callable[[T], str]) -> str:
+def format_cell(value: T | None, write: Callable[[T], str]) -> str:
     """Return a cell; - where nobody told."""
     return NOT_TOLD if value is None else write(value)
 

@@ -29,12 +29,12 @@ def settings(ctx: click.Context, *, timeout: float | None = None, adopt: bool = 
     )
 
 
-def quiet(ctx: click.Context) -> bool:
+def is_quiet(ctx: click.Context) -> bool:
     """Return whether -q was given."""
     return bool(ctx.find_root().obj["quiet"])
 
 
-def reporting(ctx: click.Context) -> AbstractContextManager[JobReporter]:
+def choose_reporter(ctx: click.Context) -> AbstractContextManager[JobReporter]:
     """Return the reporter that suits the options and the terminal."""
     from rigel_k8s.cli.reports import reporter
 
@@ -81,7 +81,7 @@ def print_json(data: Any) -> None:
     click.echo(json.dumps(data, indent=2, default=str))
 
 
-def offered(
+def offer_names(
     ctx: click.Context, incomplete: str, find: Callable[[Settings], Sequence[str]]
 ) -> list[str]:
     """Return the names that begin so, for a shell's completion, which must not fail."""
@@ -98,14 +98,14 @@ def complete_job(ctx: click.Context, param: click.Parameter, incomplete: str) ->
     """Return the Rigelfile's orchestration jobs."""
     from rigel_k8s.commands import targets
 
-    return offered(ctx, incomplete, targets.names)
+    return offer_names(ctx, incomplete, targets.names)
 
 
 def complete_node(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Return the nodes of the release."""
     from rigel_k8s.commands import targets
 
-    return offered(ctx, incomplete, lambda s: targets.node_names(s, ctx.params.get("job")))
+    return offer_names(ctx, incomplete, lambda s: targets.node_names(s, ctx.params.get("job")))
 
 
 def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
@@ -113,7 +113,7 @@ def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: st
     from rigel_k8s.commands import rigelfiles
 
     kind: Any = ctx.params.get("kind") or "job"
-    return offered(ctx, incomplete, lambda s: rigelfiles.runnable(s, kind))
+    return offer_names(ctx, incomplete, lambda s: rigelfiles.list_runnable(s, kind))
 
 
 job_argument = click.argument("job", required=False, shell_complete=complete_job)

@@ -49,7 +49,7 @@ def examine(settings: Settings) -> list[DoctorFinding]:
 
 def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
     """Ask the API server whether we may write what a release is made of."""
-    refused = [name for group, name in NEEDED if not allowed(cluster, namespace, group, name)]
+    refused = [name for group, name in NEEDED if not may_patch(cluster, namespace, group, name)]
     yield DoctorFinding(
         f"rights in {namespace}",
         ok=not refused,
@@ -58,7 +58,7 @@ def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
     )
 
 
-def allowed(cluster: Cluster, namespace: str, group: str, resource: str) -> bool:
+def may_patch(cluster: Cluster, namespace: str, group: str, resource: str) -> bool:
     """Return whether we may patch a resource in a namespace."""
     attributes = {"namespace": namespace, "verb": "patch", "group": group, "resource": resource}
     review = cluster.create(

@@ -81,10 +81,10 @@ def observe(
             closed,
             administrator(cluster, stack.namespace) if wanted else None,
         )
-        yield from watched(opened)
+        yield from watch_doors(opened)
 
 
-def watched(opened: list[Door]) -> Iterator[str]:
+def watch_doors(opened: list[Door]) -> Iterator[str]:
     """Yield what happens to the doors, until closed."""
     while True:
         time.sleep(LOOK)

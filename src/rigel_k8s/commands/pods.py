@@ -90,7 +90,7 @@ def release_pods(found: Release) -> list[Pod]:
     return sorted((pod_of(item) for item in items), key=lambda p: (p.workload, p.created))
 
 
-def chosen_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
+def choose_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
     """Return the pods of some ROS nodes, or of all.
 
     Raises:
@@ -100,11 +100,11 @@ def chosen_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
         return [pod for node in nodes for pod in pods_of(found, node)]
     chosen = [pod for pod in release_pods(found) if not pod.helper]
     if not chosen:
-        raise no_pod(found)
+        raise no_pod_error(found)
     return chosen
 
 
-def no_pod(found: Release) -> UserError:
+def no_pod_error(found: Release) -> UserError:
     """Return the error for a release without pods."""
     return UserError(
         f"no pod of {found.id.name} is in the namespace {found.id.namespace}",
@@ -119,23 +119,23 @@ def pods_of(found: Release, node: str) -> list[Pod]:
         UserError: no pod of the release is of such a node.
     """
     everything = release_pods(found)
-    if chosen := matching(everything, node):
+    if chosen := find_matching(everything, node):
         return chosen
     names = sorted({pod.workload for pod in everything})
     if not names:
-        raise no_pod(found)
+        raise no_pod_error(found)
     close = find_nearest(node, names)
     meant = f', did you mean "{close}"?' if close else ""
     raise UserError(f'no pod of a node "{node}"{meant}', hint=f"there are: {', '.join(names)}")
 
 
-def matching(pods: Sequence[Pod], node: str) -> list[Pod]:
+def find_matching(pods: Sequence[Pod], node: str) -> list[Pod]:
     """Return those of the pods that a name means."""
     chosen = [pod for pod in pods if node in pod.aliases]
     return chosen or [pod for pod in pods if pod.workload == object_name(node)]
 
 
-def running(pods: Sequence[Pod]) -> Pod:
+def choose_running(pods: Sequence[Pod]) -> Pod:
     """Return the pod to work in: a ready one, else the youngest that runs.
 
     Raises:
@@ -167,11 +167,11 @@ def execute(
     """
     found = release(settings, job)
     with found.cluster as cluster:
-        pod = running(pods_of(found, node))
+        pod = choose_running(pods_of(found, node))
         return cluster.exec(
             pod.namespace,
             pod.name,
-            in_pod(pod, command),
+            wrap_command(pod, command),
             container=pod.container,
             stdin=stdin,
             stdout=stdout,
@@ -180,7 +180,7 @@ def execute(
         )
 
 
-def in_pod(pod: Pod, command: Sequence[str]) -> list[str]:
+def wrap_command(pod: Pod, command: Sequence[str]) -> list[str]:
     """Return what to run in a pod, so that it finds ROS set up."""
     if pod.scripts:
         return ["/bin/sh", f"{SCRIPTS_PATH}/exec.sh", *command]
@@ -196,7 +196,7 @@ def forward(
     """
     found = release(settings, job)
     with found.cluster as cluster:
-        pod = running(pods_of(found, node))
+        pod = choose_running(pods_of(found, node))
         with cluster.port_forward(pod.namespace, pod.name, ports) as opened:
             yield from (f"127.0.0.1:{lo} -> {pod.name}:{re}" for re, lo in opened.ports.items())
             told = 0
@@ -205,10 +205,10 @@ def forward(
                 if told < len(opened.errors):
                     yield from opened.errors[told:]
                     told = len(opened.errors)
-                    still_there(cluster, pod, node)
+                    require_running(cluster, pod, node)
 
 
-def still_there(cluster: Cluster, pod: Pod, node: str) -> None:
+def require_running(cluster: Cluster, pod: Pod, node: str) -> None:
     """Raise where a pod has ended: connections to it can only fail from now on."""
     there = cluster.list("v1", "Pod", pod.namespace, fields=f"metadata.name={pod.name}")
     if not there or pod_of(there[0]).phase != "Running":

@@ -33,7 +33,7 @@ def load(settings: Settings, *, patient: bool = False) -> Rigelfile:
     return grammar.load(settings.rigelfile, os.environ, patient=patient)
 
 
-def runnable(settings: Settings, kind: Literal["job", "sequence"]) -> list[str]:
+def list_runnable(settings: Settings, kind: Literal["job", "sequence"]) -> list[str]:
     """Return the names that can be run. Raises as load."""
     rigelfile = load(settings)
     return list(rigelfile.jobs if kind == "job" else rigelfile.sequences)
@@ -91,10 +91,10 @@ def init(path: Path, *, ros: str, force: bool) -> None:
 
 def schema() -> dict[str, Any]:
     """Return the JSON schema of Rigelfiles with our job types and providers."""
-    return grammar.schema(known_options("job"), known_options("provider"))
+    return grammar.schema(list_option_classes("job"), list_option_classes("provider"))
 
 
-def known_options(kind: Kind) -> dict[tuple[str, ...], type[Any]]:
+def list_option_classes(kind: Kind) -> dict[tuple[str, ...], type[Any]]:
     """Return the option class of each known job type or provider, by all its names."""
     find = registry.job_type if kind == "job" else registry.provider_type
     return {

@@ -65,7 +65,7 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
         ProblemsError: the job's options are wrong, or wait for data of other jobs.
     """
     rigelfile = rigelfile or load(settings)
-    spec = chosen(rigelfile, settings, name)
+    spec = choose_job(rigelfile, settings, name)
     made = grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
     findings = made.place_problems(OrchestrationJob().check(made.options, rigelfile.application))
     if any(finding.severity == "error" for finding in findings):
@@ -80,7 +80,7 @@ def release(settings: Settings, job: str | None = None) -> Release:
     Raises: as job_of.
     """
     rigelfile = load(settings, patient=True)
-    options = names_of(rigelfile, chosen(rigelfile, settings, job))
+    options = names_of(rigelfile, choose_job(rigelfile, settings, job))
     cluster = connect(settings)
     return Release(cluster, release_of(options, settings, cluster), options.observability)
 
@@ -93,18 +93,18 @@ def names(settings: Settings) -> list[str]:
 def node_names(settings: Settings, job: str | None = None) -> list[str]:
     """Return the keys of a job's nodes, and what else of it runs. Raises as job_of."""
     rigelfile = load(settings, patient=True)
-    options = names_of(rigelfile, chosen(rigelfile, settings, job))
+    options = names_of(rigelfile, choose_job(rigelfile, settings, job))
     ros = ros_of(rigelfile.application.distro, options.ros)
     own = [str(options.deployment_name)] if has_application(options) else []
     master = [MASTER_NAME] if deploys_master(options, ros) else []
     return [*map(str, options.nodes), *own, *master]
 
 
-def chosen(rigelfile: Rigelfile, settings: Settings, name: str | None) -> ComponentSpec:
+def choose_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> ComponentSpec:
     """Return the job that is meant: deploy and update jobs of one release count as one."""
     specs = candidates(rigelfile, settings)
     if name is not None:
-        return named(rigelfile, specs, name)
+        return find_job(rigelfile, specs, name)
     if not specs:
         raise UserError(
             f"{rigelfile.source.name} has no orchestration job",
@@ -127,7 +127,7 @@ def candidates(rigelfile: Rigelfile, settings: Settings) -> list[ComponentSpec]:
     return [spec for spec in rigelfile.jobs.values() if is_orchestration(spec, directory)]
 
 
-def named(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> ComponentSpec:
+def find_job(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> ComponentSpec:
     """Return the job of that name."""
     ours = {spec.name: spec for spec in specs}
     if name in ours:

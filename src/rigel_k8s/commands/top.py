@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import attrs
 
-from rigel_k8s.commands.pods import Pod, chosen_pods
+from rigel_k8s.commands.pods import Pod, choose_pods
 from rigel_k8s.commands.targets import Release, release
-from rigel_k8s.commands.top_usage import Usage, used
+from rigel_k8s.commands.top_usage import Usage, measure_usage
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.observability.names import PROMETHEUS
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
@@ -20,22 +20,22 @@ from rigel_k8s.settings import Settings
 SPAN = "2m"
 
 
-def a_second(series: str) -> str:
+def growth_rate(series: str) -> str:
     """Return a counter's growth a second; of a young one that between its last two scrapes."""
     return f"(rate({series}[{SPAN}]) and {series} offset {SPAN} or irate({series}[5m]))"
 
 
 UP = "max by (ros_node, workload) (ros_node_up{{{0}}})"
-FLOW = f"sum by (ros_node, direction) ({a_second('ros_node_topic_messages_total{{{0}}}')})"
+FLOW = f"sum by (ros_node, direction) ({growth_rate('ros_node_topic_messages_total{{{0}}}')})"
 #: By topic; the nodes' own counts stand in for topics that the exporter was not told to hear.
 SENT = '{{{0},direction="published"}}'
 TOPICS = {
     "publishers": "max by (topic, type) (ros_topic_publishers{{{0}}})",
     "subscribers": "max by (topic, type) (ros_topic_subscribers{{{0}}})",
-    "heard": f"sum by (topic) ({a_second('ros_topic_messages_total{{{0}}}')})",
-    "heard_bytes": f"sum by (topic) ({a_second('ros_topic_bytes_total{{{0}}}')})",
-    "counted": f"sum by (topic) ({a_second('ros_node_topic_messages_total' + SENT)})",
-    "counted_bytes": f"sum by (topic) ({a_second('ros_node_topic_bytes_total' + SENT)})",
+    "heard": f"sum by (topic) ({growth_rate('ros_topic_messages_total{{{0}}}')})",
+    "heard_bytes": f"sum by (topic) ({growth_rate('ros_topic_bytes_total{{{0}}}')})",
+    "counted": f"sum by (topic) ({growth_rate('ros_node_topic_messages_total' + SENT)})",
+    "counted_bytes": f"sum by (topic) ({growth_rate('ros_node_topic_bytes_total' + SENT)})",
     # When it was scraped: since then it has only become older for us.
     "age": "min by (topic) (timestamp(ros_topic_last_message_timestamp_seconds{{{0}}})"
     " - ros_topic_last_message_timestamp_seconds{{{0}}})",
@@ -116,12 +116,12 @@ def top(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Top
     """
     found = release(settings, job)
     with found.cluster as cluster:
-        pods = running_pods(found, nodes)
+        pods = choose_running_pods(found, nodes)
         try:
             prometheus: PrometheusClient | NoStack | ClusterError = prometheus_of(found)
         except (NoStack, ClusterError) as error:
             prometheus = error
-        usage = used(cluster, pods, prometheus)
+        usage = measure_usage(cluster, pods, prometheus)
         told = ros_of(found, prometheus) if isinstance(prometheus, PrometheusClient) else Ros()
     rows = tuple(row_of(pod, usage.by_pod.get(pod.name), told) for pod in pods)
     return Top(found.id, rows, usage.source, usage.reasons)
@@ -139,7 +139,7 @@ def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> 
     found = release(settings, job)
     with found.cluster as cluster:
         prometheus = prometheus_of(found)
-        own = own_series(found.id)
+        own = select_series(found.id)
         queries = [text.format(own) for text in TOPICS.values()]
         answers = dict(zip(TOPICS, cluster.parallel(prometheus.query, queries), strict=True))
     rows = topics_of(answers)
@@ -152,9 +152,9 @@ def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> 
     return Topics(found.id, rows)
 
 
-def running_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
+def choose_running_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
     """Return the pods that run; raises where there is none."""
-    pods = chosen_pods(found, nodes)
+    pods = choose_pods(found, nodes)
     return [pod for pod in pods if pod.phase == "Running"] or pods
 
 
@@ -163,7 +163,7 @@ def prometheus_of(found: Release) -> PrometheusClient:
     return PrometheusClient(part_of(found.cluster, PROMETHEUS, found.observability).ask)
 
 
-def own_series(release: ReleaseId) -> str:
+def select_series(release: ReleaseId) -> str:
     """Return the matchers of a release's series."""
     return matchers(application=release.name, namespace=release.namespace)
 
@@ -179,7 +179,7 @@ class Ros:
 
 def ros_of(found: Release, prometheus: PrometheusClient) -> Ros:
     """Return what Prometheus knows of a release's ROS nodes; nothing where it has no exporter."""
-    own = own_series(found.id)
+    own = select_series(found.id)
     queries = [UP.format(own), FLOW.format(own)]
     try:
         up, flow = found.cluster.parallel(prometheus.query, queries)
@@ -187,16 +187,16 @@ def ros_of(found: Release, prometheus: PrometheusClient) -> Ros:
         return Ros()
 
     def flows(direction: str) -> dict[str, float]:
-        return by(
+        return index_by(
             "ros_node", (sample for sample in flow if sample.labels.get("direction") == direction)
         )
 
     # Several nodes of one workload: the one that is not there counts.
-    whole = by("workload", sorted(up, key=lambda sample: -sample.value))
-    return Ros({**whole, **by("ros_node", up)}, flows("published"), flows("received"))
+    whole = index_by("workload", sorted(up, key=lambda sample: -sample.value))
+    return Ros({**whole, **index_by("ros_node", up)}, flows("published"), flows("received"))
 
 
-def by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
+def index_by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
     """Return the values of series by one of their labels."""
     return {sample.labels.get(label, ""): sample.value for sample in samples}
 
@@ -221,7 +221,7 @@ def row_of(pod: Pod, usage: Usage | None, told: Ros) -> UsageRow:
 
 def topics_of(answers: Mapping[str, Sequence[Sample]]) -> tuple[TopicUsage, ...]:
     """Return the topics that the answers to TOPICS tell of, by name."""
-    told = {name: by("topic", samples) for name, samples in answers.items()}
+    told = {name: index_by("topic", samples) for name, samples in answers.items()}
     types = {
         sample.labels.get("topic", ""): sample.labels.get("type", "")
         for sample in (*answers["publishers"], *answers["subscribers"])

@@ -54,7 +54,7 @@ class Used:
     reasons: tuple[str, ...]
 
 
-def used(
+def measure_usage(
     cluster: Cluster, pods: Sequence[Pod], prometheus: PrometheusClient | NoStack | ClusterError
 ) -> Used:
     """Return what pods of one namespace use, from the first that tells.
@@ -63,22 +63,25 @@ def used(
         ClusterError: nobody tells; with all reasons.
     """
 
-    def from_prometheus() -> Mapping[str, Usage]:
+    def try_prometheus() -> Mapping[str, Usage]:
         if not isinstance(prometheus, PrometheusClient):
             raise prometheus
-        return asked(cluster, prometheus, pods[0].namespace)
+        return ask_prometheus(cluster, prometheus, pods[0].namespace)
 
     ways: dict[str, tuple[str, Callable[[], Mapping[str, Usage]]]] = {
-        "prometheus": ("Prometheus", from_prometheus),
-        "metrics-server": ("metrics.k8s.io", lambda: measured(cluster, pods[0].namespace)),
-        "kubelet": ("the kubelets", lambda: told(cluster, pods)),
+        "prometheus": ("Prometheus", try_prometheus),
+        "metrics-server": (
+            "metrics.k8s.io",
+            lambda: ask_metrics_server(cluster, pods[0].namespace),
+        ),
+        "kubelet": ("the kubelets", lambda: ask_kubelets(cluster, pods)),
     }
     reasons: list[str] = []
     for source, (name, ask) in ways.items():
         try:
             found = ask()
         except (NoStack, ClusterError) as error:
-            reasons.append(refused(name, error))
+            reasons.append(explain_refusal(name, error))
             continue
         if any(pod.name in found for pod in pods):
             return Used(found, source, tuple(reasons))
@@ -90,27 +93,29 @@ def used(
     )
 
 
-def refused(name: str, error: NoStack | ClusterError) -> str:
+def explain_refusal(name: str, error: NoStack | ClusterError) -> str:
     """Return why one was not asked."""
     if isinstance(error, Forbidden) and name != "Prometheus":
         return f"you may not ask {name}"
     return explain(name, error)
 
 
-def asked(cluster: Cluster, prometheus: PrometheusClient, namespace: str) -> Mapping[str, Usage]:
+def ask_prometheus(
+    cluster: Cluster, prometheus: PrometheusClient, namespace: str
+) -> Mapping[str, Usage]:
     """Return what Prometheus has from the kubelets' cAdvisors."""
     own = matchers(namespace=namespace)
     queries = [CPU.format(own), MEMORY.format(own)]
-    cpu, memory = (by_pod(found) for found in cluster.parallel(prometheus.query, queries))
+    cpu, memory = (index_by_pod(found) for found in cluster.parallel(prometheus.query, queries))
     return {pod: Usage(cpu[pod], memory[pod]) for pod in cpu if pod in memory}
 
 
-def by_pod(samples: Iterable[Sample]) -> dict[str, float]:
+def index_by_pod(samples: Iterable[Sample]) -> dict[str, float]:
     """Return the values by pod."""
     return {sample.labels.get("pod", ""): sample.value for sample in samples}
 
 
-def measured(cluster: Cluster, namespace: str) -> Mapping[str, Usage]:
+def ask_metrics_server(cluster: Cluster, namespace: str) -> Mapping[str, Usage]:
     """Return what metrics.k8s.io (the metrics-server) has."""
     if not cluster.serves(METRICS, "PodMetrics"):
         raise ClusterError("the cluster has no metrics-server")
@@ -123,7 +128,7 @@ def measured(cluster: Cluster, namespace: str) -> Mapping[str, Usage]:
     }
 
 
-def told(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
+def ask_kubelets(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
     """Return what the kubelets of the pods' machines tell."""
     machines = sorted({pod.machine for pod in pods} - {""})
 
@@ -136,11 +141,11 @@ def told(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
     return {
         name: usage
         for summary in cluster.parallel(ask, machines)
-        for name, usage in summarised(summary, pods[0].namespace).items()
+        for name, usage in read_summary(summary, pods[0].namespace).items()
     }
 
 
-def summarised(summary: Mapping[str, Any], namespace: str) -> dict[str, Usage]:
+def read_summary(summary: Mapping[str, Any], namespace: str) -> dict[str, Usage]:
     """Return the pods of a namespace in a kubelet's summary, but those that have just begun."""
     found = {}
     for pod in summary.get("pods") or []:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.commands.logs.lines import LogLine, joined, ordered, stamp, stamped
+from rigel_k8s.commands.logs.lines import LogLine, merge_lines, sort_lines, split_stamp, stamp
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from rigel_k8s.commands.logs.lines import LogLine, joined, ordered, stamp, stamp
 )
 def test_a_line_has_its_time_before_it(line: str, time: int | None, text: str) -> None:
     """To the nanosecond, in any zone; the line itself stays as it is."""
-    assert stamped(line) == (time, text)
+    assert split_stamp(line) == (time, text)
 
 
 def test_a_time_is_written_as_kubernetes_does() -> None:
@@ -31,7 +31,7 @@ def line(time: int, text: str, *, pod: str = "p", part: int = 0) -> LogLine:
 
 
 def texts(stored: list[LogLine], fresh: list[LogLine]) -> list[str]:
-    return [one.text for one in joined(stored, fresh)]
+    return [one.text for one in merge_lines(stored, fresh)]
 
 
 def test_what_is_in_both_is_told_once_and_in_order() -> None:
@@ -64,10 +64,10 @@ def test_lines_that_were_written_down_late_come_by_time() -> None:
     tenth = 100_000_000
     lines = [line(40 * tenth, "b"), line(39 * tenth, "a"), LogLine("w", "p", "note", note=True)]
     lines += [line(70 * tenth, "d"), line(69 * tenth, "c")]
-    assert [one.text for one in ordered(lines)] == ["note", "a", "b", "c", "d"]
+    assert [one.text for one in sort_lines(lines)] == ["note", "a", "b", "c", "d"]
 
 
 def test_what_was_written_down_late_is_still_the_same_line() -> None:
     """Loki tells by time, the API server as it was written down."""
     stored = [line(1, "a"), line(2, "b"), line(3, "c")]
-    assert texts(stored, list(ordered([line(2, "b"), line(1, "a"), line(3, "c")]))) == [*"abc"]
+    assert texts(stored, list(sort_lines([line(2, "b"), line(1, "a"), line(3, "c")]))) == [*"abc"]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.commands.logs.follow import run_of
-from rigel_k8s.commands.pods import in_pod, pod_of, running
+from rigel_k8s.commands.pods import choose_running, pod_of, wrap_command
 from rigel_k8s.errors import UserError
 
 
@@ -44,20 +44,20 @@ def test_all_names_of_a_node() -> None:
 def test_commands_get_ros_where_our_scripts_are() -> None:
     """A container that is not of our making gets the command as it is."""
     ours = pod()
-    assert in_pod(pod_of(ours), ["ls"]) == ["/bin/sh", "/rigel-k8s/exec.sh", "ls"]
-    assert in_pod(pod_of(ours), []) == ["/bin/sh", "/rigel-k8s/exec.sh"]
+    assert wrap_command(pod_of(ours), ["ls"]) == ["/bin/sh", "/rigel-k8s/exec.sh", "ls"]
+    assert wrap_command(pod_of(ours), []) == ["/bin/sh", "/rigel-k8s/exec.sh"]
     del ours["spec"]["containers"][0]["volumeMounts"]
-    assert in_pod(pod_of(ours), ["ls"]) == ["ls"]
-    assert in_pod(pod_of(ours), []) == ["/bin/sh"]
+    assert wrap_command(pod_of(ours), ["ls"]) == ["ls"]
+    assert wrap_command(pod_of(ours), []) == ["/bin/sh"]
 
 
 def test_the_pod_to_work_in_is_a_ready_one() -> None:
     """In a roll-out there are several; one that ends is none of them."""
     gone = pod("a", deletionTimestamp="2026-01-01T00:00:09Z")
     found = [pod_of(p) for p in (gone, pod("b", ready=False), pod("c"), pod("d", phase="Pending"))]
-    assert running(found).name == "c"
+    assert choose_running(found).name == "c"
     with pytest.raises(UserError, match="no pod of lab-arm runs: d is Pending"):
-        running([found[0], found[3]])
+        choose_running([found[0], found[3]])
 
 
 def test_a_run_of_a_container_has_a_number() -> None:

@@ -10,7 +10,7 @@ import pytest
 from rigel_k8s.cli.top import cells, rate, show, size_of, topic_cells
 from rigel_k8s.commands.pods import Pod
 from rigel_k8s.commands.top import TOPICS, Ros, Top, row_of, topics_of
-from rigel_k8s.commands.top_usage import Usage, amount, summarised
+from rigel_k8s.commands.top_usage import Usage, amount, read_summary
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.release.types import ReleaseId
 
@@ -43,7 +43,7 @@ def test_quantities_are_numbers(text: str, number: float) -> None:
 
 def test_a_kubelets_summary_tells_of_a_namespace() -> None:
     """What has just begun has no rate yet, and is left out rather than told as nothing."""
-    assert summarised(SUMMARY, "lab") == {"talker-1": Usage(0.006264841, 24662016.0)}
+    assert read_summary(SUMMARY, "lab") == {"talker-1": Usage(0.006264841, 24662016.0)}
 
 
 def test_a_query_leaves_out_what_is_no_number() -> None:

@@ -24,14 +24,14 @@ from rigel_k8s.commands.logs.lines import (
     SECOND,
     LogLine,
     LogOptions,
-    joined,
-    ordered,
+    merge_lines,
+    sort_lines,
+    split_stamp,
     stamp,
-    stamped,
     time_of,
 )
-from rigel_k8s.commands.logs.stored import Asked, Stored, stored_of
-from rigel_k8s.commands.pods import Pod, matching, no_pod, pods_of, release_pods
+from rigel_k8s.commands.logs.stored import Asked, Stored, read_stored
+from rigel_k8s.commands.pods import Pod, find_matching, no_pod_error, pods_of, release_pods
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.observability.names import LOKI
@@ -52,7 +52,7 @@ def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterat
     if options.of_the_past:
         try:
             part = part_of(found.cluster, LOKI, found.observability)
-            stored = stored_of(part, found.id, options.since or HOUR)
+            stored = read_stored(part, found.id, options.since or HOUR)
         except (NoStack, ClusterError) as error:
             text = f"{explain('Loki', error)}: these are lines of containers that are there now"
             yield LogLine("", "", text, note=True)
@@ -74,35 +74,35 @@ class Past:
         self._stored = stored
         self._begun = time.time_ns()
         everything = release_pods(found)
-        self._asked = asked_of(found, nodes, everything, stored)
+        self._asked = resolve_names(found, nodes, everything, stored)
         self._pods = [pod for pod in everything if self._asked.has(pod.workload, pod.name)]
         self._edges = {pod.name: Edge() for pod in self._pods}
 
     def lines(self) -> Iterator[LogLine]:
         """Yield the lines that there are now."""
         if self._stored is None:
-            yield from self._tail(self._fresh())
+            yield from self._tail(self._read_fresh())
             return
         names = [pod.name for pod in self._pods]
         ends = self._found.cluster.parallel(self._stored.end, names)
         for name, end in zip(names, ends, strict=True):
             self._edges[name].since = None if end is None else end - BEHIND
         stored = self._stored.lines(self._asked, self._levels, self._options.tail)
-        yield from self._tail(joined(stored, self._fresh()))
+        yield from self._tail(merge_lines(stored, self._read_fresh()))
 
     def follow(self) -> Iterator[LogLine]:
         """Yield what they say from now on, once."""
         workloads = self._asked.workloads | {pod.workload for pod in self._pods}
         return Follow(self._found, workloads, self._pods, self._go_on).lines()
 
-    def _fresh(self) -> Iterator[LogLine]:
+    def _read_fresh(self) -> Iterator[LogLine]:
         """Yield what the API server has, by time; of each pod from where Loki ends."""
         return heapq.merge(*map(self._read, self._pods), key=time_of)
 
     def _read(self, pod: Pod) -> Iterator[LogLine]:
         """Yield a pod's lines, or why there are none."""
         try:
-            yield from ordered(self._wanted(pod, follow=False))
+            yield from sort_lines(self._read_wanted(pod, follow=False))
         except ClusterError as error:
             if len(self._pods) == 1 and self._stored is None:
                 raise
@@ -124,9 +124,9 @@ class Past:
     def _go_on(self, pod: Pod, *, old: bool, cancel: threading.Event) -> Iterator[LogLine]:
         if not old:
             self._edges[pod.name] = Edge(since=0)
-        return self._wanted(pod, follow=True, cancel=cancel)
+        return self._read_wanted(pod, follow=True, cancel=cancel)
 
-    def _wanted(
+    def _read_wanted(
         self, pod: Pod, *, follow: bool, cancel: threading.Event | None = None
     ) -> Iterator[LogLine]:
         """Yield a pod's lines of the wanted levels that were not read before."""
@@ -139,9 +139,9 @@ class Past:
             cancel=cancel,
             timestamps=True,
             previous=self._options.previous,
-            **self._since(edge),
+            **self._choose_start(edge),
         ):
-            moment, words = stamped(text)
+            moment, words = split_stamp(text)
             if moment is None:  # the kubelet's own word about the log
                 yield LogLine(pod.workload, pod.name, text, note=True)
                 continue
@@ -149,7 +149,7 @@ class Past:
             if edge.is_new(moment, words) and (not self._levels or level in self._levels):
                 yield line_of(pod, words, moment, level)
 
-    def _since(self, edge: Edge) -> dict[str, Any]:
+    def _choose_start(self, edge: Edge) -> dict[str, Any]:
         """Return from when on the API server is asked."""
         if edge.since is not None:
             return {"since_time": f"{stamp(edge.since)[:19]}Z"} if edge.since else {}
@@ -185,7 +185,7 @@ class Edge:
         return True
 
 
-def asked_of(
+def resolve_names(
     found: Release, nodes: Sequence[str], pods: Sequence[Pod], stored: Stored | None
 ) -> Asked:
     """Return whose lines some names mean: of pods that are there, or that Loki knows.
@@ -197,22 +197,22 @@ def asked_of(
         there = {pod.workload for pod in pods if not pod.helper}
         known = stored.workloads if stored else frozenset[str]()
         if not (there | known):
-            raise no_pod(found)
+            raise no_pod_error(found)
         return Asked(frozenset(there) | known)
-    every = [asked_for(found, node, pods, stored) for node in nodes]
+    every = [resolve_name(found, node, pods, stored) for node in nodes]
     return Asked(
         frozenset().union(*(one.workloads for one in every)),
         frozenset().union(*(one.pods for one in every)),
     )
 
 
-def asked_for(found: Release, node: str, pods: Sequence[Pod], stored: Stored | None) -> Asked:
+def resolve_name(found: Release, node: str, pods: Sequence[Pod], stored: Stored | None) -> Asked:
     """Return what one name means."""
     if any(pod.name == node for pod in pods):
         return Asked(frozenset(), frozenset({node}))
-    if there := {pod.workload for pod in matching(pods, node)}:
+    if there := {pod.workload for pod in find_matching(pods, node)}:
         return Asked(frozenset(there))
-    if stored and (known := stored.named(node)):
+    if stored and (known := stored.resolve_name(node)):
         return known
     pods_of(found, node)  # raises, and names the nodes that there are
     raise AssertionError("no pod matches, and one was found")

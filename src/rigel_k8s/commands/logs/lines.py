@@ -47,7 +47,7 @@ class LogLine:
     part: int = 0
 
 
-def stamped(line: str) -> tuple[int | None, str]:
+def split_stamp(line: str) -> tuple[int | None, str]:
     """Return the time before a line, in nanoseconds since 1970, and the line without it."""
     found = STAMP.fullmatch(line)
     if not found:
@@ -65,7 +65,7 @@ def stamp(time: int) -> str:
     return f"{day:%Y-%m-%dT%H:%M:%S}.{rest:09d}Z"
 
 
-def ordered(lines: Iterable[LogLine]) -> Iterator[LogLine]:
+def sort_lines(lines: Iterable[LogLine]) -> Iterator[LogLine]:
     """Yield one container's lines by time: its two outputs are written down by two hands.
 
     On a busy machine one of them may be later by a tenth of a second.
@@ -81,7 +81,7 @@ def ordered(lines: Iterable[LogLine]) -> Iterator[LogLine]:
     yield from (line for _, _, line in sorted(held))
 
 
-def joined(stored: Iterable[LogLine], fresh: Iterable[LogLine]) -> Iterator[LogLine]:
+def merge_lines(stored: Iterable[LogLine], fresh: Iterable[LogLine]) -> Iterator[LogLine]:
     """Yield the lines of both by time, those that are in both once; both are in order themselves.
 
     A line of a traceback has its own time where it is fresh, and its entry's where it is stored.

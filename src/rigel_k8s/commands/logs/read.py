@@ -15,7 +15,7 @@ import attrs
 from rigel_k8s.commands.logs.follow import Follow
 from rigel_k8s.commands.logs.history import history
 from rigel_k8s.commands.logs.lines import LogLine, LogOptions
-from rigel_k8s.commands.pods import Pod, chosen_pods
+from rigel_k8s.commands.pods import Pod, choose_pods
 from rigel_k8s.commands.targets import release
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster
@@ -36,7 +36,7 @@ def logs(
         if options.of_the_past or options.parsed or options.level:
             yield from history(found, nodes, options)
             return
-        chosen = chosen_pods(found, nodes)
+        chosen = choose_pods(found, nodes)
         if options.follow:
 
             def read(pod: Pod, *, old: bool, cancel: threading.Event) -> Iterator[LogLine]:

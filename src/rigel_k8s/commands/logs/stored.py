@@ -30,7 +30,7 @@ class Asked:
         return workload in self.workloads or pod in self.pods
 
 
-def stored_of(part: StackService, release: ReleaseId, since: int) -> Stored:
+def read_stored(part: StackService, release: ReleaseId, since: int) -> Stored:
     """Return what Loki has of a release from the last so many seconds; raises as Part.ask."""
     loki = LokiClient(part.ask)
     now = time.time_ns()
@@ -54,7 +54,7 @@ class Stored:
         """The workloads that have said anything; the exporter is no ROS node."""
         return frozenset({s.get("workload", "") for s in self._series} - {"", EXPORTER})
 
-    def named(self, node: str) -> Asked | None:
+    def resolve_name(self, node: str) -> Asked | None:
         """Return what a name means: a pod's, a ROS name, or a Kubernetes name; None: nothing."""
         if any(labels.get("pod") == node for labels in self._series):
             return Asked(frozenset(), frozenset({node}))
@@ -82,7 +82,7 @@ class Stored:
             s["pod"] for s in self._series if asked.has(s.get("workload", ""), s.get("pod", ""))
         }
         if tail is not None:
-            last = [line for pod in sorted(pods) for line in self._last(pod, levels, tail)]
+            last = [line for pod in sorted(pods) for line in self._read_last(pod, levels, tail)]
             yield from sorted(last, key=time_of)
         elif pods:
             narrowed = {"pod": pods} if asked.pods else {"workload": asked.workloads}
@@ -90,7 +90,7 @@ class Stored:
             for entry in self._loki.entries(query, self._begin, self._end):
                 yield from lines_of(entry)
 
-    def _last(self, pod: str, levels: Collection[str], tail: int) -> list[LogLine]:
+    def _read_last(self, pod: str, levels: Collection[str], tail: int) -> list[LogLine]:
         """Return a pod's last lines."""
         if not tail:
             return []

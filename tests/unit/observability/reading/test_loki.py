@@ -104,9 +104,9 @@ def test_nodes_that_are_gone_have_their_names() -> None:
     found = stored(Answers())
     assert found.workloads == {"talker", "arm-7"}
     for name in ("lab/arm", "/lab/arm", "arm-7", "arm_7"):
-        assert found.named(name) == Asked(frozenset({"arm-7"}))
-    assert found.named("arm-0") == Asked(frozenset(), frozenset({"arm-0"}))
-    assert found.named("arm") is None
+        assert found.resolve_name(name) == Asked(frozenset({"arm-7"}))
+    assert found.resolve_name("arm-0") == Asked(frozenset(), frozenset({"arm-0"}))
+    assert found.resolve_name("arm") is None
 
 
 def test_a_long_time_is_asked_for_in_pieces() -> None:

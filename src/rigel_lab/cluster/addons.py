@@ -55,7 +55,9 @@ def objects(layout: Layout) -> list[Object]:
     return [*dns(layout), *storage(layout), registry_note(layout)]
 
 
-def made(api: str, kind: str, name: str, namespace: str | None = None, **rest: Any) -> Object:
+def make_object(
+    api: str, kind: str, name: str, namespace: str | None = None, **rest: Any
+) -> Object:
     """Return an object."""
     meta = {"name": name} | ({"namespace": namespace} if namespace else {})
     return {"apiVersion": api, "kind": kind, "metadata": meta, **rest}
@@ -67,9 +69,9 @@ def rights(name: str, namespace: str, rules: list[Object]) -> list[Object]:
     subject = {"kind": "ServiceAccount", "name": name, "namespace": namespace}
     role = {"apiGroup": group, "kind": "ClusterRole", "name": f"rigel:{name}"}
     return [
-        made("v1", "ServiceAccount", name, namespace),
-        made(f"{group}/v1", "ClusterRole", f"rigel:{name}", rules=rules),
-        made(
+        make_object("v1", "ServiceAccount", name, namespace),
+        make_object(f"{group}/v1", "ClusterRole", f"rigel:{name}", rules=rules),
+        make_object(
             f"{group}/v1", "ClusterRoleBinding", f"rigel:{name}", roleRef=role, subjects=[subject]
         ),
     ]
@@ -88,7 +90,7 @@ def deployment(name: str, namespace: str, container: Object, **pod: Any) -> Obje
         "spec": {"serviceAccountName": name, "containers": [{"name": name, **container}], **pod},
     }
     spec = {"replicas": 1, "selector": {"matchLabels": labels}, "template": template}
-    return made("apps/v1", "Deployment", name, namespace, spec=spec)
+    return make_object("apps/v1", "Deployment", name, namespace, spec=spec)
 
 
 def config_volume(name: str) -> Object:
@@ -129,7 +131,7 @@ def dns(layout: Layout) -> list[Object]:
                 rule("discovery.k8s.io", ["endpointslices"], watch),
             ],
         ),
-        made("v1", "ConfigMap", DNS_NAME, "kube-system", data={"Corefile": corefile}),
+        make_object("v1", "ConfigMap", DNS_NAME, "kube-system", data={"Corefile": corefile}),
         deployment(
             DNS_NAME,
             "kube-system",
@@ -138,14 +140,14 @@ def dns(layout: Layout) -> list[Object]:
             priorityClassName="system-cluster-critical",
             volumes=[config_volume(DNS_NAME)],
         ),
-        made("v1", "Service", "kube-dns", "kube-system", spec=service),
+        make_object("v1", "Service", "kube-dns", "kube-system", spec=service),
     ]
 
 
 def storage(layout: Layout) -> list[Object]:
     """Return local-path-provisioner and the default StorageClass `local-path`."""
     name, space = STORAGE_NAME, STORAGE_NAMESPACE
-    helper = made("v1", "Pod", "helper-pod")
+    helper = make_object("v1", "Pod", "helper-pod")
     helper["spec"] = {
         "containers": [{"name": "helper-pod", "image": f"{layout.registry}/rigel-k8s/busybox:1"}],
         "priorityClassName": "system-node-critical",
@@ -169,7 +171,7 @@ def storage(layout: Layout) -> list[Object]:
         "volumeMounts": [{"name": "config", "mountPath": "/etc/config/"}],
     }
     return [
-        made("v1", "Namespace", space),
+        make_object("v1", "Namespace", space),
         *rights(
             name,
             space,
@@ -179,10 +181,10 @@ def storage(layout: Layout) -> list[Object]:
                 rule("storage.k8s.io", ["storageclasses"], ["get", "list", "watch"]),
             ],
         ),
-        made("v1", "ConfigMap", STORAGE_CONFIG, space, data=data),
+        make_object("v1", "ConfigMap", STORAGE_CONFIG, space, data=data),
         deployment(name, space, container, volumes=[config_volume(STORAGE_CONFIG)]),
         {
-            **made("storage.k8s.io/v1", "StorageClass", "local-path"),
+            **make_object("storage.k8s.io/v1", "StorageClass", "local-path"),
             "metadata": {
                 "name": "local-path",
                 "annotations": {"storageclass.kubernetes.io/is-default-class": "true"},
@@ -198,4 +200,4 @@ def registry_note(layout: Layout) -> Object:
     """Return the ConfigMap that tells tools of the cluster's registry (KEP-1755)."""
     text = json.dumps({"host": layout.registry, "hostFromClusterNetwork": layout.registry})
     data = {"localRegistryHosting.v1": text}
-    return made("v1", "ConfigMap", "local-registry-hosting", "kube-public", data=data)
+    return make_object("v1", "ConfigMap", "local-registry-hosting", "kube-public", data=data)

@@ -73,10 +73,10 @@ def choose(taken: Iterable[str] = ()) -> Addresses:
     Raises:
         LocalClusterError: every private range is in use.
     """
-    return free_block([*used_networks(), *map(Network, taken)])
+    return find_free_block([*find_used_networks(), *map(Network, taken)])
 
 
-def free_block(used: Iterable[Network]) -> Addresses:
+def find_free_block(used: Iterable[Network]) -> Addresses:
     """Return the first /14 of the candidates that overlaps none."""
     avoid = list(used)
     ranges = map(Network, CANDIDATES)
@@ -89,7 +89,7 @@ def free_block(used: Iterable[Network]) -> Addresses:
     )
 
 
-def used_networks() -> list[Network]:
+def find_used_networks() -> list[Network]:
     """Return every IPv4 network that this machine has a route, an address or a name server in."""
     routes = json.loads(run(["ip", "-j", "-4", "route", "show", "table", "all"]) or "[]")
     links = json.loads(run(["ip", "-j", "-4", "addr"]) or "[]")

@@ -19,7 +19,7 @@ from rigel_lab.cluster.components import KUBERNETES_VERSION
 from rigel_lab.cluster.layout import SERVER, Layout
 
 
-def ready(layout: Layout) -> bool:
+def is_ready(layout: Layout) -> bool:
     """Return whether /readyz answers ok."""
     context = ssl.create_default_context(cafile=str(layout.authority().certificate))
     try:
@@ -36,7 +36,7 @@ def wait_until_ready(layout: Layout, seconds: float = 90) -> None:
         LocalClusterError: it does not within the time; the details are its last log lines.
     """
     deadline = time.monotonic() + seconds
-    while not ready(layout):
+    while not is_ready(layout):
         if time.monotonic() > deadline:
             log = layout.directory / "control-plane/logs/kube-apiserver.log"
             raise LocalClusterError(
@@ -112,7 +112,7 @@ def mark_lost(layout: Layout, node: str) -> None:
         cluster.patch(ref, patch, style="strategic", subresource="status")
 
 
-def ready_nodes(layout: Layout) -> set[str]:
+def find_ready_nodes(layout: Layout) -> set[str]:
     """Return the names of the nodes that the cluster calls Ready."""
     with connect(layout) as cluster:
         nodes = cluster.nodes()
@@ -128,7 +128,7 @@ def wait_for_deployment(layout: Layout, namespace: str, name: str, seconds: floa
     deadline = time.monotonic() + seconds
     ref = ObjectRef("apps/v1", "Deployment", namespace, name)
     with connect(layout) as cluster:
-        while not rolled_out(found := cluster.get(ref) or {}):
+        while not is_rolled_out(found := cluster.get(ref) or {}):
             if time.monotonic() > deadline:
                 stated = (found.get("status") or {}).get("conditions") or []
                 raise LocalClusterError(
@@ -139,7 +139,7 @@ def wait_for_deployment(layout: Layout, namespace: str, name: str, seconds: floa
             time.sleep(0.2)
 
 
-def rolled_out(deployment: Manifest) -> bool:
+def is_rolled_out(deployment: Manifest) -> bool:
     """Return whether all pods of a Deployment are of its present template and available."""
     status = deployment.get("status") or {}
     if status.get("observedGeneration", 0) < deployment.get("metadata", {}).get("generation", 1):

@@ -235,7 +235,7 @@ def obtain(
     upstream = upstream or Upstream.of(None)
     builds = [*GO_BUILDS, *(build for name in requested for build in ON_REQUEST[name])]
     missing = [build for build in builds if not build.find(upstream)]
-    if missing or missing_packages():
+    if missing or find_missing_packages():
         provide(missing, upstream, report)
     return Components(
         {name: path for build in builds for name, path in build.programs(upstream).items()},
@@ -268,7 +268,7 @@ def compile_all(builds: Iterable[tuple[GoBuild, str]], report: Report) -> None:
         build.build(report, why)
 
 
-def missing_packages() -> list[str]:
+def find_missing_packages() -> list[str]:
     """Return the Debian packages that the cache lacks."""
     done = cache_dir() / "debian" / ".packages"
     return [package for package in DEBIAN_PACKAGES if not (done / package).exists()]
@@ -276,7 +276,7 @@ def missing_packages() -> list[str]:
 
 def unpack(report: Report) -> None:
     """Download and unpack the Debian packages that the cache lacks."""
-    if not (missing := missing_packages()):
+    if not (missing := find_missing_packages()):
         return
     require_apt()
     report(f"Downloading {', '.join(missing)}")

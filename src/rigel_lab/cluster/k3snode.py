@@ -16,11 +16,11 @@ from rigel_lab.cluster.layout import API_PORT, SERVER, Layout
 
 def furnish(layout: Layout, directory: Path, data_dir: str) -> None:
     """Unpack k3s' programs on a node; the server has /etc/rancher/k3s/k3s.yaml as well."""
-    own = layout.nodes.own(directory, data_dir)
+    own = layout.nodes.locate(directory, data_dir)
     k3s.unpack(own, data_dir, layout.components.cni_plugins, KUBERNETES_VERSION)
     if directory.name != SERVER:
         return
-    path = layout.nodes.own(directory, k3s.KUBECONFIG)
+    path = layout.nodes.locate(directory, k3s.KUBECONFIG)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.touch(mode=0o600)
     content = api.access(layout, "default", f"https://127.0.0.1:{API_PORT}")

@@ -39,8 +39,8 @@ def user_kubeconfig(environ: Mapping[str, str] = os.environ) -> Path:
 
 def entries(context: str, server: str, ca: Path, certificate: Path, key: Path) -> dict[str, Any]:
     """Return a kubeconfig of one context with its certificates inside."""
-    cluster = {"server": server, "certificate-authority-data": encoded(ca)}
-    user = {"client-certificate-data": encoded(certificate), "client-key-data": encoded(key)}
+    cluster = {"server": server, "certificate-authority-data": encode(ca)}
+    user = {"client-certificate-data": encode(certificate), "client-key-data": encode(key)}
     return {
         "apiVersion": "v1",
         "kind": "Config",
@@ -51,7 +51,7 @@ def entries(context: str, server: str, ca: Path, certificate: Path, key: Path) -
     }
 
 
-def encoded(path: Path) -> str:
+def encode(path: Path) -> str:
     """Return a file's bytes in base64."""
     return base64.b64encode(path.read_bytes()).decode()
 

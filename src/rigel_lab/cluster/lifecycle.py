@@ -78,7 +78,7 @@ def up(
     file = kubeconfig.user_kubeconfig().absolute()
     kubeconfig.load(file)  # one that cannot be changed is told before anything is started
     with working_on(name):
-        state = remembered(name, wish, upstream, report)
+        state = load_or_create(name, wish, upstream, report)
         shared.acquire(name, state.node_paths.binds)
         started = start_machines(state, report)
         # Those of a cluster that was made anew, or whose `up` was broken off, are missing.
@@ -112,7 +112,7 @@ def working_on(name: str) -> Iterator[None]:
         yield
 
 
-def remembered(name: str, wish: Wish, upstream: Upstream, report: Report) -> State:
+def load_or_create(name: str, wish: Wish, upstream: Upstream, report: Report) -> State:
     """Return the state of a cluster that can go on, or of a new one."""
     state = State.load(name)
     if not state:
@@ -121,7 +121,7 @@ def remembered(name: str, wish: Wish, upstream: Upstream, report: Report) -> Sta
     if state.boot != paths.boot_id():
         report(f"Cluster {name} was lost when this machine restarted; making it anew")
         removal.remove(state, report)
-        return create(name, wish.or_as(state), upstream, report)
+        return create(name, wish.complete_from(state), upstream, report)
     wish.compare(state)
     if not state.components.complete:
         there = components.obtain(report, state.builds, upstream)
@@ -180,10 +180,10 @@ def start(state: State, layout: Layout, name: str) -> None:
         cgroups.remove(state.name, name)
     network.wire(layout, name)
     network.route(layout, name, state.node_names)
-    what_is(layout, name).start()
+    make_machine(layout, name).start()
 
 
-def what_is(layout: Layout, name: str) -> Machine:
+def make_machine(layout: Layout, name: str) -> Machine:
     """Return what a machine is."""
     if name == CONTROL_PLANE:
         return control_plane(layout)
@@ -211,7 +211,7 @@ def wait_for_nodes(layout: Layout, nodes: list[str], seconds: float = 120) -> No
         LocalClusterError: one is not within the time; the details are its kubelet's last lines.
     """
     deadline = time.monotonic() + seconds
-    while late := set(nodes) - api.ready_nodes(layout):
+    while late := set(nodes) - api.find_ready_nodes(layout):
         if time.monotonic() > deadline:
             name = min(late)
             log = layout.directory / name / "logs/kubelet.log"

@@ -75,7 +75,7 @@ class Process:
             time.sleep(0.01)
 
 
-def recorded(directory: Path) -> Process | None:
+def read_process(directory: Path) -> Process | None:
     """Return the process of the machine that was started last in a directory."""
     with suppress(FileNotFoundError):
         return Process.parse((directory / RECORD).read_text())
@@ -106,7 +106,7 @@ def is_first(entry: Path) -> bool:
 
 def end(directory: Path, namespace: str) -> None:
     """End a machine, in whatever condition it is; every process of it is gone then."""
-    process = recorded(directory)
+    process = read_process(directory)
     started = [process, *process.children()] if process and process.alive else []
     for each in [*started, *first_processes(namespace)]:
         each.kill()
@@ -168,7 +168,7 @@ class Machine:
     def wait(self, seconds: float = 10) -> None:
         """Wait until the machine is recorded."""
         deadline = time.monotonic() + seconds
-        while not recorded(self.directory):
+        while not read_process(self.directory):
             if time.monotonic() > deadline:
                 log = self.logs / "machine.log"
                 raise LocalClusterError(

@@ -158,7 +158,7 @@ def configure_cni(layout: Layout, directory: Path, mtu: int) -> None:
     }
     ports = {"type": "portmap", "capabilities": {"portMappings": True}}
     config = {"cniVersion": "0.4.0", "name": "rigel", "plugins": [link, ports]}
-    place = layout.nodes.own(directory, layout.nodes.cni_config)
+    place = layout.nodes.locate(directory, layout.nodes.cni_config)
     place.mkdir(parents=True, exist_ok=True)
     (place / "10-rigel.conflist").write_text(json.dumps(config))
 
@@ -168,6 +168,6 @@ def install_cni(layout: Layout, directory: Path) -> None:
     if data_dir := layout.nodes.data_dir:
         k3snode.furnish(layout, directory, data_dir)
         return
-    place = layout.nodes.own(directory, layout.nodes.cni_programs)
+    place = layout.nodes.locate(directory, layout.nodes.cni_programs)
     if not place.exists():
         shutil.copytree(layout.components.cni_plugins, place)

@@ -56,7 +56,7 @@ class NodePaths:
     binds: Mapping[str, str]
     data_dir: str | None = None
 
-    def own(self, directory: Path, inside: str) -> Path:
+    def locate(self, directory: Path, inside: str) -> Path:
         """Return where the machine has what a node has at a path.
 
         Args:

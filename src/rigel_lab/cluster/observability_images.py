@@ -17,7 +17,7 @@ from rigel_lab.cluster.observability import (
     PROMETHEUS,
 )
 from rigel_lab.cluster.oci import Image
-from rigel_lab.cluster.upstream import found, shell, short, text, tools, users
+from rigel_lab.cluster.upstream import find_program, shell, shorten_name, text, tools, users
 
 LOKI_IMAGE = f"docker.io/grafana/loki:{LOKI.version}"
 #: Upstream's last one. The module of its version cannot be had; that of a later one is in it.
@@ -39,10 +39,10 @@ LOKI_USER = 10001
 def loki(components: Components) -> Image:
     """Return Loki's image, which has no shell."""
     return Image(
-        short(LOKI_IMAGE),
+        shorten_name(LOKI_IMAGE),
         {
             **users(nobody=NOBODY, loki=LOKI_USER),
-            "usr/bin/loki": found(components, "loki"),
+            "usr/bin/loki": find_program(components, "loki"),
             "etc/loki/local-config.yaml": text(components, "loki.yaml"),
             "LICENSE": text(components, "loki-license"),
         },
@@ -56,11 +56,11 @@ def loki(components: Components) -> Image:
 def promtail(components: Components) -> Image:
     """Return Promtail's image, which root runs, since only root may read all pods' logs."""
     return Image(
-        short(PROMTAIL_IMAGE),
+        shorten_name(PROMTAIL_IMAGE),
         {
             **users(nobody=NOBODY),
             **shell(components),
-            "usr/bin/promtail": found(components, "promtail"),
+            "usr/bin/promtail": find_program(components, "promtail"),
             "etc/promtail/config.yml": text(components, "promtail.yaml"),
             "LICENSE": text(components, "promtail-license"),
         },
@@ -73,12 +73,12 @@ def promtail(components: Components) -> Image:
 def prometheus(components: Components) -> Image:
     """Return Prometheus' image; its data are in a volume."""
     return Image(
-        short(PROMETHEUS_IMAGE),
+        shorten_name(PROMETHEUS_IMAGE),
         {
             **users(nobody=NOBODY),
             **shell(components),
-            "bin/prometheus": found(components, "prometheus"),
-            "bin/promtool": found(components, "promtool"),
+            "bin/prometheus": find_program(components, "prometheus"),
+            "bin/promtool": find_program(components, "promtool"),
             "etc/prometheus/prometheus.yml": text(components, "prometheus.yml"),
             "LICENSE": text(components, "prometheus-license"),
             "NOTICE": text(components, "prometheus-notice"),
@@ -95,10 +95,10 @@ def prometheus(components: Components) -> Image:
 def kube_state_metrics(components: Components) -> Image:
     """Return kube-state-metrics' image, which has no shell."""
     return Image(
-        short(KUBE_STATE_METRICS_IMAGE),
+        shorten_name(KUBE_STATE_METRICS_IMAGE),
         {
             **users(nobody=NOBODY),
-            "kube-state-metrics": found(components, "kube-state-metrics"),
+            "kube-state-metrics": find_program(components, "kube-state-metrics"),
             "LICENSE": text(components, "kube-state-metrics-license"),
         },
         ["/kube-state-metrics", "--port=8080", "--telemetry-port=8081"],
@@ -109,21 +109,23 @@ def kube_state_metrics(components: Components) -> Image:
 def node_exporter(components: Components) -> Image:
     """Return node_exporter's image."""
     names = {"program": "node_exporter", "user": "nobody", "texts": "node-exporter"}
-    return plain(components, NODE_EXPORTER_IMAGE, **names)
+    return make_image(components, NODE_EXPORTER_IMAGE, **names)
 
 
 def operator(components: Components) -> Image:
     """Return the image of the Prometheus operator."""
     names = {"program": "prometheus-operator", "inside": "operator", "user": str(NOBODY)}
-    return plain(components, OPERATOR_IMAGE, **names)
+    return make_image(components, OPERATOR_IMAGE, **names)
 
 
 def reloader(components: Components) -> Image:
     """Return the image of what tells the operator's Prometheus of a changed configuration."""
-    return plain(components, RELOADER_IMAGE, program="prometheus-config-reloader", user="nobody")
+    return make_image(
+        components, RELOADER_IMAGE, program="prometheus-config-reloader", user="nobody"
+    )
 
 
-def plain(
+def make_image(
     components: Components,
     name: str,
     *,
@@ -135,12 +137,12 @@ def plain(
     """Return an image of one program in /bin beside a shell, with its licence."""
     path = f"bin/{inside or program}"
     files: dict[str, Path | str] = {
-        path: found(components, program),
+        path: find_program(components, program),
         "LICENSE": text(components, f"{texts}-license"),
         "NOTICE": text(components, f"{texts}-notice"),
     }
     return Image(
-        short(name),
+        shorten_name(name),
         {**users(nobody=NOBODY), **shell(components), **files},
         [f"/{path}"],
         links=tools(components),

@@ -12,11 +12,11 @@ import urllib3
 from rigel_k8s.errors import LocalClusterError
 from rigel_lab.cluster import components, oci
 from rigel_lab.cluster.commands import Report
-from rigel_lab.cluster.extras import extra_images, offered
+from rigel_lab.cluster.extras import extra_images, list_offered
 from rigel_lab.cluster.layout import Layout
 from rigel_lab.cluster.releases import Upstream
 from rigel_lab.cluster.state import State
-from rigel_lab.cluster.upstream import short
+from rigel_lab.cluster.upstream import shorten_name
 
 #: Images that others make for an extra: extra -> name under which nodes pull it -> what makes the
 #: archive, or finds it made.
@@ -27,7 +27,7 @@ def offer(
     state: State, extras: Sequence[str], made: Made, upstream: Upstream, report: Report
 ) -> None:
     """Put what a cluster does not offer yet into its registry, which keeps it."""
-    offers = offered(extras)
+    offers = list_offered(extras)
     if not components.names(extras) <= state.components.go.keys():
         parts = components.obtain(report, extras, upstream).go
         # The programs of a running cluster stay what they are, also for a newer rigel.
@@ -44,7 +44,7 @@ def offer(
 def offer_made(state: State, made: Mapping[str, Callable[[], Path]], report: Report) -> None:
     """Put in what others make; it may change without its name."""
     for name, archive in made.items():
-        if oci.push_archive(archive(), short(name), state.layout.registry):
+        if oci.push_archive(archive(), shorten_name(name), state.layout.registry):
             report(f"Adding {name} to the registry")
     remember(state, (), made)
 

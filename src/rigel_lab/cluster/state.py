@@ -12,7 +12,7 @@ from rigel_k8s.errors import LocalClusterError, UserError
 from rigel_lab.cluster.addresses import Addresses
 from rigel_lab.cluster.components import Components
 from rigel_lab.cluster.layout import CONTROL_PLANE, Layout
-from rigel_lab.cluster.machine import Process, recorded
+from rigel_lab.cluster.machine import Process, read_process
 from rigel_lab.cluster.nodepaths import NodePaths, k3s_paths, plain_paths
 from rigel_lab.cluster.paths import directory_of, names
 
@@ -85,7 +85,7 @@ class State:
 
     def process(self, machine: str) -> Process | None:
         """Return a machine's process where it still runs."""
-        process = recorded(self.directory / machine)
+        process = read_process(self.directory / machine)
         return process if process and process.alive else None
 
     def save(self) -> None:

@@ -66,7 +66,7 @@ def status(name: str) -> ClusterStatus:
 def status_of(state: State) -> ClusterStatus:
     """Return a remembered cluster as it is now."""
     layout = state.layout
-    problems = tuple(troubles(state))
+    problems = tuple(find_troubles(state))
     return ClusterStatus(
         name=state.name,
         context=state.context,
@@ -84,20 +84,20 @@ def status_of(state: State) -> ClusterStatus:
     )
 
 
-def troubles(state: State) -> Iterator[str]:
+def find_troubles(state: State) -> Iterator[str]:
     """Yield what does not run."""
     if state.boot != paths.boot_id():
         yield "this machine was restarted"
         return
     ended = [name for name in state.machine_names if not state.process(name)]
     yield from (f"{name} has ended" for name in ended)
-    if not ended and not api.ready(state.layout):
+    if not ended and not api.is_ready(state.layout):
         yield "the API server does not answer"
 
 
 def node_statuses(state: State, *, ask: bool) -> Iterator[NodeStatus]:
     """Yield each node's status; where the API server cannot be asked, none is ready."""
-    ready = api.ready_nodes(state.layout) if ask else set()
+    ready = api.find_ready_nodes(state.layout) if ask else set()
     for name in state.node_names:
         yield NodeStatus(name, state.layout.address(name), name in ready)
 

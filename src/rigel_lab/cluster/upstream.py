@@ -8,14 +8,14 @@ from rigel_lab.cluster.commands import run
 from rigel_lab.cluster.components import Components
 
 
-def short(name: str) -> str:
+def shorten_name(name: str) -> str:
     """Return an image's name in the cluster's registry, which stands for every registry."""
     return name.partition("/")[2]
 
 
 def shell(components: Components) -> dict[str, Path | str]:
     """Return the file that is the shell and all its tools."""
-    return {"bin/busybox": found(components, "busybox")}
+    return {"bin/busybox": find_program(components, "busybox")}
 
 
 def tools(components: Components) -> dict[str, str]:
@@ -34,11 +34,11 @@ def users(**numbers: int) -> dict[str, Path | str]:
     }
 
 
-def found(components: Components, name: str) -> Path:
+def find_program(components: Components, name: str) -> Path:
     """Return where a program is."""
     return Path(components.program(name))
 
 
 def text(components: Components, name: str) -> str:
     """Return a text that goes with the programs."""
-    return found(components, name).read_text()
+    return find_program(components, name).read_text()

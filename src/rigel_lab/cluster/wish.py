@@ -72,7 +72,7 @@ class Wish:
         """What is to be built for it besides what every cluster needs."""
         return [*self.extras, *(["k3s"] if self.layout == "k3s" else [])]
 
-    def or_as(self, state: State) -> Wish:
+    def complete_from(self, state: State) -> Wish:
         """Return a wish for a cluster like one that was, but for what is asked for."""
         layout = ("k3s", state.data_dir) if state.data_dir else (None, None)
         return Wish(

@@ -17,7 +17,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import ObjectRef
 from rigel_k8s.oci import write_archive
 from rigel_lab.cluster import observability_images, oci
-from rigel_lab.cluster.upstream import short
+from rigel_lab.cluster.upstream import shorten_name
 from rigel_lab.images import exporter
 
 pytestmark = pytest.mark.cluster
@@ -56,7 +56,7 @@ class Place:
 
     def start(self, image: str, **container: Any) -> ObjectRef:
         """Start a pod of one image."""
-        name = short(image).rpartition("/")[2].replace(":", "-").replace(".", "-")
+        name = shorten_name(image).rpartition("/")[2].replace(":", "-").replace(".", "-")
         ref = ObjectRef("v1", "Pod", self.namespace, name)
         spec = {"name": "c", "image": image, **container}
         self.cluster.create(

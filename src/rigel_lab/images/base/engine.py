@@ -22,7 +22,7 @@ def load(image: BaseImage, report: Reporter, *, engine: str | None = None) -> st
         RigelK8sError: neither is installed.
         CommandFailed: the engine refused the archive.
     """
-    program = engine or _installed()
+    program = engine or _find_engine()
     report.progress(image.reference, f"loading into {program}")
     _run([program, "load", "--input", str(image.archive)])
     report.progress(image.reference, f"loaded into {program}", done=True)
@@ -69,7 +69,7 @@ def _run(command: list[str]) -> None:
     run(command, what=f"`{' '.join(command)}`", hint="run it by hand to see all of its output")
 
 
-def _installed() -> str:
+def _find_engine() -> str:
     for program in ("podman", "docker"):
         if shutil.which(program):
             return program

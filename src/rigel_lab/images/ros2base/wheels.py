@@ -74,7 +74,7 @@ def tree(wheels: Iterable[Path], prefix: str, target: Path, *, mtime: int) -> No
     Raises:
         RigelK8sError: two wheels disagree about a file.
     """
-    parts = _with_links(_parts(wheels))
+    parts = _add_links(_parts(wheels))
     with tarfile.open(target, "w", format=tarfile.PAX_FORMAT) as tar:
         for path, part in sorted(parts.items()):
             info = tarfile.TarInfo(f"{prefix}/{path}")
@@ -132,7 +132,7 @@ def _place(member: str) -> str:
     return f"{SITE}/{member}"
 
 
-def _with_links(parts: Mapping[str, _Part]) -> dict[str, _Part]:
+def _add_links(parts: Mapping[str, _Part]) -> dict[str, _Part]:
     """Return the parts with a library's shorter names as links, which wheels cannot hold."""
     longest: dict[tuple[int, int], str] = {}
     for path in sorted(filter(_LIBRARY.fullmatch, parts), key=len):

@@ -7,12 +7,12 @@ import ipaddress
 import pytest
 
 from rigel_k8s.errors import LocalClusterError
-from rigel_lab.cluster.addresses import Addresses, free_block, networks
+from rigel_lab.cluster.addresses import Addresses, find_free_block, networks
 from rigel_lab.cluster.network import hardware_address
 
 
 def free(*used: str) -> str:
-    return free_block(map(ipaddress.IPv4Network, used)).block
+    return find_free_block(map(ipaddress.IPv4Network, used)).block
 
 
 def test_first_choice() -> None:

@@ -98,7 +98,7 @@ def test_an_old_go_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     fake_go(tmp_path, "go1.19.8")
     monkeypatch.setenv("PATH", f"{tmp_path}:/bin")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(gobuild, "fetched", lambda report: "of PyPI")
+    monkeypatch.setattr(gobuild, "fetch_toolchain", lambda report: "of PyPI")
     go, environment = toolchain(print)
     assert go == "of PyPI"
     assert environment["GOCACHE"] == f"{tmp_path}/rigel-k8s/go-build"

@@ -12,7 +12,7 @@ import pytest
 from rigel_k8s.network import multus
 from rigel_lab.cluster import extras
 from rigel_lab.cluster.components import MULTUS, PLUGINS, WHEREABOUTS, Components
-from rigel_lab.cluster.extras import extra_images, offered
+from rigel_lab.cluster.extras import extra_images, list_offered
 from rigel_lab.cluster.oci import Image
 
 
@@ -28,7 +28,7 @@ def images(tmp_path: Path) -> dict[str, Image]:
             (tmp_path / name).write_text(f"{name} of {build.name}")
             programs[name] = str(tmp_path / name)
     made = extra_images(Components(programs, str(tmp_path)), ["multus"])
-    return dict(zip(offered(["multus"]), made, strict=True))
+    return dict(zip(list_offered(["multus"]), made, strict=True))
 
 
 def entries(image: Image) -> dict[str, tarfile.TarInfo]:
@@ -47,7 +47,7 @@ def test_names_are_upstreams(images: dict[str, Image]) -> None:
 def test_what_rigel_installs_is_what_is_offered() -> None:
     """The images that `network: {install: true}` asks for are those of `--with multus`."""
     wanted = {multus.MULTUS_IMAGE, multus.WHEREABOUTS_IMAGE, multus.PLUGINS_IMAGE}
-    assert set(offered(["multus"])) == wanted
+    assert set(list_offered(["multus"])) == wanted
 
 
 def test_multus_image(images: dict[str, Image]) -> None:

@@ -98,12 +98,12 @@ def test_paths_of_both_layouts(tmp_path: Path) -> None:
     """Where a node has CNI, and where the machine has that."""
     plain, ranch = plain_paths(), k3s_paths("/data")
     assert (plain.cni_config, plain.cni_programs) == ("/etc/cni/net.d", "/opt/cni/bin")
-    assert plain.own(tmp_path, plain.cni_config) == tmp_path / "etc-cni/net.d"
+    assert plain.locate(tmp_path, plain.cni_config) == tmp_path / "etc-cni/net.d"
     assert ranch.cni_config == "/data/agent/etc/cni/net.d"
-    assert ranch.own(tmp_path, ranch.cni_programs) == tmp_path / "k3s/data/cni"
+    assert ranch.locate(tmp_path, ranch.cni_programs) == tmp_path / "k3s/data/cni"
     assert set(BOUND) <= set(ranch.binds)
     with pytest.raises(ValueError, match="/usr/bin"):
-        ranch.own(tmp_path, "/usr/bin")
+        ranch.locate(tmp_path, "/usr/bin")
     assert (describe(None), describe("/data")) == ("plain", "k3s (/data)")
 
 

@@ -10,7 +10,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import LocalClusterError
-from rigel_lab.cluster.machine import Machine, Process, end, recorded
+from rigel_lab.cluster.machine import Machine, Process, end, read_process
 
 
 def write_record(directory: Path, process: Process) -> None:
@@ -21,7 +21,7 @@ def write_record(directory: Path, process: Process) -> None:
 def test_a_record_is_read_back(tmp_path: Path) -> None:
     """Id and start are found behind whatever name the process has."""
     write_record(tmp_path, Process(123, 456))
-    assert recorded(tmp_path) == Process(123, 456)
+    assert read_process(tmp_path) == Process(123, 456)
 
 
 def test_another_process_of_the_same_id_is_not_killed(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from rigel_k8s.observability.exporter import EXPORTER_IMAGE
 from rigel_k8s.observability.manifests import images as images_of_stack
 from rigel_lab.cluster import observability_images as names
 from rigel_lab.cluster.components import ON_REQUEST, Components
-from rigel_lab.cluster.extras import extra_images, offered
+from rigel_lab.cluster.extras import extra_images, list_offered
 from rigel_lab.cluster.observability import KUBE_STATE_METRICS, OPERATOR, PROMETHEUS, PROMTAIL
 from rigel_lab.cluster.oci import Image
 from rigel_lab.images import exporter
@@ -60,7 +60,7 @@ def images(tmp_path: Path) -> dict[str, Image]:
             (tmp_path / name).write_text(f"{name} of {build.name}")
             programs[name] = str(tmp_path / name)
     made = extra_images(Components(programs, str(tmp_path)), EXTRAS)
-    return dict(zip(offered(EXTRAS), made, strict=True))
+    return dict(zip(list_offered(EXTRAS), made, strict=True))
 
 
 def entries(image: Image) -> dict[str, tarfile.TarInfo]:
@@ -87,7 +87,7 @@ def test_names_are_upstreams(images: dict[str, Image]) -> None:
 
 def test_what_rigel_deploys_is_what_is_offered() -> None:
     """The stack's own defaults are in the registry, but for Grafana and Alloy."""
-    assert set(offered(["observability"])) == {
+    assert set(list_offered(["observability"])) == {
         images_of_stack.LOKI_IMAGE,
         images_of_stack.PROMTAIL_IMAGE,
         images_of_stack.PROMETHEUS_IMAGE,

@@ -360,7 +360,7 @@ def test_programs_that_are_there_are_not_downloaded_again(
 ) -> None:
     """The second `up` asks no server for what the first one downloaded, and compiles nothing."""
     first = components.obtain(print, (), upstream)
-    monkeypatch.setattr(components, "missing_packages", list)
+    monkeypatch.setattr(components, "find_missing_packages", list)
     monkeypatch.setattr(components, "provide", lambda *words: pytest.fail("all is there"))
     assert components.obtain(print, (), upstream) == first
 

@@ -61,7 +61,7 @@ def test_a_cluster_of_a_newer_rigel_is_left_alone(
     with pytest.raises(LocalClusterError, match=r"made by a newer rigel-k8s.* moons"):
         lifecycle.down("a")
     with pytest.raises(LocalClusterError, match="newer"):
-        lifecycle.remembered("a", Wish(), Upstream(), print)
+        lifecycle.load_or_create("a", Wish(), Upstream(), print)
     find("a").save()
     assert json.loads(path.read_text()) == before
     assert find("a").newer == {"moons": ["io"]}

@@ -8,7 +8,7 @@ import pytest
 from rigel_k8s.cli.cluster import up
 from rigel_k8s.errors import UserError
 from rigel_lab.cluster.components import ON_REQUEST, Components
-from rigel_lab.cluster.extras import EXTRAS, offered
+from rigel_lab.cluster.extras import EXTRAS, list_offered
 from rigel_lab.cluster.state import State
 from rigel_lab.cluster.wish import LAYOUTS, Wish
 
@@ -67,10 +67,10 @@ def test_what_is_not_asked_for_is_as_it_is() -> None:
 def test_a_lost_cluster_is_made_anew_as_it_was() -> None:
     """After a restart of the machine nothing need be said again; what is said counts."""
     lost = state(extras=["multus"], data_dir="/data")
-    assert Wish().or_as(lost) == Wish(3, ["multus"], "k3s", "/data")
-    assert Wish(nodes=1, layout="plain").or_as(lost) == Wish(1, ["multus"], "plain", None)
-    assert Wish(layout="k3s").or_as(lost).new_data_dir == "/var/lib/rancher/k3s"
-    assert Wish().or_as(state()) == Wish(3, [])
+    assert Wish().complete_from(lost) == Wish(3, ["multus"], "k3s", "/data")
+    assert Wish(nodes=1, layout="plain").complete_from(lost) == Wish(1, ["multus"], "plain", None)
+    assert Wish(layout="k3s").complete_from(lost).new_data_dir == "/var/lib/rancher/k3s"
+    assert Wish().complete_from(state()) == Wish(3, [])
 
 
 def test_builds_of_a_wish_and_of_its_cluster_are_the_same() -> None:
@@ -87,4 +87,4 @@ def test_the_command_line_offers_what_there_is() -> None:
     }
     assert choices["--with"] == tuple(EXTRAS)
     assert choices["--layout"] == LAYOUTS
-    assert all(offered([extra]) for extra in EXTRAS if extra != "kubectl")
+    assert all(list_offered([extra]) for extra in EXTRAS if extra != "kubectl")

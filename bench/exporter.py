@@ -97,10 +97,10 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|", flush=True)
     with connect(Settings(context=words.context)) as cluster:
         for case in CASES:
-            print(measured(cluster, words, registry, exporter, case), flush=True)
+            print(measure(cluster, words, registry, exporter, case), flush=True)
 
 
-def measured(
+def measure(
     cluster: Cluster, words: argparse.Namespace, registry: str, exporter: str, case: Case
 ) -> str:
     """Deploy a case, let it run, and return its line of the table."""

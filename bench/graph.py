@@ -31,7 +31,7 @@ def laboratory() -> Any:
     return module
 
 
-def sent(lab: Any) -> tuple[int, int]:
+def count_sent(lab: Any) -> tuple[int, int]:
     """Packets and bytes that all pods have sent on net1."""
     packets = octets = 0
     for pod in lab.pods.values():
@@ -42,11 +42,11 @@ def sent(lab: Any) -> tuple[int, int]:
     return packets, octets
 
 
-def spent(lab: Any, work: Any) -> tuple[float, int, int]:
+def measure_work(lab: Any, work: Any) -> tuple[float, int, int]:
     """Seconds, packets and bytes of a piece of work."""
-    before, started = sent(lab), time.monotonic()
+    before, started = count_sent(lab), time.monotonic()
     work()
-    took, after = time.monotonic() - started, sent(lab)
+    took, after = time.monotonic() - started, count_sent(lab)
     return took, after[0] - before[0], after[1] - before[1]
 
 
@@ -58,11 +58,11 @@ def measure(count: int, kind: str) -> str:
         start = lab.cyclone if kind == "Cyclone DDS" else lab.ros
         for number in range(count):
             start(f"pod_{number:02}", MACHINES[number % 3])
-        lab.settled()
+        lab.settle()
         time.sleep(20)  # they have discovered each other
         found: list[Any] = []
-        took, packets, octets = spent(lab, lambda: found.append(lab.graph()))
-        idle = spent(lab, lambda: time.sleep(took))
+        took, packets, octets = measure_work(lab, lambda: found.append(lab.graph()))
+        idle = measure_work(lab, lambda: time.sleep(took))
     complete = all(len(pod.discovered_by) == pod.out_of for pod in found[0].pods)
     extra = f"{packets - idle[1]} | {(octets - idle[2]) / 1000:.0f} kB | {idle[1]}"
     return f"| {kind} | {count} | {took:.1f} s | {extra} | {'all' if complete else 'not all'} |"

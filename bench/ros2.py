@@ -169,7 +169,7 @@ def discovery(bench: Bench, image: str, members: list[int]) -> Iterator[str]:
     for count in members:
         own = 0.0
         for mode, network in MODES.items():
-            everyone = joined(bench, image, network, count)
+            everyone = measure_joins(bench, image, network, count)
             joins = [one for one in everyone if None not in one]
             complete = f"{len(joins)} of {len(everyone)}"
             flows, names = ([one[i] for one in joins] for i in (0, 1))
@@ -180,7 +180,9 @@ def discovery(bench: Bench, image: str, members: list[int]) -> Iterator[str]:
             yield f"| {count} | {mode} | {found} | {told} |"
 
 
-def joined(bench: Bench, image: str, network: dict[str, Any], count: int) -> list[list[float]]:
+def measure_joins(
+    bench: Bench, image: str, network: dict[str, Any], count: int
+) -> list[list[float]]:
     """Deploy so many participants and return the seconds, two each, of those that joined them."""
     idle = {"args": ["member.py"], "readiness": "none"}  # whose probes cost what is measured
     nodes: dict[str, Any] = {f"member_{n:02}": dict(idle) for n in range(count - 1)}
@@ -202,7 +204,7 @@ def flow(bench: Bench, image: str, rounds: int) -> Iterator[str]:
     modes = {name: MODES[name] for name in ("macvlan", "peers", "host")}
     for _ in range(rounds):
         for mode, network in modes.items():
-            for told in flowed(bench, image, network):
+            for told in measure_flow(bench, image, network):
                 figures.setdefault((mode, told["size"]), []).append(told)
     yield "| message | mode | median ms | 99 % ms | lost % | median / macvlan |"
     yield "|---|---|---|---|---|---|"
@@ -216,7 +218,7 @@ def flow(bench: Bench, image: str, rounds: int) -> Iterator[str]:
             yield f"| {size} B | {mode} | {found} |"
 
 
-def flowed(bench: Bench, image: str, network: dict[str, Any]) -> list[dict[str, Any]]:
+def measure_flow(bench: Bench, image: str, network: dict[str, Any]) -> list[dict[str, Any]]:
     """Deploy a source and a sink on two machines and return what the sink tells."""
     nodes = {
         "source": {"args": ["flow.py", "source"]},

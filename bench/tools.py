@@ -44,7 +44,7 @@ class Rigel:
         return [rigel(self.context, self.namespace, rigelfile, "run", "job", "deploy")]
 
 
-def rendered(context: str, namespace: str, rigelfile: Path) -> str:
+def render(context: str, namespace: str, rigelfile: Path) -> str:
     """Return the manifests that rigel would apply in a namespace."""
     command = rigel(context, namespace, rigelfile, "render", "deploy")
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
@@ -62,7 +62,7 @@ class Kubectl:
     def deploy(self, rigelfile: Path) -> list[Command]:
         """Deploy the rendered manifests."""
         path = rigelfile.with_suffix(f".{self.name}.yaml")
-        path.write_text(rendered(self.context, self.namespace, rigelfile))
+        path.write_text(render(self.context, self.namespace, rigelfile))
         head = [self.program, "--context", self.context, "-n", self.namespace]
         selector = "app.kubernetes.io/managed-by=rigel"
         return [
@@ -85,7 +85,7 @@ class Helm:
         chart = rigelfile.with_suffix(".chart")
         (chart / "templates").mkdir(parents=True, exist_ok=True)
         (chart / "Chart.yaml").write_text("apiVersion: v2\nname: bench\nversion: 0.1.0\n")
-        text = rendered(self.context, self.namespace, rigelfile)
+        text = render(self.context, self.namespace, rigelfile)
         (chart / "files").mkdir(exist_ok=True)
         (chart / "files" / "all.yaml").write_text(text)
         (chart / "templates" / "all.yaml").write_text('{{ .Files.Get "files/all.yaml" }}\n')

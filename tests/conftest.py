@@ -13,7 +13,7 @@ import pytest
 pytest.register_assert_rewrite("tests.support")  # before it is imported
 
 from .lanes import AFTER, RULES, Lanes, lane_of, turn_of  # noqa: E402
-from .skips import unexpected  # noqa: E402
+from .skips import find_unexpected  # noqa: E402
 from .support import shared  # noqa: E402
 
 
@@ -101,7 +101,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         return
     shared.end()
     reporter = session.config.pluginmanager.getplugin("terminalreporter")
-    if os.environ.get("RIGEL_TEST_STRICT") == "1" and unexpected(reporter.stats):
+    if os.environ.get("RIGEL_TEST_STRICT") == "1" and find_unexpected(reporter.stats):
         session.exitstatus = session.exitstatus or pytest.ExitCode.TESTS_FAILED
 
 
@@ -119,7 +119,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
         for lane, seconds in sorted(spent.items(), key=lambda item: -item[1]):
             terminalreporter.write_line(f"{seconds / MINUTE:6.1f}  {lane}")
     if os.environ.get("RIGEL_TEST_STRICT") == "1":
-        for line in unexpected(terminalreporter.stats):
+        for line in find_unexpected(terminalreporter.stats):
             terminalreporter.write_line(f"SKIPPED, and not in tests/skips.py: {line}", red=True)
 
 

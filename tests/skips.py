@@ -78,7 +78,7 @@ EXPECTED = (
 )
 
 
-def unexpected(stats: Mapping[str, Sequence[Any]]) -> list[str]:
+def find_unexpected(stats: Mapping[str, Sequence[Any]]) -> list[str]:
     """Return the skips that are not listed above, out of the terminal reporter's reports."""
     return [
         f"{report.nodeid}: {reason}"

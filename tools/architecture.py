@@ -74,7 +74,7 @@ def package_of(module: str) -> str:
     return name if first in ("rigel_k8s", "rigel_lab") and name in WORDS else ""
 
 
-def imported(file: Path) -> Iterator[str]:
+def find_imports(file: Path) -> Iterator[str]:
     """Yield the modules that a file imports by their full names."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -89,11 +89,11 @@ def arrows() -> set[tuple[str, str]]:
         if "files" in file.parts:
             continue
         importer = package_of(".".join(file.relative_to(ROOT / "src").with_suffix("").parts))
-        found |= {(importer, package_of(name)) for name in imported(file)}
+        found |= {(importer, package_of(name)) for name in find_imports(file)}
     return {(a, b) for a, b in found if a and b and a != b}
 
 
-def reduced(pairs: set[tuple[str, str]]) -> set[tuple[str, str]]:
+def reduce_pairs(pairs: set[tuple[str, str]]) -> set[tuple[str, str]]:
     """Return the arrows that no chain of other arrows implies."""
     below: dict[str, set[str]] = {}
     for a, b in pairs:
@@ -156,7 +156,7 @@ def box(name: str, x: float, y: float) -> str:
 
 def picture() -> str:
     """Return the picture of the code as it is."""
-    return draw(layers(), reduced(arrows()))
+    return draw(layers(), reduce_pairs(arrows()))
 
 
 if __name__ == "__main__":

@@ -231,7 +231,7 @@ class Pods:
         pod.init = _child(process)
         return pod
 
-    def registered(self, pod: Pod, name: str) -> bool:
+    def is_registered(self, pod: Pod, name: str) -> bool:
         """Whether the master knows a node, as another pod's rosnode sees it."""
         done = pod.exec("/bin/sh", "/rigel-k8s/exec.sh", "rosnode", "list")
         assert done.returncode == 0, done.stdout

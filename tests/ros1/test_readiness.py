@@ -138,7 +138,7 @@ def test_registered_by_halves(pods):
     pods.answering(pods.start("ros-master-2", "roscore", address=master.address))
     pod.signal("late.py", signal.SIGUSR1)
     other = pods.node("relay", *RELAY)
-    assert pods.registered(other, "/late")
+    assert pods.is_registered(other, "/late")
     done = pod.probe()
     assert done.returncode == 1
     assert "knows nothing of its /early" in done.stdout
@@ -198,7 +198,7 @@ def test_a_tool_makes_nothing_ready(pods, eventually):
     master = pods.rosmaster()
     pod = pods.start("talker", "sleep", "60", files=FILES)
     with subprocess.Popen(pod.entering(*EXEC, "/talker.py", "visitor")):
-        eventually(lambda: pods.registered(master, "/visitor"), "the visitor is registered")
+        eventually(lambda: pods.is_registered(master, "/visitor"), "the visitor is registered")
         assert "no process of this container listens yet" in pod.probe().stdout
         pod.signal("python /talker.py", signal.SIGINT)
 

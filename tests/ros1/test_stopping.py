@@ -167,7 +167,7 @@ def test_roslaunch(pods, eventually, command):
     eventually(lambda: pod.probe().stdout == "ready: /node, /relay\n", "both nodes ready")
     said, took = terminated(master, pod)
     assert said.startswith("gone")
-    assert not pods.registered(master, "/relay")
+    assert not pods.is_registered(master, "/relay")
     assert took < 20, "the container had to be killed"
 
 

@@ -255,7 +255,7 @@ class Lab:
 
     def graph_of(self, found: Sequence[Member]) -> DiscoveryGraph:
         """What `rigel` finds out about some of them."""
-        self.settled()
+        self.settle()
         return graph(found, look(self, found))  # type: ignore[arg-type]
 
     def _pod_network(self, machine: str) -> str:
@@ -301,7 +301,7 @@ class Lab:
         words = ["ip", "netns", "exec", self.switch, "nft", "-f", "-"]
         subprocess.run(words, input=rules, text=True, check=True, capture_output=True)
 
-    def settled(self) -> None:
+    def settle(self) -> None:
         """Wait until all bridges forward: a new port is noticed up to a second late. Once only."""
         if self._settled == len(self.pods):
             return

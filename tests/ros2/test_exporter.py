@@ -210,7 +210,7 @@ def exporter(lab):
         pod = lab.start(
             "exporter", "one", sys.executable, "-c", EXPORTER, *words, PYTHONPATH=SOURCES
         )
-        lab.settled()
+        lab.settle()
         return Exporter(pod)
 
     return start

@@ -137,7 +137,7 @@ def test_only_the_second_network_counts(lab):
     """What arrives over the pod network proves nothing about net1, and the other way round."""
     one, two = lab.start("one", "one", "sleep", "600"), lab.start("two", "two", "sleep", "600")
     lab.default_network(one, two)
-    lab.settled()
+    lab.settle()
     with subprocess.Popen(
         two.entering(["python3", "-c", EARS, str(SCRIPTS)]), stdout=subprocess.PIPE, text=True
     ) as ears:
@@ -164,7 +164,7 @@ def test_interface_down(lab):
     """An interface that is down is told as that, not as a network that is deaf."""
     lab.ros("one", "one")
     two = lab.ros("two", "two")
-    lab.settled()
+    lab.settle()
     two.ip("link", "set", "net1", "down")
     found = looked(lambda: lab.graph(), "interface-down: two has net1, but it is down")
     assert found.deaf == ()
@@ -237,7 +237,7 @@ def test_no_interface(lab):
     lab.ros("one", "one")
     lab.ros("two", "two").ip("address", "flush", "dev", "net1")
     three = lab.ros("three", "three")
-    lab.settled()
+    lab.settle()
     three.ip("link", "set", "net1", "down")
     three.ip("link", "set", "net1", "name", "eth0")
     found = looked(
@@ -279,7 +279,7 @@ def known(watcher) -> int:
 def test_farewell(lab):
     """Closing a stand-in is enough to be forgotten, long before its lease is over."""
     watcher = lab.python("watcher", "one", "dds", WATCHER)
-    lab.settled()
+    lab.settle()
     assert watcher.exec("python3", "-c", STAND_IN, str(SCRIPTS)).returncode == 0
     until = time.monotonic() + 20
     while watcher.log().count("-") < 1:

@@ -16,7 +16,7 @@ import attrs
 from rigel_k8s.kube.resources import Resource
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 
-from .fields import copied
+from .fields import clone
 
 if TYPE_CHECKING:
     from .fake_cluster import Store
@@ -45,7 +45,7 @@ def unready(pod: Live) -> Live:
     }
 
 
-def crashed(pod: Live) -> Live:
+def crash_status(pod: Live) -> Live:
     """Return the status of a pod whose containers end with code 1 and are started again."""
     ended = {"terminated": {"exitCode": 1, "reason": "Error"}}
     waits = {"waiting": {"reason": "CrashLoopBackOff"}}
@@ -154,7 +154,7 @@ class Controllers:
         """Make or delete pods until there are as many as the set wants."""
         if replica_set["metadata"].get("deletionTimestamp"):
             return
-        pods = [p for p in owned(store, "Pod", replica_set) if lives(p)]
+        pods = [p for p in find_owned(store, "Pod", replica_set) if lives(p)]
         wanted = replica_set["spec"]["replicas"]
         for pod in pods[wanted:]:
             store.delete(ref_of(pod))
@@ -162,33 +162,33 @@ class Controllers:
         for _ in range(wanted - len(pods)):
             store.version += 1
             names = {"name": f"{meta['name']}-{store.version}", "namespace": meta["namespace"]}
-            about = copied(template.get("metadata") or {})
+            about = clone(template.get("metadata") or {})
             notes = {**(about.get("annotations") or {}), MADE_FOR: meta["annotations"][MADE_FOR]}
             own = {**about, **names, "annotations": notes, "ownerReferences": [owner(replica_set)]}
             pod = {"apiVersion": "v1", "kind": "Pod", "metadata": own}
             store.commit(
                 ObjectRef("v1", "Pod", names["namespace"], names["name"]),
                 None,
-                {**pod, "spec": copied(template.get("spec") or {"containers": []})},
+                {**pod, "spec": clone(template.get("spec") or {"containers": []})},
             )
 
     def deployment(self, store: Store, live: Live) -> None:
         """Roll a Deployment out: all at once, or after the end of the pods before."""
         if not lives(live):
             return
-        sets = owned(store, "ReplicaSet", live)
+        sets = find_owned(store, "ReplicaSet", live)
         new = self.newest(store, live, sets)
         old = [one for one in sets if one is not new]
         wanted, ready = live["spec"]["replicas"], ready_pods(store, new)
-        left = [pod for one in old for pod in owned(store, "Pod", one)]
+        left = [pod for one in old for pod in find_owned(store, "Pod", one)]
         recreate = live["spec"]["strategy"]["type"] == "Recreate"
         for one in old:
             if recreate or len(ready) >= wanted:
                 self.scale(store, one, 0)
         if not (recreate and left):
             self.scale(store, new, wanted)
-        pods = [pod for one in sets for pod in owned(store, "Pod", one) if lives(pod)]
-        mine = [pod for pod in owned(store, "Pod", new) if lives(pod)]
+        pods = [pod for one in sets for pod in find_owned(store, "Pod", one) if lives(pod)]
+        mine = [pod for pod in find_owned(store, "Pod", new) if lives(pod)]
         available = [pod for one in sets for pod in ready_pods(store, one)]
         self.status(
             store,
@@ -211,11 +211,11 @@ class Controllers:
             meta = {
                 "name": name,
                 "namespace": live["metadata"]["namespace"],
-                "labels": copied(live["spec"]["template"]["metadata"].get("labels") or {}),
+                "labels": clone(live["spec"]["template"]["metadata"].get("labels") or {}),
                 "annotations": {REVISION: str(last + 1), MADE_FOR: live["metadata"]["name"]},
                 "ownerReferences": [owner(live)],
             }
-            spec = {"replicas": 0, "template": copied(live["spec"]["template"])}
+            spec = {"replicas": 0, "template": clone(live["spec"]["template"])}
             made = {"apiVersion": "apps/v1", "kind": "ReplicaSet", "metadata": meta, "spec": spec}
             found = store.commit(ref_of(made), None, made)
             sets.append(found)
@@ -241,7 +241,7 @@ class Controllers:
     def put(self, store: Store, live: Live, new: Live) -> None:
         old = store.objects.get(ref_of(live))
         if old is not None and old != new:
-            store.commit(ref_of(live), old, copied(new))
+            store.commit(ref_of(live), old, clone(new))
 
 
 def of_kind(store: Store, kind: str) -> Iterator[Live]:
@@ -251,7 +251,7 @@ def of_kind(store: Store, kind: str) -> Iterator[Live]:
             yield store.objects[ref]
 
 
-def owned(store: Store, kind: str, by: Live) -> list[Live]:
+def find_owned(store: Store, kind: str, by: Live) -> list[Live]:
     uid = by["metadata"]["uid"]
     return [
         live
@@ -265,7 +265,7 @@ def lives(live: Live) -> bool:
 
 
 def ready_pods(store: Store, replica_set: Live) -> list[Live]:
-    return [pod for pod in owned(store, "Pod", replica_set) if lives(pod) and is_ready(pod)]
+    return [pod for pod in find_owned(store, "Pod", replica_set) if lives(pod) and is_ready(pod)]
 
 
 def is_ready(pod: Live) -> bool:

@@ -24,7 +24,7 @@ from rigel_k8s.objects.refs import ObjectRef, ref_of
 
 from . import fields as ownership
 from .controllers import Controllers
-from .fields import copied
+from .fields import clone
 
 Live = dict[str, Any]
 READS = ("get", "list", "try")
@@ -61,9 +61,9 @@ class Store:
     version: int = 100
     lock: threading.RLock = attrs.field(factory=threading.RLock)
 
-    def copied(self) -> Store:
+    def clone(self) -> Store:
         """Return another cluster with the same objects."""
-        objects = {ref: copied(live) for ref, live in self.objects.items()}
+        objects = {ref: clone(live) for ref, live in self.objects.items()}
         controllers = self.controllers and attrs.evolve(self.controllers)
         return Store(objects, controllers=controllers, version=self.version)
 
@@ -83,7 +83,7 @@ class Store:
             self.remove(ref)
             return new
         self.objects[ref] = new
-        self.news.append(WatchEvent("MODIFIED" if old else "ADDED", copied(new)))
+        self.news.append(WatchEvent("MODIFIED" if old else "ADDED", clone(new)))
         return new
 
     def is_held(self, live: Live) -> bool:
@@ -99,7 +99,7 @@ class Store:
 
     def delete(self, ref: ObjectRef) -> None:
         """Delete an object, or mark it where something holds it."""
-        live = copied(self.objects[ref])
+        live = clone(self.objects[ref])
         live["metadata"].setdefault("deletionTimestamp", now())
         if self.is_held(live):
             self.commit(ref, self.objects[ref], live)
@@ -151,7 +151,7 @@ class FakeCluster:
         with self.store.lock:
             self.note("get", ref)
             self.store.tick()
-            return copied(self.objects.get(ref))
+            return clone(self.objects.get(ref))
 
     def list(
         self,
@@ -167,7 +167,7 @@ class FakeCluster:
             self.note("list", kind)
             self.store.tick()
             wanted = Selection(api_version, kind, namespace or "", label_selector(labels), fields)
-            found = [copied(live) for live in self.objects.values() if wanted.has(live)]
+            found = [clone(live) for live in self.objects.values() if wanted.has(live)]
         if metadata_only:
             return [{k: o[k] for k in ("apiVersion", "kind", "metadata")} for o in found]
         return found
@@ -189,7 +189,7 @@ class FakeCluster:
             if self.store.dead:
                 return
             self.note("list", kind)
-            there = [copied(live) for live in self.objects.values() if wanted.has(live)]
+            there = [clone(live) for live in self.objects.values() if wanted.has(live)]
             seen = len(self.store.news)
         yield from (WatchEvent("ADDED", live) for live in there)
         while time.monotonic() < deadline and not (cancel and cancel.is_set()):
@@ -199,7 +199,7 @@ class FakeCluster:
                 self.store.tick()
                 fresh, seen = self.store.news[seen:], len(self.store.news)
             yield from (
-                attrs.evolve(event, object=copied(event.object))
+                attrs.evolve(event, object=clone(event.object))
                 for event in fresh
                 if wanted.has(event.object)
             )
@@ -226,20 +226,20 @@ class FakeCluster:
         ref, what = ref_of(manifest), f"apply {ref_of(manifest)}"
         with self.store.lock:
             self.note("try" if dry_run else "apply", ref)
-            old = self.there(ref, what)
+            old = self.find(ref, what)
             said = ownership.leaves(manifest)
-            base: Live = old or {**dict(manifest), "metadata": own_names(ref)}
+            base: Live = old or {**dict(manifest), "metadata": name_fields(ref)}
             others = ownership.conflicts(base, said, self.manager)
             if others and not force:
                 raise field_conflict(what, others)
-            new = ownership.merged(base, {**manifest, "metadata": free_of_status(manifest)})
+            new = ownership.merge(base, {**manifest, "metadata": free_of_status(manifest)})
             entries = base["metadata"].get("managedFields") or []
-            before = ownership.owned(base, self.manager, "Apply")
+            before = ownership.find_owned_paths(base, self.manager, "Apply")
             theirs = {path for _, path in others}
-            kept = ownership.recorded(entries, self.manager, "Apply", said, theirs, ref.api_version)
+            kept = ownership.record(entries, self.manager, "Apply", said, theirs, ref.api_version)
             still = {p for e in kept for p in ownership.paths(e["fieldsV1"])}
             for path in before - still:
-                new = ownership.without(new, path)
+                new = ownership.remove_leaf(new, path)
             new["metadata"]["managedFields"] = kept
             return self.write(what, ref, old, new, dry_run=dry_run)
 
@@ -247,10 +247,10 @@ class FakeCluster:
         ref, what = ref_of(manifest), f"create {ref_of(manifest)}"
         with self.store.lock:
             self.note("try" if dry_run else "create", ref)
-            if self.there(ref, what) is not None:
-                raise refused(what, 409, "AlreadyExists", f'"{ref.name}" already exists')
-            new = defaulted(copied(dict(manifest)))
-            new["metadata"]["managedFields"] = ownership.recorded(
+            if self.find(ref, what) is not None:
+                raise make_refusal(what, 409, "AlreadyExists", f'"{ref.name}" already exists')
+            new = fill_defaults(clone(dict(manifest)))
+            new["metadata"]["managedFields"] = ownership.record(
                 [], self.manager, "Update", ownership.leaves(new), (), ref.api_version
             )
             return self.write(what, ref, None, new, dry_run=dry_run)
@@ -259,8 +259,8 @@ class FakeCluster:
         ref, what = ref_of(manifest), f"replace {ref_of(manifest)}"
         with self.store.lock:
             self.note("try" if dry_run else "replace", ref)
-            old = self.present(ref, what)
-            new = copied(dict(manifest))
+            old = self.require(ref, what)
+            new = clone(dict(manifest))
             return self.update(what, ref, old, new, dry_run=dry_run)
 
     def patch(
@@ -276,7 +276,7 @@ class FakeCluster:
         what = f"patch {ref}"
         with self.store.lock:
             self.note("try" if dry_run else "patch", ref)
-            old = self.present(ref, what)
+            old = self.require(ref, what)
             new = merge_patched(old, body)
             return self.update(what, ref, old, new, dry_run=dry_run)
 
@@ -292,14 +292,14 @@ class FakeCluster:
         what = f"delete {ref}"
         with self.store.lock:
             self.note("try" if dry_run else "delete", ref)
-            live = self.there(ref, what)
+            live = self.find(ref, what)
             if live is None:
                 return False
             if uid and uid != live["metadata"]["uid"]:
                 raise wrong_uid(what, uid, live)
             if not dry_run:
                 self.store.delete(ref)
-                self.written()
+                self.die_if_due()
             return True
 
     # Pods.
@@ -329,7 +329,7 @@ class FakeCluster:
         if isinstance(about, ObjectRef) and verb not in READS:
             self.store.before(verb, about)
 
-    def there(self, ref: ObjectRef, what: str) -> Live | None:
+    def find(self, ref: ObjectRef, what: str) -> Live | None:
         """Return an object; Missing where its kind, or its namespace, is not there."""
         resource = self.store.kinds.get((ref.api_version, ref.kind))
         if resource is None:
@@ -338,13 +338,13 @@ class FakeCluster:
             raise error
         home = ObjectRef("v1", "Namespace", "", ref.namespace)
         if resource.namespaced and home not in self.objects:
-            raise refused(what, 404, "NotFound", f'namespaces "{ref.namespace}" not found')
+            raise make_refusal(what, 404, "NotFound", f'namespaces "{ref.namespace}" not found')
         return self.objects.get(ref)
 
-    def present(self, ref: ObjectRef, what: str) -> Live:
-        live = self.there(ref, what)
+    def require(self, ref: ObjectRef, what: str) -> Live:
+        live = self.find(ref, what)
         if live is None:
-            raise refused(what, 404, "NotFound", f'"{ref.name}" not found')
+            raise make_refusal(what, 404, "NotFound", f'"{ref.name}" not found')
         return live
 
     def update(self, what: str, ref: ObjectRef, old: Live, new: Live, *, dry_run: bool) -> Live:
@@ -354,7 +354,7 @@ class FakeCluster:
             raise wrong_uid(what, meta["uid"], old)
         if meta.get("resourceVersion") not in (None, was["resourceVersion"]):
             text = "the object has been modified; please apply your changes to the latest version"
-            raise refused(
+            raise make_refusal(
                 what, 409, "Conflict", f'Operation cannot be fulfilled on "{ref.name}": {text}'
             )
         entries = meta.get("managedFields") or was.get("managedFields") or []
@@ -363,16 +363,16 @@ class FakeCluster:
             if key in was:
                 meta[key] = was[key]
         if "status" in old:
-            new["status"] = copied(old["status"])
-        new = defaulted(new)
-        set_now, gone = ownership.changed(old, new)
+            new["status"] = clone(old["status"])
+        new = fill_defaults(new)
+        set_now, gone = ownership.compare(old, new)
         mine = {
             path
             for entry in entries
             if ownership.is_of(entry, self.manager, "Update")
             for path in ownership.paths(entry["fieldsV1"])
         }
-        meta["managedFields"] = ownership.recorded(
+        meta["managedFields"] = ownership.record(
             entries,
             self.manager,
             "Update",
@@ -386,25 +386,25 @@ class FakeCluster:
         self, what: str, ref: ObjectRef, old: Live | None, new: Live, *, dry_run: bool
     ) -> Live:
         """Check what is to be stored, and store it where it is no dry run."""
-        new = defaulted(new)
+        new = fill_defaults(new)
         if error := self.store.refuse(new, dry_run):
             raise error
         check(what, ref, old, new)
         home = self.objects.get(ObjectRef("v1", "Namespace", "", ref.namespace)) or {"metadata": {}}
         if old is None and home["metadata"].get("deletionTimestamp"):
             text = f"unable to create new content in namespace {ref.namespace}"
-            raise refused(what, 403, "Forbidden", f"{text} because it is being terminated")
+            raise make_refusal(what, 403, "Forbidden", f"{text} because it is being terminated")
         if not dry_run:
-            stored = copied(self.store.commit(ref, old, new))
-            self.written()
+            stored = clone(self.store.commit(ref, old, new))
+            self.die_if_due()
             return stored
         if old is None:
             new["metadata"]["uid"] = str(uuid.uuid4())
         else:
             new["metadata"]["resourceVersion"] = old["metadata"]["resourceVersion"]
-        return copied(new)
+        return clone(new)
 
-    def written(self) -> None:
+    def die_if_due(self) -> None:
         """Die where the test wants it."""
         if self.store.die_after is not None:
             self.store.die_after -= 1
@@ -479,7 +479,7 @@ def substance(live: Live) -> Live:
     return {**live, "metadata": meta}
 
 
-def own_names(ref: ObjectRef) -> dict[str, str]:
+def name_fields(ref: ObjectRef) -> dict[str, str]:
     return {"name": ref.name, **({"namespace": ref.namespace} if ref.namespace else {})}
 
 
@@ -492,8 +492,8 @@ def free_of_status(manifest: Mapping[str, Any]) -> dict[str, Any]:
 def merge_patched(value: Any, patch: Any) -> Any:
     """Return a value with a JSON merge patch (RFC 7396)."""
     if not isinstance(patch, Mapping):
-        return copied(patch)
-    result = copied(dict(value)) if isinstance(value, Mapping) else {}
+        return clone(patch)
+    result = clone(dict(value)) if isinstance(value, Mapping) else {}
     for key, part in patch.items():
         if part is None:
             result.pop(key, None)
@@ -502,7 +502,7 @@ def merge_patched(value: Any, patch: Any) -> Any:
     return result
 
 
-def defaulted(live: Live) -> Live:
+def fill_defaults(live: Live) -> Live:
     """Fill in what Kubernetes fills in, as far as somebody has tripped over it."""
     if live["kind"] == "Deployment":
         spec = live["spec"]
@@ -529,7 +529,7 @@ def check(what: str, ref: ObjectRef, old: Live | None, new: Live) -> None:
     if causes:
         told = ", ".join(f"{c['field']}: {c['message']}" for c in causes)
         text = f'Deployment.apps "{ref.name}" is invalid: {told}'
-        raise refused(what, 422, "Invalid", text, causes)
+        raise make_refusal(what, 422, "Invalid", text, causes)
 
 
 def cause(reason: str, message: str, field: str) -> dict[str, str]:
@@ -545,15 +545,15 @@ def field_conflict(what: str, others: Sequence[tuple[str, ownership.Path]]) -> R
     ]
     told = ", ".join(c["field"] for c in causes)
     text = f"Apply failed with {len(causes)} conflict(s): {told}"
-    return refused(what, 409, "Conflict", text, causes)
+    return make_refusal(what, 409, "Conflict", text, causes)
 
 
 def wrong_uid(what: str, uid: str, live: Live) -> Refusal:
     text = f"Precondition failed: UID in precondition: {uid}, UID in object meta: "
-    return refused(what, 409, "Conflict", text + live["metadata"]["uid"])
+    return make_refusal(what, 409, "Conflict", text + live["metadata"]["uid"])
 
 
-def refused(
+def make_refusal(
     what: str, status: int, reason: str, message: str, causes: Sequence[Mapping[str, str]] = ()
 ) -> Refusal:
     """Return the error that the client makes of such an answer."""

@@ -138,7 +138,7 @@ class HttpServer(ThreadingHTTPServer):
     def url(self) -> str:
         return f"{'https' if self.tls else 'http'}://127.0.0.1:{self.server_port}"
 
-    def asked(self) -> list[str]:
+    def list_requests(self) -> list[str]:
         """Return the requests as `GET /path`."""
         return [str(request) for request in self.requests]
 

@@ -161,7 +161,7 @@ def archive(name: str, content: Mapping[str, bytes]) -> bytes:
     return buffer.getvalue()
 
 
-def compiled() -> Iterator[tuple[GoBuild, Path]]:
+def find_compiled() -> Iterator[tuple[GoBuild, Path]]:
     """Yield what can be released and was compiled on this machine, and where."""
     for build in [*GO_BUILDS, *(build for some in ON_REQUEST.values() for build in some)]:
         places = (cache_dir() / "go").glob(f"{build.name}-{build.version}-*")
@@ -178,7 +178,7 @@ def main() -> None:
     words = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         releases = Releases(words.directory or Path(temporary))
-        for build, place in compiled():
+        for build, place in find_compiled():
             assert build.release
             content = {
                 there: (place / ours).read_bytes() for ours, there in build.in_release.items()

@@ -171,7 +171,7 @@ class Node(Rpc):
                     sent += 1
         return sent
 
-    def connected(self, topic: str, seconds: float = 10) -> None:
+    def wait_for_subscriber(self, topic: str, seconds: float = 10) -> None:
         """Wait until a subscriber is connected."""
         with self._changed:
             assert self._changed.wait_for(lambda: self._links.get(topic), seconds), topic
@@ -182,7 +182,7 @@ class Node(Rpc):
             for link in self._links.pop(topic, []):
                 link.close()
 
-    def ended(self, topic: str, seconds: float = 10) -> bool:
+    def wait_for_end(self, topic: str, seconds: float = 10) -> bool:
         """Wait until the subscribers of a topic have closed their connections."""
         for link in self._links.get(topic, []):
             link.settimeout(seconds)
@@ -219,14 +219,14 @@ class Node(Rpc):
             except OSError:
                 return
             fields = _header(link)
-            link.sendall(_encoded({"callerid": "/node", "md5sum": "*", **self.fields}))
+            link.sendall(_encode({"callerid": "/node", "md5sum": "*", **self.fields}))
             with self._changed:
                 self._links.setdefault(fields.get("topic", ""), []).append(link)
                 self._changed.notify_all()
 
 
 def _header(link: socket.socket) -> dict[str, str]:
-    data, at, found = _exactly(link, *struct.unpack("<I", _exactly(link, 4))), 0, {}
+    data, at, found = _read_exactly(link, *struct.unpack("<I", _read_exactly(link, 4))), 0, {}
     while at < len(data):
         (size,) = struct.unpack_from("<I", data, at)
         key, _, value = data[at + 4 : at + 4 + size].decode().partition("=")
@@ -235,13 +235,13 @@ def _header(link: socket.socket) -> dict[str, str]:
     return found
 
 
-def _encoded(fields: Mapping[str, str]) -> bytes:
+def _encode(fields: Mapping[str, str]) -> bytes:
     lines = [f"{key}={value}".encode() for key, value in fields.items()]
     body = b"".join(struct.pack("<I", len(line)) + line for line in lines)
     return struct.pack("<I", len(body)) + body
 
 
-def _exactly(link: socket.socket, size: int) -> bytes:
+def _read_exactly(link: socket.socket, size: int) -> bytes:
     data = b""
     while len(data) < size:
         got = link.recv(size - len(data))
@@ -256,7 +256,7 @@ class RosGraph:
 
     def __init__(self, cleanup: ExitStack) -> None:
         self._cleanup = cleanup
-        self.master = self._kept(Master())
+        self.master = self._keep(Master())
 
     def node(self, name: str, publishes: Sequence[str] = (), **more: Any) -> Node:
         """Start a node that is registered with all its topics."""
@@ -266,15 +266,15 @@ class RosGraph:
 
     def program(self, publishes: Sequence[str] = (), **more: Any) -> Node:
         """Start a node that the master knows nothing of."""
-        node: Node = self._kept(Node(publishes, **more))
+        node: Node = self._keep(Node(publishes, **more))
         return node
 
-    def silent(self) -> str:
+    def serve_silence(self) -> str:
         """Return the URI of someone who accepts connections and never says a word."""
         server = self._cleanup.enter_context(socket.create_server(("127.0.0.1", 0)))
         return f"http://127.0.0.1:{server.getsockname()[1]}/"
 
-    def _kept(self, server: Any) -> Any:
+    def _keep(self, server: Any) -> Any:
         self._cleanup.callback(server.close)
         return server
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from ..lanes import AFTER, LANES, lane_of, turn_of
-from ..skips import EXPECTED, unexpected
+from ..skips import EXPECTED, find_unexpected
 
 ROOT = Path(__file__).parents[2]
 
@@ -55,7 +55,7 @@ def test_a_skip_is_expected_where_it_is_listed() -> None:
     def skips(nodeid: str, reason: str) -> list[str]:
         longrepr = ("a.py", 1, f"Skipped: {reason}")
         report = SimpleNamespace(nodeid=nodeid, longrepr=longrepr)
-        return unexpected({"skipped": [report]})
+        return find_unexpected({"skipped": [report]})
 
     assert skips(f"{listed.tests}::test_a", listed.reason) == []
     assert skips(f"{listed.tests}::test_a", "no such tool") == [

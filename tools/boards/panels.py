@@ -242,7 +242,7 @@ def table(
         special: properties (unit, mappings, links) by a column's title.
         sort: the title of the column that the rows are sorted by, the greatest first.
     """
-    order = named(columns, single=len(queries) == 1, source=queries[0].source)
+    order = name_columns(columns, single=len(queries) == 1, source=queries[0].source)
     organize = {
         "includeByName": dict.fromkeys(order, True),
         "indexByName": {name: index for index, name in enumerate(order)},
@@ -256,14 +256,14 @@ def table(
         .no_value(empty)
         .show_header(True)
         .sort_by(by)
-        .transformations([*joined(queries), transformation("organize", organize)])
+        .transformations([*join_rows(queries), transformation("organize", organize)])
     )
     for name, own in (special or {}).items():
         panel.override_by_name(name, [model.DynamicConfigValue(k, v) for k, v in own.items()])
     return panel
 
 
-def named(columns: Mapping[str, str], *, single: bool, source: str) -> dict[str, str]:
+def name_columns(columns: Mapping[str, str], *, single: bool, source: str) -> dict[str, str]:
     """Return the columns as they come: a single query's value is `Value`, Loki's either."""
     names = {}
     for name, title in columns.items():
@@ -273,7 +273,7 @@ def named(columns: Mapping[str, str], *, single: bool, source: str) -> dict[str,
     return names
 
 
-def joined(queries: Sequence[Query]) -> list[model.DataTransformerConfig]:
+def join_rows(queries: Sequence[Query]) -> list[model.DataTransformerConfig]:
     """Return the steps from answers to rows: Loki gives a frame for each series."""
     merge = transformation("merge", {})
     if queries[0].source == "logs":

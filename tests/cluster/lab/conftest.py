@@ -186,7 +186,7 @@ class Host:
         """Return what was taken (-) and what was added (+), by what it is."""
         return changes(before, self.snapshot())
 
-    def finished(self, cluster: str, name: str) -> str:
+    def wait_for_success(self, cluster: str, name: str) -> str:
         """Wait for a pod's success and return what it printed."""
         words = [f"pod/{name}", "--for=jsonpath={.status.phase}=Succeeded", WITHIN]
         waited = self.kubectl(cluster, "wait", *words, check=False)
@@ -299,10 +299,10 @@ def remove_cgroups() -> None:
     """Remove what a test that failed has left."""
     for top in Path("/sys/fs/cgroup").glob("*/rigel-t-*"):
         for path in [*sorted((p for p in top.rglob("*") if p.is_dir()), reverse=True), top]:
-            until(lambda path=path: removed(path), f"end of {path}")
+            until(lambda path=path: try_remove(path), f"end of {path}")
 
 
-def removed(path: Path) -> bool:
+def try_remove(path: Path) -> bool:
     """Remove a cgroup, and return whether its last process had ended."""
     with suppress(OSError):
         path.rmdir()

@@ -112,7 +112,7 @@ def test_pods_on_two_nodes_reach_each_other(host: Any, one: str, registry: str) 
     for node in ("node2", "node1"):  # node1: a Service that leads back to the own node
         text = host.pod(f"fetch-{node}", image, fetch, nodeName=node, restartPolicy="OnFailure")
         host.kubectl(one, "apply", "-f", "-", text=text)
-        assert host.finished(one, f"fetch-{node}") == "served\n" * 3
+        assert host.wait_for_success(one, f"fetch-{node}") == "served\n" * 3
 
 
 def test_pods_reach_what_is_outside(host: Any, one: str, registry: str) -> None:
@@ -121,7 +121,7 @@ def test_pods_reach_what_is_outside(host: Any, one: str, registry: str) -> None:
     fetch = f"busybox wget -q -O - http://{host.outside}:8000/hello"
     text = host.pod("out", f"{registry}/rigel-k8s/busybox:1", fetch, restartPolicy="OnFailure")
     host.kubectl(one, "apply", "-f", "-", text=text)
-    assert host.finished(one, "out") == "hello from outside\n"
+    assert host.wait_for_success(one, "out") == "hello from outside\n"
 
 
 def test_a_claim_keeps_its_data(host: Any, one: str, registry: str) -> None:
@@ -137,7 +137,7 @@ def test_a_claim_keeps_its_data(host: Any, one: str, registry: str) -> None:
     image = f"{registry}/rigel-k8s/busybox:1"
     for name, script in (("write", "echo kept >/data/file"), ("read", "cat /data/file")):
         host.kubectl(one, "apply", "-f", "-", text=host.pod(name, image, script, **volumes))
-        told = host.finished(one, name)
+        told = host.wait_for_success(one, name)
         host.kubectl(one, "delete", "pod", name)
     assert told == "kept\n"
 
@@ -148,7 +148,7 @@ def test_a_loaded_archive_runs_on_every_node(host: Any, one: str) -> None:
     for node in ("node1", "node2"):
         text = host.pod(f"l-{node}", "loaded:7", "echo runs", nodeName=node, restartPolicy="Never")
         host.kubectl(one, "apply", "-f", "-", text=text)
-        assert host.finished(one, f"l-{node}") == "runs\n"
+        assert host.wait_for_success(one, f"l-{node}") == "runs\n"
 
 
 @pytest.mark.skipif(not shutil.which("podman"), reason="needs podman")
@@ -158,7 +158,7 @@ def test_an_image_of_podman_runs(host: Any, one: str) -> None:
     host.rigel("load", "--name", one, "localhost/mine:3")
     text = host.pod("mine", "localhost/mine:3", "echo runs", restartPolicy="Never")
     host.kubectl(one, "apply", "-f", "-", text=text)
-    assert host.finished(one, "mine") == "runs\n"
+    assert host.wait_for_success(one, "mine") == "runs\n"
 
 
 def test_load_says_which_image_nobody_has(host: Any, one: str) -> None:
@@ -180,7 +180,7 @@ def test_a_pushed_image_has_its_upstream_name(host: Any, one: str, registry: str
     for name, image in (("hub", "pushed:1"), ("quay", "quay.io/team/robot:2")):
         text = host.pod(name, image, "echo runs", restartPolicy="Never")
         host.kubectl(one, "apply", "-f", "-", text=text)
-        assert host.finished(one, name) == "runs\n"
+        assert host.wait_for_success(one, name) == "runs\n"
 
 
 def test_the_registry_is_told_to_tools(host: Any, one: str, registry: str) -> None:

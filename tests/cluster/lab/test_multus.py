@@ -296,7 +296,7 @@ def test_pods_start_after_an_upgrade(host: Any, ranch: str) -> None:
     image = f"{host.status(ranch)['registry']}/rigel-k8s/busybox:1"
     text = host.pod("after", image, "echo runs", restartPolicy="Never")
     host.kubectl(ranch, "apply", "-f", "-", text=text)
-    assert host.finished(ranch, "after") == "runs\n"
+    assert host.wait_for_success(ranch, "after") == "runs\n"
     assert theirs.exists()
 
 
@@ -322,7 +322,7 @@ def test_an_image_is_loaded(host: Any, ranch: str) -> None:
         "-",
         text=host.pod("l", "loaded:8", "echo runs", restartPolicy="Never"),
     )
-    assert host.finished(ranch, "l") == "runs\n"
+    assert host.wait_for_success(ranch, "l") == "runs\n"
 
 
 def test_down_leaves_nothing_of_k3s(host: Any, before: dict[str, list[str]], ranch: str) -> None:

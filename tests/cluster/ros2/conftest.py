@@ -131,9 +131,9 @@ class Project:
         ref = ObjectRef("v1", "Pod", self.space, pod["metadata"]["name"])
         patch = {"spec": {"ephemeralContainers": [container]}}
         self.cluster.patch(ref, patch, style="strategic", subresource="ephemeralcontainers")
-        wait_until(lambda: self._ended(ref, name), f"{interface} {state}")
+        wait_until(lambda: self._has_ended(ref, name), f"{interface} {state}")
 
-    def _ended(self, ref: ObjectRef, container: str) -> bool:
+    def _has_ended(self, ref: ObjectRef, container: str) -> bool:
         for one in self.cluster.get(ref)["status"].get("ephemeralContainerStatuses", ()):
             if one["name"] == container and (end := one["state"].get("terminated")):
                 assert end["exitCode"] == 0, end

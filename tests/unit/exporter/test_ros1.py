@@ -82,7 +82,7 @@ def test_a_node_that_does_not_answer_is_not_up(
 ) -> None:
     """It is registered still: that it hangs is what somebody wants to be told of."""
     monkeypatch.setattr(ros1_view, "ANSWER", 1.0)
-    graph.master.add("/hangs", graph.silent(), ["/chatter"])
+    graph.master.add("/hangs", graph.serve_silence(), ["/chatter"])
     graph.node("/talker", ["/chatter"])
     found = nodes(ros1.look())
     assert (found["/hangs"].up, found["/hangs"].registered) == (False, True)
@@ -169,7 +169,7 @@ def test_each_message_is_counted_once(graph: RosGraph, ros1: Ros1) -> None:
     hearing = ros1.subscribe("/chatter", keep=2)
     ros1.look()
     for node in (one, two):
-        node.connected("/chatter")
+        node.wait_for_subscriber("/chatter")
     for _ in range(3):
         one.publish("/chatter", TEXT)
     two.publish("/chatter", TEXT)
@@ -185,7 +185,7 @@ def test_kept_payloads_are_the_latest_and_come_once(graph: RosGraph, ros1: Ros1)
     node = graph.node("/one", ["/chatter"])
     hearing = ros1.subscribe("/chatter", keep=1)
     ros1.look()
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
     node.publish("/chatter", b"first")
     node.publish("/chatter", b"second")
     kept: list[bytes] = []
@@ -197,7 +197,7 @@ def test_stamps_are_read_of_types_that_begin_with_a_header(graph: RosGraph, ros1
     node = graph.node("/camera", ["/image"], fields=STAMPED)
     hearing = ros1.subscribe("/image")
     ros1.look()
-    node.connected("/image")
+    node.wait_for_subscriber("/image")
     node.publish("/image", struct.pack("<IIII", 1, 5, 500_000_000, 0) + bytes(200_000))
     until(lambda: hearing.samples().messages, "the message is heard")
     found = hearing.samples()
@@ -209,10 +209,10 @@ def test_a_publisher_that_left_is_heard_no_more(graph: RosGraph, ros1: Ros1) -> 
     node = graph.node("/talker", ["/chatter"])
     hearing = ros1.subscribe("/chatter")
     ros1.look()
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
     graph.master.publishers.clear()
     ros1.look()
-    assert node.ended("/chatter")
+    assert node.wait_for_end("/chatter")
     before = hearing.samples().messages
     node.publish("/chatter", TEXT)
     assert hearing.samples().messages == before
@@ -223,9 +223,9 @@ def test_a_closed_topic_is_heard_no_more(graph: RosGraph, ros1: Ros1) -> None:
     node = graph.node("/talker", ["/chatter"])
     hearing = ros1.subscribe("/chatter")
     ros1.look()
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
     hearing.close()
-    assert node.ended("/chatter")
+    assert node.wait_for_end("/chatter")
     assert [method for method, _ in graph.master.calls] == [
         "registerSubscriber",
         "unregisterSubscriber",
@@ -238,9 +238,9 @@ def test_closing_the_half_ends_every_topic(graph: RosGraph, ros1: Ros1) -> None:
     node = graph.node("/talker", ["/chatter"])
     ros1.subscribe("/chatter")
     ros1.look()
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
     ros1.close()
-    assert node.ended("/chatter")
+    assert node.wait_for_end("/chatter")
     assert graph.master.calls[-1][0] == "unregisterSubscriber"
 
 
@@ -261,7 +261,7 @@ def test_the_master_tells_of_new_publishers(graph: RosGraph, ros1: Ros1) -> None
         assert slave.shutdown("/m", "new node registered with same name")[0] == 1
         slave.publisherUpdate("/master", "/chatter", [late.uri])
         slave.publisherUpdate("/master", "/unknown", [late.uri])
-    late.connected("/chatter")
+    late.wait_for_subscriber("/chatter")
 
 
 def test_a_publisher_that_comes_back_is_heard_again(graph: RosGraph, ros1: Ros1) -> None:
@@ -269,9 +269,9 @@ def test_a_publisher_that_comes_back_is_heard_again(graph: RosGraph, ros1: Ros1)
     node = graph.node("/talker", ["/chatter"])
     hearing = ros1.subscribe("/chatter")
     ros1.look()
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
     node.hang_up("/chatter")
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
     node.publish("/chatter", TEXT)
     until(lambda: hearing.samples().messages == 1, "it is heard on the new connection")
 
@@ -299,7 +299,7 @@ def test_a_topic_that_is_refused_keeps_no_other_from_being_heard(
     ros1.subscribe("bad")
     ros1.subscribe("/chatter")
     ros1.look()
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
 
 
 @pytest.mark.parametrize("answer", [[-1, "no", 0], [1, "", []], [1, "", ["TCPROS", "x", "y"]], "?"])
@@ -319,7 +319,7 @@ def test_a_publisher_that_says_nothing_of_use_is_asked_again(
     ros1.look()
     assert asked.wait(10)
     del node.requestTopic
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
 
 
 def test_a_publisher_that_is_silent_is_asked_again(
@@ -328,10 +328,10 @@ def test_a_publisher_that_is_silent_is_asked_again(
     """Its deadline is a few seconds, and it holds nobody else up."""
     monkeypatch.setattr(ros1_topic, "_ANSWER", 0.05)
     node = graph.node("/talker", ["/chatter"])
-    graph.master.add("/silent", graph.silent(), ["/chatter"])
+    graph.master.add("/silent", graph.serve_silence(), ["/chatter"])
     hearing = ros1.subscribe("/chatter")
     ros1.look()
-    node.connected("/chatter")
+    node.wait_for_subscriber("/chatter")
     node.publish("/chatter", TEXT)
     until(lambda: hearing.samples().messages == 1, "the other publisher is heard")
 
@@ -356,7 +356,7 @@ def test_a_message_that_is_too_large_is_counted_and_not_kept(
     node = graph.node("/camera", ["/image"])
     hearing = ros1.subscribe("/image", keep=5)
     ros1.look()
-    node.connected("/image")
+    node.wait_for_subscriber("/image")
     node.publish("/image", bytes(5000))
     node.publish("/image", b"small")
     kept: list[bytes] = []

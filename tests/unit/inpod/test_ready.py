@@ -109,7 +109,7 @@ def test_a_node_that_does_not_answer_is_not_ready(
     pod: Pod, graph: RosGraph, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(pod.ready, "ANSWER", 0.1)
-    uri = graph.silent()
+    uri = graph.serve_silence()
     graph.master.add("/talker", uri, ["/chatter"])
     pod.ports[int(uri.rstrip("/").rpartition(":")[2])] = 7
     started = time.monotonic()

@@ -139,7 +139,7 @@ def test_what_is_not_there_is_none(serve: Any) -> None:
     assert client.delete(REF) is False
     assert client.list("x.example.com/v1", "Robot") == []
     assert client.serves("x.example.com/v1", "Robot") is False
-    assert server.asked()[-1] == "GET /apis/x.example.com/v1"
+    assert server.list_requests()[-1] == "GET /apis/x.example.com/v1"
     robot = ObjectRef("x.example.com/v1", "Robot", "n", "r")
     assert client.get(robot) is None
     with pytest.raises(NotFoundError, match=r"no kind Robot of x\.example\.com/v1") as caught:

@@ -269,7 +269,7 @@ def test_a_port_is_forwarded_by_a_websocket_for_each_connection(serve: Any) -> N
     with pytest.raises(OSError, match="refused"):
         socket.create_connection(("127.0.0.1", port), timeout=5)
     assert [request.query for request in server.requests] == [{"ports": ["7000"]}] * 2
-    assert server.asked()[0] == "GET /api/v1/namespaces/robot/pods/talker/portforward"
+    assert server.list_requests()[0] == "GET /api/v1/namespaces/robot/pods/talker/portforward"
 
 
 def test_what_went_wrong_with_a_port_is_kept(serve: Any) -> None:

@@ -38,10 +38,10 @@ def test_connections_are_kept(serve: Any) -> None:
     transport, server = transport_to(serve, fine, base="/base")
     for _ in range(3):
         assert transport.request("GET", "/x", "test").body == b"ok"
-    assert server.asked() == ["GET /base/x"] * 3
+    assert server.list_requests() == ["GET /base/x"] * 3
     assert server.connections == 1
     list(stream_of(transport).lines())
-    assert server.asked()[3:] == ["GET /base/x"]
+    assert server.list_requests()[3:] == ["GET /base/x"]
 
 
 @pytest.mark.parametrize(("method", "safe"), [("GET", None), ("PATCH", True), ("DELETE", True)])
@@ -61,7 +61,7 @@ def test_a_safe_request_whose_answer_is_lost_is_sent_again(
     assert transport.request("GET", "/warm", "test").status == 200
     lost[:] = [2]
     assert transport.request(method, "/x", "test", body=b"{}", safe=safe).status == 200
-    assert server.asked() == ["GET /warm", f"{method} /x", f"{method} /x"]
+    assert server.list_requests() == ["GET /warm", f"{method} /x", f"{method} /x"]
     lost[:] = [4, 5]
     with pytest.raises(ClusterError, match="does not answer"):
         transport.request(method, "/y", "test", body=b"{}", safe=safe)
@@ -86,7 +86,7 @@ def test_a_write_whose_fate_is_unknown_is_not_sent_twice(
         transport.request("GET", "/warm", "test")
     with pytest.raises(ClusterError, match="does not answer"):
         transport.request(method, "/x", "create", body=b"{}")
-    assert server.asked()[kept:] == [f"{method} /x"]
+    assert server.list_requests()[kept:] == [f"{method} /x"]
     assert server.connections == 1
 
 
@@ -101,7 +101,7 @@ def test_a_post_does_not_meet_a_connection_that_was_closed_while_it_waited(serve
     for _ in range(3):
         assert transport.request("POST", "/x", "make a thing", body=b"{}").status == 200
         assert server.closed.acquire(timeout=10)
-    assert server.asked() == ["POST /x"] * 3
+    assert server.list_requests() == ["POST /x"] * 3
     assert server.connections == 3
 
 
@@ -425,7 +425,7 @@ def test_a_proxy_is_asked_for_the_server(serve: Any, way: str) -> None:
         through = Transport(Target("https://far.example.com:8443", "c", proxy=address))
         with pytest.raises(ClusterError, match="Tunnel connection failed: 502"):
             WAYS[way](through)
-        assert set(proxy.asked()) == {"CONNECT far.example.com:8443"}
+        assert set(proxy.list_requests()) == {"CONNECT far.example.com:8443"}
         password = f"Basic {b64encode(b'ann:p@ss').decode()}"
         assert {r.headers["Proxy-Authorization"] for r in proxy.requests} == {password}
 

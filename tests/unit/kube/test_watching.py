@@ -84,7 +84,7 @@ def test_what_is_there_comes_first_and_then_what_changes(serve: Any) -> None:
     assert {request.query["labelSelector"][0] for request in server.requests} == {"a=b"}
     assert server.requests[1].query["watch"] == ["true"]
     assert server.requests[1].query["timeoutSeconds"] == ["20"]
-    assert server.asked() == ["GET /api/v1/namespaces/n/pods"] * 2
+    assert server.list_requests() == ["GET /api/v1/namespaces/n/pods"] * 2
 
 
 @pytest.mark.parametrize("end", [stream, lost])

@@ -42,7 +42,7 @@ def revision(name: str, address: str) -> dict[str, Any]:
     return {"metadata": {"name": name}, "spec": {"template": {"metadata": {"annotations": note}}}}
 
 
-def made(told: NetworkPlan) -> Iterator[Mapping[str, Any]]:
+def make_objects(told: NetworkPlan) -> Iterator[Mapping[str, Any]]:
     """Yield the objects of a plan, then the wiring of each pod."""
     for _, item in network_objects(told):
         yield simplify(item)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import yaml
 
-from .shapes import GOLDEN, made, plan
+from .shapes import GOLDEN, make_objects, plan
 
 CASES = sorted(path.name.removesuffix(".case.yaml") for path in GOLDEN.glob("*.case.yaml"))
 
@@ -29,7 +29,7 @@ Dumper.ignore_aliases = lambda self, data: True  # type: ignore[method-assign]
 def test_networks_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
     """The same options give the same objects and wirings, to the last field."""
     told = plan((GOLDEN / f"{case}.case.yaml").read_text("utf-8"))
-    text = yaml.dump_all(made(told), Dumper=Dumper, sort_keys=False, width=100)
+    text = yaml.dump_all(make_objects(told), Dumper=Dumper, sort_keys=False, width=100)
     golden = GOLDEN / f"{case}.yaml"
     if update_golden:
         golden.write_text(text, "utf-8")

@@ -18,7 +18,7 @@ from rigel_k8s.release.deploy import deploy, diff, history, rollback
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.patience import Patience
 from rigel_k8s.release.removal import down
-from tests.support.controllers import Controllers, crashed, running, unready
+from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster, Store
 from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
 from tests.support.recorder import Recorder
@@ -218,7 +218,7 @@ def test_what_is_optional_may_crash(fake: Any, report: Recorder, quick: None) ->
     """It is told, and the release is good without it."""
 
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
-        return crashed(pod) if "extra" in pod["metadata"]["name"] else running(pod)
+        return crash_status(pod) if "extra" in pod["metadata"]["name"] else running(pod)
 
     fake.store.controllers = Controllers(kubelet)
     extra = workload("extra", **{"rigel-k8s/optional": "true"})

@@ -63,7 +63,7 @@ def killed(old: Desired, new: Desired) -> Iterator[tuple[FakeCluster, int]]:
     if old.objects:
         deploy(old, before, report=Recorder())
     for limit in range(1, 40):
-        fake = FakeCluster(before.store.copied())
+        fake = FakeCluster(before.store.clone())
         fake.store.die_after = limit
         try:
             deploy(new, fake, report=Recorder())

@@ -15,7 +15,7 @@ from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.patience import Patience
 from rigel_k8s.release.view import ReleaseView
 from rigel_k8s.release.wait import STEADY, Waiter
-from tests.support.controllers import Controllers, crashed, running
+from tests.support.controllers import Controllers, crash_status, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, desired, ref, workload
 
@@ -81,7 +81,7 @@ def test_a_workload_that_crashes_is_told_with_its_last_words(
 ) -> None:
     """And given up when it has crashed for long."""
     monkeypatch.setattr(wait, "EXPLAIN", 0.02)
-    fake.store.controllers = Controllers(crashed)
+    fake.store.controllers = Controllers(crash_status)
     hasty = Patience(crash=0.1, crash_limit=0.2)
     with pytest.raises(RolloutFailed, match="talker did not become ready: container node exited"):
         deploy(desired(workload()), fake, report=report, patience=hasty, timeout=30)

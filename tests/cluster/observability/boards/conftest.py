@@ -92,7 +92,7 @@ def node(*words: str) -> dict[str, Any]:
     return {"args": ["python3", "-c", PROGRAM, *words]}
 
 
-def wrapped(*words: str) -> dict[str, Any]:
+def wrap(*words: str) -> dict[str, Any]:
     """Return a node whose container outlives it, and whose pod is always Ready."""
     line = 'python3 -c "$0" "$@"; sleep 100000'
     return {"args": ["sh", "-c", line, PROGRAM, *words], "readiness": "none"}
@@ -150,7 +150,7 @@ def healthy(deployed: Callable[[str, dict[str, Any]], str], watch: Watch) -> Tro
         {
             "sensor": node("sensor", "/scan,/diagnostics,/clock,/tf", ""),
             "listener": node("listener", "", "/scan,/nobody"),
-            "victim": wrapped("victim", "/beat", ""),
+            "victim": wrap("victim", "/beat", ""),
         },
     )
     forgetful = deployed("forgetful", {"talker": node("talker", "/scan", "")})

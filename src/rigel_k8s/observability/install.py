@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
-
 import attrs
 
-from rigel_k8s.errors import RolloutFailed, UserError
+from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_ready
-from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.desired import DesiredStack, desired_stack
 from rigel_k8s.observability.manifests.operator import GROUP_VERSION, KINDS
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import StackRequest
-from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import deploy, diff, find_last_good
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 
 #: Seconds for all images of the stack to be pulled by a machine that has none of them.
 PATIENT = 600.0
-#: Seconds where a machine is away: its pods cannot come, and the others' are quick.
-WITHOUT_ALL = 120.0
 
 
 @attrs.frozen
@@ -115,42 +108,17 @@ def _install(
     away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_ready(n))
     for name in away:
         options.report.warn(f"node {name} is not ready: it is not waited for")
-    revision = _deploy(asked, cluster, options, away=bool(away))
+    revision = deploy(
+        asked.desired,
+        cluster,
+        report=options.report,
+        cancel=options.cancel,
+        timeout=options.timeout or PATIENT,
+        adopt=options.adopt,
+        description=options.description,
+        away=away,
+    )
     return StackResult(asked, revision, changed=True, away=away)
-
-
-def _deploy(
-    asked: DesiredStack, cluster: Cluster, options: DeployOptions, *, away: bool
-) -> Revision:
-    bound = options.timeout or PATIENT
-    try:
-        return deploy(
-            asked.desired,
-            cluster,
-            report=options.report,
-            cancel=options.cancel,
-            timeout=min(bound, WITHOUT_ALL) if away else bound,
-            adopt=options.adopt,
-            description=options.description,
-        )
-    except RolloutFailed:
-        if not away or list(_find_unready(cluster, asked.release, options.cancel)):
-            raise
-        newest = revisions.records(cluster, asked.release)[-1].revision()
-        good = attrs.evolve(newest, status="good")
-        revisions.update(cluster, good)
-        return good
-
-
-def _find_unready(
-    cluster: Cluster, release: ReleaseId, cancel: threading.Event | None
-) -> Iterator[str]:
-    """Yield the names of the stack's pods that are not ready on machines that are up."""
-    up = {node["metadata"]["name"] for node in cluster.nodes() if is_ready(node)}
-    pods = cluster.list("v1", "Pod", release.namespace, labels={RELEASE_LABEL: release.name})
-    for pod in pods:
-        if not is_ready(pod) and pod["spec"].get("nodeName") in {*up, None}:
-            yield str(pod["metadata"]["name"])
 
 
 def _make_namespace(cluster: Cluster, release: ReleaseId) -> None:

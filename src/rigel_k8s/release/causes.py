@@ -62,11 +62,22 @@ def pods_of(
     if workload["kind"] == "Deployment":
         owners = {rs["metadata"]["uid"] for rs in find_newest(workload, replica_sets)}
     found = [pod for pod in pods if owner(pod) in owners]
-    revision = (workload.get("status") or {}).get("updateRevision")
-    if workload["kind"] == "StatefulSet" and revision:
-        label = "controller-revision-hash"
-        found = [p for p in found if (p["metadata"].get("labels") or {}).get(label) == revision]
-    return found
+    label, newest = newest_template(workload)
+    if not newest:
+        return found
+    return [pod for pod in found if (pod["metadata"].get("labels") or {}).get(label) == newest]
+
+
+def newest_template(workload: Manifest) -> tuple[str, str]:
+    """Return a label of a workload's pods and its newest value, "" where its kind has none."""
+    if workload["kind"] == "StatefulSet":
+        revision = (workload.get("status") or {}).get("updateRevision")
+        return "controller-revision-hash", str(revision or "")
+    if workload["kind"] == "DaemonSet":
+        notes = workload["metadata"].get("annotations") or {}
+        generation = notes.get("deprecated.daemonset.template.generation")
+        return "pod-template-generation", str(generation or "")
+    return "", ""
 
 
 def find_newest(deployment: Manifest, replica_sets: Iterable[Manifest]) -> Iterator[Manifest]:

@@ -47,6 +47,7 @@ class Run:
     description: str
     patience: Patience
     keep: frozenset[ObjectRef] = frozenset()
+    away: frozenset[str] = frozenset()
 
     @property
     def release(self) -> ReleaseId:
@@ -64,6 +65,7 @@ def deploy(
     adopt: bool = False,
     description: str = "",
     patience: Patience | None = None,
+    away: Collection[str] = (),
 ) -> Revision:
     """Make a release what it shall be, wait until it is, and return its revision.
 
@@ -73,6 +75,7 @@ def deploy(
         cancel: ends the deploy soon after it is set.
         timeout: seconds that the roll-out may take; None is DEFAULT_TIMEOUT.
         adopt: take over what other field managers own.
+        away: the names of nodes whose pods are not waited for.
 
     Raises:
         Refused: immutable fields, or objects of another release; nothing was changed.
@@ -91,6 +94,7 @@ def deploy(
             adopt,
             description,
             patience or Patience(),
+            away=frozenset(away),
         )
     )
 
@@ -338,4 +342,5 @@ def waiter(run: Run, found: Survey, lease: Held) -> Waiter:
         run.patience,
         way_out,
         lease.check,
+        run.away,
     )

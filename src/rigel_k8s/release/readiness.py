@@ -6,12 +6,12 @@ that will not get better by waiting.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 import attrs
 
-from rigel_k8s.objects.facts import find_condition, is_met
+from rigel_k8s.objects.facts import find_condition, is_met, stays_ready
 from rigel_k8s.objects.refs import Manifest
 
 UNSEEN = "its controller has not seen the change yet"
@@ -51,6 +51,34 @@ def readiness(live: Manifest) -> ObjectReadiness:
     if status.get("observedGeneration", 0) < expected_generation(live):
         return going(UNSEEN)
     return KINDS.get(live["kind"], by_conditions)(live.get("spec") or {}, status)
+
+
+def readiness_without(
+    live: Manifest, newest: Iterable[Manifest], pods: Iterable[Manifest], away: Collection[str]
+) -> ObjectReadiness:
+    """Return how far a workload is on the nodes that are not away.
+
+    Args:
+        newest: its pods of the newest template.
+        pods: all of its pods.
+        away: the names of nodes whose pods are not waited for.
+    """
+    state = readiness(live)
+    if state.done or state.message == UNSEEN or live["kind"] not in REPLICATED:
+        return state
+    status = live.get("status") or {}
+    total = int(
+        status.get("desiredNumberScheduled", 0)
+        if live["kind"] == "DaemonSet"
+        else (live.get("spec") or {}).get("replicas", 1)
+    )
+    lost = [pod["spec"]["nodeName"] for pod in pods if pod["spec"].get("nodeName") in away]
+    wanted = max(total - len(set(lost) if live["kind"] == "DaemonSet" else lost), 0)
+    here = [pod for pod in newest if pod["spec"].get("nodeName") not in away]
+    ready = sum(map(stays_ready, here))
+    if ready < max(wanted, len(here)):
+        return going(f"{ready} of {wanted} ready", ready, wanted)
+    return good(f"{ready} of {total} ready, the others are on nodes that are away", ready, total)
 
 
 def expected_generation(live: Manifest) -> int:
@@ -172,6 +200,7 @@ def by_conditions(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectR
     return good("there")
 
 
+REPLICATED = ("Deployment", "StatefulSet", "DaemonSet")
 KINDS: Mapping[str, Callable[[Mapping[str, Any], Mapping[str, Any]], ObjectReadiness]] = {
     "Deployment": deployment,
     "StatefulSet": stateful_set,

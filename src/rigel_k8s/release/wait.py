@@ -17,7 +17,7 @@ from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.causes import Cause, causes, containers, pods_of, probe_failure
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.patience import Ledger, Patience, Seen
-from rigel_k8s.release.readiness import UNSEEN, ObjectReadiness, readiness
+from rigel_k8s.release.readiness import UNSEEN, ObjectReadiness, readiness, readiness_without
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.release.unprobed import Unprobed, find_ended, find_unprobed_in
 from rigel_k8s.release.view import EVENT, POD, REPLICA_SET, Kind, ReleaseView
@@ -42,8 +42,9 @@ class Waiter:
     """One wait for the objects of a release.
 
     Attributes:
-        still_ours: raises where the deploy must not go on (its Lease is lost).
         way_out: what to do after a failure, for people.
+        still_ours: raises where the deploy must not go on (its Lease is lost).
+        away: the names of nodes whose pods are not waited for.
     """
 
     cluster: Cluster
@@ -54,6 +55,7 @@ class Waiter:
     patience: Patience
     way_out: str
     still_ours: Callable[[], None]
+    away: frozenset[str] = frozenset()
     ledger: Ledger = attrs.field(init=False)
     states: dict[ObjectRef, ObjectReadiness] = attrs.field(factory=dict)
     shown: dict[ObjectRef, tuple[str, bool]] = attrs.field(factory=dict)
@@ -78,7 +80,7 @@ class Waiter:
         """
         targets = {ref_of(live): live for live in applied if is_waited_for(live)}
         self.optional = {ref: remedy(live) for ref, live in targets.items() if is_optional(live)}
-        if all(self.take_in(ref, live) for ref, live in targets.items()):
+        if all(self.take_in(ref, readiness(live)) for ref, live in targets.items()):
             return
         deadline = time.monotonic() + self.timeout
         spaces = {ref.namespace for ref in targets if ref.namespace}
@@ -118,7 +120,7 @@ class Waiter:
         for ref in targets:
             live = view.find(ref)
             if live is not None:
-                self.take_in(ref, live)
+                self.take_in(ref, self.judge(view, live))
         return self.is_enough([ref for ref in targets if not self.is_ready(ref)])
 
     def is_enough(self, waiting: Sequence[ObjectRef]) -> bool:
@@ -165,15 +167,26 @@ class Waiter:
             live = view.find(ref)
             if live is not None and ref in self.rolling and self.is_ready(ref):
                 own = find_newest_pods(live, sets.get(live["metadata"]["uid"], []), pods)
-                fresh += (u for u in find_unprobed_in(ref, own) if u.uid not in self.looked_at)
+                here = [pod for pod in own if pod["spec"].get("nodeName") not in self.away]
+                fresh += (u for u in find_unprobed_in(ref, here) if u.uid not in self.looked_at)
         self.looked_at |= {one.uid for one in fresh}
         for ref in (over := find_ended(self.cluster, fresh)):
             self.crashes[ref] = (self.crashes.get(ref, (0, 0.0))[0], time.monotonic())
         return not over
 
-    def take_in(self, ref: ObjectRef, live: Manifest) -> bool:
+    def judge(self, view: ReleaseView, live: Manifest) -> ObjectReadiness:
+        """Return how far an object is."""
+        if not self.away:
+            return readiness(live)
+        uid = live["metadata"]["uid"]
+        pods, sets = view.group_by_owner(POD), view.group_by_owner(REPLICA_SET).get(uid, [])
+        owners = [uid, *(one["metadata"]["uid"] for one in sets)]
+        own = [pod for owner in owners for pod in pods.get(owner, [])]
+        return readiness_without(live, find_newest_pods(live, sets, pods), own, self.away)
+
+    def take_in(self, ref: ObjectRef, state: ObjectReadiness) -> bool:
         """Take in an object's state, show it, and return whether it is ready."""
-        state = self.states[ref] = readiness(live)
+        self.states[ref] = state
         if not state.done:
             self.rolling.add(ref)
         told = {seen.ref for seen in self.ledger.seen.values()}

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.network.multus import RELEASE, WHEREABOUTS_IMAGE, rollout
+from rigel_k8s.network.multus import RELEASE, WHEREABOUTS_IMAGE
 from rigel_k8s.network.multus.install import install
 from rigel_k8s.network.multus.interfaces import find_without_interface
 from rigel_k8s.network.multus.removal import remove, users
@@ -190,11 +190,8 @@ def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -
     install(own.cluster, Install(cni_bin_dir="/data/data/cni"), said)
 
 
-def test_a_node_that_is_away_keeps_nobody_waiting(
-    own: Any, own_lab: Any, said: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: Any) -> None:
     """A node that is off is named and left out, also of an update; it has it when it is back."""
-    monkeypatch.setattr(rollout, "WITHOUT_ALL", 15.0)
     own.stop("node2")
     done = install(own.cluster, Install(), said)
     assert (done.nodes, done.away) == (("node1",), ("node2",))

@@ -315,7 +315,7 @@ def test_a_stack_that_is_there_costs_no_wait(last: dict[str, Any], deployed: lis
     assert (done.changed, done.revision.number, deployed) == (False, 3, [])
     done = install(cluster, request_of({"loki": {"retention": "3d"}}), job().deploy_options)
     assert (done.changed, done.away) == (True, ("robot",))
-    assert deployed[0]["timeout"] == observability_install.WITHOUT_ALL
+    assert deployed[0]["away"] == ("robot",)
 
 
 def test_cancelling_reaches_the_deploy(last: dict[str, Any], deployed: list[Any]) -> None:

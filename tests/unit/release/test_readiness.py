@@ -9,7 +9,7 @@ import pytest
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.causes import Cause, causes, pods_of, probe_failure
 from rigel_k8s.release.patience import Ledger, Patience
-from rigel_k8s.release.readiness import readiness
+from rigel_k8s.release.readiness import readiness, readiness_without
 
 REF = ObjectRef("apps/v1", "Deployment", "n", "talker")
 OTHER = ObjectRef("apps/v1", "Deployment", "n", "listener")
@@ -237,6 +237,56 @@ def test_only_pods_of_the_newest_template_count() -> None:
     ]
     found = pods_of(deployment, sets, [pod("old", "rs1"), pod("new", "rs2")])
     assert [p["metadata"]["name"] for p in found] == ["new"]
+
+
+def on(node: str, template: str = "2", *, ready: bool = True, **meta: Any) -> dict[str, Any]:
+    """Return a DaemonSet's pod on a node."""
+    status = {"conditions": [{"type": "Ready", "status": str(ready)}]}
+    labels = {"pod-template-generation": template}
+    owners = [{"uid": "u", "controller": True}]
+    return {
+        "metadata": {"name": node, "labels": labels, "ownerReferences": owners, **meta},
+        "spec": {"nodeName": node},
+        "status": status,
+    }
+
+
+ENDING = {"deletionTimestamp": "now"}
+
+
+@pytest.mark.parametrize(
+    ("pods", "done"),
+    [
+        ([on("a"), on("b"), on("off", ready=False)], True),
+        ([on("a"), on("b"), on("off", "1", ready=False, **ENDING)], True),
+        ([on("a"), on("b", ready=False), on("off", ready=False)], False),
+        ([on("a"), on("b", "1"), on("off")], False),
+        ([on("a"), on("off")], False),
+        ([on("a"), on("b", **ENDING), on("off")], False),
+        ([on("a"), on("b")], False),
+    ],
+    ids=["off", "off and old", "unready", "old", "missing", "ending", "another one is missing"],
+)
+def test_pods_on_nodes_that_are_away_are_not_waited_for(
+    pods: list[dict[str, Any]], *, done: bool
+) -> None:
+    """Every other node has a new pod that is ready; without such nodes nothing is left out."""
+    status = {**SEEN, "desiredNumberScheduled": 3, "updatedNumberScheduled": 1}
+    notes = {"deprecated.daemonset.template.generation": "2"}
+    daemons = live("DaemonSet", status, annotations=notes)
+    newest = pods_of(daemons, [], pods)
+    assert readiness_without(daemons, newest, pods, {"off"}).done is done
+    assert not readiness_without(daemons, newest, pods, set()).done
+
+
+def test_a_pod_that_only_runs_on_a_node_that_is_away_is_not_waited_for() -> None:
+    """Its old pod cannot end there, so that the new one cannot start; a new one that comes is."""
+    status = {**SEEN, "replicas": 1, "updatedReplicas": 0}
+    deployment = live("Deployment", status, {"replicas": 1})
+    old, new = on("off", ready=False), on("a", ready=False)
+    assert readiness_without(deployment, [], [old], {"off"}).done
+    assert not readiness_without(deployment, [new], [old, new], {"off"}).done
+    assert not readiness_without(live("Deployment", {}), [], [old], {"off"}).done
 
 
 def crash(kind: str = "crash") -> Cause:

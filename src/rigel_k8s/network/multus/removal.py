@@ -13,7 +13,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import RolloutFailed, UserError
+from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import network_release
@@ -21,10 +21,11 @@ from rigel_k8s.network.multus.install import installation_of
 from rigel_k8s.network.multus.installation import Found, complete_options, find
 from rigel_k8s.network.multus.interfaces import list_asked
 from rigel_k8s.network.multus.proving import forget
-from rigel_k8s.network.multus.rollout import WITHOUT_ALL, machine_script
+from rigel_k8s.network.multus.rollout import let_be_away, machine_script
 from rigel_k8s.network.options import Install
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.removal import down
+from rigel_k8s.release.types import Desired
 from rigel_k8s.report import Reporter
 
 Object = Mapping[str, Any]
@@ -113,27 +114,25 @@ def _refuse(cluster: Cluster, found: Found, report: Reporter, *, force: bool) ->
 
 def _retire(
     cluster: Cluster,
-    desired: Any,
+    desired: Desired,
     found: Found,
     report: Reporter,
     cancel: threading.Event,
     timeout: float | None,
 ) -> None:
     """Have the machines give their configuration back."""
-    bound = WITHOUT_ALL if found.away else timeout
-    try:
-        deploy(
-            desired,
-            cluster,
-            report=report,
-            cancel=cancel,
-            timeout=bound,
-            adopt=True,
-            description="network: about to be removed",
-        )
-    except RolloutFailed:
-        if not found.away:
-            raise
+    let_be_away(cluster, found)
+    deploy(
+        desired,
+        cluster,
+        report=report,
+        cancel=cancel,
+        timeout=timeout,
+        adopt=True,
+        description="network: about to be removed",
+        away=found.away,
+    )
+    if found.away:
         report.warn(_describe_left(found.away))
 
 

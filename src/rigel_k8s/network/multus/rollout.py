@@ -21,17 +21,13 @@ from rigel_k8s.network.multus.installation import Found
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, deploy, diff
 from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.types import Desired
 from rigel_k8s.report import Reporter
 
 Object = Mapping[str, Any]
 
 LOOK = 1.0
-#: Seconds for a roll-out where a node is away: it cannot end, and the others are quick.
-WITHOUT_ALL = 60.0
 STOPPED = "interrupted while the network was being installed"
 
 
@@ -68,39 +64,24 @@ class Rollout:
         desired = network_release(self.installation, machine_script())
         end = time.monotonic() + self.bound
         while diff(desired, self.cluster, adopt=self.adopt).changes:
-            self._let_be_away()
+            let_be_away(self.cluster, self.found)
             try:
-                self._deploy(desired)
+                deploy(
+                    desired,
+                    self.cluster,
+                    report=self.report,
+                    cancel=self.cancel,
+                    timeout=self.timeout,
+                    adopt=self.adopt,
+                    description="network",
+                    away=self.found.away,
+                )
             except ClusterError:
                 if not self._wait_for_others(end):
                     raise
             else:
                 break
         self._wait_until_complete(lambda: list(self._find_unready()), end)
-
-    def _deploy(self, desired: Desired) -> None:
-        try:
-            deploy(
-                desired,
-                self.cluster,
-                report=self.report,
-                cancel=self.cancel,
-                timeout=min(self.bound, WITHOUT_ALL) if self.found.away else self.timeout,
-                adopt=self.adopt,
-                description="network",
-            )
-        except RolloutFailed:
-            if not self.found.away or list(self._find_unready()):
-                raise
-            newest = revisions.records(self.cluster, RELEASE)[-1].revision()
-            revisions.update(self.cluster, attrs.evolve(newest, status="good"))
-
-    def _let_be_away(self) -> None:
-        """Let it go on though nodes are away: Kubernetes would wait for them first."""
-        rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(self.found.away)}}
-        for part in (self.found.multus, self.found.whereabouts):
-            for one in part.sets if self.found.away and part and part.ours else ():
-                self.cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
     def _wait_for_others(self, end: float) -> bool:
         """Wait while somebody else installs the same; return whether anybody did."""
@@ -143,6 +124,14 @@ class Rollout:
             for part in (name for name, mine in ours.items() if mine):
                 if (node, part) not in ready:
                     yield f"{part} is not ready on {node}"
+
+
+def let_be_away(cluster: Cluster, found: Found) -> None:
+    """Let a roll-out go on though nodes are away: Kubernetes would wait for them first."""
+    rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(found.away)}}
+    for part in (found.multus, found.whereabouts):
+        for one in part.sets if found.away and part and part.ours else ():
+            cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
 
 def machine_script() -> str:

@@ -1,6 +1,6 @@
 """Deploys side by side on one cluster, the same objects, images and readiness; prints ratios.
 
-usage: python -m bench [--nodes 1,20,100] [--runs 3] [--context NAME]
+usage: python -m bench [--nodes 1,20,100] [--runs 3] [--context NAME] [--before CHECKOUT]
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from bench.measure import Figure, run
-from bench.tools import Helm, Kubectl, Rigel, Tool, helm_program
+from bench.tools import Helm, Kubectl, Rigel, Tool, helm_program, program
 from rigel_lab import cluster as localcluster
 
 SCENARIOS = ("first deploy", "unchanged", "one image")
@@ -49,10 +49,12 @@ def main() -> None:
         Kubectl(words.context, status.kubectl),
         Helm(words.context, helm_program()),
     ]
+    if words.before:
+        tools.append(Rigel(words.context, "bench-before", "rigel before", words.before.resolve()))
     kubectl = [status.kubectl, "--context", words.context]
     tag_again(status.registry)
     with tempfile.TemporaryDirectory() as directory:
-        start_up(Path(directory), words.runs, status.registry)
+        start_up(Path(directory), words.runs, status.registry, words.before)
         print("\n| nodes | deploy | tool | wall s | cpu s | MiB | rigel / tool (wall) |")
         print("|---|---|---|---|---|---|---|")
         for count in map(int, words.nodes.split(",")):
@@ -66,6 +68,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--nodes", default="1,20,100", help="how many ROS nodes, comma-separated")
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--context", default="rigel-bench", help="of a cluster of `rigel cluster`")
+    parser.add_argument("--before", type=Path, help="another checkout of rigel to compare with")
     return parser.parse_args()
 
 
@@ -130,17 +133,20 @@ def row(count: int, scenario: str, tool: str, figure: Figure, own: float) -> str
     return f"| {count} | {scenario} | {tool} | {wall:.2f} | {cpu:.2f} | {memory:.0f} | {ratio} |"
 
 
-def start_up(directory: Path, runs: int, registry: str) -> None:
+def start_up(directory: Path, runs: int, registry: str, before: Path | None) -> None:
     """Print what the command costs before it does anything."""
     rigelfile = str(write(directory / "check-100", 100, registry))
     python = [sys.executable, "-c"]
-    module = [sys.executable, "-m", "rigel_k8s"]
     commands = {
         "python -c pass": [*python, "pass"],
         "python -c 'import click'": [*python, "import click"],
-        "rigel --help": [*module, "--help"],
-        "rigel check (100 nodes)": [*module, "-f", rigelfile, "check"],
     }
+    checkouts = {"rigel": None, **({"rigel before": before.resolve()} if before else {})}
+    for name, checkout in checkouts.items():
+        commands[f"{name} --help"] = [*program(checkout), "--help"]
+        here = [*program(checkout), "-f", rigelfile]
+        commands[f"{name} check (100 nodes)"] = [*here, "check"]
+        commands[f"{name} render (100 nodes)"] = [*here, "render", "deploy"]
     figures = {name: Figure() for name in commands}
     for _ in range(max(runs, 7)):
         for name, command in commands.items():

@@ -27,8 +27,13 @@ class Tool(Protocol):
 
 def rigel(context: str, namespace: str, rigelfile: Path, *words: str) -> list[str]:
     """Return a command line of rigel."""
-    head = [sys.executable, "-m", "rigel_k8s", "-f", str(rigelfile), "--context", context]
-    return [*head, "-n", namespace, *words]
+    return [*program(), "-f", str(rigelfile), "--context", context, "-n", namespace, *words]
+
+
+def program(checkout: Path | None = None) -> list[str]:
+    """Return the command `rigel` of this checkout, or of another one."""
+    source = ["env", f"PYTHONPATH={checkout / 'src'}"] if checkout else []
+    return [*source, sys.executable, "-m", "rigel_k8s"]
 
 
 @attrs.frozen
@@ -38,10 +43,12 @@ class Rigel:
     context: str
     namespace: str = "bench-rigel"
     name: str = "rigel"
+    checkout: Path | None = None
 
     def deploy(self, rigelfile: Path) -> list[Command]:
         """Deploy."""
-        return [rigel(self.context, self.namespace, rigelfile, "run", "job", "deploy")]
+        where = ["-f", str(rigelfile), "--context", self.context, "-n", self.namespace]
+        return [[*program(self.checkout), *where, "run", "job", "deploy"]]
 
 
 def render(context: str, namespace: str, rigelfile: Path) -> str:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from rigel_k8s.observability.manifests.frame import part_of
 from rigel_k8s.observability.options import (
     Component,
-    ExistingGrafana,
     Observability,
     Part,
     RosMetrics,
@@ -74,8 +72,8 @@ def check_collector(options: Observability) -> Iterator[Problem]:
     """Yield a collector that nobody maintains, and one that is configured and not used."""
     used = options.collector or "promtail"
     other = "alloy" if used == "promtail" else "promtail"
-    said = getattr(options, other)
-    if isinstance(said, Part) and said != Part():
+    said: Part = getattr(options, other)
+    if said not in (Part(), Part(enabled=False)):
         message = f"the collector is {used}: this has no effect; say collector: {other}"
         yield Problem((other,), message, "not-used", severity="warning", at_key=True)
     if options.enabled and options.collector is None and reads_lines(options):
@@ -89,7 +87,7 @@ def check_collector(options: Observability) -> Iterator[Problem]:
 def reads_lines(options: Observability) -> bool:
     """Return whether log lines are collected, as far as the options alone tell."""
     sent = options.loki.enabled or (options.existing is not None and options.existing.loki)
-    return bool(sent) and part_of(options.promtail).enabled
+    return bool(sent) and options.promtail.enabled
 
 
 def check_existing(options: Observability) -> Iterator[Problem]:
@@ -102,7 +100,7 @@ def check_existing(options: Observability) -> Iterator[Problem]:
     if loki is not None and not URL.fullmatch(loki.url) and not has_template(loki.url):
         message = f'"{loki.url}" is no URL, http://loki.logging:3100 say'
         yield Problem(("existing", "loki", "url"), message, "bad-url")
-    url = None if isinstance(prometheus, bool) else prometheus.url
+    url = prometheus.url if prometheus else None
     if url is not None and not URL.fullmatch(url) and not has_template(url):
         message = f'"{url}" is no URL, http://prometheus.monitoring:9090 say'
         yield Problem(("existing", "prometheus", "url"), message, "bad-url")
@@ -117,7 +115,7 @@ def check_existing(options: Observability) -> Iterator[Problem]:
         if there and has_data(getattr(options, name)):
             message = f"the {name} that is there already is used: this has no effect"
             yield Problem((name,), message, "not-used", severity="warning", at_key=True)
-    if isinstance(existing.grafana, ExistingGrafana) and not options.grafana.default_dashboards:
+    if existing.grafana and not options.grafana.default_dashboards:
         message = "default_dashboards: false leaves that Grafana's sidecar nothing to load"
         yield Problem(("existing", "grafana"), message, "not-used", severity="warning", at_key=True)
 

@@ -51,6 +51,16 @@ class Part:
     )
 
 
+def part_of(value: bool | Part) -> Part:  # noqa: FBT001 - as the Rigelfile has it
+    """Return the options of a part that may be written as true or false."""
+    return value if isinstance(value, Part) else Part(enabled=value)
+
+
+def optional_part_of(value: bool | Part | None) -> Part | None:  # noqa: FBT001
+    """Return the same, and None where the Rigelfile leaves it open."""
+    return None if value is None else part_of(value)
+
+
 @attrs.frozen(kw_only=True)
 class Component(Part):
     """A part that people look at; release, chart and values are accepted and not used."""
@@ -126,6 +136,15 @@ class ExistingPrometheus:
     url: str | None = option("where it answers; only a Grafana of this stack asks for it")
 
 
+def existing_prometheus_of(
+    value: bool | ExistingPrometheus,  # noqa: FBT001 - as the Rigelfile has it
+) -> ExistingPrometheus | None:
+    """Return the one that is used; `true` is one without labels and URL."""
+    if isinstance(value, ExistingPrometheus):
+        return value
+    return ExistingPrometheus() if value else None
+
+
 @attrs.frozen(kw_only=True)
 class ExistingLoki:
     """A Loki that is there: log lines are sent to it."""
@@ -147,13 +166,32 @@ class ExistingGrafana:
     folder: str | None = option("the annotation grafana_folder of the dashboards")
 
 
+def existing_grafana_of(
+    value: bool | ExistingGrafana,  # noqa: FBT001 - as the Rigelfile has it
+) -> ExistingGrafana | None:
+    """Return the one that is used; `true` is one with the usual label."""
+    if isinstance(value, ExistingGrafana):
+        return value
+    return ExistingGrafana() if value else None
+
+
 @attrs.frozen(kw_only=True)
 class Existing:
     """What the cluster has already: each that is named is used instead of one of ours."""
 
-    prometheus: bool | ExistingPrometheus = option("a prometheus-operator", default=False)
+    prometheus: ExistingPrometheus | None = option(
+        "a prometheus-operator",
+        default=False,
+        accepts=bool | ExistingPrometheus,
+        converter=existing_prometheus_of,
+    )
     loki: ExistingLoki | None = option("a Loki")
-    grafana: bool | ExistingGrafana = option("a Grafana with a dashboard sidecar", default=False)
+    grafana: ExistingGrafana | None = option(
+        "a Grafana with a dashboard sidecar",
+        default=False,
+        accepts=bool | ExistingGrafana,
+        converter=existing_grafana_of,
+    )
 
 
 @attrs.frozen(kw_only=True)
@@ -170,12 +208,23 @@ class Observability:
     grafana: Grafana = attrs.field(factory=Grafana, metadata={"doc": "dashboards"})
     prometheus: Prometheus = attrs.field(factory=Prometheus, metadata={"doc": "metrics"})
     loki: Loki = attrs.field(factory=Loki, metadata={"doc": "logs"})
-    promtail: bool | Part = option("the collector, where it is Promtail", default=True)
-    alloy: bool | Part = option("the collector, where it is Alloy", default=True)
-    kube_state_metrics: bool | Part | None = option(
-        "what Kubernetes knows of pods and nodes (default: with a Prometheus of this stack)"
+    promtail: Part = option(
+        "the collector, where it is Promtail",
+        default=True,
+        accepts=bool | Part,
+        converter=part_of,
     )
-    node_exporter: bool | Part = option("metrics of the machines", default=False)
+    alloy: Part = option(
+        "the collector, where it is Alloy", default=True, accepts=bool | Part, converter=part_of
+    )
+    kube_state_metrics: Part | None = option(
+        "what Kubernetes knows of pods and nodes (default: with a Prometheus of this stack)",
+        accepts=bool | Part | None,
+        converter=optional_part_of,
+    )
+    node_exporter: Part = option(
+        "metrics of the machines", default=False, accepts=bool | Part, converter=part_of
+    )
     ros_metrics: bool | RosMetrics | None = option(
         "metrics of this application's ROS graph (default: with `enabled: true`)"
     )

@@ -16,7 +16,6 @@ from rigel_k8s.observability.manifests.frame import (
     http_probes,
     mount,
     nobody,
-    part_of,
     rule,
 )
 from rigel_k8s.observability.manifests.images import ALLOY_IMAGE
@@ -156,7 +155,7 @@ def _pod(stack: Stack) -> Object:
     user = {"secretKeyRef": {"name": secret, "key": "username"}}
     main = container(
         ALLOY,
-        part_of(stack.options.alloy),
+        stack.options.alloy,
         ALLOY_IMAGE,
         DEFAULTS,
         args=[

@@ -168,11 +168,6 @@ class Frame:
 ALL_AT_ONCE = {"maxUnavailable": "100%"}
 
 
-def part_of(said: bool | Part | None) -> Part:  # noqa: FBT001 - as the option is written
-    """Return a part that may be written as true or false."""
-    return said if isinstance(said, Part) else Part(enabled=bool(said))
-
-
 def digest(configuration: Sequence[Object]) -> str:
     """Return a hash of the texts that a program reads once, when it starts."""
     texts = [item["data"] for item in configuration]

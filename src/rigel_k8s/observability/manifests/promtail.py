@@ -16,7 +16,6 @@ from rigel_k8s.observability.manifests.frame import (
     container,
     http_probes,
     mount,
-    part_of,
     rule,
 )
 from rigel_k8s.observability.manifests.images import PROMTAIL_IMAGE
@@ -122,7 +121,7 @@ def _pod(stack: Stack) -> Object:
         volumes.append({"name": "loki", "secret": {"secretName": str(secret)}})
     main = container(
         PROMTAIL,
-        part_of(stack.options.promtail),
+        stack.options.promtail,
         PROMTAIL_IMAGE,
         DEFAULTS,
         args=[

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import attrs
 
-from rigel_k8s.observability.manifests.frame import Frame, part_of
+from rigel_k8s.observability.manifests.frame import Frame
 from rigel_k8s.observability.names import LOKI, LOKI_PORT, PROMETHEUS, PROMETHEUS_PORT, RELEASE
 from rigel_k8s.observability.options import (
     Existing,
@@ -56,18 +56,12 @@ class Stack:
     @property
     def operator(self) -> ExistingPrometheus | None:
         """A prometheus-operator that is used, None for none."""
-        said = self.existing.prometheus
-        if isinstance(said, ExistingPrometheus):
-            return said
-        return ExistingPrometheus() if said else None
+        return self.existing.prometheus
 
     @property
     def other_grafana(self) -> ExistingGrafana | None:
         """A Grafana of others that is used, None for none."""
-        said = self.existing.grafana
-        if isinstance(said, ExistingGrafana):
-            return said
-        return ExistingGrafana() if said else None
+        return self.existing.grafana
 
     @property
     def other_loki(self) -> ExistingLoki | None:
@@ -107,7 +101,7 @@ class Stack:
     def collector(self) -> str | None:
         """The name of what reads log lines, None where nothing does."""
         name = self.options.collector or "promtail"
-        return name if self.loki_url and part_of(getattr(self.options, name)).enabled else None
+        return name if self.loki_url and getattr(self.options, name).enabled else None
 
     @property
     def collects_all(self) -> bool:
@@ -117,13 +111,12 @@ class Stack:
     @property
     def kube_state_metrics(self) -> Part:
         """What Kubernetes knows; where a Prometheus is there already, it has one too."""
-        said = self.options.kube_state_metrics
-        return part_of(self.has_prometheus if said is None else said)
+        return self.options.kube_state_metrics or Part(enabled=self.has_prometheus)
 
     @property
     def node_exporter(self) -> Part:
         """The machines' metrics."""
-        return part_of(self.options.node_exporter)
+        return self.options.node_exporter
 
     def keeps(self, persistence: Persistence, *, default: bool) -> bool:
         """Return whether a part's data are on a claim."""

@@ -7,7 +7,7 @@ from typing import Literal
 
 import attrs
 
-from rigel_k8s.objects.fields import option
+from rigel_k8s.objects.fields import option, true_is_default
 from rigel_k8s.objects.scalars import Count, ImageRef, MountPath, ObjectName
 
 #: The names of the modes; modes/ has one module each.
@@ -44,13 +44,6 @@ class Install:
     dhcp: bool | None = option(
         "run the DHCP daemon of CNI on each machine (default: where `ipam: dhcp` wants it)"
     )
-
-
-def install_of(value: bool | Install) -> Install | None:  # noqa: FBT001 - as the Rigelfile has it
-    """Return what is to be installed; `true` leaves all of it to the cluster."""
-    if isinstance(value, Install):
-        return value
-    return Install() if value else None
 
 
 @attrs.frozen(kw_only=True)
@@ -98,7 +91,7 @@ class Network:
         "install Multus and whereabouts first, where the cluster lacks them",
         default=False,
         accepts=bool | Install,
-        converter=install_of,
+        converter=true_is_default(Install),
     )
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import attrs
+
+T = TypeVar("T")
 
 
 def option(
@@ -33,3 +35,17 @@ def option(
 def required_field(doc: str) -> Any:
     """Return a field that must be given."""
     return attrs.field(metadata={"doc": doc})
+
+
+def true_is_default(kind: type[T]) -> Callable[[bool | T], T | None]:
+    """Return a converter of options that may be written as true: `kind` with all its defaults.
+
+    False is None.
+    """
+
+    def convert(value: bool | T) -> T | None:  # noqa: FBT001 - as the Rigelfile has it
+        if isinstance(value, kind):
+            return value
+        return kind() if value else None
+
+    return convert

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import attrs
 
-from rigel_k8s.objects.fields import option, required_field
+from rigel_k8s.objects.fields import option, required_field, true_is_default
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import (
     Duration,
@@ -136,15 +136,6 @@ class ExistingPrometheus:
     url: str | None = option("where it answers; only a Grafana of this stack asks for it")
 
 
-def existing_prometheus_of(
-    value: bool | ExistingPrometheus,  # noqa: FBT001 - as the Rigelfile has it
-) -> ExistingPrometheus | None:
-    """Return the one that is used; `true` is one without labels and URL."""
-    if isinstance(value, ExistingPrometheus):
-        return value
-    return ExistingPrometheus() if value else None
-
-
 @attrs.frozen(kw_only=True)
 class ExistingLoki:
     """A Loki that is there: log lines are sent to it."""
@@ -166,15 +157,6 @@ class ExistingGrafana:
     folder: str | None = option("the annotation grafana_folder of the dashboards")
 
 
-def existing_grafana_of(
-    value: bool | ExistingGrafana,  # noqa: FBT001 - as the Rigelfile has it
-) -> ExistingGrafana | None:
-    """Return the one that is used; `true` is one with the usual label."""
-    if isinstance(value, ExistingGrafana):
-        return value
-    return ExistingGrafana() if value else None
-
-
 @attrs.frozen(kw_only=True)
 class Existing:
     """What the cluster has already: each that is named is used instead of one of ours."""
@@ -183,14 +165,14 @@ class Existing:
         "a prometheus-operator",
         default=False,
         accepts=bool | ExistingPrometheus,
-        converter=existing_prometheus_of,
+        converter=true_is_default(ExistingPrometheus),
     )
     loki: ExistingLoki | None = option("a Loki")
     grafana: ExistingGrafana | None = option(
         "a Grafana with a dashboard sidecar",
         default=False,
         accepts=bool | ExistingGrafana,
-        converter=existing_grafana_of,
+        converter=true_is_default(ExistingGrafana),
     )
 
 

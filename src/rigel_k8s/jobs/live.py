@@ -20,6 +20,9 @@ from rigel_k8s.jobs.providers import Declared, Providers
 from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs
 
+#: Seconds that Python sleeps at most: it hears of a signal that comes just before when it wakes up.
+LOOK = 0.5
+
 
 def run_steps(
     steps: Jobs,
@@ -96,11 +99,13 @@ class _Live:
         while True:
             if deadline is None and self._execution.scope.cancelled.is_set():
                 deadline = time.monotonic() + self._around.grace
-            left = None if deadline is None else max(0.0, deadline - time.monotonic())
+            left = LOOK if deadline is None else max(0.0, deadline - time.monotonic())
             try:
-                note = self._mail.get(timeout=left)
+                note = self._mail.get(timeout=min(left, LOOK))
             except queue.Empty:
-                return False
+                if deadline is not None and time.monotonic() >= deadline:
+                    return False
+                continue
             if note == "ended":
                 return True
             if note == "interrupted":

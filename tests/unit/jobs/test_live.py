@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import queue
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import JobFailed, RigelK8sError, UserError
+from rigel_k8s.jobs import live
 from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.jobs.live import run_steps
@@ -132,6 +134,7 @@ ROOT = Path(__file__).parents[3]
 PROGRAM = """
 import sys, threading
 from rigel_k8s.errors import Interrupted
+from rigel_k8s.jobs import live
 from rigel_k8s.jobs.execution import RunContext
 from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.providers import Declared
@@ -186,6 +189,24 @@ def start(tmp_path: Path, *words: str) -> subprocess.Popen[str]:
     assert process.stdout
     assert process.stdout.readline() == "running\n"
     return process
+
+
+def test_no_signal_has_to_wait_for_the_jobs_end(
+    around: RunContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that comes just before Python falls asleep is heard when it wakes up: soon."""
+    waits: list[float | None] = []
+
+    class Queue(queue.SimpleQueue[Any]):
+        def get(self, block: bool = True, timeout: float | None = None) -> Any:  # noqa: FBT001, FBT002
+            waits.append(timeout)
+            return super().get(block, timeout)
+
+    monkeypatch.setattr(live, "LOOK", 0.01)
+    monkeypatch.setattr(queue, "SimpleQueue", Queue)
+    run_steps(Jobs((make_job("j", lambda job: job.cancel.wait(0.1)),)), around)
+    assert len(waits) > 2
+    assert all(timeout is not None and timeout <= 0.01 for timeout in waits)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -21,7 +21,7 @@ from rigel_k8s.network.multus.install import installation_of
 from rigel_k8s.network.multus.installation import Found, complete_options, find
 from rigel_k8s.network.multus.interfaces import list_asked
 from rigel_k8s.network.multus.proving import forget
-from rigel_k8s.network.multus.rollout import let_be_away, machine_script
+from rigel_k8s.network.multus.rollout import machine_script
 from rigel_k8s.network.options import Install
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.removal import down
@@ -121,7 +121,6 @@ def _retire(
     timeout: float | None,
 ) -> None:
     """Have the machines give their configuration back."""
-    let_be_away(cluster, found)
     deploy(
         desired,
         cluster,

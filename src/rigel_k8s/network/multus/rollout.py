@@ -64,7 +64,7 @@ class Rollout:
         desired = network_release(self.installation, machine_script())
         end = time.monotonic() + self.bound
         while diff(desired, self.cluster, adopt=self.adopt).changes:
-            let_be_away(self.cluster, self.found)
+            self._let_be_away()
             try:
                 deploy(
                     desired,
@@ -82,6 +82,13 @@ class Rollout:
             else:
                 break
         self._wait_until_complete(lambda: list(self._find_unready()), end)
+
+    def _let_be_away(self) -> None:
+        """Let it go on though nodes are away: Kubernetes would wait for them first."""
+        rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(self.found.away)}}
+        for part in (self.found.multus, self.found.whereabouts):
+            for one in part.sets if self.found.away and part and part.ours else ():
+                self.cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
     def _wait_for_others(self, end: float) -> bool:
         """Wait while somebody else installs the same; return whether anybody did."""
@@ -124,14 +131,6 @@ class Rollout:
             for part in (name for name, mine in ours.items() if mine):
                 if (node, part) not in ready:
                     yield f"{part} is not ready on {node}"
-
-
-def let_be_away(cluster: Cluster, found: Found) -> None:
-    """Let a roll-out go on though nodes are away: Kubernetes would wait for them first."""
-    rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(found.away)}}
-    for part in (found.multus, found.whereabouts):
-        for one in part.sets if found.away and part and part.ours else ():
-            cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
 
 def machine_script() -> str:

@@ -9,7 +9,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.resources import path
 
-ANSWERS = 4  # how many times as long as an answer takes a stream has to end
+ANSWERS = 8  # how many times as long as an answer takes a stream has to end
 
 
 def goes_on(client: Client, namespace: str, pod: str, container: str, *, seconds: float) -> bool:

@@ -9,8 +9,9 @@ import subprocess
 import sys
 import textwrap
 import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import attrs
 import pytest
@@ -130,6 +131,7 @@ def test_a_job_that_ignores_cancel_is_left_and_told(around: RunContext, told: Re
 
 
 ROOT = Path(__file__).parents[3]
+Start: TypeAlias = Callable[..., "subprocess.Popen[str]"]
 
 PROGRAM = """
 import sys, threading
@@ -177,18 +179,29 @@ except Interrupted as error:
 """
 
 
-def start(tmp_path: Path, *words: str) -> subprocess.Popen[str]:
-    program = tmp_path / "program.py"
-    program.write_text(textwrap.dedent(PROGRAM))
-    process = subprocess.Popen(
-        [sys.executable, str(program), *words],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "src")))},
-    )
-    assert process.stdout
-    assert process.stdout.readline() == "running\n"
-    return process
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Start the program, and return once its job runs; what a failed test leaves is ended."""
+    started: list[subprocess.Popen[str]] = []
+
+    def call(*words: str) -> subprocess.Popen[str]:
+        program = tmp_path / "program.py"
+        program.write_text(textwrap.dedent(PROGRAM))
+        process = subprocess.Popen(
+            [sys.executable, str(program), *words],
+            stdout=subprocess.PIPE,
+            text=True,
+            env={"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "src")))},
+        )
+        started.append(process)
+        assert process.stdout
+        assert process.stdout.readline() == "running\n"
+        return process
+
+    yield call
+    for process in started:
+        with process:  # its output is closed, and it is waited for
+            process.kill()
 
 
 def test_no_signal_has_to_wait_for_the_jobs_end(
@@ -211,10 +224,10 @@ def test_no_signal_has_to_wait_for_the_jobs_end(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_stops_its_jobs_and_disconnects(
-    tmp_path: Path, number: signal.Signals
+    start: Start, number: signal.Signals
 ) -> None:
     """Ctrl-C and SIGTERM: the job cleans up, then the provider is let go, exit code 130."""
-    process = start(tmp_path, "listens", "20")
+    process = start("listens", "20")
     process.send_signal(number)
     output, _ = process.communicate(timeout=20)
     assert output.splitlines() == [
@@ -226,9 +239,9 @@ def test_an_interrupted_run_stops_its_jobs_and_disconnects(
     assert process.returncode == 130
 
 
-def test_a_second_interrupt_ends_at_once(tmp_path: Path) -> None:
+def test_a_second_interrupt_ends_at_once(start: Start) -> None:
     """A job that does not listen cannot hold the terminal."""
-    process = start(tmp_path, "deaf", "600")
+    process = start("deaf", "600")
     process.send_signal(signal.SIGINT)
     assert process.stdout
     assert process.stdout.readline().startswith("warn stopping job work")
@@ -239,9 +252,9 @@ def test_a_second_interrupt_ends_at_once(tmp_path: Path) -> None:
     assert process.returncode == 130
 
 
-def test_an_interrupted_job_that_does_not_listen_is_left_after_the_grace(tmp_path: Path) -> None:
+def test_an_interrupted_job_that_does_not_listen_is_left_after_the_grace(start: Start) -> None:
     """The provider is disconnected all the same, and what was left is named."""
-    process = start(tmp_path, "deaf", "0.1")
+    process = start("deaf", "0.1")
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=20)
     assert output.splitlines()[1:] == [

@@ -204,6 +204,19 @@ def start(tmp_path: Path) -> Iterator[Start]:
             process.kill()
 
 
+def test_the_programs_own_way_with_signals_comes_back(around: RunContext) -> None:
+    """What embeds us ends by Ctrl-C again once the run is over."""
+    usual = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    during: list[Any] = []
+
+    def work(job: JobContext) -> None:
+        during.append((signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)))
+
+    run_steps(Jobs((make_job("j", work),)), around)
+    assert during[0][0] != usual[0]
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == usual
+
+
 def test_no_signal_has_to_wait_for_the_jobs_end(
     around: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -293,7 +293,7 @@ def test_an_anonymous_node_is_updated_without_a_gap(robot: Robot) -> None:
     done = threading.Event()
 
     def watch() -> None:
-        while not done.wait(0.2):
+        while not done.is_set():
             seen.append(robot.run("ros-master", "python3", "-c", PUBLISHERS).strip())
 
     watcher = threading.Thread(target=watch)
@@ -314,7 +314,7 @@ def test_a_name_in_use_is_never_held_by_two_pods(robot: Robot) -> None:
     done = threading.Event()
 
     def watch() -> None:
-        while not done.wait(0.05):
+        while not done.is_set():
             found = robot.cluster.list(
                 "v1", "Pod", robot.namespace, labels={"app.kubernetes.io/name": "talker"}
             )

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from ipaddress import ip_address
 from typing import Any
 
@@ -24,20 +23,6 @@ from rigel_k8s.objects.refs import ObjectRef
 pytestmark = pytest.mark.cluster
 
 TALKERS = {"talker_1", "talker_2"}
-#: What `ros2` is asked from the listener's pod, and what it prints.
-COMMANDS = {
-    "node list": r"\A/listener\n/talker_1\n/talker_2\n\Z",
-    "node info /talker_2": r"Publishers:\n    /chatter: std_msgs/msg/String",
-    "topic list -t": r"^/chatter \[std_msgs/msg/String\]$",
-    "topic info /chatter": r"Publisher count: 2\nSubscription count: 1",
-    "topic type chatter": r"\Astd_msgs/msg/String\n\Z",
-    "topic echo --once --field data /chatter": r"\Ahello world from talker_\d: \S+ \d+\n---\n",
-    "service list": r"^/talker_1/set_parameters$",
-    "param list /talker_1": r"^  nonce\n  rate$",
-    "param get /talker_1 rate": r"\ADouble value is: 5.0\n\Z",
-    "param set /talker_2 nonce mine": r"\ASet parameter successful\n\Z",
-    "topic pub -1 /chatter std_msgs/msg/String {data:\\ hi}": r"^publishing #1: .*data='hi'",
-}
 
 
 @pytest.fixture(scope="module")
@@ -94,35 +79,29 @@ def test_kubectl_follows_the_listener_by_its_label(demo: Any) -> None:
     assert set(re.findall(r"I heard hello world from (\w+):", text)) == TALKERS
 
 
-@pytest.fixture(scope="module")
-def answers(demo: Any) -> dict[str, str]:
-    """What each command prints. They wait for discovery side by side, the publisher comes last."""
-    *looking, publishing = COMMANDS
-    with ThreadPoolExecutor(4) as threads:
-        found = dict(
-            zip(looking, threads.map(lambda words: ask(demo, words), looking), strict=True)
-        )
-    return {**found, publishing: ask(demo, publishing)}
-
-
-def ask(demo: Any, words: str) -> str:
-    """Return what `ros2` prints in the listener's pod."""
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("node list", r"\A/listener\n/talker_1\n/talker_2\n\Z"),
+        ("node info /talker_2", r"Publishers:\n    /chatter: std_msgs/msg/String"),
+        ("topic list -t", r"^/chatter \[std_msgs/msg/String\]$"),
+        ("topic info /chatter", r"Publisher count: 2\nSubscription count: 1"),
+        ("topic type chatter", r"\Astd_msgs/msg/String\n\Z"),
+        (
+            "topic echo --once --field data /chatter",
+            r"\Ahello world from talker_\d: \S+ \d+\n---\n",
+        ),
+        ("service list", r"^/talker_1/set_parameters$"),
+        ("param list /talker_1", r"^  nonce\n  rate$"),
+        ("param get /talker_1 rate", r"\ADouble value is: 5.0\n\Z"),
+        ("param set /talker_2 nonce mine", r"\ASet parameter successful\n\Z"),
+        ("topic pub -1 /chatter std_msgs/msg/String {data:\\ hi}", r"^publishing #1: .*data='hi'"),
+    ],
+)
+def test_ros2_commands_see_the_whole_graph(demo: Any, words: str, told: str) -> None:
+    """`rigel exec` has ROS set up: from the listener's pod all nodes are seen and told."""
     done = demo("exec", "listener", "--", "ros2", *shlex.split(words))
-    return str(done.stdout)
-
-
-@pytest.mark.parametrize("words", COMMANDS)
-def test_ros2_commands_see_the_whole_graph(demo: Any, answers: dict[str, str], words: str) -> None:
-    """`rigel exec` has ROS set up: from the listener's pod all nodes are seen and told.
-
-    On a busy machine discovery may take longer than a command gives it: that one is asked again.
-    """
-
-    def is_told(text: str) -> bool:
-        return re.search(COMMANDS[words], text, re.MULTILINE) is not None
-
-    if not is_told(answers[words]):
-        demo.until(lambda: is_told(ask(demo, words)), f"answer of ros2 {words}: {answers[words]}")
+    assert re.search(told, done.stdout, re.MULTILINE), done.stdout
 
 
 def test_a_listener_without_net1_is_deaf(demo: Any) -> None:

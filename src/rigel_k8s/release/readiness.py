@@ -11,7 +11,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.objects.facts import find_condition, is_met, stays_ready
+from rigel_k8s.objects.facts import find_condition, is_ending, is_met, stays_ready
 from rigel_k8s.objects.refs import Manifest
 
 UNSEEN = "its controller has not seen the change yet"
@@ -64,21 +64,17 @@ def readiness_without(
         away: the names of nodes whose pods are not waited for.
     """
     state = readiness(live)
-    if state.done or state.message == UNSEEN or live["kind"] not in REPLICATED:
+    settling = is_ending(live) or state.message == UNSEEN
+    if state.done or settling or live["kind"] not in REPLICATED:
         return state
-    status = live.get("status") or {}
-    total = int(
-        status.get("desiredNumberScheduled", 0)
-        if live["kind"] == "DaemonSet"
-        else (live.get("spec") or {}).get("replicas", 1)
-    )
     lost = [pod["spec"]["nodeName"] for pod in pods if pod["spec"].get("nodeName") in away]
-    wanted = max(total - len(set(lost) if live["kind"] == "DaemonSet" else lost), 0)
+    wanted = max(state.wanted - len(set(lost) if live["kind"] == "DaemonSet" else lost), 0)
     here = [pod for pod in newest if pod["spec"].get("nodeName") not in away]
     ready = sum(map(stays_ready, here))
     if ready < max(wanted, len(here)):
         return going(f"{ready} of {wanted} ready", ready, wanted)
-    return good(f"{ready} of {total} ready, the others are on nodes that are away", ready, total)
+    message = f"{ready} of {state.wanted} ready, the others are on nodes that are away"
+    return good(message, ready, state.wanted)
 
 
 def expected_generation(live: Manifest) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ssl
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -14,6 +13,7 @@ import urllib3
 from rigel_k8s.errors import ClusterError, ConflictError, LocalClusterError
 from rigel_k8s.kube import Cluster, Manifest, ObjectRef
 from rigel_k8s.kube.target import Credentials, Target
+from rigel_k8s.tls import trust
 from rigel_lab.cluster import k3s, kubeconfig
 from rigel_lab.cluster.components import KUBERNETES_VERSION
 from rigel_lab.cluster.layout import SERVER, Layout
@@ -21,7 +21,7 @@ from rigel_lab.cluster.layout import SERVER, Layout
 
 def is_ready(layout: Layout) -> bool:
     """Return whether /readyz answers ok."""
-    context = ssl.create_default_context(cafile=str(layout.authority().certificate))
+    context = trust(layout.authority().certificate.read_text())
     try:
         with urllib3.PoolManager(ssl_context=context, retries=False, timeout=2) as http:
             return http.request("GET", f"{layout.server}/readyz").status == 200

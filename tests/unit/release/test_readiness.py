@@ -287,6 +287,8 @@ def test_a_pod_that_only_runs_on_a_node_that_is_away_is_not_waited_for() -> None
     assert readiness_without(deployment, [], [old], {"off"}).done
     assert not readiness_without(deployment, [new], [old, new], {"off"}).done
     assert not readiness_without(live("Deployment", {}), [], [old], {"off"}).done
+    ending = live("Deployment", status, {"replicas": 1}, **ENDING)
+    assert not readiness_without(ending, [], [old], {"off"}).done
 
 
 def crash(kind: str = "crash") -> Cause:

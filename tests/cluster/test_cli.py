@@ -259,11 +259,15 @@ def test_forward_reaches_a_port_of_a_node(robot: Robot, start: Any) -> None:
 def test_logs_follow_through_a_restart_and_a_roll_out(
     robot: Robot, cluster: Any, start: Any
 ) -> None:
-    """A container that starts again, and the pod of the next version, go on in the same output."""
+    """A container that starts again, and the pod of the next version, go on in the same output.
+
+    The master ends the talker: a rospy node that gets SIGINT within `publish` waits for itself for
+    ever (a signal handler wants the lock that the main thread holds).
+    """
     running = start("logs", "-f", "--tail", "1", "talker")
     until(lambda: running.found("said hello"), "hello")
     assert not running.found("talker begins"), "--tail left the beginning out"
-    robot("exec", "talker", "--", "sh", "-c", "kill -INT 1")
+    robot("exec", "lab/listener", "--", "rosnode", "kill", "/talker")
     until(lambda: running.found("talker begins"), "beginning")
     before = robot("logs", "--previous", "--tail", "1", "talker").stdout
     assert before in [f"{line}\n" for line in running.lines]

@@ -11,7 +11,8 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from rigel_k8s.exporter import dds_messages as messages
 from rigel_k8s.exporter.dds_discovery import ENDPOINTS, SUPER_CLIENT
@@ -22,6 +23,8 @@ from rigel_k8s.exporter.dds_ways import Resolver, Sockets, addresses
 from rigel_k8s.exporter.graph import Graph
 from rigel_k8s.inpod import rtps
 from rigel_k8s.inpod.spdp import Place, Told
+
+T = TypeVar("T")
 
 _ANNOUNCE = 3.0  # seconds between two announcements
 _FIRST = 0.2  # seconds between the first few: packets get lost while a network comes up
@@ -43,6 +46,7 @@ class Domain:
         interface: str | None = None,
         peers: Sequence[str] = (),
         servers: Sequence[str] = (),
+        name: str = NAME,
     ) -> None:
         """Nothing is sent before `start`.
 
@@ -52,6 +56,7 @@ class Domain:
             interface: the only one that is used; all but the loopback if left out.
             peers: names or addresses.
             servers: HOST:PORT of discovery servers.
+            name: what a tool that lists participants shows.
         """
         self._domain, self._mode, self._interface = domain, mode, interface
         self._servers = (
@@ -60,7 +65,7 @@ class Domain:
         self._resolver = Resolver(list(self._servers) if self._servers else peers)
         self._sockets: Sockets | None = None
         self._found: dict[str, str] = {}
-        told = Told(os.urandom(12), domain=domain, name=NAME, lease=LEASE, endpoints=ENDPOINTS)
+        told = Told(os.urandom(12), domain=domain, name=name, lease=LEASE, endpoints=ENDPOINTS)
         if mode == "discovery-server":
             told = told._replace(vendor=rtps.FAST_DDS, properties=SUPER_CLIENT)
         self._participant = Participant(told, self._send)
@@ -72,7 +77,11 @@ class Domain:
         self._thread.start()
 
     def look(self) -> Graph:
-        """Return what is known now.
+        """Return what is known now; raises as `inspect`."""
+        return self.inspect(lambda known: graph(known.peers.values(), known.writers, known.readers))
+
+    def inspect(self, view: Callable[[Participant], T]) -> T:
+        """Return what a function makes of what is known now, while nothing changes it.
 
         Raises:
             RuntimeError: nobody listens any more, so what is known would be told for ever.
@@ -80,8 +89,7 @@ class Domain:
         if self._thread.ident and not self._thread.is_alive():
             raise RuntimeError("the thread that listens to DDS has ended")
         with self._lock:
-            known = self._participant
-            return graph(known.peers.values(), known.writers, known.readers)
+            return view(self._participant)
 
     def subscribe(self, topic: str, keep: int = 0) -> Hearing:
         """Begin to hear a topic, and keep that many of its latest payloads."""

@@ -15,6 +15,7 @@ from rigel_k8s.exporter.dds_headers import is_listed, is_stamped
 
 Payload = Union[bytes, memoryview]
 _GIDS = (16, 24)  # bytes of a GUID in ros_discovery_info: since iron, before it
+_GUID = 16
 _DELIMITED = (0x08, 0x09)  # XCDR2 with the size of a struct in front of it
 _MOST = 10_000  # elements of a sequence that are read
 
@@ -66,6 +67,11 @@ class _Cdr:
         seconds = self.take("i", 4)
         return float(seconds + self.take("I", 4) / 1e9)
 
+    def guid(self, size: int) -> bytes:
+        """Return a GUID that fills so many bytes; those of the longer form end with zeros."""
+        self.at += size
+        return bytes(self.raw[self.at - size : self.at - size + _GUID])
+
     def skip(self, size: int) -> None:
         self.at += size
 
@@ -116,8 +122,8 @@ def _transform(cdr: _Cdr) -> tuple[str, str, float]:
     return parent, child, when
 
 
-def nodes(payload: Payload) -> list[str]:
-    """Return the names, with namespaces, of the nodes that a participant tells that it has.
+def nodes(payload: Payload) -> dict[str, frozenset[bytes]]:
+    """Return the nodes that a participant says it has: name with namespace -> its endpoints' GUIDs.
 
     A rmw_dds_common/ParticipantEntitiesInfo does not say how long its GUIDs are: whichever length
     makes the payload end where it should is theirs.
@@ -130,16 +136,16 @@ def nodes(payload: Payload) -> list[str]:
     raise reason
 
 
-def _nodes(cdr: _Cdr, gid: int) -> list[str]:
+def _nodes(cdr: _Cdr, gid: int) -> dict[str, frozenset[bytes]]:
     cdr.skip(gid)
-    names = []
+    found: dict[str, frozenset[bytes]] = {}
     for _ in range(cdr.count()):
         namespace, name = cdr.text(), cdr.text()
-        names.append(namespace.rstrip("/") + "/" + name)
+        full = namespace.rstrip("/") + "/" + name
         if not namespace.startswith("/") or not name:
-            raise Unreadable(f"no name of a node: {names[-1]!r}")
-        for _ in range(2):  # readers, writers
-            cdr.skip(gid * cdr.count())
+            raise Unreadable(f"no name of a node: {full!r}")
+        guids = [cdr.guid(gid) for _ in range(2) for _ in range(cdr.count())]  # readers, writers
+        found[full] = found.get(full, frozenset()).union(guids)
     if not 0 <= len(cdr.raw) - cdr.at < 4:  # writers fill up to four bytes
         raise Unreadable("nodes do not end where their payload does")
-    return names
+    return found

@@ -48,7 +48,7 @@ class Peer:
 
     Attributes:
         sources: where its announcements came from.
-        nodes: the ROS nodes that it says it has.
+        nodes: the ROS nodes that it says it has, and the GUIDs of their endpoints.
         incoming: its built-in and other reliable writers, by their entity ids.
         is_direct: it told of itself; else a discovery server did, and forgets it, since clients of
             servers do not talk of discovery among themselves.
@@ -59,7 +59,7 @@ class Peer:
         self.told, self.heard, self.is_direct = told, now, is_direct
         self.is_behind = False
         self.sources: set[str] = set()
-        self.nodes: list[str] = []
+        self.nodes: dict[str, frozenset[bytes]] = {}
         self.incoming: dict[bytes, Incoming] = {}
         self._asked, self._unanswered = now, 0
         self.take(told)

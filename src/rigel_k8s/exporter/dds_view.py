@@ -41,7 +41,7 @@ def _nodes(peers: Iterable[Peer]) -> list[Node]:
     found: dict[str, Node] = {}
     for peer in peers:
         address = min(peer.sources, default="")
-        for name in peer.nodes or ([] if peer.is_ros else [peer.name]):
+        for name in list(peer.nodes) or ([] if peer.is_ros else [peer.name]):
             known = found.get(name)
             if known is None or (peer.answers if peer.nodes else not peer.answers):
                 found[name] = Node(name, up=peer.answers, registered=True, address=address)

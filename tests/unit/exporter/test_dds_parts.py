@@ -177,7 +177,7 @@ def test_xcdr2():
 
 @pytest.mark.parametrize("gid", [16, 24])
 def test_nodes(gid):
-    """Names of a participant's nodes, with the GUIDs' lengths of humble and of later ones."""
+    """A participant's nodes and their endpoints, with the GUIDs of humble and of later ones."""
     names = [("/robot", "talker"), ("/", "b")]
     raw = b"\x00\x01\x00\x00" + b"g" * gid + pack("<I", len(names))
     for namespace, name in names:
@@ -185,7 +185,8 @@ def test_nodes(gid):
             raw += b"\0" * (-(len(raw) - 4) % 4) + pack("<I", len(text) + 1) + text.encode() + b"\0"
         raw += b"\0" * (-(len(raw) - 4) % 4)
         raw += pack("<I", 1) + b"r" * gid + pack("<I", 2) + b"w" * gid * 2
-    assert messages.nodes(raw) == ["/robot/talker", "/b"]
+    guids = frozenset([b"r" * 16, b"w" * 16])
+    assert messages.nodes(raw) == {"/robot/talker": guids, "/b": guids}
     with pytest.raises(messages.Unreadable):
         messages.nodes(raw[:-5])
 

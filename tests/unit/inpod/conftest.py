@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from types import ModuleType
 import pytest
 
 import rigel_k8s.inpod
+from tests.support.pythons import find_python
 
 ROOM = Path(rigel_k8s.inpod.__file__).parent
 
@@ -31,19 +31,10 @@ def script(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], ModuleTy
 @pytest.fixture
 def python2() -> str:
     """A Python 2.7, from pyenv or the PATH."""
-    return python("2.7")
+    return find_python("2.7")
 
 
 @pytest.fixture
 def python36() -> str:
     """A Python 3.6, from pyenv or the PATH."""
-    return python("3.6")
-
-
-def python(version: str) -> str:
-    pyenv = Path.home() / ".pyenv" / "versions"
-    found = [str(path) for path in sorted(pyenv.glob(f"{version}.*/bin/python{version}"))]
-    on_path = shutil.which(f"python{version}")
-    if not found and (on_path is None or "shims" in on_path):
-        pytest.skip(f"no Python {version} on this machine")
-    return found[0] if found else str(on_path)
+    return find_python("3.6")

@@ -30,6 +30,7 @@ WORDS = {
     "compat": "Rigel 0.3",
     "jobs": "runner and job types",
     "app": "one ROS application",
+    "rosgraph": "live graph, pictures",
     "graph": "who discovers whom",
     "observability": "logs, metrics, boards",
     "network": "modes, Multus, preflight",

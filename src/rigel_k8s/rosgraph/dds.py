@@ -1,0 +1,154 @@
+"""The graph of a DDS domain, ROS 2's or another, heard from inside a pod of the release.
+
+Why a program in a pod: discovery is heard in the pods' network only. Why not the exporter's
+metrics: they count endpoints by topic, and a picture needs to know which node has which; that
+stands in discovery and in ros_discovery_info, which the exporter's modules read already. So these
+modules travel into a pod, join discovery for a few seconds, and leave. That needs no exporter and
+no ROS, but Python 3.9. The participant joins as `ros2 node list` would, without being a node: its
+one reader is for ros_discovery_info. scripts/dds_graph.py runs there; what it prints is read here.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.exporter import dds_names as names
+from rigel_k8s.graph.members import Member
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.network.modes.peers import peer_name
+from rigel_k8s.rosgraph.inside import read_module, run_inside
+from rigel_k8s.rosgraph.pods import GraphPod
+from rigel_k8s.rosgraph.ros1 import compare_types
+from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
+
+#: What travels, each after those that it imports.
+MODULES = (
+    *(f"rigel_k8s.inpod.{name}" for name in ("rtps", "spdp", "interfaces")),
+    *(
+        f"rigel_k8s.exporter.{name}"
+        for name in (
+            *("graph", "dds_headers", "dds_messages", "dds_names", "dds_discovery", "dds_wire"),
+            *("dds_reliable", "dds_peer", "dds_samples", "dds_participant", "dds_view"),
+            *("dds_ways", "dds"),
+        )
+    ),
+    "rigel_k8s.rosgraph.scripts.dds_graph",
+)
+PACKAGES = ("rigel_k8s", "rigel_k8s.inpod", "rigel_k8s.exporter")
+#: Requests to a service: its providers read them, its clients write them.
+REQUEST, REQUESTS = "rq/", "Request"
+
+
+def read(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) -> RosGraph:
+    """Return what discovery says, without machines and pods.
+
+    Raises:
+        ClusterError: no pod runs to listen in, its Python is too old, or the nodes speak zenoh,
+            whose discovery this does not read.
+    """
+    if all(member.middleware == "zenoh" for member in members):
+        raise ClusterError(
+            "cannot read the ROS graph: the nodes use zenoh, and only DDS discovery can be read",
+            hint="`rigel exec NODE -- ros2 node list` asks one of the nodes",
+        )
+    domain = choose_domain(members)
+    config = configure(members, domain)
+    modules = [(name, "") for name in PACKAGES] + [(name, read_module(name)) for name in MODULES]
+    failures = []
+    for pod in choose_pods(pods, members, domain):
+        try:
+            return parse(run_inside(cluster, pod, modules, [json.dumps(config)]))
+        except ClusterError as error:
+            failures.append(error)
+    if not failures:
+        raise ClusterError(
+            "cannot read the ROS graph: no pod of the release runs", hint="`rigel status` says why"
+        )
+    raise ClusterError(
+        "cannot listen to DDS discovery in a pod of the release",
+        details=[error.message for error in failures],
+        hint="it needs Python 3.9 in a node's image; `observability: {enabled: true}` deploys the"
+        " ROS exporter, whose image has it",
+    )
+
+
+def choose_domain(members: Iterable[Member]) -> int:
+    """Return the domain that most nodes are in; 0 where their images decide."""
+    counts = Counter(member.domain or 0 for member in members)
+    return counts.most_common(1)[0][0]
+
+
+def configure(members: Sequence[Member], domain: int) -> dict[str, Any]:
+    """Return the arguments of the exporter's Domain: the way into discovery that the nodes have."""
+    first = next(member for member in members if (member.domain or 0) == domain)
+    modes = {"peers": "peers", "discovery-server": "discovery-server"}
+    mode = modes.get(first.mode, "discovery-server" if first.servers else "multicast")
+    config: dict[str, Any] = {"domain": domain, "mode": mode}
+    if first.interface:
+        config["interface"] = first.interface
+    if mode == "peers":
+        config["peers"] = sorted({peer_name(member.workload) for member in members})
+    if mode == "discovery-server":
+        config["servers"] = list(first.servers)
+    return config
+
+
+def choose_pods(
+    pods: Sequence[GraphPod], members: Sequence[Member], domain: int, most: int = 3
+) -> list[GraphPod]:
+    """Return pods to try: the exporter's, whose image has the Python, then nodes of the domain."""
+    inside = {member.pod for member in members if (member.domain or 0) == domain}
+    running = [pod for pod in pods if pod.running and (pod.is_exporter or pod.name in inside)]
+    return sorted(running, key=lambda pod: (not pod.is_exporter, not pod.ready, pod.name))[:most]
+
+
+def parse(answer: Mapping[str, Any]) -> RosGraph:
+    """Return the graph that scripts/dds_graph.py has printed."""
+    publishers, subscribers = group(answer["writers"]), group(answer["readers"])
+    return RosGraph(
+        nodes=tuple(
+            GraphNode(one["name"], address=one["address"], up=one["up"]) for one in answer["nodes"]
+        ),
+        topics=tuple(
+            parse_topic(names.topic_name(name), publishers[name], subscribers[name])
+            for name in sorted({*publishers, *subscribers}, key=names.topic_name)
+            if not names.is_service(name)
+        ),
+        services=tuple(
+            parse_service(name, subscribers[name])
+            for name in sorted(subscribers)
+            if name.startswith(REQUEST)
+        ),
+    )
+
+
+def group(endpoints: Iterable[Sequence[str]]) -> defaultdict[str, list[tuple[str, str]]]:
+    """Return (node, ROS type) of endpoints by the DDS name of their topic."""
+    found: defaultdict[str, list[tuple[str, str]]] = defaultdict(list)
+    for node, topic, kind in endpoints:
+        found[topic].append((node, names.type_name(kind)))
+    return found
+
+
+def parse_topic(
+    name: str, publishers: Sequence[tuple[str, str]], subscribers: Sequence[tuple[str, str]]
+) -> GraphTopic:
+    """Return one topic."""
+    kind, mismatches = compare_types([*publishers, *subscribers])
+    return GraphTopic(name, kind, name_nodes(publishers), name_nodes(subscribers), mismatches)
+
+
+def parse_service(topic: str, providers: Sequence[tuple[str, str]]) -> GraphService:
+    """Return the service whose requests a topic carries: rq/NAMERequest of TYPE_Request."""
+    name = topic[len(REQUEST) - 1 :].removesuffix(REQUESTS)
+    kind = min((kind for _, kind in providers), default="").removesuffix(f"_{REQUESTS}")
+    return GraphService(name, kind, name_nodes(providers))
+
+
+def name_nodes(endpoints: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Return the names of nodes; an endpoint that no node claims has none."""
+    return tuple(sorted({node for node, _ in endpoints if node}))

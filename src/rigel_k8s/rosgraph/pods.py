@@ -1,0 +1,146 @@
+"""A release's pods as far as a ROS graph needs them, and which node runs in which; pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.graph.members import STATUS_ANNOTATION, find_container, parse_json, runs
+from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.objects.facts import is_ending, is_ready
+from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION, ROS_NAME_ANNOTATION
+from rigel_k8s.objects.pods import MASTER_NAME
+from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.rosgraph.types import GraphNode
+
+
+@attrs.frozen
+class GraphPod:
+    """A pod of a release.
+
+    Attributes:
+        container: the one with the in-pod scripts, else the first.
+        ros_name: what its annotation names, "" for none (a launch file's pod has several nodes).
+        ros: 1, 2 or none.
+        addresses: all that it has, by which nodes are found to be in it.
+        running: its container runs.
+    """
+
+    name: str
+    namespace: str
+    workload: str
+    container: str
+    machine: str = ""
+    ros_name: str = ""
+    ros: str = "1"
+    addresses: frozenset[str] = frozenset()
+    ready: bool = False
+    running: bool = False
+
+    @property
+    def is_master(self) -> bool:
+        """Whether roscore runs in it."""
+        return self.workload == MASTER_NAME
+
+    @property
+    def is_exporter(self) -> bool:
+        """Whether the ROS exporter runs in it."""
+        return self.workload == EXPORTER
+
+
+def read_pods(items: Iterable[Mapping[str, Any]]) -> tuple[GraphPod, ...]:
+    """Return pods by name; those that are ending are left out."""
+    found = [read_pod(item) for item in items if not is_ending(dict(item))]
+    return tuple(sorted(found, key=lambda pod: pod.name))
+
+
+def read_pod(item: Mapping[str, Any]) -> GraphPod:
+    """Return what a pod's manifest and status say."""
+    meta, spec, status = item["metadata"], item["spec"], item.get("status") or {}
+    notes = meta.get("annotations") or {}
+    container = str((find_container(spec) or spec["containers"][0])["name"])
+    return GraphPod(
+        name=str(meta["name"]),
+        namespace=str(meta["namespace"]),
+        workload=str((meta.get("labels") or {}).get(NAME_LABEL, "")),
+        container=container,
+        machine=str(spec.get("nodeName") or ""),
+        ros_name=str(notes.get(ROS_NAME_ANNOTATION, "")),
+        ros=str(parse_json(notes.get(NETWORK_ANNOTATION), {}).get("ros") or "1"),
+        addresses=frozenset(list_addresses(notes, status)),
+        ready=is_ready(dict(item)),
+        running=runs(status, container),
+    )
+
+
+def list_addresses(annotations: Mapping[str, str], status: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the addresses that Kubernetes and Multus gave a pod."""
+    yield from (str(one["ip"]) for one in status.get("podIPs") or [] if one.get("ip"))
+    if status.get("podIP"):
+        yield str(status["podIP"])
+    for network in parse_json(annotations.get(STATUS_ANNOTATION), []):
+        yield from (str(ip) for ip in network.get("ips") or [])
+
+
+def expected_nodes(deployments: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """Return the ROS names that Deployments promise, and the workload of each.
+
+    A Deployment without replicas promises none, nor does a program without ROS.
+    """
+    found = {}
+    for item in deployments:
+        notes = item["metadata"].get("annotations") or {}
+        inner = item["spec"].get("template", {}).get("metadata", {}).get("annotations") or {}
+        name = notes.get(ROS_NAME_ANNOTATION)
+        with_ros = inner.get(ROS_ANNOTATION) != "none" and (
+            parse_json(inner.get(NETWORK_ANNOTATION), {}).get("ros") != "none"
+        )
+        if name and with_ros and item["spec"].get("replicas", 1) and not is_ending(dict(item)):
+            found[str(name)] = str(item["metadata"]["name"])
+    return found
+
+
+def place_nodes(
+    nodes: Iterable[GraphNode], pods: Sequence[GraphPod], expected: Mapping[str, str]
+) -> tuple[GraphNode, ...]:
+    """Return nodes with their pods and machines, and those that are expected and not there.
+
+    A node is in the pod that is annotated with its name, else in the only one at its address. A
+    pod whose program gave itself another name than the expected one is not missed.
+    """
+    made = [place_node(node, pods) for node in nodes]
+    names, workloads = {node.name for node in made}, {node.workload for node in made}
+    for name, workload in expected.items():
+        if name not in names and workload not in workloads:
+            made.append(missing_node(name, workload, pods))
+    return tuple(sorted(made, key=lambda node: node.name))
+
+
+def place_node(node: GraphNode, pods: Sequence[GraphPod]) -> GraphNode:
+    """Return a node with its pod; only with its machine where several pods share the address."""
+    by_name = [pod for pod in pods if pod.ros_name == node.name]
+    here = [pod for pod in pods if node.address and node.address in pod.addresses]
+    found = by_name if len(by_name) == 1 else [pod for pod in by_name if pod in here] or here
+    if len(found) == 1:
+        (pod,) = found
+        return attrs.evolve(
+            node, pod=pod.name, workload=pod.workload, machine=pod.machine, ready=pod.ready
+        )
+    machines = {pod.machine for pod in here}
+    return attrs.evolve(node, machine=machines.pop() if len(machines) == 1 else "")
+
+
+def missing_node(name: str, workload: str, pods: Sequence[GraphPod]) -> GraphNode:
+    """Return a node that is expected and not in the graph, at the pod that should run it."""
+    pod = next((pod for pod in pods if pod.workload == workload), None)
+    return GraphNode(
+        name,
+        workload=workload,
+        machine=pod.machine if pod else "",
+        pod=pod.name if pod else "",
+        ready=bool(pod and pod.ready),
+        registered=False,
+        up=False,
+    )

@@ -1,0 +1,40 @@
+"""Reads a release's ROS graph from its cluster: `read_graph`.
+
+Why one entry: what wants a graph (a picture of it, a comparison of two) need not know which ROS
+a release has, nor how it is asked. Nothing is written, and no node notices.
+"""
+
+from __future__ import annotations
+
+import attrs
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.graph.members import members
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph import dds, ros1
+from rigel_k8s.rosgraph.pods import expected_nodes, place_nodes, read_pods
+from rigel_k8s.rosgraph.types import RosGraph
+
+
+def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
+    """Return the graph that a release's nodes are in, which others may be in too; takes seconds.
+
+    Nodes that the release expects and that are not there are in it with `registered` False.
+
+    Raises:
+        UserError: nothing of the release is on the cluster.
+        ClusterError: the graph cannot be read; the message says why.
+    """
+    own = {RELEASE_LABEL: release.name}
+    items = cluster.list("v1", "Pod", release.namespace, labels=own)
+    deployments = cluster.list("apps/v1", "Deployment", release.namespace, labels=own)
+    pods, participants = read_pods(items), members(items)
+    if not pods:
+        raise UserError(
+            f"no pod of {release.name} is in the namespace {release.namespace}",
+            hint="`rigel status` shows what is there; -n names another namespace",
+        )
+    graph = dds.read(cluster, pods, participants) if participants else ros1.read(cluster, pods)
+    return attrs.evolve(graph, nodes=place_nodes(graph.nodes, pods, expected_nodes(deployments)))

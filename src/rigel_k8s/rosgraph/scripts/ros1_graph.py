@@ -1,0 +1,123 @@
+"""What the ROS master and its nodes say of themselves, as one line of JSON. Python 2.7 and 3.
+
+    ros1_graph.py [MASTER_URI]
+
+Why: only a pod reaches the master and the nodes. It asks and registers nothing, so that no node
+notices a new subscriber. Contract: the keys are those that rosgraph/ros1.py reads; "error" says why
+the master could not be asked. Every question has a deadline: a node that hangs costs ANSWER seconds
+and no other node's answer.
+"""
+
+import json
+import os
+import socket
+import sys
+import threading
+import time
+
+import rosrpc
+
+MASTER = 5.0  # seconds for all of the master's answers
+ANSWER = 3.0  # seconds for each of a node's two rounds
+SPAN = 1.0  # seconds between two readings of a node's counters
+MOST_THREADS = 100
+
+
+def look(uri):
+    """Return the graph of the master at this URI; raise CallFailed where it does not answer."""
+    master = rosrpc.Api(uri, time.time() + MASTER)
+    publishers, subscribers, services = ask(master, "getSystemState")
+    types = dict(ask(master, "getTopicTypes"))
+    parts = (publishers, subscribers, services)
+    names = sorted({name for part in parts for _, owners in part for name in owners})
+    return {
+        "publishers": dict(publishers),
+        "subscribers": dict(subscribers),
+        "services": dict(services),
+        "types": types,
+        "nodes": ask_nodes([(name, find_node(master, name)) for name in names]),
+    }
+
+
+def ask(api, method, *arguments):
+    """Return a method's value; raise CallFailed where it refuses."""
+    answer = api.call(method, *arguments)
+    if isinstance(answer[0], list):
+        return answer  # roscpp answers getBusStats without a code
+    code, message, value = answer
+    if code != "1":
+        raise rosrpc.CallFailed(message)
+    return value
+
+
+def find_node(master, name):
+    """Return a node's URI, "" where the master has none."""
+    try:
+        return ask(master, "lookupNode", name)
+    except rosrpc.CallFailed:
+        return ""
+
+
+def ask_nodes(places):
+    """Return what each node says, many asked at the same time."""
+    found = [{"name": name, "uri": uri} for name, uri in places]
+    left, lock = list(found), threading.Lock()
+
+    def work():
+        while True:
+            with lock:
+                if not left:
+                    return
+                node = left.pop()
+            ask_node(node)
+
+    threads = [threading.Thread(target=work) for _ in range(min(MOST_THREADS, len(found)))]
+    for thread in threads:
+        thread.daemon = True
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return found
+
+
+def ask_node(node):
+    """Add what a node says; what it did not come to say stays out."""
+    try:
+        node["address"] = address_of(node["uri"])
+        api = rosrpc.Api(node["uri"], time.time() + ANSWER)
+        node["pid"] = ask(api, "getPid")
+        node["publications"] = ask(api, "getPublications")
+        node["subscriptions"] = ask(api, "getSubscriptions")
+        first, began = ask(api, "getBusStats"), time.time()
+        api.close()
+        time.sleep(SPAN)
+        later = rosrpc.Api(node["uri"], time.time() + ANSWER)
+        second = ask(later, "getBusStats")
+        node["seconds"] = time.time() - began
+        node["stats"] = [first, second]
+        later.close()
+    except rosrpc.CallFailed as error:
+        node["error"] = str(error)
+
+
+def address_of(uri):
+    """Return the address of a URI's host, "" where its name has none here."""
+    try:
+        return socket.gethostbyname(rosrpc.split(uri)[0])
+    except (EnvironmentError, UnicodeError):
+        return ""
+
+
+def main(words):
+    """Print the graph."""
+    uri = words[0] if words else os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
+    try:
+        found = look(uri)
+    except rosrpc.CallFailed as error:
+        found = {"error": "the ROS master at %s does not answer: %s" % (uri, error)}
+    sys.stdout.write(json.dumps(found, sort_keys=True) + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

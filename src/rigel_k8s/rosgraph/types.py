@@ -1,0 +1,99 @@
+"""A ROS graph as plain values that can be compared; pure.
+
+Why: what reads a graph, what judges it, what draws it and what compares two of them share nothing
+but these classes. They must not know where a graph comes from.
+"""
+
+from __future__ import annotations
+
+import attrs
+
+
+@attrs.frozen
+class GraphNode:
+    """A ROS node, or a node that the release expects and that is not in the graph.
+
+    Attributes:
+        name: the full ROS name; of a DDS program without ROS what it calls itself.
+        machine: the Kubernetes node that it runs on, "" where that is unknown.
+        pod, workload: of the release, "" for a node that no pod of it runs.
+        address: where it is, for people.
+        registered: the ROS master, or the discovery, knows it.
+        up: it is registered and answers.
+        ready: its pod is ready; True for a node without a pod.
+    """
+
+    name: str
+    machine: str = attrs.field(default="", eq=False)
+    pod: str = attrs.field(default="", eq=False)
+    workload: str = ""
+    address: str = attrs.field(default="", eq=False)
+    registered: bool = True
+    up: bool = True
+    ready: bool = True
+
+
+@attrs.frozen
+class Mismatch:
+    """An endpoint whose type is not that of its topic's other endpoints."""
+
+    node: str
+    type: str
+
+
+@attrs.frozen
+class GraphTopic:
+    """A topic.
+
+    Attributes:
+        type: "" where nobody names it.
+        publishers, subscribers: the names of nodes, sorted, each once.
+        mismatches: endpoints that have another type than `type`.
+        rate: messages a second, None where it is unknown.
+    """
+
+    name: str
+    type: str = ""
+    publishers: tuple[str, ...] = ()
+    subscribers: tuple[str, ...] = ()
+    mismatches: tuple[Mismatch, ...] = ()
+    rate: float | None = attrs.field(default=None, eq=False)
+
+
+@attrs.frozen
+class GraphService:
+    """A service; its type is "" where nobody names it (ROS 1's master does not)."""
+
+    name: str
+    type: str = ""
+    providers: tuple[str, ...] = ()
+
+
+@attrs.frozen
+class RosGraph:
+    """What there is, each part sorted by name.
+
+    Two graphs are equal where the same nodes have the same topics and services; machines, pods,
+    addresses and rates, which differ after each restart, do not count.
+    """
+
+    nodes: tuple[GraphNode, ...] = ()
+    topics: tuple[GraphTopic, ...] = ()
+    services: tuple[GraphService, ...] = ()
+
+
+@attrs.frozen
+class GraphProblem:
+    """Something that is wrong in a graph.
+
+    Attributes:
+        kind: a word for scripts; docs/rosgraph.md lists them.
+        nodes, topic: what it is about.
+        error: the graph does not work as the release says; otherwise it may be meant so.
+    """
+
+    kind: str
+    message: str
+    nodes: tuple[str, ...] = ()
+    topic: str = ""
+    error: bool = True

@@ -1,0 +1,141 @@
+"""A ROS 1 graph is read by the program that is run in a pod, here against a graph of threads."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import pytest
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.rosgraph import inside, ros1
+from rigel_k8s.rosgraph.pods import GraphPod
+from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, Mismatch
+from tests.support.pythons import find_python
+from tests.support.rosgraph import ros_graph
+
+from .local import POD, LocalCluster
+
+MODULES = [
+    ("rosrpc", inside.read_module("rigel_k8s.inpod.rosrpc")),
+    ("ros1_graph", inside.read_module("rigel_k8s.rosgraph.scripts.ros1_graph")),
+]
+
+
+def run(python: str, uri: str, *, answer: float = 3.0) -> Any:
+    """Run the program here; a node has so many seconds to answer."""
+    modules = [(name, text.replace("ANSWER = 3.0", f"ANSWER = {answer}")) for name, text in MODULES]
+    cluster: Any = LocalCluster(ROS_MASTER_URI=uri)
+    return inside.run_inside(cluster, POD, modules, pythons=[python])
+
+
+@pytest.fixture(params=["2.7", "3.6", "3"])
+def python(request: pytest.FixtureRequest) -> str:
+    return sys.executable if request.param == "3" else find_python(request.param)
+
+
+def test_a_graph_is_read_as_the_master_and_the_nodes_tell_it(python: str) -> None:
+    """Who publishes, who subscribes, where a node is, and that nothing registers."""
+    with ros_graph() as graph:
+        graph.node("/talker", ["/chatter"])
+        graph.node("/listener", subscribes=["/chatter"])
+        graph.master.types["/chatter"] = "std_msgs/String"
+        graph.master.services["/talker/set_level"] = ["/talker"]
+        found = ros1.parse(run(python, graph.master.uri))
+        assert graph.master.calls == []
+    assert found.nodes == (GraphNode("/listener"), GraphNode("/talker"))
+    assert {node.address for node in found.nodes} == {"127.0.0.1"}
+    assert found.topics == (
+        GraphTopic("/chatter", "std_msgs/String", ("/talker",), ("/listener",)),
+    )
+    assert [(one.name, one.providers) for one in found.services] == [
+        ("/talker/set_level", ("/talker",))
+    ]
+
+
+def test_a_node_that_hangs_costs_no_other_its_answer() -> None:
+    """It is in the graph and not up; a node that has gone without leave is the same."""
+    with ros_graph() as graph:
+        graph.node("/talker", ["/chatter"])
+        graph.master.add("/hangs", graph.serve_silence(), ["/scan"])
+        graph.master.add("/gone", "http://127.0.0.1:1/", [], ["/scan"])
+        found = ros1.parse(run(sys.executable, graph.master.uri, answer=0.5))
+    assert {node.name: node.up for node in found.nodes} == {
+        "/gone": False,
+        "/hangs": False,
+        "/talker": True,
+    }
+
+
+def test_a_master_that_does_not_answer_is_named() -> None:
+    with pytest.raises(ClusterError, match=r"ROS master at .* does not answer"):
+        run(sys.executable, "http://127.0.0.1:1/")
+
+
+def test_a_pod_without_python_is_named() -> None:
+    with pytest.raises(ClusterError, match="its image has no python-of-nobody"):
+        run("python-of-nobody", "http://127.0.0.1:1/")
+
+
+ANSWER: dict[str, Any] = {
+    "publishers": {"/scan": ["/lidar"], "/rosout": ["/lidar", "/ros_exporter"]},
+    "subscribers": {"/scan": ["/mapper", "/ros_exporter"], "/tick": ["/ros_exporter"]},
+    "services": {"/ros_exporter/x": ["/ros_exporter"]},
+    "types": {"/scan": "sensor_msgs/LaserScan"},
+    "nodes": [
+        {
+            "name": "/lidar",
+            "uri": "http://10.0.0.1:1/",
+            "address": "10.0.0.1",
+            "pid": "7",
+            "publications": [["/scan", "sensor_msgs/LaserScan"]],
+            "subscriptions": [],
+            "seconds": 2.0,
+            # rospy's and, behind it, roscpp's form of a connection.
+            "stats": [
+                [[["/scan", "500", [["1", "500", "10", "1"]]]], [], []],
+                [[["/scan", "900", [["1", "900", "30", "1"]]]], [], []],
+            ],
+        },
+        {
+            "name": "/mapper",
+            "uri": "http://10.0.0.2:1/",
+            "address": "10.0.0.2",
+            "pid": "8",
+            "publications": [],
+            "subscriptions": [["/scan", "sensor_msgs/PointCloud2"]],
+        },
+        {"name": "/ros_exporter", "uri": "", "address": ""},
+    ],
+}
+
+
+def test_exporters_are_no_part_of_the_graph() -> None:
+    found = ros1.parse(ANSWER)
+    assert [node.name for node in found.nodes] == ["/lidar", "/mapper"]
+    assert [topic.name for topic in found.topics] == ["/rosout", "/scan"]
+    assert found.services == ()
+
+
+def test_rates_are_what_publishers_counted_between_two_answers() -> None:
+    rates = {topic.name: topic.rate for topic in ros1.parse(ANSWER).topics}
+    assert rates == {"/rosout": None, "/scan": 10.0}
+
+
+def test_a_node_with_another_type_is_named() -> None:
+    """Two nodes of one topic that name different types never exchange a message."""
+    (scan,) = (topic for topic in ros1.parse(ANSWER).topics if topic.name == "/scan")
+    assert scan.type == "sensor_msgs/LaserScan"
+    assert scan.mismatches == (Mismatch("/mapper", "sensor_msgs/PointCloud2"),)
+
+
+def test_the_masters_pod_is_asked_and_no_other_in_its_place() -> None:
+    """Without a master of its own, a release asks from a node's pod that is ready."""
+    talker = GraphPod("talker-1", "robots", "talker", "c", running=True, ready=True)
+    late = GraphPod("late-1", "robots", "late", "c", running=True)
+    exporter = GraphPod("ros-exporter-1", "robots", "ros-exporter", "c", running=True, ready=True)
+    assert ros1.choose_pod([exporter, late, talker, POD]) == POD
+    assert ros1.choose_pod([exporter, late, talker]) == talker
+    ended = GraphPod("ros-master-1", "robots", "ros-master", "c")
+    with pytest.raises(ClusterError, match="roscore does not run"):
+        ros1.choose_pod([ended, talker])

@@ -29,6 +29,7 @@ COMMANDS = {
     "render": ("releases", "Print the manifests that a job would apply."),
     "diff": ("releases", "Show what a job would change on the cluster."),
     "status": ("releases", "Show what runs where, and why something is not ready."),
+    "graph": ("rosgraph", "Show the ROS graph: nodes by machine, topics, what is wrong."),
     "logs": ("pods", "Print the logs of ROS nodes."),
     "top": ("top", "Show CPU, memory and traffic of ROS nodes, and topics."),
     "exec": ("pods", "Run a command in a ROS node's container, with ROS set up."),

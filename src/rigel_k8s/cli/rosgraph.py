@@ -1,0 +1,190 @@
+"""`rigel graph`: the ROS graph as text for people, as JSON, or as a picture."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rigel_k8s.cli.words import Timeout, job_argument, settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.commands.graph import LiveGraph
+    from rigel_k8s.rosgraph.drawing.picture import Picture
+
+FORMS = ("text", "json", "dot", "mermaid", "svg")
+#: Which form a file's name means.
+ENDINGS = {".txt": "text", ".json": "json", ".dot": "dot", ".gv": "dot", ".mmd": "mermaid"}
+ENDINGS |= {".mermaid": "mermaid", ".svg": "svg"}
+HOME = "\x1b[H\x1b[2J\x1b[3J"  # to the top left of an empty terminal
+
+
+@click.command()
+@job_argument
+@click.option(
+    "-o", "--output", type=click.Choice(FORMS), help="The form [text, or what --to's name means]."
+)
+@click.option("--to", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file.")
+@click.option(
+    "--all", "everything", is_flag=True, help="Also /rosout and other topics of each node."
+)
+@click.option("-w", "--watch", is_flag=True, help="Look again and again until Ctrl-C.")
+@click.option(
+    "--interval", type=Timeout(), default="2s", show_default=True, help="Between two looks of -w."
+)
+@click.pass_context
+def graph(
+    ctx: click.Context,
+    /,
+    job: str | None,
+    output: str | None,
+    to: Path | None,
+    everything: bool,  # noqa: FBT001 - click passes them by name
+    watch: bool,  # noqa: FBT001
+    interval: float,
+) -> int:
+    """Show which ROS nodes are there, on which machine, and which topics are between them.
+
+    Exit code 1 where something is wrong: a node is missing or does not answer, a pod is not ready,
+    types of a topic differ.
+    """
+    from rigel_k8s.commands import graph as actions
+
+    form = output or (ENDINGS.get(to.suffix, "text") if to else "text")
+    words = settings(ctx)
+    if watch:
+        follow(ctx, form, to, interval, job, everything=everything)
+    found = actions.graph(words, job)
+    show(render(found, form, everything=everything), to)
+    return 0 if found.ok else 1
+
+
+def follow(
+    ctx: click.Context,
+    form: str,
+    to: Path | None,
+    interval: float,
+    job: str | None,
+    *,
+    everything: bool,
+) -> None:
+    """Show the graph again and again; what keeps one look from succeeding does not end it."""
+    from rigel_k8s.commands import graph as actions
+    from rigel_k8s.errors import ClusterError
+
+    while True:
+        try:
+            text = render(actions.graph(settings(ctx), job), form, everything=everything)
+        except ClusterError as error:
+            if to or form != "text":
+                click.echo(f"warning: {error.message}", err=True)
+                time.sleep(interval)
+                continue
+            text = click.style(error.message, fg="red") + "\n"
+        if to is None and form == "text" and sys.stdout.isatty():
+            text = f"{HOME}{text}"
+        show(text, to)
+        time.sleep(interval)
+
+
+def show(text: str, to: Path | None) -> None:
+    """Print a text, or write it to a file, which is never seen half written.
+
+    Raises:
+        UserError: the file cannot be written.
+    """
+    from rigel_k8s.errors import UserError
+
+    if to is None:
+        click.echo(text, nl=False)
+        sys.stdout.flush()
+        return
+    beside = to.with_name(f".{to.name}.new")
+    try:
+        beside.write_text(click.unstyle(text), encoding="utf-8")
+        beside.replace(to)
+    except OSError as error:
+        raise UserError(f"cannot write {to}: {error.strerror}") from error
+
+
+def render(found: LiveGraph, form: str, *, everything: bool) -> str:
+    """Return a graph in a form."""
+    from rigel_k8s.commands import graph as actions
+
+    if form == "json":
+        return json.dumps(graph_json(found), indent=2) + "\n"
+    if form == "text":
+        return graph_text(found, actions.picture_of(found, everything=everything))
+    return actions.draw(found, form, everything=everything)
+
+
+def graph_json(found: LiveGraph) -> dict[str, Any]:
+    """Return a graph as scripts get it (docs/rosgraph.md); everything is in it."""
+    import attrs
+
+    return {
+        "release": found.release.name,
+        "namespace": found.release.namespace,
+        "ok": found.ok,
+        **attrs.asdict(found.graph),
+        "problems": [attrs.asdict(problem) for problem in found.problems],
+    }
+
+
+def graph_text(found: LiveGraph, picture: Picture) -> str:
+    """Return a graph for people: nodes by machine, topics, problems."""
+    from rigel_k8s.cli.tables import table
+
+    where = f"release {found.release.name} in namespace {found.release.namespace}"
+    parts = [where, *(group_text(picture, group) for group in picture.groups)]
+    rows = [topic_cells(found, picture, name) for name in sorted(p.name for p in picture.pills)]
+    if rows:
+        lines = table(["TOPIC", "TYPE", "RATE", "FROM", "TO"], rows).splitlines()
+        bad = {pill.name for pill in picture.pills if pill.bad}
+        parts.append("\n".join(redden(line, line.split(" ")[0] in bad) for line in lines))
+    parts.append("\n".join(problem_lines(found)))
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def group_text(picture: Picture, group: str) -> str:
+    """Return the nodes of a machine, each with what it publishes and subscribes to."""
+    shown = {box.name: box for box in picture.boxes if box.group == group}
+    width = max(len(name) for name in shown)
+    lines = [click.style(group, bold=True)]
+    for name, box in sorted(shown.items()):
+        sent = [arrow.topic for arrow in picture.arrows if arrow.node == name and arrow.out]
+        heard = [arrow.topic for arrow in picture.arrows if arrow.node == name and not arrow.out]
+        words = [
+            part for part in (box.wrong, arrow_text("->", sent), arrow_text("<-", heard)) if part
+        ]
+        lines.append(redden(f"  {name.ljust(width)}  {'  '.join(words)}".rstrip(), box.bad))
+    return "\n".join(lines)
+
+
+def arrow_text(sign: str, topics: list[str]) -> str:
+    """Return topics behind an arrow, "" for none."""
+    return f"{sign} {', '.join(sorted(topics))}" if topics else ""
+
+
+def topic_cells(found: LiveGraph, picture: Picture, name: str) -> list[str]:
+    """Return a topic's row."""
+    (topic,) = (topic for topic in found.graph.topics if topic.name == name)
+    (pill,) = (pill for pill in picture.pills if pill.name == name)
+    counts = str(len(topic.publishers)), str(len(topic.subscribers))
+    return [name, topic.type or "-", pill.rate or "-", *counts]
+
+
+def problem_lines(found: LiveGraph) -> Iterator[str]:
+    """Yield what is wrong."""
+    for problem in found.problems:
+        yield click.style(problem.message, fg="red", bold=problem.error or None)
+
+
+def redden(line: str, bad: bool) -> str:  # noqa: FBT001 - whether it is bad is what it is about
+    """Return a line, in red where something is wrong with it."""
+    return click.style(line, fg="red") if bad else line

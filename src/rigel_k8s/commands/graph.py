@@ -1,0 +1,94 @@
+"""graph: the live ROS graph of a release, with rates where something has measured them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import attrs
+
+from rigel_k8s.commands.targets import Release, release
+from rigel_k8s.commands.top import TOPICS, index_by, prometheus_of, select_series
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.observability.reading.stack import NoStack
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph.drawing.dot import write_dot
+from rigel_k8s.rosgraph.drawing.mermaid import write_mermaid
+from rigel_k8s.rosgraph.drawing.picture import Picture, make_picture
+from rigel_k8s.rosgraph.drawing.svg import write_svg
+from rigel_k8s.rosgraph.problems import find_problems
+from rigel_k8s.rosgraph.reading import read_graph
+from rigel_k8s.rosgraph.types import GraphProblem, RosGraph
+from rigel_k8s.settings import Settings
+
+#: The pictures that can be had of a graph.
+DRAWINGS: Mapping[str, Callable[[Picture], str]] = {
+    "dot": write_dot,
+    "mermaid": write_mermaid,
+    "svg": write_svg,
+}
+
+
+@attrs.frozen
+class LiveGraph:
+    """A release's graph as it is now, and what is wrong in it."""
+
+    release: ReleaseId
+    graph: RosGraph
+    problems: tuple[GraphProblem, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no error."""
+        return not any(problem.error for problem in self.problems)
+
+
+def graph(settings: Settings, job: str | None) -> LiveGraph:
+    """Return a release's graph.
+
+    Raises:
+        UserError: nothing of the release is on the cluster.
+        ClusterError: the graph cannot be read.
+    """
+    found = release(settings, job)
+    with found.cluster as cluster:
+        read = read_graph(cluster, found.id)
+        if any(topic.rate is None for topic in read.topics):
+            read = add_rates(read, measured_rates(found))
+    return LiveGraph(found.id, read, find_problems(read))
+
+
+def measured_rates(found: Release) -> dict[str, float]:
+    """Return messages a second by topic, as Prometheus knows them; nothing where there is none."""
+    queries = [TOPICS[name].format(select_series(found.id)) for name in ("counted", "heard")]
+    try:
+        prometheus = prometheus_of(found)
+        answers = found.cluster.parallel(prometheus.query, queries)
+    except (NoStack, ClusterError):
+        return {}
+    counted, heard = (index_by("topic", samples) for samples in answers)
+    return {**counted, **heard}
+
+
+def add_rates(graph: RosGraph, rates: Mapping[str, float]) -> RosGraph:
+    """Return a graph with rates where it has none."""
+    topics = [
+        topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
+        for topic in graph.topics
+    ]
+    return attrs.evolve(graph, topics=tuple(topics))
+
+
+def draw(found: LiveGraph, form: str, *, everything: bool = False) -> str:
+    """Return a picture as text.
+
+    Args:
+        form: one of DRAWINGS.
+        everything: also what each node has, its log say.
+    """
+    return DRAWINGS[form](picture_of(found, everything=everything))
+
+
+def picture_of(found: LiveGraph, *, everything: bool = False) -> Picture:
+    """Return what a picture shows."""
+    title = f"{found.release.name} in {found.release.namespace}"
+    return make_picture(found.graph, found.problems, title=title, everything=everything)

@@ -1,0 +1,5 @@
+"""Pictures of a ROS graph as text: SVG, DOT for Graphviz, Mermaid; pure.
+
+`picture.py` chooses what is shown, the same for all forms; `layout.py` places it; one module for
+each form writes it down.
+"""

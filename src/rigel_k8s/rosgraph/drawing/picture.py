@@ -1,0 +1,194 @@
+"""What a picture of a ROS graph shows: boxes, pills and arrows, in groups by machine.
+
+Why: all forms show the same. What each node has (its log, its parameter events) hides what a
+graph is about, and is left out unless everything is asked for. No form, no coordinates here.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+import attrs
+
+from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGraph
+
+#: Topics that each node has, and the node that collects logs in ROS 1.
+QUIET_TOPICS = frozenset({"/parameter_events", "/rosout", "/rosout_agg"})
+QUIET_NODE = "/rosout"
+#: The one of an action's topics by which it is shown, and what it is called then.
+FEEDBACK = "/_action/feedback"
+ELSEWHERE, NOWHERE = "outside the release", "on no machine"
+
+
+@attrs.frozen
+class Box:
+    """A node.
+
+    Attributes:
+        where: its pod, or its address.
+        wrong: what is wrong with itself.
+        bad: something is wrong with it or with one of its topics' types.
+        missing: the release expects it and it is not in the graph.
+    """
+
+    name: str
+    group: str
+    where: str = ""
+    wrong: str = ""
+    bad: bool = False
+    missing: bool = False
+
+    @property
+    def note(self) -> str:
+        """Its second line."""
+        return self.wrong or self.where
+
+
+@attrs.frozen
+class Pill:
+    """A topic; `shared`: nodes of several groups have it.
+
+    Attributes:
+        group: the one of its publishers, or of its subscribers where it has none.
+    """
+
+    name: str
+    group: str
+    type: str = ""
+    rate: str = ""
+    bad: bool = False
+    shared: bool = False
+
+
+@attrs.frozen
+class Arrow:
+    """From a node to a topic that it publishes (`out`), or from a topic to a subscriber."""
+
+    node: str
+    topic: str
+    out: bool
+    bad: bool = False
+
+
+@attrs.frozen
+class Picture:
+    """What is shown.
+
+    Attributes:
+        groups: titles, in their order; each has a box or a pill.
+        problems: messages, whether or not their nodes and topics are shown.
+    """
+
+    title: str
+    groups: tuple[str, ...]
+    boxes: tuple[Box, ...]
+    pills: tuple[Pill, ...]
+    arrows: tuple[Arrow, ...]
+    problems: tuple[str, ...] = ()
+
+
+def make_picture(
+    graph: RosGraph,
+    problems: Iterable[GraphProblem] = (),
+    *,
+    title: str = "",
+    everything: bool = False,
+) -> Picture:
+    """Return what a picture shows.
+
+    Args:
+        everything: also show what each node has, and ROS 2's hidden topics.
+    """
+    found = tuple(problems)
+    bad_nodes = {name for p in found if p.kind != "no-publisher" for name in p.nodes}
+    bad_topics = {p.topic: p for p in found if p.topic}
+    topics = [topic for topic in graph.topics if everything or is_shown(topic)]
+    busy = {name for topic in topics for name in (*topic.publishers, *topic.subscribers)}
+    known = {node.name: node for node in graph.nodes}
+    # An endpoint of a node that has just left is told a moment longer than the node.
+    strangers = [GraphNode(name) for name in sorted(busy - set(known))]
+    boxes = tuple(
+        Box(
+            node.name,
+            group_of(node),
+            where=node.pod or node.address,
+            wrong=describe(node),
+            bad=node.name in bad_nodes,
+            missing=not node.registered,
+        )
+        for node in (*graph.nodes, *strangers)
+        if everything or node.name != QUIET_NODE or node.name in busy | bad_nodes
+    )
+    places = {box.name: box.group for box in boxes}
+    pills = tuple(make_pill(topic, places, bad=topic.name in bad_topics) for topic in topics)
+    arrows = tuple(
+        Arrow(node, topic.name, out, is_bad(node, bad_topics.get(topic.name)))
+        for topic in topics
+        for out, nodes in ((True, topic.publishers), (False, topic.subscribers))
+        for node in nodes
+    )
+    groups = tuple(
+        sorted({box.group for box in boxes}, key=lambda g: (g in (ELSEWHERE, NOWHERE), g))
+    )
+    return Picture(title, groups, boxes, pills, arrows, tuple(p.message for p in found))
+
+
+def is_shown(topic: GraphTopic) -> bool:
+    """Whether a topic is shown unasked: of hidden ones, only what stands for an action."""
+    if topic.name in QUIET_TOPICS:
+        return False
+    return topic.name.endswith(FEEDBACK) or "/_" not in topic.name
+
+
+def group_of(node: GraphNode) -> str:
+    """Return the title of a node's group."""
+    if node.machine:
+        return node.machine
+    return NOWHERE if not node.registered or node.pod else ELSEWHERE
+
+
+def describe(node: GraphNode) -> str:
+    """Return what is wrong with a node itself."""
+    if not node.registered:
+        return "not in the graph"
+    if not node.up:
+        return "does not answer"
+    if not node.ready:
+        return "its pod is not ready"
+    return ""
+
+
+def make_pill(topic: GraphTopic, places: Mapping[str, str], *, bad: bool) -> Pill:
+    """Return a topic as it is shown."""
+    owners = topic.publishers or topic.subscribers
+    groups = Counter(places[name] for name in owners)
+    everywhere = {places[name] for name in (*topic.publishers, *topic.subscribers)}
+    name, kind = topic.name, topic.type
+    if name.endswith(FEEDBACK):
+        kind = kind.removesuffix("_FeedbackMessage")
+    return Pill(
+        name,
+        min(groups, key=lambda group: (-groups[group], group)),
+        kind,
+        "" if topic.rate is None else format_rate(topic.rate),
+        bad,
+        len(everywhere) > 1,
+    )
+
+
+def show_name(topic: str) -> str:
+    """Return what a topic is called in a picture."""
+    return f"{topic.removesuffix(FEEDBACK)} (action)" if topic.endswith(FEEDBACK) else topic
+
+
+def is_bad(node: str, problem: GraphProblem | None) -> bool:
+    """Whether a problem of a topic concerns its connection to a node."""
+    return problem is not None and node in problem.nodes
+
+
+def format_rate(value: float) -> str:
+    """Return messages a second: 0.25/s, 9.8/s, 120/s."""
+    if value >= 100:
+        return f"{value:.0f}/s"
+    return f"{value:.1f}/s" if value >= 1 else f"{value:.2g}/s"

@@ -1,0 +1,201 @@
+"""`rigel graph`: from a release's pods to what is printed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.cli import main, rosgraph
+from rigel_k8s.commands import graph as actions
+from rigel_k8s.commands.targets import Release
+from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.observability.reading.prometheus import Sample
+from rigel_k8s.observability.reading.stack import NoStack
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph import reading
+from rigel_k8s.rosgraph.types import RosGraph
+from rigel_k8s.settings import Settings
+from tests.support.rosgraph import ros_graph
+
+from .graphs import ROBOT, live
+from .local import LocalCluster
+
+RELEASE = ReleaseId("robots", "explorer")
+
+
+def pod(workload: str, ip: str, ros_name: str = "") -> dict[str, Any]:
+    return {
+        "metadata": {
+            "name": f"{workload}-1",
+            "namespace": "robots",
+            "labels": {"app.kubernetes.io/name": workload},
+            "annotations": {"rigel-k8s/ros-name": ros_name} if ros_name else {},
+        },
+        "spec": {"nodeName": "node1", "containers": [{"name": "c"}]},
+        "status": {
+            "podIP": ip,
+            "conditions": [{"type": "Ready", "status": "True"}],
+            "containerStatuses": [{"name": "c", "state": {"running": {}}}],
+        },
+    }
+
+
+class ReleaseCluster(LocalCluster):
+    """A release's pods and Deployments; their network is this machine's loopback."""
+
+    def __init__(self, *pods: dict[str, Any], **variables: str) -> None:
+        super().__init__(**variables)
+        self.items = {"Pod": list(pods), "Deployment": [self.deployment("talker", "/talker")]}
+
+    def deployment(self, name: str, ros_name: str) -> dict[str, Any]:
+        notes = {"rigel-k8s/ros-name": ros_name}
+        return {"metadata": {"name": name, "annotations": notes}, "spec": {"replicas": 1}}
+
+    def list(self, api_version: str, kind: str, namespace: str, **_: Any) -> list[dict[str, Any]]:
+        assert namespace == "robots"
+        return self.items[kind]
+
+    def __enter__(self) -> ReleaseCluster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def test_a_releases_graph_is_read_in_its_masters_pod() -> None:
+    """Nodes are placed, one of the release that is not there is named."""
+    with ros_graph() as graph:
+        graph.node("/amcl", ["/pose"])
+        pods = pod("ros-master", "10.0.0.1"), pod("nav", "127.0.0.1")
+        cluster: Any = ReleaseCluster(*pods, ROS_MASTER_URI=graph.master.uri)
+        found = reading.read_graph(cluster, RELEASE)
+    assert cluster.pods == ["ros-master-1"]
+    assert [(node.name, node.pod, node.machine, node.registered) for node in found.nodes] == [
+        ("/amcl", "nav-1", "node1", True),
+        ("/talker", "", "", False),
+    ]
+
+
+def test_a_release_without_pods_is_named() -> None:
+    cluster: Any = ReleaseCluster()
+    with pytest.raises(UserError, match="no pod of explorer is in the namespace robots"):
+        reading.read_graph(cluster, RELEASE)
+
+
+def test_rates_come_from_prometheus_where_it_knows_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is heard counts before what nodes count; what the graph itself knows stays."""
+
+    class Prometheus:
+        def query(self, expression: str) -> list[Sample]:
+            heard = "ros_topic_messages_total" in expression
+            return [Sample({"topic": "/odom"}, 50.0 if heard else 40.0)]
+
+    class Cluster:
+        def parallel(self, call: Any, values: Any) -> list[Any]:
+            return [call(value) for value in values]
+
+    cluster: Any = Cluster()
+    monkeypatch.setattr(actions, "prometheus_of", lambda found: Prometheus())
+    rates = actions.measured_rates(Release(cluster, RELEASE))
+    assert rates == {"/odom": 50.0}
+    known = {topic.name: topic.rate for topic in actions.add_rates(ROBOT, rates).topics}
+    assert (known["/odom"], known["/cmd_vel"], known["/goal"]) == (50.0, 20.0, None)
+
+
+def test_without_a_stack_there_are_no_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(found: Release) -> None:
+        raise NoStack("there is none")
+
+    cluster: Any = None
+    monkeypatch.setattr(actions, "prometheus_of", fail)
+    assert actions.measured_rates(Release(cluster, RELEASE)) == {}
+
+
+@pytest.fixture
+def found(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What the command gets, one for each look; the last for all that follow."""
+    looks: list[Any] = [live(ROBOT)]
+
+    def look(settings: Settings, job: str | None) -> Any:
+        answer = looks.pop(0) if len(looks) > 1 else looks[0]
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(actions, "graph", look)
+    return looks
+
+
+def test_exit_code_1_where_something_is_wrong(
+    found: list[Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main.run(["graph"], "rigel") == 1
+    assert "/planner does not answer" in capsys.readouterr().out
+    found[:] = [live(RosGraph())]
+    assert main.run(["graph", "-o", "json"], "rigel") == 0
+    assert json.loads(capsys.readouterr().out)["ok"] is True
+
+
+def test_a_topic_without_publisher_alone_is_no_error(found: list[Any]) -> None:
+    """It may be meant so: a joystick that nobody has plugged in."""
+    goal = [topic for topic in ROBOT.topics if topic.name == "/goal"]
+    found[:] = [live(attrs.evolve(ROBOT, nodes=(), topics=tuple(goal)))]
+    assert found[0].problems
+    assert main.run(["graph"], "rigel") == 0
+
+
+def test_text_has_no_colour_in_a_pipe(found: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
+    main.run(["graph"], "rigel")
+    assert "\x1b" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "begin"),
+    [
+        ("a.svg", "<svg"),
+        ("a.dot", "digraph"),
+        ("a.mmd", "flowchart"),
+        ("a.json", "{"),
+        ("a", "rel"),
+    ],
+)
+def test_a_files_name_says_its_form(
+    name: str, begin: str, found: list[Any], tmp_path: Path
+) -> None:
+    main.run(["graph", "--to", str(tmp_path / name)], "rigel")
+    assert (tmp_path / name).read_text().startswith(begin)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_file_that_cannot_be_written_is_the_users_error(
+    found: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main.run(["graph", "--to", str(tmp_path / "no" / "a.svg")], "rigel") == 2
+    assert "cannot write" in capsys.readouterr().err
+
+
+def test_watching_goes_on_through_failures(
+    found: list[Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The file keeps the last picture; Ctrl-C ends it."""
+    found[:] = [live(RosGraph()), ClusterError("roscore does not run"), live(ROBOT)]
+    pauses: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+        if len(pauses) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(rosgraph.time, "sleep", sleep)
+    file = tmp_path / "a.svg"
+    assert main.run(["graph", "-w", "--interval", "5s", "--to", str(file)], "rigel") == 130
+    assert pauses == [5.0, 5.0, 5.0]
+    assert "warning: roscore does not run" in capsys.readouterr().err
+    assert "/planner" in file.read_text()

@@ -173,6 +173,25 @@ def test_status_says_what_runs_where(robot: Robot) -> None:
     assert pod["node"]
 
 
+def test_graph_shows_nodes_topics_and_rates(robot: Robot, tmp_path: Path) -> None:
+    """As the master and the nodes tell it, and no node hears of a new subscriber."""
+    found = json.loads(robot("graph", "-o", "json").stdout)
+    nodes = {node["name"]: node for node in found["nodes"]}
+    assert {"/talker", "/lab/listener"} <= set(nodes)
+    assert (nodes["/talker"]["workload"], nodes["/talker"]["up"]) == ("talker", True)
+    assert nodes["/lab/listener"]["pod"].startswith("lab-listener-")
+    (chatter,) = (topic for topic in found["topics"] if topic["name"] == "/chatter")
+    assert (chatter["type"], chatter["publishers"], chatter["subscribers"]) == (
+        "std_msgs/String",
+        ["/talker"],
+        ["/lab/listener"],
+    )
+    assert 3 < chatter["rate"] < 7
+    assert "/talker" in robot("graph").stdout
+    robot("graph", "--to", str(tmp_path / "graph.svg"))
+    assert (tmp_path / "graph.svg").read_text().startswith("<svg")
+
+
 def test_diff_tells_by_its_exit_code(robot: Robot) -> None:
     """As kubectl's: 0 nothing, 1 differences, more than 1 an error; nothing is written."""
     assert robot("diff", "--exit-code").stdout == ""

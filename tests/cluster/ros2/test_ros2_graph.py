@@ -20,6 +20,7 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph.reading import read_graph
 from tests.support.recorder import Recorder
 
 pytestmark = pytest.mark.cluster
@@ -157,6 +158,13 @@ def test_macvlan(release: Callable[[str], Release], machines: list[str]):
         assert pod.address.startswith("10.231.0.")
     made.check()
     assert "all 4 nodes discover each other" in made.report.texts[-1]
+    read = read_graph(made.cluster, made.id)
+    assert [(node.name, node.pod, node.up) for node in read.nodes] == [
+        (f"/{name.replace('-', '_')}", name, True) for name in names
+    ]
+    log = next(topic for topic in read.topics if topic.name == "/rosout")
+    assert log.publishers == tuple(node.name for node in read.nodes)
+    assert log.type == "rcl_interfaces/msg/Log"
 
 
 def test_pod_network(release: Callable[[str], Release], machines: list[str]):

@@ -15,6 +15,7 @@ from importlib.resources import files
 from typing import Any
 
 from rigel_k8s.errors import ClusterError
+from rigel_k8s.graph.looks import reason
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.rosgraph.pods import GraphPod
 
@@ -64,16 +65,23 @@ def run_inside(
 
     Args:
         modules: (import name, text), each after those that it imports; the last is run.
-        pythons: the interpreters that are tried.
+        pythons: the interpreters that are tried; of several a shell in the image chooses.
 
     Raises:
         ClusterError: nothing can be run in the pod, or the program failed.
     """
-    command = ["/bin/sh", "-c", SHELL % (" ".join(pythons), pythons[-1]), LOADER, *arguments]
+    command = [pythons[0], "-S", "-E", "-B", "-c", LOADER, *arguments]
+    if len(pythons) > 1:
+        command = ["/bin/sh", "-c", SHELL % (" ".join(pythons), pythons[-1]), LOADER, *arguments]
     packed = base64.b64encode(zlib.compress(json.dumps(modules).encode())) + b"\n"
-    done = cluster.run(
-        pod.namespace, pod.name, command, container=pod.container, stdin=packed, timeout=LIMIT
-    )
+    try:
+        done = cluster.run(
+            pod.namespace, pod.name, command, container=pod.container, stdin=packed, timeout=LIMIT
+        )
+    except ClusterError as error:
+        raise ClusterError(
+            f"cannot read the ROS graph in the pod {pod.name}: {reason(error)}"
+        ) from error
     lines = done.stdout.decode("utf-8", "replace").splitlines()
     if done.code != 0 or not lines:
         told = done.stderr.decode("utf-8", "replace").splitlines()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Sequence
 
+from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.rosgraph.pods import GraphPod
 
@@ -29,7 +30,11 @@ class LocalCluster:
         timeout: float = 60.0,
     ) -> ExecResult:
         self.pods.append(pod)
-        done = subprocess.run(
-            command, input=stdin, capture_output=True, env=self.variables, timeout=timeout
-        )
+        try:
+            done = subprocess.run(
+                command, input=stdin, capture_output=True, env=self.variables, timeout=timeout
+            )
+        except FileNotFoundError as error:  # in containerd's words
+            text = f'exec: "{command[0]}": executable file not found in $PATH'
+            raise ClusterError(text) from error
         return ExecResult(done.returncode, done.stdout, done.stderr)

@@ -26,7 +26,7 @@ def run(python: str, uri: str, *, answer: float = 3.0) -> Any:
     """Run the program here; a node has so many seconds to answer."""
     modules = [(name, text.replace("ANSWER = 3.0", f"ANSWER = {answer}")) for name, text in MODULES]
     cluster: Any = LocalCluster(ROS_MASTER_URI=uri)
-    return inside.run_inside(cluster, POD, modules, pythons=[python])
+    return inside.run_inside(cluster, POD, modules, pythons=["no-python3", python])
 
 
 @pytest.fixture(params=["2.7", "3.6", "3"])
@@ -73,8 +73,11 @@ def test_a_master_that_does_not_answer_is_named() -> None:
 
 
 def test_a_pod_without_python_is_named() -> None:
-    with pytest.raises(ClusterError, match="its image has no python-of-nobody"):
-        run("python-of-nobody", "http://127.0.0.1:1/")
+    cluster: Any = LocalCluster()
+    with pytest.raises(ClusterError, match="its image has no no-python"):
+        inside.run_inside(cluster, POD, MODULES, pythons=["no-python3", "no-python"])
+    with pytest.raises(ClusterError, match="its image has no python3"):
+        inside.run_inside(cluster, POD, MODULES, pythons=["no-python3"])
 
 
 ANSWER: dict[str, Any] = {

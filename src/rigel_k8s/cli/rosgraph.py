@@ -87,7 +87,7 @@ def follow(
                 continue
             text = click.style(error.message, fg="red") + "\n"
         if to is None and form == "text" and sys.stdout.isatty():
-            text = f"{HOME}{text}"
+            sys.stdout.write(HOME)  # not by click, which takes it for a colour
         show(text, to)
         time.sleep(interval)
 

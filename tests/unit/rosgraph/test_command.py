@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -176,6 +177,25 @@ def test_a_file_that_cannot_be_written_is_the_users_error(
 ) -> None:
     assert main.run(["graph", "--to", str(tmp_path / "no" / "a.svg")], "rigel") == 2
     assert "cannot write" in capsys.readouterr().err
+
+
+def test_watching_redraws_a_terminal_without_colours_too(
+    found: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A failure is shown in the graph's place."""
+    found[:] = [live(RosGraph()), ClusterError("roscore does not run")]
+    pauses = iter([None])
+
+    def sleep(seconds: float) -> None:
+        if next(pauses, 0) is not None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(rosgraph.time, "sleep", sleep)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    assert main.run(["--no-color", "graph", "-w"], "rigel") == 130
+    first = "release explorer in namespace robots\n"
+    told = capsys.readouterr().out
+    assert told == f"{rosgraph.HOME}{first}{rosgraph.HOME}roscore does not run\n"
 
 
 def test_watching_goes_on_through_failures(

@@ -39,6 +39,7 @@ WORDS = {
     "release": "plan, apply, wait, record",
     "rigelfile": "text with places, options",
     "exporter": "program in its own image",
+    "gate": "in front of roscore",
     "kube": "HTTP to the cluster",
     "inpod": "scripts in the pods",
     "objects": "Kubernetes vocabulary",

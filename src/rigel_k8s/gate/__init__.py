@@ -1,0 +1,19 @@
+"""The gate: a program in front of roscore that hands node names over and remembers registrations.
+
+It runs in its own container of the ros-master pod, mounted from a ConfigMap, on the Python 3.8 of
+an official ROS image, with nothing but the standard library. It knows nothing of the rest of this
+package. docs/ros1.md explains what it does and why.
+
+registry.py    who publishes, subscribes and serves what: what the master knows
+parameters.py  the parameter tree
+state.py       both, and who waits for a name; changed by events, so that it can be kept
+calls.py       the master's API: calls as values, answers
+handover.py    which registration waits for a name, and when it gets it
+recovery.py    what a new master is told
+links.py       what it needs of the world around it
+gate.py        the order of it all: every call passes here
+memory.py      the state as events: in a file of the pod, and in one object of the cluster
+http.py        XML-RPC over HTTP: the server, and the connections to the master and to nodes
+cluster.py     the Kubernetes API, as far as the one object needs it
+__main__.py    starts it; starts it again when it is killed
+"""

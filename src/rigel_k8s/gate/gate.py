@@ -1,0 +1,776 @@
+"""The gate: every call to the master passes here, and what it changes is remembered.
+
+Changes take turns, so that what the gate knows is what the master knows. While the master is away,
+and while a name changes hands, calls wait; nobody sees a half of it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from typing import Any, Callable, Coroutine, Iterable, Tuple
+
+from rigel_k8s.gate.calls import (
+    DESCRIBE_GATE,
+    DESCRIBE_POD,
+    GATE,
+    HAND_OVER,
+    Answer,
+    BadCall,
+    Call,
+    Removal,
+    call_of,
+    fault,
+    registration_of,
+    removal_of,
+)
+from rigel_k8s.gate.handover import (
+    choose_heir,
+    find_owner,
+    find_strangers,
+    is_quiet,
+    list_names_of,
+    list_publishers,
+)
+from rigel_k8s.gate.links import Links, MasterGone, NodeGone, NodeSilent
+from rigel_k8s.gate.parameters import split
+from rigel_k8s.gate.recovery import (
+    ROSOUT,
+    batch,
+    find_lost_nodes,
+    find_lost_parameters,
+    find_unknown,
+    find_unregistered,
+    is_same_node,
+    list_topics_without,
+    read_system,
+)
+from rigel_k8s.gate.registry import (
+    KINDS,
+    PARAMETER,
+    PUBLISHER,
+    SERVICE,
+    SUBSCRIBER,
+    NodeEntry,
+    Registration,
+    host_of,
+    resolve_name,
+)
+from rigel_k8s.gate.state import Event, Newcomer, State, pack
+
+#: Seconds between two looks at nodes that wait for a name and at those that have it.
+LOOK = 0.25
+#: Seconds between two tries to reach a master that is away.
+RETRY = 0.05
+#: Seconds that a node has to answer before it counts as silent.
+PATIENCE = 3.0
+#: Calls that a new master gets at once.
+BATCH = 100
+#: Seconds that a change waits for a node to get what was true before it.
+SETTLE = 0.5
+#: What nodes are sent: the publishers of a topic, the value of a parameter.
+PUBLISHERS, VALUE = "publisherUpdate", "paramUpdate"
+#: By whom nodes believe to be called; masters have no name.
+MASTER = "/master"
+#: A call of a node: its URI, the method, the topic or parameter.
+Target = Tuple[str, str, str]
+
+
+class Gate:
+    """Answers calls; see the module.
+
+    Args:
+        state: what an earlier gate has left, or an empty one.
+        uri: the gate's own, which callers take for the master's.
+        keep: is told each event before its cause is answered.
+        log: is told a line about what a person may want to know.
+    """
+
+    def __init__(
+        self,
+        state: State,
+        links: Links,
+        uri: str,
+        keep: Callable[[Event], None],
+        log: Callable[[str], None],
+    ) -> None:
+        self.state = state
+        self._links = links
+        self._uri = uri
+        self._keep = keep
+        self._log = log
+        self._turn = asyncio.Lock()
+        self._open = asyncio.Event()  # set while no name changes hands
+        self._asking = 0
+        self._idle = asyncio.Event()  # set while no call is on its way that changes nothing
+        self._idle.set()
+        self._ready = asyncio.Event()
+        self._started = False
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._looks: set[tuple[str, Callable[[str], Any]]] = set()
+        self._conflicts: deque[dict[str, Any]] = deque(maxlen=20)
+        self._under_way: dict[Target, asyncio.Future[None]] = {}  # calls of nodes
+        self._again: set[Target] = set()  # those to make once more
+        self._unsent: dict[Target, float] = {}  # those made in vain, and when to try again
+        self._removals: list[Removal] = []  # those on their way: the nodes have forgotten them
+        self._restarts = 0
+        for newcomer in state.newcomers.values():
+            newcomer.quiet_since = links.now()
+
+    # -- life --
+
+    def start(self) -> None:
+        """Look for the master, and look after newcomers, until stopped."""
+        self._spawn(self._recover())
+        self._spawn(self._watch_master())
+        self._spawn(self._watch_nodes())
+
+    async def stop(self) -> None:
+        """End everything that goes on."""
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def until_ready(self) -> None:
+        """Return when the master answers and knows everything."""
+        await self._ready.wait()
+
+    def _spawn(self, work: Coroutine[Any, Any, Any]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._end)
+
+    def _spawn_once(self, name: str, look: Callable[[str], Coroutine[Any, Any, None]]) -> None:
+        """Look at a name, unless that goes on already: a machine that is away takes its time."""
+        if (name, look) in self._looks:
+            return
+        self._looks.add((name, look))
+
+        async def work() -> None:
+            try:
+                await look(name)
+            finally:
+                self._looks.discard((name, look))
+
+        self._spawn(work())
+
+    def _end(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and task.exception():
+            self._log(f"error: {task.exception()!r}")
+
+    def _note(self, *event: Any) -> None:
+        """Remember what has happened."""
+        self.state.apply(list(event))
+        self._keep(list(event))
+
+    # -- calls --
+
+    async def answer(self, call: Call, *, hands_over: bool, local: bool = False) -> Answer:
+        """Return the answer to a call.
+
+        Args:
+            hands_over: it came by the door of nodes that hand their names over.
+            local: it came from this pod. Such a call does not wait for a master that is away: it
+                may be roscore's own, which looks for another one before it starts its own.
+        """
+        if local and not self._ready.is_set():
+            return fault("no ROS master answers behind the gate yet")
+        own = {DESCRIBE_POD: self._describe_pod, HAND_OVER: self._hand_over}
+        if call.method in own:
+            return await own[call.method](call)
+        if call.method == "getUri":
+            return Answer.good("", self._uri)
+        if call.method == DESCRIBE_GATE:
+            return Answer.good("", json.dumps(self.describe()))
+        if call.method == "system.multicall":
+            return await self._answer_many(call, hands_over=hands_over)
+        try:
+            return await self._answer_change(call, hands_over=hands_over)
+        except BadCall:
+            return await self._ask(call)  # the master has the words for it
+
+    async def _answer_many(self, call: Call, *, hands_over: bool) -> Answer:
+        answers: list[Any] = []
+        try:
+            calls = [Call(one["methodName"], tuple(one["params"])) for one in call.params[0]]
+        except (BadCall, LookupError, TypeError):
+            return await self._ask(call)
+        for one in calls:
+            answers.append([(await self.answer(one, hands_over=hands_over)).value])
+        return Answer(answers)
+
+    async def _answer_change(self, call: Call, *, hands_over: bool) -> Answer:
+        one = registration_of(call)
+        if one:
+            return await self._register(call, one, hands_over=hands_over)
+        removal = removal_of(call)
+        if removal:
+            return await self._unregister(call, removal)
+        if call.method == "setParam" and len(call.params) == 3:
+            key = resolve_name(call.texts(2)[1], call.texts(2)[0])
+            return await self._change_parameter(call, ("set", key, pack(call.params[2])))
+        if call.method == "deleteParam":
+            node, key = call.texts(2)
+            return await self._change_parameter(call, ("delete", resolve_name(key, node)))
+        return await self._ask(call)
+
+    async def _ask(self, call: Call) -> Answer:
+        """Pass a call on that changes nothing: before a hand-over or after it, not beside it."""
+        while not self._open.is_set():
+            await self._open.wait()
+        self._asking += 1
+        self._idle.clear()
+        try:
+            return await self._to_master(call)
+        finally:
+            self._asking -= 1
+            if not self._asking:
+                self._idle.set()
+
+    async def _to_master(self, call: Call) -> Answer:
+        """Pass a call on, as soon as the master answers and knows everything."""
+        while True:
+            await self._ready.wait()
+            try:
+                return await self._links.master(call)
+            except MasterGone:
+                self._lose_master()
+
+    # -- registrations --
+
+    async def _register(self, call: Call, one: Registration, *, hands_over: bool) -> Answer:
+        while True:
+            before = self.state.registry.api_of(one.node)
+            lives = False
+            if before not in (None, one.api):
+                lives, there = await asyncio.gather(self._lives(str(before)), self._find(one.api))
+                if there is False:  # its call has waited, for the master perhaps
+                    return fault(f"{one.node} at {one.api} has ended")
+            async with self._turn:
+                if self.state.registry.api_of(one.node) != before:
+                    continue
+                waits = (one.node, one.api) in self.state.newcomers
+                if not waits:
+                    owner = find_owner(self.state, one, hands_over=hands_over)
+                    waits = lives and owner is not None
+                if waits:
+                    self._let_wait(one)
+                    break
+                if self._ready.is_set():
+                    if lives:
+                        self._note_conflict(one, str(before))
+                    await self._settle(one)
+                    answer = await self._to_master(call)
+                    if answer.is_success and not self.state.registry.has(one):
+                        self._note("register", *one, hands_over)
+                        self._update_newcomers(one)
+                    return answer
+            await self._ready.wait()  # and look again: much may change meanwhile
+        return await self._answer_newcomer(one)
+
+    def _let_wait(self, one: Registration) -> None:
+        """Note what a newcomer registers; one that has started again in its pod begins anew.
+
+        The same again says nothing new: rospy subscribes to a parameter with each line it logs.
+        """
+        for other in self.state.newcomers_for(one.node):
+            if other.host == one.host and other.api != one.api:
+                self._note("dismiss", other.name, other.api)
+        if (one.node, one.api) not in self.state.newcomers:
+            self._log(f"{one.node} at {one.api} waits to take over")
+        known = self.state.newcomers.get((one.node, one.api))
+        if known is None or known.registrations.get((one.kind, one.key)) != one:
+            self._note("wait", *one)
+            self.state.newcomers[one.node, one.api].quiet_since = self._links.now()
+
+    async def _answer_newcomer(self, one: Registration) -> Answer:
+        """Return what the master would say, but nothing to act upon."""
+        if one.kind == PUBLISHER:
+            return Answer.good(f"Registered [{one.node}] as publisher of [{one.key}]", [])
+        if one.kind == SERVICE:
+            return Answer.good(f"Registered [{one.node}] as provider of [{one.key}]", 1)
+        if one.kind == SUBSCRIBER:
+            known = list_publishers(self.state, one.key) if self._is_warm(one.host) else []
+            return Answer.good(f"Subscribed to [{one.key}]", known)
+        found = (await self._ask(Call("getParam", (one.node, one.key)))).result
+        message = f"Subscribed to parameter [{one.key}]"
+        return Answer.good(message, {} if found is None else found)
+
+    def _is_warm(self, host: str) -> bool:
+        pod = self.state.pods.get(host)
+        return pod is not None and pod.warm
+
+    async def _unregister(self, call: Call, removal: Removal) -> Answer:
+        self._removals.append(removal)
+        try:
+            return await self._remove(call, removal)
+        finally:
+            self._removals.remove(removal)
+
+    async def _remove(self, call: Call, removal: Removal) -> Answer:
+        async with self._turn:
+            for newcomer in self.state.newcomers_for(removal.node):
+                waiting = newcomer.registrations.get((removal.kind, removal.key))
+                if waiting and removal.uri in (waiting.api, waiting.detail):
+                    self._note("unwait", removal.kind, removal.key, newcomer.name, newcomer.api)
+                    newcomer.quiet_since = self._links.now()
+                    return Answer.good(f"Unregistered [{removal.node}]", 1)
+            await self._settle(removal)
+            answer = await self._to_master(call)
+            if answer.is_success:
+                self._note("unregister", *removal)
+                self._update_newcomers(removal)
+            if self.state.registry.api_of(removal.node) is None:
+                self._spawn(self._take_over_free(removal.node))
+            return answer
+
+    async def _change_parameter(self, call: Call, event: tuple[str, ...]) -> Answer:
+        async with self._turn:
+            answer = await self._to_master(call)
+            if answer.is_success:
+                self._note(*event)
+                self._update_parameters(event[1])
+            return answer
+
+    async def _lives(self, api: str) -> bool:
+        """Return whether a node's address takes connections."""
+        return await self._find(api) is True
+
+    async def _find(self, api: str) -> bool | None:
+        """Return whether a node is at its address; None: its machine cannot be reached."""
+        try:
+            await self._links.connect(api, PATIENCE)
+        except NodeGone:
+            return False
+        except NodeSilent:
+            return None
+        return True
+
+    async def _visit(self, newcomer: Newcomer) -> None:
+        """Find out how it is with a newcomer; one that has ended waits no more.
+
+        One whose machine is away may come back: it never registers again by itself.
+        """
+        there = await self._find(newcomer.api)
+        newcomer.is_silent = there is None
+        if there is False and (newcomer.name, newcomer.api) in self.state.newcomers:
+            self._log(f"{newcomer.name} at {newcomer.api} has ended before it took over")
+            self._note("dismiss", newcomer.name, newcomer.api)
+
+    def _note_conflict(self, one: Registration, before: str) -> None:
+        """Remember that a node lost its name to a younger one that is no update of it."""
+        if host_of(before) in (one.host, *self.state.leaving):
+            return
+        last = self._conflicts[-1] if self._conflicts else {}
+        if (last.get("node"), last.get("new")) != (one.node, one.api):
+            self._conflicts.append(
+                {"node": one.node, "old": before, "new": one.api, "time": self._links.now()}
+            )
+            self._log(f"{one.node} at {before} loses its name to the node at {one.api}")
+
+    # -- what nodes hear from the gate --
+
+    def _update_newcomers(self, changed: Any) -> None:
+        """Give a topic's new list of publishers to newcomers that get it early."""
+        if changed.kind == PUBLISHER:
+            for newcomer in self.state.newcomers.values():
+                has = (SUBSCRIBER, changed.key) in newcomer.registrations
+                if has and self._is_warm(newcomer.host):
+                    self._send(newcomer.api, PUBLISHERS, changed.key)
+
+    def _update_parameters(self, key: str) -> None:
+        """Give a changed parameter to newcomers that have subscribed to it."""
+        changed = split(key)
+        for newcomer in self.state.newcomers.values():
+            for one in newcomer.registrations.values():
+                wanted = split(one.key)
+                short = min(len(wanted), len(changed))
+                if one.kind == PARAMETER and wanted[:short] == changed[:short]:
+                    nearest = key if len(changed) > len(wanted) else one.key
+                    self._send(newcomer.api, VALUE, nearest)
+
+    def _send(self, api: str, method: str, key: str) -> None:
+        """Call a node as the master does, after a call of this kind that is under way."""
+        target = (api, method, key)
+        if target in self._under_way:
+            self._again.add(target)
+        else:
+            self._under_way[target] = asyncio.get_running_loop().create_future()
+            self._spawn(self._deliver(target))
+
+    async def _deliver(self, target: Target) -> None:
+        api, method, key = target
+        value = self._read(method, key)
+        try:
+            await self._links.node(api, Call(method, (MASTER, key, value)), PATIENCE)
+        except NodeGone:
+            return
+        except NodeSilent as error:
+            if target not in self._unsent:
+                self._log(f"{method} of {key} does not reach {api}: {error}")
+            self._unsent[target] = self._links.now() + PATIENCE
+            return
+        finally:
+            sent = self._under_way.pop(target)
+            is_late = sent.cancelled()  # a change has not waited any longer
+            sent.cancel()
+            again = target in self._again
+            self._again.discard(target)
+        self._unsent.pop(target, None)
+        if is_late or method == VALUE:  # the master may have sent a later value before this one
+            async with self._turn:  # what the master knows already is known here then
+                pass
+            again = again or self._read(method, key) != value
+        if again:
+            self._send(*target)
+
+    def _read(self, method: str, key: str) -> Any:
+        """Return what a node is sent."""
+        if method == PUBLISHERS:
+            return list_publishers(self.state, key)
+        return self.state.parameters.get(key)
+
+    async def _settle(self, changed: Registration | Removal) -> None:
+        """Wait before a topic's publishers change until nodes have got the list as it is.
+
+        The master sends the next list by itself, and one of the gate's must not arrive after it:
+        roscpp ends its connection to a publisher that is not on the list.
+        """
+        sent = [one for (_, _, key), one in self._under_way.items() if key == changed.key]
+        if changed.kind == PUBLISHER and sent:
+            for late in (await asyncio.wait(sent, timeout=SETTLE))[1]:
+                late.cancel()
+
+    def _send_again(self) -> None:
+        """Call nodes that have been silent, as long as they are known."""
+        for target, due in list(self._unsent.items()):
+            if not self.state.knows(target[0]):
+                del self._unsent[target]
+            elif due <= self._links.now():
+                self._send(*target)
+
+    # -- hand-over --
+
+    async def _describe_pod(self, call: Call) -> Answer:
+        """Take a pod's description of itself; return its nodes that wait.
+
+        Arguments: caller, pod, workload, "warm" or "", then the addresses of its nodes. Each node
+        is returned as [name, URI, "quiet" or "busy", URI of the one that has the name].
+        """
+        _, pod, workload, warm, *hosts = call.texts(len(call.params))
+        found = []
+        for host in hosts:
+            known = self.state.pods.get(host)
+            described = (host, pod, workload, warm == "warm")
+            if tuple(known or ()) != described:
+                self._note("pod", *described)
+                self._warm_up(host)
+            for newcomer in self.state.newcomers_at(host):
+                quiet = "quiet" if is_quiet(newcomer, self._links.now()) else "busy"
+                owner = self.state.registry.api_of(newcomer.name) or ""
+                found.append([newcomer.name, newcomer.api, quiet, owner])
+        for stranger in list(find_strangers(self.state)):
+            before = self.state.registry.api_of(stranger.name) or ""
+            self._note_conflict(next(iter(stranger.registrations.values())), before)
+            self._spawn(self._take_over(stranger.name, stranger.api, before or None))
+        return Answer.good("", found)
+
+    def _warm_up(self, host: str) -> None:
+        """Give the newcomers of a pod that has just said so their publishers."""
+        if self._is_warm(host):
+            for newcomer in self.state.newcomers_at(host):
+                for one in newcomer.registrations.values():
+                    if one.kind == SUBSCRIBER:
+                        self._send(one.api, PUBLISHERS, one.key)
+
+    async def _hand_over(self, call: Call) -> Answer:
+        """Give the names of a pod that ends to those that wait for them; return these names.
+
+        Arguments: caller, seconds that newcomers have to become quiet, the pod's addresses.
+        """
+        _, seconds, *hosts = call.texts(len(call.params))
+        for host in hosts:
+            self._note("leave", host)
+        deadline = self._links.now() + float(seconds)
+        names = [name for host in hosts for name in list_names_of(self.state, host)]
+        return Answer.good("", [name for name in names if await self._pass_on(name, deadline)])
+
+    async def _pass_on(self, name: str, deadline: float) -> bool:
+        """Give a name to who waits for it, once that is quiet; return whether anyone got it."""
+        owner = self.state.registry.api_of(name)
+        while self.state.registry.api_of(name) == owner:
+            heir = choose_heir(self.state, name, self._links.now())
+            if heir is None:
+                return False
+            await self._visit(heir)
+            if heir is not choose_heir(self.state, name, self._links.now()):
+                continue
+            if is_quiet(heir, self._links.now()) or self._links.now() >= deadline:
+                await self._take_over(heir.name, heir.api, owner)
+            else:
+                await self._links.sleep(RETRY)
+        return self.state.registry.api_of(name) is not None
+
+    async def _take_over(self, name: str, api: str, owner: str | None) -> bool:
+        """Give a waiting node its name; the master shuts down who had it.
+
+        Args:
+            owner: who has the name, as the caller has seen it. Another one may have got it before
+                this takes its turn, such as one that has started again in its pod.
+        """
+        async with self._turn:
+            newcomer = self.state.newcomers.get((name, api))
+            if newcomer is None or self.state.registry.api_of(name) != owner:
+                return False
+            self._open.clear()
+            try:
+                await self._idle.wait()
+                await self._pass_registrations(newcomer)
+            finally:
+                if self._started:
+                    self._open.set()
+            self._note("dismiss", name, api)
+        self._log(f"{name} at {api} has taken over")
+        return True
+
+    async def _pass_registrations(self, newcomer: Newcomer) -> None:
+        """Register all that a newcomer has, and send it what the master answers."""
+        for one in newcomer.all():
+            await self._settle(one)
+            answer = await self._to_master(call_of(one))
+            if not answer.is_success:
+                self._log(f"the master refuses {one.kind} {one.key} of {one.node}: {answer.value}")
+                continue
+            self._note("register", *one, True)
+            self._update_newcomers(one)
+            self._send_answer(one)
+
+    def _send_answer(self, one: Registration) -> None:
+        """Send a node what the master has answered to a registration that the gate made."""
+        if one.kind == SUBSCRIBER:
+            self._send(one.api, PUBLISHERS, one.key)
+        elif one.kind == PARAMETER:
+            self._send(one.api, VALUE, one.key)
+
+    async def _take_over_free(self, name: str) -> None:
+        """Give a name that no one has any more to who waits for it."""
+        heir = choose_heir(self.state, name, self._links.now())
+        if heir:
+            await self._take_over(heir.name, heir.api, None)
+
+    async def _watch_nodes(self) -> None:
+        """Look whether newcomers live, and those whose names they wait for."""
+        while True:
+            await self._links.sleep(LOOK)
+            try:
+                await self._look_around()
+            except Exception as error:  # a fault here must not end all hand-overs
+                self._log(f"error: {error!r}")
+
+    async def _look_around(self) -> None:
+        for name in sorted({one.name for one in self.state.newcomers.values()}):
+            self._spawn_once(name, self._look_at)
+        self._send_again()
+        for host in sorted(self.state.leaving):
+            if not list_names_of(self.state, host) and not self.state.newcomers_at(host):
+                self._note("away", host)
+        if self._ready.is_set():
+            for name in sorted(self.state.silent):
+                self._spawn_once(name, self._try_again)
+            if not self.state.run:
+                await self._note_run()
+
+    async def _look_at(self, name: str) -> None:
+        await asyncio.gather(*map(self._visit, self.state.newcomers_for(name)))
+        owner = self.state.registry.api_of(name)
+        heir = choose_heir(self.state, name, self._links.now())
+        if heir is None:
+            return
+        free = owner is None or owner == heir.api or not await self._lives(owner)
+        if not free and host_of(str(owner)) in self.state.leaving:
+            free = is_quiet(heir, self._links.now())
+        if free:
+            await self._take_over(heir.name, heir.api, owner)
+
+    # -- a master that comes back --
+
+    def _lose_master(self) -> None:
+        if self._ready.is_set():
+            self._ready.clear()
+            self._spawn(self._recover())
+
+    async def _watch_master(self) -> None:
+        """Notice the master's end at once, not with the next call."""
+        while True:
+            await self._ready.wait()
+            await self._links.until_master_ends()
+            self._lose_master()
+
+    async def _recover(self) -> None:
+        """Wait for the master, and give it back what it lacks."""
+        while True:
+            try:
+                await self._complete_master()
+                break
+            except MasterGone:
+                await self._links.sleep(RETRY)
+            except Exception as error:  # without this the gate would wait for the master for ever
+                self._log(f"error: {error!r}")
+                await self._links.sleep(1)
+        self._ready.set()
+        if not self._started:
+            try:
+                await self._finish_hand_overs()
+            finally:
+                self._started = True
+                self._open.set()
+
+    async def _finish_hand_overs(self) -> None:
+        """Finish what an earlier gate had begun when it ended: its nodes have half of it."""
+        for newcomer in list(self.state.newcomers.values()):
+            if self.state.registry.api_of(newcomer.name) == newcomer.api:
+                await self._take_over(newcomer.name, newcomer.api, newcomer.api)
+
+    async def _complete_master(self) -> None:
+        system = (await self._links.master(Call("getSystemState", (GATE,)))).result
+        run = (await self._links.master(Call("getParam", (GATE, "/run_id")))).result or ""
+        known = read_system(system)
+        if not self._started and run and run == self.state.run:
+            await self._follow_master(known)
+            return
+        names = (await self._links.master(Call("getParamNames", (GATE,)))).result or []
+        nodes = [n for n in find_lost_nodes(self.state, known) if n not in self.state.silent]
+        parameters = find_lost_parameters(self.state, names)
+        if nodes or parameters:
+            await self._give_back(nodes, parameters)
+        if nodes or parameters or run != self.state.run:
+            self._note("run", run)
+        if not self._started:
+            await self._adopt(known)
+
+    async def _give_back(self, nodes: list[str], parameters: list[tuple[str, Any]]) -> None:
+        """Tell a new master what it lacks, as far as it is still true."""
+        self._restarts += 1
+        entries = [self.state.registry.nodes[name] for name in nodes if name != ROSOUT]
+        lives = await asyncio.gather(*(self._is_there(entry) for entry in entries))
+        gone: list[Registration] = []
+        for entry, there in zip(entries, lives):
+            if there is False:
+                gone += entry.registrations.values()
+                self._note("forget", entry.name)
+        for entry, there in zip(entries, lives):
+            if there is None:
+                self._note("silent", entry.name)
+        kept = {entry.name for entry, there in zip(entries, lives) if there}
+        await self._tell_master([("setParam", (GATE, *pair)) for pair in parameters])
+        again = [one for one in self.state.registry.all() if one.node in kept]
+        await self._tell_master([(call_of(one).method, call_of(one).params) for one in again])
+        self._send_shrunk(gone)
+        self._log(
+            f"a new master: it has {len(again)} registrations of {len(kept)} nodes and"
+            f" {len(parameters)} parameters again; gone: {len({o.node for o in gone})} nodes,"
+            f" silent: {len(self.state.silent)}"
+        )
+
+    async def _tell_master(self, calls: list[tuple[str, tuple[Any, ...]]]) -> None:
+        """Make many calls in few."""
+        for some in batch(calls, BATCH):
+            await self._links.master(Call("system.multicall", (some,)))
+
+    async def _is_there(self, entry: NodeEntry) -> bool | None:
+        """Return whether a node goes on where it was; None: it cannot be known now."""
+        try:
+            call = Call("getPublications", (GATE,))
+            answer = await self._links.node(entry.api, call, PATIENCE)
+        except NodeGone:
+            return False
+        except NodeSilent:
+            return None
+        under_way = {(one.kind, one.key, one.node) for one in self._removals}
+        own = [o for o in entry.registrations.values() if (o.kind, o.key, o.node) not in under_way]
+        return is_same_node(own, answer.result)
+
+    async def _try_again(self, name: str) -> None:
+        """Register a node that was silent when the master came back, once it answers."""
+        entry = self.state.registry.nodes.get(name)
+        there = await self._is_there(entry) if entry else False
+        if there is None:
+            await self._links.sleep(PATIENCE)
+            return
+        async with self._turn:
+            if name not in self.state.silent or self.state.registry.nodes.get(name) is not entry:
+                return
+            if entry is None or not there:
+                self._note("forget", name)
+                self._send_shrunk(entry.registrations.values() if entry else ())
+                return
+            for one in sorted(entry.registrations.values(), key=lambda o: KINDS.index(o.kind)):
+                await self._settle(one)
+                await self._to_master(call_of(one))
+                self._send_answer(one)
+            self._note("answers", name)
+            self._log(f"{name} answers again: the new master knows it")
+
+    def _send_shrunk(self, gone: Iterable[Registration]) -> None:
+        """Send subscribers the publishers that are left."""
+        for topic in list_topics_without(gone):
+            for one in self.state.registry.find(SUBSCRIBER, topic):
+                self._send_answer(one)
+
+    # -- a master that has gone on while there was no gate --
+
+    async def _follow_master(self, known: set[tuple[str, str, str]]) -> None:
+        """Believe a master that has not restarted: changes may have been on their way."""
+        for one in find_unregistered(self.state, known):
+            if one.node in self.state.silent:  # which the master has not been told of
+                continue
+            uri = one.detail if one.kind == SERVICE else one.api
+            self._note("unregister", one.kind, one.key, one.node, uri)
+        for entry in list(self.state.registry.nodes.values()):
+            api = (await self._links.master(Call("lookupNode", (GATE, entry.name)))).result
+            if api and api != entry.api:
+                self._note("forget", entry.name)
+        await self._adopt(known)
+        tree = (await self._links.master(Call("getParam", (GATE, "/")))).result
+        if isinstance(tree, dict):
+            self._note("set", "/", pack(tree))
+
+    async def _adopt(self, known: set[tuple[str, str, str]]) -> None:
+        """Take over what a master knows and the state does not."""
+        unknown = list(find_unknown(self.state, known))
+        if not unknown:
+            return
+        types = dict((await self._links.master(Call("getTopicTypes", (GATE,)))).result or [])
+        hosts = {host_of(e.api) for e in self.state.registry.nodes.values() if e.hands_over}
+        for kind, key, node in unknown:
+            api = (await self._links.master(Call("lookupNode", (GATE, node)))).result
+            detail = types.get(key, "*")
+            if kind == SERVICE:
+                detail = (await self._links.master(Call("lookupService", (GATE, key)))).result
+            if api and detail:
+                self._note("register", kind, key, node, api, detail, host_of(api) in hosts)
+
+    async def _note_run(self) -> None:
+        """Remember which master this is, once roscore has given it its number."""
+        run = (await self._to_master(Call("getParam", (GATE, "/run_id")))).result
+        if run and not self.state.run:
+            self._note("run", run)
+
+    # -- for people --
+
+    def describe(self) -> dict[str, Any]:
+        """Return what `rigel status` shows of the gate."""
+        return {
+            "waiting": [
+                {"node": one.name, "api": one.api, "owner": self.state.registry.api_of(one.name)}
+                for one in self.state.newcomers.values()
+            ],
+            "conflicts": [
+                {**one, "time": self._links.now() - one["time"]} for one in self._conflicts
+            ],
+            "silent": sorted(self.state.silent),
+            "restarts": self._restarts,
+            "nodes": len(self.state.registry.nodes),
+        }

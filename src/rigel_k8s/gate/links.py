@@ -1,0 +1,41 @@
+"""What the gate needs of the world around it: the master, the nodes, a clock."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from rigel_k8s.gate.calls import Answer, Call
+
+
+class MasterGone(Exception):
+    """The master's connection has ended, or there is none."""
+
+
+class NodeGone(Exception):
+    """No process listens at a node's address any more."""
+
+
+class NodeSilent(Exception):
+    """A node did not answer in time, or its machine cannot be reached."""
+
+
+class Links(Protocol):
+    """The gate's ways out, and its clock."""
+
+    async def master(self, call: Call) -> Answer:
+        """Call the master; raises MasterGone."""
+
+    async def until_master_ends(self) -> None:
+        """Return when a connection to the master has ended."""
+
+    async def node(self, api: str, call: Call, seconds: float) -> Answer:
+        """Call a node; raises NodeGone and NodeSilent."""
+
+    async def connect(self, api: str, seconds: float) -> None:
+        """Return when a node's address takes a connection; raises NodeGone and NodeSilent."""
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait."""
+
+    def now(self) -> float:
+        """Return seconds of a clock that only goes on."""

@@ -1,0 +1,349 @@
+"""What nodes hear from the gate, and what callers hear; in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from rigel_k8s.gate.calls import Answer, Call
+from rigel_k8s.gate.registry import PARAMETER
+from tests.support.gate_stage import (
+    ASK,
+    CHATTER,
+    HEARS,
+    LISTENER,
+    QUIET,
+    RATE,
+    ROSOUT,
+    TALKER,
+    describe,
+    look_up,
+    note_calls,
+    play,
+    publishers,
+    registered,
+    start,
+    up,
+)
+from tests.support.gate_world import Plan, World
+
+# -- what newcomers hear --
+
+
+@play
+async def test_a_newcomer_hears_no_publishers_before_it_has_its_name(world: World) -> None:
+    """Two listeners of one name must not both hear a topic; at the hand-over it gets the list."""
+    talker = await up(world, TALKER)
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    node = new.nodes[0]
+    more = await up(world, {"/camera": [ROSOUT, CHATTER]})
+    assert node.lists == [("/chatter", [])]
+    await world.hand_over(old)
+    await asyncio.sleep(0.1)
+    assert sorted(node.heard["/chatter"]) == [talker.nodes[0].api, more.nodes[0].api]
+
+
+@play
+async def test_a_warm_newcomer_hears_publishers_early(world: World) -> None:
+    """With its registration, and each change."""
+    talker = await up(world, TALKER)
+    await up(world, LISTENER)
+    node = (await up(world, LISTENER, warm=True)).nodes[0]
+    api = talker.nodes[0].api
+    assert node.lists == [("/chatter", [api])]
+    more = await up(world, {"/camera": [ROSOUT, CHATTER]})
+    assert sorted(node.heard["/chatter"]) == [api, more.nodes[0].api]
+    await more.nodes[0].unregister(CHATTER)
+    await asyncio.sleep(0.1)
+    assert node.heard["/chatter"] == [api]
+
+
+@play
+async def test_a_newcomer_is_warmed_up_when_its_pod_says_so(world: World) -> None:
+    """Its first probe may come after its registrations."""
+    talker = await up(world, TALKER)
+    await up(world, LISTENER)
+    new = start(world, LISTENER, warm=True)
+    await registered(new)
+    assert new.nodes[0].heard["/chatter"] == []
+    await world.describe(new)
+    await asyncio.sleep(0.1)
+    assert new.nodes[0].heard["/chatter"] == [talker.nodes[0].api]
+
+
+@play
+async def test_a_list_reaches_a_node_that_was_silent(world: World) -> None:
+    """The newcomer's machine is away while it takes over: it hears its publishers all the same."""
+    talker = await up(world, TALKER)
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    real = world.node
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        if call.method == "publisherUpdate":
+            world.unreachable.add(new.host)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    assert await world.hand_over(old) == ["/listener"]
+    await asyncio.sleep(10)
+    assert new.nodes[0].heard["/chatter"] == []
+    world.node = real  # type: ignore[method-assign]
+    world.unreachable.discard(new.host)
+    await asyncio.sleep(7)
+    assert new.nodes[0].heard["/chatter"] == [talker.nodes[0].api]
+
+
+@play
+async def test_a_list_does_not_overtake_a_later_one(world: World) -> None:
+    """The gate's list is slow; the publisher that registers meanwhile is not dropped by it."""
+    await up(world, TALKER)
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    real = world.node
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        await asyncio.sleep(0.3 if call.method == "publisherUpdate" else 0)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    handing = asyncio.ensure_future(world.hand_over(old))
+    await asyncio.sleep(0.1)
+    camera = await up(world, {"/camera": [CHATTER]})
+    await handing
+    lists = [heard for _, heard in new.nodes[0].lists]
+    assert [camera.nodes[0].api in heard for heard in lists] == [False, False, True]
+
+
+@play
+async def test_a_change_does_not_wait_for_a_frozen_node(world: World) -> None:
+    """Half a second for its list to arrive; then the graph goes on, and the node gets it later."""
+    await up(world, TALKER)
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    real, slow = world.node, 2.0
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        await asyncio.sleep(slow if call.method == "publisherUpdate" else 0)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    await world.hand_over(old)
+    started = world.now()
+    camera = world.start_pod("app", [], {})
+    await world.start_node(camera, "/camera", []).register(*CHATTER)
+    assert 0.4 < world.now() - started < 1
+    await asyncio.sleep(10)
+    assert camera.nodes[0].api in new.nodes[0].heard["/chatter"]
+    world.broken.clear()  # its old list has come late, and after the new one
+
+
+# -- services, parameters, and calls that change nothing --
+
+
+@play
+async def test_a_service_is_never_unknown_while_its_name_moves(world: World) -> None:
+    """A look-up sees the master before a hand-over or after it."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    found: list[Any] = []
+
+    async def look() -> None:
+        while True:
+            found.append((await look_up(world)).result)
+
+    async def look_lazily() -> None:
+        while True:
+            await asyncio.sleep(0.0007)
+            found.append((await look_up(world)).result)
+
+    for _ in range(3):
+        world.spawn(look())
+        world.spawn(look_lazily())
+    await asyncio.sleep(0.5)
+    await world.hand_over(old)
+    await asyncio.sleep(0.5)
+    services = [pod.nodes[0].detail(*ASK) for pod in (old, new)]
+    assert set(found) == set(services)
+
+
+@play
+async def test_a_look_up_that_waits_for_the_master_sees_no_half_of_a_hand_over(
+    world: World,
+) -> None:
+    """The master comes back, and with the look-ups comes the hand-over that has waited as well."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    world.kill_master()
+    looks = [asyncio.ensure_future(look_up(world)) for _ in range(20)]
+    await asyncio.sleep(0.5)
+    handing = asyncio.ensure_future(world.hand_over(old))
+    await asyncio.sleep(0.5)
+    world.start_master()
+    found = [(await look).result for look in looks]
+    assert await handing == ["/talker"]
+    assert set(found) <= {pod.nodes[0].detail(*ASK) for pod in (old, new)}
+
+
+@play
+async def test_publishers_change_hands_first(world: World) -> None:
+    """A subscriber that gets a list without a publisher ends its connection to it."""
+    plans: dict[str, Plan] = {"/all": [RATE, HEARS, ASK, CHATTER, ROSOUT]}
+    old, _ = await up(world, plans), await up(world, plans)
+    calls = note_calls(world)
+    await world.hand_over(old)
+    made = [call.method for call in calls if call.method.startswith(("register", "subscribe"))]
+    assert made == [
+        *("registerPublisher", "registerPublisher", "registerService"),
+        *("registerSubscriber", "subscribeParam"),
+    ]
+
+
+@play
+async def test_changes_wait_while_a_name_moves(world: World) -> None:
+    """No call of another node comes between those of a hand-over."""
+    old, _ = await up(world, TALKER), await up(world, TALKER)
+    calls = note_calls(world)
+    handing = asyncio.ensure_future(world.hand_over(old))
+    while not calls:
+        await asyncio.sleep(0.001)
+    await world.call(Call("setParam", ("/tool", "/x", 1)))
+    await handing
+    methods = [call.method for call in calls]
+    assert methods.index("setParam") > methods.index("registerService")
+
+
+@play
+async def test_what_a_newcomer_takes_back_is_not_handed_over(world: World) -> None:
+    """By rospy's multicall, too."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    answer = await new.nodes[0].unregister(CHATTER, ASK)
+    assert [one[0][0] for one in answer.value] == [1, 1]
+    assert publishers(world, "/chatter") == [old.nodes[0].api], "it is the old node's"
+    await asyncio.sleep(QUIET + 0.1)
+    await world.hand_over(old)
+    assert publishers(world, "/rosout") == [new.nodes[0].api]
+    assert publishers(world, "/chatter") == []
+    assert not (await look_up(world)).is_success
+
+
+@play
+async def test_a_newcomer_that_has_taken_everything_back_waits_no_more(world: World) -> None:
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    await new.nodes[0].unregister(ROSOUT, CHATTER, ASK)
+    assert (await describe(world))["waiting"] == []
+    assert await world.hand_over(old) == []
+
+
+@play
+async def test_a_newcomer_learns_parameters_and_their_changes(world: World) -> None:
+    """Those that it has subscribed to, above them and below them."""
+    await world.call(Call("setParam", ("/tool", "/camera/gain", 1)))
+    plans: dict[str, Plan] = {"/camera": [(PARAMETER, "/camera/gain"), (PARAMETER, "/camera/size")]}
+    await up(world, plans)
+    node = (await up(world, plans)).nodes[0]
+    assert node.learnt == {"/camera/gain": 1, "/camera/size": {}}
+    for key, value in (("/camera/gain", 2), ("/camera/size/x", 3), ("/other", 4), ("/cam", 5)):
+        await world.call(Call("setParam", ("/tool", key, value)))
+    await asyncio.sleep(0.1)
+    assert node.learnt == {"/camera/gain": 2, "/camera/size": {}, "/camera/size/x": 3}
+    await world.call(Call("setParam", ("/tool", "/camera", {"gain": 6})))
+    await asyncio.sleep(0.1)
+    assert (node.learnt["/camera/gain"], node.learnt["/camera/size"]) == (6, {})
+    await world.call(Call("deleteParam", ("/tool", "/camera/gain")))
+    await asyncio.sleep(0.1)
+    assert node.learnt["/camera/gain"] == {}
+
+
+@play
+async def test_a_parameters_name_is_the_callers(world: World) -> None:
+    """`~gain` and `gain` are resolved as the master does it, also for what a new master gets."""
+    await world.call(Call("setParam", ("/ns/camera", "~gain", 1)))
+    await world.call(Call("setParam", ("/ns/camera", "rate", 2)))
+    world.kill_master()
+    world.start_master()
+    for key, value in (("/ns/camera/gain", 1), ("/ns/rate", 2)):
+        assert (await world.call(Call("getParam", ("/tool", key)))).result == value
+
+
+@play
+async def test_the_newest_value_reaches_a_node_last(world: World) -> None:
+    """Two changes at once: what is slow on its way does not stay."""
+    await world.call(Call("setParam", ("/tool", "/rate", 0)))
+    await up(world, LISTENER)
+    node = (await up(world, LISTENER)).nodes[0]
+    await asyncio.gather(
+        *(world.call(Call("setParam", ("/tool", "/rate", value))) for value in range(30))
+    )
+    await asyncio.sleep(1)
+    assert world.master_now is not None
+    assert node.learnt["/rate"] == world.master_now.parameters.get("/rate")
+
+
+@play
+async def test_many_calls_in_one(world: World) -> None:
+    """`system.multicall` answers each as the master does; a bad one is the master's to refuse."""
+    inner = [
+        {"methodName": "setParam", "params": ["/tool", "/x", 1]},
+        {"methodName": "getParam", "params": ["/tool", "/x"]},
+        {"methodName": "getParam", "params": ["/tool", "/y"]},
+    ]
+    answer = await world.call(Call("system.multicall", (inner,)))
+    assert answer.value == [[[1, "", 0]], [[1, "", 1]], [[-1, "not set", 0]]]
+    asked: list[Call] = []
+
+    async def refuse(call: Call) -> Answer:
+        asked.append(call)
+        return Answer([-1, "what?", 0])
+
+    world.master = refuse  # type: ignore[method-assign]
+    for params in ((), (7,), ([{"methodName": "getParam"}],)):
+        assert (await world.call(Call("system.multicall", params))).value == [-1, "what?", 0]
+    assert len(asked) == 3
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        Call("registerPublisher", ("/talker", "/chatter")),
+        Call("registerPublisher", ("/talker", 7, "t/T", "http://h:1/")),
+        Call("unregisterService", ("/talker",)),
+        Call("setParam", ("/talker",)),
+        Call("setParam", ("/talker", 7, 7)),
+        Call("deleteParam", ()),
+        Call("no such method", (1, 2)),
+    ],
+    ids=lambda call: call.method,
+)
+def test_what_the_gate_does_not_understand_is_the_masters_to_refuse(call: Call) -> None:
+    @play
+    async def story(world: World) -> None:
+        world.master = refuse  # type: ignore[method-assign]
+        assert (await world.call(call)).value == [-1, "what?", 0]
+        assert world.gate is not None
+        assert not world.gate.state.registry.nodes
+
+    async def refuse(call: Call) -> Answer:
+        return Answer([-1, "what?", 0])
+
+    story()
+
+
+@play
+async def test_what_the_master_refuses_is_not_remembered(world: World) -> None:
+    """A new master would be told what the old one did not take."""
+
+    async def refuse(call: Call) -> Answer:
+        return Answer([-1, "no", 0])
+
+    node = (await up(world, {"/talker": [ROSOUT]})).nodes[0]
+    assert world.gate is not None
+    before = list(world.gate.state.events())
+    world.master = refuse  # type: ignore[method-assign]
+    await node.register(*CHATTER)
+    await node.unregister(ROSOUT)
+    await world.call(Call("setParam", ("/tool", "/x", 1)))
+    await world.call(Call("deleteParam", ("/tool", "/x")))
+    assert list(world.gate.state.events()) == before
+
+
+@play
+async def test_the_masters_address_is_the_gates(world: World) -> None:
+    assert (await world.call(Call("getUri", ("/tool",)))).result == "http://ros-master:11311/"

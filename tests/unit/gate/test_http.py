@@ -1,0 +1,505 @@
+"""The gate's doors and its ways out, on real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import struct
+import xmlrpc.client
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+from rigel_k8s.gate import http
+from rigel_k8s.gate.calls import Answer, Call
+from rigel_k8s.gate.http import Door, HttpLinks, place_of
+from rigel_k8s.gate.links import MasterGone, NodeGone, NodeSilent
+
+LOCAL = "127.0.0.1"
+BODY = Call("echo", ("/me", "hello")).body
+Answering = Callable[[Call, bool], Coroutine[Any, Any, Answer]]
+
+
+async def echo(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+    return Answer([1, call.method, list(call.params)])
+
+
+def request(body: bytes = BODY, *, line: str = "POST /RPC2 HTTP/1.1", head: str = "") -> bytes:
+    return f"{line}\r\n{head}Content-Length: {len(body)}\r\n\r\n".encode() + body
+
+
+@asynccontextmanager
+async def door(answering: Answering = echo) -> AsyncIterator[int]:
+    """Open a door; its port."""
+    server = await asyncio.get_running_loop().create_server(lambda: Door(answering), LOCAL, 0)
+    async with server:
+        yield server.sockets[0].getsockname()[1]
+
+
+@asynccontextmanager
+async def caller(
+    port: int,
+) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    """Connect to a door."""
+    reader, writer = await asyncio.open_connection(LOCAL, port)
+    yield reader, writer
+    writer.close()
+
+
+async def read_answer(reader: asyncio.StreamReader) -> tuple[str, Any]:
+    """Return the head of an answer, and its value."""
+    head = (await reader.readuntil(b"\r\n\r\n")).decode()
+    length = int(head.lower().partition("content-length:")[2].split()[0])
+    body = await reader.readexactly(length)
+    return head, Answer(body=body).value if body else None
+
+
+def run(work: Coroutine[Any, Any, None]) -> None:
+    """Run a test's coroutine; what asyncio reports of callbacks fails it."""
+    troubles: list[dict[str, Any]] = []
+
+    async def watched() -> None:
+        asyncio.get_running_loop().set_exception_handler(
+            lambda _, trouble: troubles.append(trouble)
+        )
+        await asyncio.wait_for(work, 10)
+        await asyncio.sleep(0.01)  # until both ends of each connection are closed
+
+    asyncio.run(watched())
+    assert troubles == []
+
+
+# -- the door --
+
+
+def test_a_connection_is_kept_for_further_calls():
+    """rospy and roscpp make all their calls by one."""
+
+    async def work() -> None:
+        async with door() as port, caller(port) as (reader, writer):
+            for _ in range(3):
+                writer.write(request())
+                head, value = await read_answer(reader)
+                assert head.startswith("HTTP/1.1 200 OK\r\n")
+                assert "Content-Type: text/xml" in head
+                assert "close" not in head
+                assert value == [1, "echo", ["/me", "hello"]]
+
+    run(work())
+
+
+@pytest.mark.parametrize(
+    ("line", "head", "stays"),
+    [
+        ("POST /RPC2 HTTP/1.0", "", False),
+        ("POST /RPC2 HTTP/1.0", "Connection: keep-alive\r\n", True),
+        ("POST / HTTP/1.1", "connection: Close\r\n", False),
+        ("POST / HTTP/1.1", "X-Connection: close\r\n", True),
+    ],
+)
+def test_who_wants_no_more_gets_a_connections_end(line: str, head: str, *, stays: bool):
+    """HTTP/1.0, and `Connection: close`."""
+
+    async def work() -> None:
+        async with door() as port, caller(port) as (reader, writer):
+            writer.write(request(line=line, head=head))
+            answered, _ = await read_answer(reader)
+            assert ("Connection: close" in answered) is not stays
+            if stays:
+                writer.write(request())
+                await read_answer(reader)
+            else:
+                assert await reader.read() == b""
+
+    run(work())
+
+
+def test_a_call_may_come_byte_by_byte():
+    """In as many packets as it has bytes, with the next one behind it."""
+
+    async def work() -> None:
+        async with door() as port, caller(port) as (reader, writer):
+            for byte in request() + request():
+                writer.write(bytes([byte]))
+                await asyncio.sleep(0)
+            for _ in range(2):
+                assert (await read_answer(reader))[1][0] == 1
+
+    run(work())
+
+
+def test_calls_of_a_connection_are_answered_one_after_the_other():
+    """A caller that sends three at once gets three answers, in their order."""
+    busy = []
+
+    async def slow(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+        busy.append(call)
+        assert len(busy) == 1
+        await asyncio.sleep(0.01)
+        busy.remove(call)
+        return Answer([1, call.method, 0])
+
+    async def work() -> None:
+        async with door(slow) as port, caller(port) as (reader, writer):
+            writer.write(b"".join(request(Call(f"m{n}", ()).body) for n in range(3)))
+            assert [(await read_answer(reader))[1][1] for _ in range(3)] == ["m0", "m1", "m2"]
+
+    run(work())
+
+
+@pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        (b"GET / HTTP/1.1\r\n\r\n", "501"),
+        (b"nonsense\r\n\r\n", "501"),
+        (b"POST / HTTP/1.1\r\nContent-Length: many\r\n\r\n", "411"),
+        ("POST / HTTP/1.1\r\nContent-Length: ²\r\n\r\n".encode("latin-1"), "411"),
+        (b"POST / HTTP/1.1\r\nContent-Length: -1\r\n\r\n", "411"),
+        (b"POST / HTTP/1.1\r\nContent-Length: 999999999999\r\n\r\n", "501"),
+        (b"POST / HTTP/1.1\r\nX: " + 70000 * b"x", "431"),
+    ],
+)
+def test_what_is_no_request_is_refused(sent: bytes, status: str):
+    """And its connection ends: no one knows where the next request would begin."""
+
+    async def work() -> None:
+        async with door() as port, caller(port) as (reader, writer):
+            writer.write(sent)
+            head = (await reader.readuntil(b"\r\n\r\n")).decode()
+            assert head.startswith(f"HTTP/1.1 {status} ")
+            assert await reader.read() == b""
+
+    run(work())
+
+
+@pytest.mark.parametrize("body", [b"", b"no XML", b"<methodName>m</methodName>&"])
+def test_what_is_no_call_gets_a_fault(body: bytes):
+    """The connection goes on: it was a request."""
+
+    async def work() -> None:
+        async with door() as port, caller(port) as (reader, writer):
+            writer.write(request(body))
+            assert (await read_answer(reader))[1][0] == -1
+            writer.write(request())
+            assert (await read_answer(reader))[1][0] == 1
+
+    run(work())
+
+
+@pytest.mark.parametrize("value", [ZeroDivisionError("bug"), Answer([1, "", 2**40])])
+def test_a_failure_of_the_gate_is_a_fault(value: Any):
+    """No caller waits for ever: an exception, and what XML-RPC cannot carry."""
+
+    async def fail(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+        if isinstance(value, Exception):
+            raise value
+        return value  # type: ignore[no-any-return]
+
+    async def work() -> None:
+        async with door(fail) as port, caller(port) as (reader, writer):
+            for _ in range(2):
+                writer.write(request())
+                code, message, _ = (await read_answer(reader))[1]
+                assert code == -1
+                assert "the gate failed" in message
+
+    run(work())
+
+
+def test_a_call_whose_caller_hangs_up_is_carried_out():
+    """A node that ends unregisters without waiting."""
+    done = asyncio.Event()
+
+    async def slow(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+        await asyncio.sleep(0.05)
+        done.set()
+        return Answer([1, "", 0])
+
+    async def work() -> None:
+        async with door(slow) as port:
+            async with caller(port) as (_, writer):
+                writer.write(request())
+                await asyncio.sleep(0.02)
+            await done.wait()
+
+    run(work())
+
+
+def test_a_connection_that_is_reset_before_it_is_taken_leaves_the_door_open():
+    """The address of such a caller is not known any more."""
+
+    async def work() -> None:
+        async with door() as port:
+            with socket.create_connection((LOCAL, port)) as hasty:
+                hasty.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            await asyncio.sleep(0.05)
+            async with caller(port) as (reader, writer):
+                writer.write(request())
+                assert (await read_answer(reader))[1][0] == 1
+
+    run(work())
+
+
+def test_a_call_from_this_machine_is_local():
+    """It comes from the loopback."""
+    seen = []
+
+    async def note(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+        seen.append(local)
+        return Answer([1, "", 0])
+
+    async def work() -> None:
+        async with door(note) as port, caller(port) as (reader, writer):
+            writer.write(request())
+            await read_answer(reader)
+        far = Door(note)
+        far.connection_made(Far())
+        far.data_received(request())
+        await asyncio.sleep(0)
+
+    run(work())
+    assert seen == [True, False]
+
+
+class Far(asyncio.Transport):
+    """A connection from another pod."""
+
+    def get_extra_info(self, name: str, default: Any = None) -> Any:
+        return ("10.1.0.3", 40000)
+
+    def write(self, data: Any) -> None:
+        pass
+
+
+# -- the master and nodes --
+
+
+@asynccontextmanager
+async def server(*answers: bytes, hangs_up: bool = False) -> AsyncIterator[tuple[int, list[bytes]]]:
+    """Serve raw answers, one for each request and then silence; the port, and what was asked."""
+    left, asked, writers = list(answers), [], []
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writers.append(writer)
+        while True:
+            try:
+                head = await reader.readuntil(b"\r\n\r\n")
+            except (EOFError, OSError):
+                break
+            length = int(head.decode().lower().partition("content-length:")[2].split()[0])
+            asked.append(await reader.readexactly(length))
+            if not left:
+                continue
+            writer.write(left.pop(0))
+            if hangs_up:
+                break
+        writer.close()
+
+    listening = await asyncio.start_server(serve, LOCAL, 0)
+    yield listening.sockets[0].getsockname()[1], asked
+    listening.close()
+    for writer in writers:
+        writer.close()
+    await asyncio.sleep(0.01)
+
+
+def says(value: Any, *, line: str = "HTTP/1.1 200 OK", head: str = "") -> bytes:
+    text = xmlrpc.client.dumps((value,), methodresponse=True).encode()
+    return f"{line}\r\n{head}Content-Length: {len(text)}\r\n\r\n".encode() + text
+
+
+CALL = Call("getPid", ("/me",))
+
+
+def test_the_masters_connections_are_kept():
+    """One after the other by one connection, at once by several."""
+
+    async def work() -> None:
+        opened = []
+
+        async def note(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+            await asyncio.sleep(0.01)
+            return Answer([1, "", 7])
+
+        def made() -> Door:
+            opened.append(Door(note))
+            return opened[-1]
+
+        loop = asyncio.get_running_loop()
+        async with await loop.create_server(made, LOCAL, 0) as listening:
+            links = HttpLinks(listening.sockets[0].getsockname()[1])
+            for _ in range(3):
+                assert (await links.master(CALL)).result == 7
+            assert len(opened) == 1
+            await asyncio.gather(*(links.master(CALL) for _ in range(3)))
+            assert len(opened) == 3
+            for connection in links._free:
+                connection.close()
+
+    run(work())
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [says([1, "", 7], line="HTTP/1.0 200 OK"), says([1, "", 7], head="Connection: close\r\n")],
+)
+def test_a_connection_that_the_master_ends_is_not_kept(answer: bytes):
+    async def work() -> None:
+        async with server(answer, answer) as (port, _):
+            links = HttpLinks(port)
+            for _ in range(2):
+                assert (await links.master(CALL)).result == 7
+                assert links._free == []
+
+    run(work())
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        b"",
+        b"HTTP/1.1 200",
+        b"HTTP/1.1 200 OK\r\n\r\n",
+        b"HTTP/1.1 200 OK\r\nContent-Length: x\r\n\r\n",
+        says([1, "", 7])[:-5],
+    ],
+)
+def test_a_master_that_ends_before_its_answer_does_is_gone(answer: bytes):
+    async def work() -> None:
+        async with server(answer, hangs_up=True) as (port, _):
+            with pytest.raises(MasterGone):
+                await HttpLinks(port).master(CALL)
+
+    run(work())
+
+
+def test_no_master_is_gone():
+    async def work() -> None:
+        async with server() as (port, _):
+            pass
+        with pytest.raises(MasterGone):
+            await HttpLinks(port).master(CALL)
+        await HttpLinks(port).until_master_ends()
+
+    run(work())
+
+
+def test_a_call_that_the_master_refuses_is_not_made_again():
+    """An error page is a living master's: the same call again would get it for ever."""
+
+    async def work() -> None:
+        async with server(b"HTTP/1.1 500 No\r\nContent-Length: 0\r\n\r\n") as (port, _):
+            answer = await HttpLinks(port).master(CALL)
+            assert answer.value[0] == -1
+            assert "500 No" in answer.value[1]
+
+    run(work())
+
+
+def test_the_masters_end_is_noticed_at_once():
+    """By a connection that says nothing; kept ones are not used any more."""
+
+    async def work() -> None:
+        loop = asyncio.get_running_loop()
+        doors: list[Door] = []
+
+        def made() -> Door:
+            doors.append(Door(echo))
+            return doors[-1]
+
+        listening = await loop.create_server(made, LOCAL, 0)
+        links = HttpLinks(listening.sockets[0].getsockname()[1])
+        await links.master(CALL)
+        ending = asyncio.ensure_future(links.until_master_ends())
+        await asyncio.sleep(0.02)
+        assert not ending.done()
+        listening.close()
+        for one in doors:
+            assert one._transport is not None
+            one._transport.abort()
+        await asyncio.wait_for(ending, 1)
+        assert links._free == []
+
+    run(work())
+
+
+def test_a_node_is_called_once():
+    async def work() -> None:
+        async with server(says([1, "", 7])) as (port, asked):
+            links = HttpLinks(1)
+            answer = await links.node(f"http://{LOCAL}:{port}/", CALL, 1)
+            assert answer.result == 7
+            assert asked == [CALL.body]
+
+    run(work())
+
+
+def test_where_no_process_listens_a_node_is_gone():
+    """And where another kind of server is, or none that answers in full."""
+
+    async def work() -> None:
+        links = HttpLinks(1)
+        async with server(b"", b"HTTP/1.1 404 Not Found\r\n\r\n", hangs_up=True) as (port, _):
+            api = f"http://{LOCAL}:{port}/"
+            await links.connect(api, 1)
+            for _ in range(2):
+                with pytest.raises(NodeGone):
+                    await links.node(api, CALL, 1)
+        with pytest.raises(NodeGone):
+            await links.connect(api, 1)
+        with pytest.raises(NodeGone):
+            await links.node(api, CALL, 1)
+
+    run(work())
+
+
+def test_a_node_that_does_not_answer_is_silent():
+    """It is frozen, its machine is away, or its name is unknown here: it may live."""
+
+    async def work() -> None:
+        links = HttpLinks(1)
+        async with server() as (port, _):
+            api = f"http://{LOCAL}:{port}/"
+            await links.connect(api, 1)
+            with pytest.raises(NodeSilent, match=r"no answer within 0.05 s"):
+                await links.node(api, CALL, 0.05)
+        with pytest.raises(NodeSilent):
+            await links.connect("http://no.such.name.invalid:4711/", 5)
+
+    run(work())
+
+
+@pytest.mark.parametrize("number", [113, 101, 110])
+def test_a_machine_without_a_route_is_silent(number: int, monkeypatch: pytest.MonkeyPatch):
+    """No route to host, network unreachable, timed out: only a refusal comes from the machine."""
+
+    async def fail(host: str, port: int) -> http.Connection:
+        raise OSError(number, "no")
+
+    monkeypatch.setattr(http.Connection, "open", fail)
+
+    async def work() -> None:
+        with pytest.raises(NodeSilent):
+            await HttpLinks(1).connect("http://10.9.9.9:1/", 1)
+
+    run(work())
+
+
+@pytest.mark.parametrize(
+    ("api", "place"),
+    [
+        ("http://10.1.0.3:4711/", ("10.1.0.3", 4711)),
+        ("http://robot:4711", ("robot", 4711)),
+        ("http://[fd00::1]:4711/", ("fd00::1", 4711)),
+    ],
+)
+def test_the_place_of_a_node(api: str, place: tuple[str, int]):
+    assert place_of(api) == place
+
+
+@pytest.mark.parametrize("api", ["", "rosrpc://h:1", "http://h/", "http://:1/", "http://h:x/"])
+def test_what_is_no_address_is_no_node(api: str):
+    with pytest.raises(NodeGone):
+        place_of(api)

@@ -1,0 +1,157 @@
+"""What a gate knows that starts again; in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+
+from rigel_k8s.gate.calls import Call, call_of
+from rigel_k8s.gate.registry import SERVICE, Registration
+from tests.support.gate_stage import (
+    ASK,
+    CHATTER,
+    LISTENER,
+    ROSOUT,
+    TALKER,
+    describe,
+    look_up,
+    note_calls,
+    owner,
+    play,
+    publishers,
+    registered,
+    start,
+    up,
+)
+from tests.support.gate_world import SimNode, World
+
+
+@play
+async def test_the_next_gate_knows_who_waits(world: World) -> None:
+    """And what the pods are, and that one is leaving."""
+    old, new = await up(world, TALKER, warm=True), await up(world, TALKER, warm=True)
+    assert world.gate is not None
+    before = list(world.gate.state.events())
+    await world.kill_gate()
+    world.start_gate()
+    assert list(world.gate.state.events()) == before
+    await asyncio.sleep(2)
+    assert owner(world, "/talker") == old.nodes[0].api
+    assert await world.hand_over(old) == ["/talker"]
+    assert owner(world, "/talker") == new.nodes[0].api
+
+
+@play
+async def test_who_still_registers_is_not_ready_for_the_next_gate(world: World) -> None:
+    """It does not know when the last registration was."""
+    old = await up(world, TALKER)
+    new = start(world, {"/talker": [ROSOUT]})
+    await registered(new)
+    await world.kill_gate()
+    await asyncio.sleep(5)
+    world.start_gate()
+    assert [one[2] for one in await world.describe(new)] == ["busy"]
+    started = world.now()
+    assert await world.hand_over(old) == ["/talker"]
+    assert world.now() - started > 0.9
+
+
+@play
+async def test_the_next_gate_finishes_a_hand_over(world: World) -> None:
+    """It was killed after the old node had lost its name: no look-up sees half of the new one."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    calls = note_calls(world)
+    world.spawn(world.hand_over(old))
+    while not [call for call in calls if call.method == "registerPublisher"]:
+        await asyncio.sleep(0.001)
+    await asyncio.sleep(0.002)
+    await world.kill_gate()
+    assert owner(world, "/talker") == new.nodes[0].api
+    assert not world.master_now.apis(*ASK)  # type: ignore[union-attr]
+    world.start_gate()
+    assert (await look_up(world)).result == new.nodes[0].detail(*ASK)
+    assert (await describe(world))["waiting"] == []
+
+
+@play
+async def test_the_next_gate_believes_a_master_that_lives(world: World) -> None:
+    """Nodes came and went, and parameters changed, in calls that it has not seen."""
+    gone, other = await up(world, TALKER), await up(world, LISTENER)
+    moved = await up(world, {"/camera": [ROSOUT, CHATTER]})
+    await world.call(Call("setParam", ("/tool", "/old", 1)))
+    await world.kill_gate()
+    master = world.master_now
+    assert master is not None
+    node = gone.nodes[0]
+    master.answer(Call("unregisterPublisher", (node.name, "/chatter", node.api)))
+    late = SimNode(world, other, "/late", 1, [])
+    again = SimNode(world, moved, "/camera", 2, [])
+    for kind, key, name, api, detail in (
+        (*CHATTER, "/late", late.api, "t/T"),
+        (SERVICE, "/late/ask", "/late", late.api, "rosrpc://late"),
+        (*ROSOUT, "/camera", again.api, "t/T"),
+    ):
+        master.answer(call_of(Registration(kind, key, name, api, detail)))
+    master.answer(Call("setParam", ("/tool", "/new", 2)))
+    master.answer(Call("deleteParam", ("/tool", "/old")))
+    world.start_gate()
+    await look_up(world)
+    assert world.gate is not None
+    state = world.gate.state
+    known = {(one.kind, one.key, one.node, one.api) for one in state.registry.all()}
+    assert (*CHATTER, "/talker", node.api) not in known
+    assert (*ASK, "/talker", node.api) in known
+    assert (*CHATTER, "/late", late.api) in known
+    assert (SERVICE, "/late/ask", "/late", late.api) in known
+    assert {api for _, _, name, api in known if name == "/camera"} == {again.api}
+    assert state.parameters.own() == {"new": 2}
+    assert (await describe(world))["restarts"] == 0
+    late.offers = {CHATTER}
+    world.kill_master()
+    world.start_master()
+    await look_up(world)
+    assert late.api in publishers(world, "/chatter"), "what it has learnt is given back, too"
+
+
+@play
+async def test_a_gate_without_a_memory_learns_from_the_master(world: World) -> None:
+    """It was put in front of a master that has been running."""
+    await world.kill_gate()
+    assert world.master_now is not None
+    world.journal.clear()
+    pod = world.start_pod(None, [], {})
+    node = world.start_node(pod, "/talker", [])
+    world.master_now.answer(call_of(Registration(*CHATTER, "/talker", node.api, "t/T")))
+    world.start_gate()
+    await look_up(world)
+    assert world.gate is not None
+    [one] = world.gate.state.registry.all()
+    assert one == Registration(*CHATTER, "/talker", node.api, "t/T")
+
+
+@play
+async def test_a_master_and_a_gate_that_both_start_again_lose_nothing(world: World) -> None:
+    """Their pod has moved to another machine."""
+    talker = await up(world, TALKER)
+    await world.call(Call("setParam", ("/tool", "/x", 1)))
+    await world.kill_gate()
+    world.kill_master()
+    world.start_master()
+    world.start_gate()
+    assert (await look_up(world)).is_success
+    assert owner(world, "/talker") == talker.nodes[0].api
+    assert (await world.call(Call("getParam", ("/tool", "/x")))).result == 1
+
+
+@play
+async def test_the_gate_learns_late_which_master_it_is(world: World) -> None:
+    """roscore sets its number after its master has started."""
+    assert world.master_now is not None
+    await world.kill_gate()
+    world.master_now.parameters.delete("/run_id")
+    world.journal.clear()
+    world.start_gate()
+    await asyncio.sleep(1)
+    world.master_now.parameters.set("/run_id", "run 7")
+    await asyncio.sleep(1)
+    assert world.gate is not None
+    assert world.gate.state.run == "run 7"

@@ -1,0 +1,223 @@
+"""What a master that starts again gets; in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+
+from rigel_k8s.gate.calls import Call
+from rigel_k8s.gate.registry import PUBLISHER
+from tests.support.gate_stage import (
+    CHATTER,
+    LISTENER,
+    ROSOUT,
+    TALKER,
+    describe,
+    look_up,
+    note_calls,
+    owner,
+    play,
+    publishers,
+    up,
+)
+from tests.support.gate_world import World
+
+
+@play
+async def test_a_new_master_gets_everything_back(world: World) -> None:
+    """Registrations and parameters; who looks it up waits and sees no half of it."""
+    talker, listener = await up(world, TALKER), await up(world, LISTENER)
+    await world.call(Call("setParam", ("/tool", "/robot", {"name": "rosie", "size": {"x": 1}})))
+    await world.call(Call("setParam", ("/tool", "/flat", 1)))
+    await world.call(Call("deleteParam", ("/tool", "/flat")))
+    world.kill_master()
+    found = asyncio.ensure_future(look_up(world))
+    await asyncio.sleep(3)
+    assert not found.done()
+    world.start_master()
+    assert (await found).is_success
+    master = world.master_now
+    assert master is not None
+    for node in (talker.nodes[0], listener.nodes[0]):
+        assert all((node.name, node.api) in master.registered[entry] for entry in node.plan)
+    assert master.parameters.tree == {
+        "run_id": "run 2",
+        "robot": {"name": "rosie", "size": {"x": 1}},
+    }
+    assert listener.nodes[0].heard["/chatter"] == [talker.nodes[0].api]
+    assert (await describe(world))["restarts"] == 1
+
+
+@play
+async def test_a_new_master_learns_publishers_first(world: World) -> None:
+    """A subscriber would be told to drop those that are still missing."""
+    await up(world, LISTENER)
+    await up(world, TALKER)
+    calls = note_calls(world)
+    world.kill_master()
+    world.start_master()
+    await look_up(world)
+    many = [call.params[0] for call in calls if call.method == "system.multicall"]
+    made = [one["methodName"] for some in many for one in some]
+    assert made == [
+        *["registerPublisher"] * 3,
+        "registerService",
+        "registerSubscriber",
+        "subscribeParam",
+    ]
+
+
+@play
+async def test_a_new_masters_own_parameters_stay(world: World) -> None:
+    for key in ("/rosdistro", "/rosversion", "/roslaunch/uris/a", "/run_id"):
+        await world.call(Call("setParam", ("/roscore", key, "old")))
+    world.kill_master()
+    world.start_master()
+    await look_up(world)
+    assert world.master_now is not None
+    assert world.master_now.parameters.tree == {"run_id": "run 2"}
+
+
+@play
+async def test_what_a_new_master_has_already_is_left_alone(world: World) -> None:
+    """A value of a parameter that is set there, by roscore's own launch file perhaps."""
+    await world.call(Call("setParam", ("/tool", "/robot/name", "old")))
+    await world.call(Call("setParam", ("/tool", "/robot/size", 1)))
+    world.kill_master()
+    world.start_master()
+    assert world.master_now is not None
+    world.master_now.parameters.set("/robot/name", "new")
+    await look_up(world)
+    assert world.master_now.parameters.get("/robot") == {"name": "new", "size": 1}
+
+
+@play
+async def test_a_node_that_has_gone_is_not_given_back(world: World) -> None:
+    """Who subscribes to it gets a list without it."""
+    talker, camera = await up(world, TALKER), await up(world, {"/camera": [ROSOUT, CHATTER]})
+    node = (await up(world, LISTENER)).nodes[0]
+    world.kill_master()
+    talker.nodes[0].end()
+    world.start_master()
+    assert not (await look_up(world)).is_success
+    await asyncio.sleep(0.1)
+    assert publishers(world, "/chatter") == node.heard["/chatter"] == [camera.nodes[0].api]
+    assert owner(world, "/talker") is None
+
+
+@play
+async def test_another_process_at_a_nodes_address_is_not_the_node(world: World) -> None:
+    """It has other topics."""
+    node = (await up(world, TALKER)).nodes[0]
+    world.kill_master()
+    node.offers = {ROSOUT, (PUBLISHER, "/something else")}
+    world.start_master()
+    await look_up(world)
+    assert owner(world, "/talker") is None
+
+
+@play
+async def test_a_node_that_stops_to_publish_while_the_master_is_away_is_the_node(
+    world: World,
+) -> None:
+    """It answers without the topic, before its call has reached the master."""
+    node = (await up(world, TALKER)).nodes[0]
+    camera = (await up(world, {"/camera": [ROSOUT, CHATTER, (PUBLISHER, "/image")]})).nodes[0]
+    world.kill_master()
+    stopping = asyncio.ensure_future(node.unregister(CHATTER))
+    camera.offers.discard(CHATTER)  # its call is on its way to the gate
+    await asyncio.sleep(1)
+    world.start_master()
+    await stopping
+    assert owner(world, "/talker") == node.api
+    assert owner(world, "/camera") == camera.api
+    assert node.api not in publishers(world, "/chatter")
+    assert (await look_up(world)).is_success
+
+
+@play
+async def test_a_silent_node_is_registered_when_it_answers_again(world: World) -> None:
+    """Also when the master starts once more meanwhile."""
+    lost, other = await up(world, TALKER), await up(world, {"/camera": [ROSOUT, CHATTER]})
+    node = (await up(world, LISTENER)).nodes[0]
+    world.unreachable.add(lost.host)
+    for _ in range(2):
+        world.kill_master()
+        world.start_master()
+        await asyncio.sleep(8)
+        assert publishers(world, "/chatter") == [other.nodes[0].api]
+        assert (await describe(world))["silent"] == ["/talker"]
+    world.unreachable.discard(lost.host)
+    await asyncio.sleep(7)
+    assert set(publishers(world, "/chatter")) == {lost.nodes[0].api, other.nodes[0].api}
+    assert set(node.heard["/chatter"]) == set(publishers(world, "/chatter"))
+    assert (await look_up(world)).is_success
+    assert (await describe(world))["silent"] == []
+
+
+@play
+async def test_a_silent_node_is_not_forgotten_with_the_gate(world: World) -> None:
+    """The next gate finds a master that does not know the node, and must not believe it here."""
+    lost = await up(world, TALKER)
+    world.unreachable.add(lost.host)
+    world.kill_master()
+    world.start_master()
+    await asyncio.sleep(8)
+    await world.kill_gate()
+    world.start_gate()
+    await asyncio.sleep(8)
+    world.unreachable.discard(lost.host)
+    await asyncio.sleep(8)
+    assert (await look_up(world)).is_success
+
+
+@play
+async def test_a_silent_node_that_has_gone_is_forgotten(world: World) -> None:
+    """Its machine is back, without it: who subscribes to it gets a list without it."""
+    lost = await up(world, TALKER)
+    node = (await up(world, LISTENER)).nodes[0]
+    world.unreachable.add(lost.host)
+    world.kill_master()
+    world.start_master()
+    await asyncio.sleep(8)
+    assert node.heard["/chatter"] == [lost.nodes[0].api]
+    lost.nodes[0].end()
+    world.unreachable.discard(lost.host)
+    await asyncio.sleep(8)
+    assert node.heard["/chatter"] == []
+    assert (await describe(world))["silent"] == []
+
+
+@play
+async def test_a_master_that_goes_again_gets_everything_as_well(world: World) -> None:
+    """It ends in the middle of being told, or between two calls."""
+    talker = await up(world, TALKER)
+    await up(world, {f"/n{n}": [(PUBLISHER, f"/t{n}")] for n in range(200)})
+    for pause in (0.02, 0.03, 0.05):
+        world.kill_master()
+        world.start_master()
+        await asyncio.sleep(pause)
+    world.kill_master()
+    world.start_master()
+    await look_up(world)
+    assert world.master_now is not None
+    assert len(world.master_now.nodes) == 201
+    assert owner(world, "/talker") == talker.nodes[0].api
+
+
+@play
+async def test_a_call_from_this_pod_does_not_wait_for_the_master(world: World) -> None:
+    """It may be roscore's own, which looks whether a master is there before it starts one."""
+    assert world.gate is not None
+    call = Call("getPid", ("/roscore",))
+    assert (await world.call(Call("getParam", ("/tool", "/run_id")))).result == "run 1"
+    local = await world.gate.answer(
+        Call("getParam", ("/x", "/run_id")), hands_over=False, local=True
+    )
+    assert local.result == "run 1"
+    world.kill_master()
+    await asyncio.sleep(0.1)
+    started = world.now()
+    answer = await world.gate.answer(call, hands_over=False, local=True)
+    assert world.now() == started
+    assert not answer.is_success
+    assert b"<fault>" in answer.body

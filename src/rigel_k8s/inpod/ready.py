@@ -9,8 +9,16 @@ master came back empty (nothing in ROS 1 registers a node again).
 
 Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output says why:
 the kubelet makes it the probe event's message. --wait asks again until ready or SECONDS are over,
-so that a start-up is noticed at once without a process for each look. Environment: ROS_MASTER_URI,
-ROS_IP, ROS_HOSTNAME. Python 2.7 and 3, nothing but the standard library.
+so that a start-up is noticed at once without a process for each look.
+
+    ready.py leave [--wait SECONDS]
+
+asks the gate in front of the master (rigel_k8s/gate) to give the names of this pod's nodes to those
+that wait for them, and gives these SECONDS to become ready; 1 where it has given none.
+
+Environment: ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME; RIGEL_K8S_WORKLOAD is the workload of a pod whose
+nodes hand their names over, RIGEL_K8S_WARM is set where they get publishers before that. Python 2.7
+and 3, nothing but the standard library.
 """
 
 import os
@@ -58,7 +66,10 @@ class Look(object):
         """Return the names of the pod's nodes, all in order; raise NotReady otherwise."""
         if not self.ports:
             raise NotReady("no process of this container listens yet, so no ROS node has started")
-        nodes = self._confirm(self.memory.nodes)
+        waiting = self._waiting()
+        known = dict(i for i in self.memory.nodes.items() if i[0] not in waiting)
+        nodes = self._confirm(known)
+        nodes.update(waiting)
         if not nodes or self._newcomers(nodes):
             nodes.update(self._search(nodes))
         if not nodes:
@@ -67,7 +78,7 @@ class Look(object):
         self.memory.save()
         for node in nodes.values():
             self._answers(node)
-        return sorted(nodes)
+        return [name + " waits to take over" * (name in waiting) for name in sorted(nodes)]
 
     def _ask(self, method, *arguments):
         """Return the master's value for a call; None where it says that there is none."""
@@ -78,6 +89,22 @@ class Look(object):
             text = "the ROS master at %s cannot be reached: %s (nodes of this pod: %s)"
             raise NotReady(text % (self.master.uri, error, known))
         return value if code == "1" else None
+
+    def _waiting(self):
+        """Return the pod's nodes that wait for a name which the pod before it has."""
+        workload = os.environ.get("RIGEL_K8S_WORKLOAD")
+        if not workload:
+            return {}
+        warm = "warm" if os.environ.get("RIGEL_K8S_WARM") else ""
+        own = (os.uname()[1], workload, warm, advertised())
+        try:
+            told = self.master.call("rigelDescribePod", *own)[2]
+        except CallFailed:
+            return {}  # no gate, or no master: the next question finds out
+        busy = [name for name, uri, state, _ in told if state == "busy" and self._here(uri)]
+        if busy:
+            raise NotReady("%s still registers; it waits to take over" % busy[0])
+        return {name: self._node(name, uri) for name, uri, _, _ in told if self._here(uri)}
 
     def _answers(self, node):
         deadline = min(self.until, time.time() + ANSWER)
@@ -224,6 +251,23 @@ class Look(object):
         return [name for name in named if name]
 
 
+def advertised():
+    """Return the address that this pod's nodes advertise."""
+    named = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP")
+    return named or os.uname()[1]
+
+
+def leave(seconds):
+    """Return (exit code, line) for a pod that has handed over what others wait for."""
+    uri = os.environ.get("ROS_MASTER_URI", "")
+    try:
+        master = Api(uri, time.time() + seconds + ANSWER)
+        names = master.call("rigelHandOver", str(seconds), advertised())[2]
+    except CallFailed as error:
+        return 1, "nothing is handed over: %s" % error
+    return (0, "handed over: " + ", ".join(names)) if names else (1, "no one waits")
+
+
 def look_node(name, elsewhere):
     """Return the line for a pod whose nodes are in order; raise NotReady otherwise."""
     uri = os.environ.get("ROS_MASTER_URI")
@@ -284,8 +328,8 @@ def arguments(words):
             name = "/" + rest.pop(0).strip("/")
         else:
             raise ValueError("unknown argument %s" % option)
-    if kind not in ("node", "master"):
-        raise ValueError("say node or master first")
+    if kind not in ("node", "master", "leave"):
+        raise ValueError("say node, master or leave first")
     return kind, wait, name
 
 
@@ -297,6 +341,8 @@ def main(words):
         finish(2, "ready.py: %s" % error)
     end, last, elsewhere, looks = time.time() + wait, [], {}, 0
     start_new_thread(watch, (wait + LOOK + 0.3, last))
+    if kind == "leave":
+        finish(*leave(wait))
     while True:
         try:
             finish(0, look_node(name, elsewhere) if kind == "node" else look_master(wait > 0))

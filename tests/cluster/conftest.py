@@ -47,12 +47,17 @@ def run_rigel(
     return done
 
 
+def first_container(pod: Any) -> str:
+    """Return the name of a pod's container that comes first: its ROS program's."""
+    return str(pod["spec"]["containers"][0]["name"])
+
+
 def inside(cluster: Any, namespace: str, workload: str, *command: str) -> str:
     """Return what a command prints in a workload's pod, with ROS set up."""
     own = {"app.kubernetes.io/name": workload}
     (pod,) = cluster.list("v1", "Pod", namespace, labels=own)
     words = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
-    done = cluster.run(namespace, pod["metadata"]["name"], words)
+    done = cluster.run(namespace, pod["metadata"]["name"], words, container=first_container(pod))
     assert done.code == 0, done
     return str(done.stdout.decode())
 
@@ -94,7 +99,7 @@ def namespace(cluster: Any, request: pytest.FixtureRequest) -> Iterator[str]:
     cluster.delete(ObjectRef("v1", "Namespace", "", name))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def rigel(context: str) -> Rigel:
     """Run `rigel` against the test cluster: rigel("status", "-o", "json", cwd=tmp_path)."""
 

@@ -316,6 +316,10 @@ def test_history_and_rollback(robot: Robot) -> None:
 
 def test_status_tells_orphans_and_the_way_out(robot: Robot, cluster: Any) -> None:
     """When roscore has come back empty, status says so, exits with 1 and names the command."""
+    jobs = json.loads(robot.file.read_text())["jobs"]
+    jobs["deploy"]["with"]["gate"] = False  # which would give it its registrations back
+    robot.save(jobs)
+    robot("run", "job", "deploy", "--timeout", "2m")
     master = json.loads(robot("status", "-o", "json").stdout)["workloads"][1]["pods"][0]["name"]
     cluster.delete(ObjectRef("v1", "Pod", robot.namespace, master))
 
@@ -330,6 +334,7 @@ def test_status_tells_orphans_and_the_way_out(robot: Robot, cluster: Any) -> Non
     assert "is an orphan" in done.stdout
     way_out = next(line for line in done.stdout.splitlines() if "rollout restart" in line)
     assert f"kubectl -n {robot.namespace} rollout restart deployment" in way_out
+    robot.write()
 
 
 def test_doctor_finds_what_a_deploy_needs(robot: Robot) -> None:

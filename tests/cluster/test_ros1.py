@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,8 @@ import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
+
+from .robot import Robot
 
 pytestmark = pytest.mark.cluster
 
@@ -29,82 +30,6 @@ PUBLISHERS = (
     "import rosgraph, sys; pubs = dict(rosgraph.Master('/test').getSystemState()[0]);"
     " print(' '.join(pubs.get('/chatter', [])))"
 )
-
-
-class Robot:
-    """A Rigelfile in a directory of its own, and rigel at work on it."""
-
-    def __init__(
-        self, directory: Path, namespace: str, image: str, rigel: Any, cluster: Any
-    ) -> None:
-        self.file = directory / "Rigelfile"
-        self.namespace = namespace
-        self.image = image
-        self.cluster = cluster
-        self._rigel = rigel
-
-    def write(self, nodes: dict[str, Any], /, **options: Any) -> None:
-        """Write a Rigelfile (JSON is YAML) with these nodes; `image` is the base image."""
-        job = {
-            "namespace": self.namespace,
-            "ros_master_image": self.image,
-            "image": self.image,
-            "nodes": nodes,
-            **options,
-        }
-        jobs = {
-            "deploy": {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job},
-            "update": {
-                "plugin": "src.plugin.OrchestrationPlugin",
-                "with": {
-                    "orchestration": {
-                        "rolling_update": {
-                            "strategy": "Rolling",
-                            "max_surge": 1,
-                            "max_unavailable": 0,
-                        }
-                    }
-                },
-            },
-        }
-        self.file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": jobs}))
-
-    def rigel(self, *words: str, **options: Any) -> Any:
-        """Run rigel on the Rigelfile."""
-        return self._rigel("-f", str(self.file), "-n", self.namespace, *words, **options)
-
-    def deploy(self) -> None:
-        """Run the job that deploys."""
-        self.rigel("run", "job", "deploy", "--timeout", "2m")
-
-    def pods(self, name: str) -> list[dict[str, Any]]:
-        """Return a workload's pods that are not on their way out."""
-        found = self.cluster.list(
-            "v1", "Pod", self.namespace, labels={"app.kubernetes.io/name": name}
-        )
-        return [pod for pod in found if not pod["metadata"].get("deletionTimestamp")]
-
-    def ready(self, name: str) -> bool:
-        """Return whether all of a workload's pods are ready."""
-        return all(
-            condition["status"] == "True"
-            for pod in self.pods(name)
-            for condition in pod["status"].get("conditions", [])
-            if condition["type"] == "Ready"
-        )
-
-    def run(self, name: str, *command: str) -> str:
-        """Run a command in a workload's pod and return what it printed."""
-        pod = self.pods(name)[0]["metadata"]["name"]
-        full = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
-        done = self.cluster.run(self.namespace, pod, full)
-        assert done.code == 0, done.stderr.decode()
-        return str(done.stdout.decode())
-
-    def deployments(self) -> set[str]:
-        """Return the names of the namespace's Deployments."""
-        found = self.cluster.list("apps/v1", "Deployment", self.namespace)
-        return {item["metadata"]["name"] for item in found}
 
 
 @pytest.fixture
@@ -129,8 +54,8 @@ def eventually(what: str, check: Callable[[], Any], seconds: float = 90) -> Any:
 
 
 def test_orphans_of_a_lost_roscore_turn_unready_and_status_says_why(robot: Robot) -> None:
-    """A roscore that comes back knows nobody: every node is told as orphaned, not as running."""
-    robot.write({"talker": talker(), "listener": python(LISTENER)})
+    """Without a gate a roscore that comes back knows nobody: every node is told as orphaned."""
+    robot.write({"talker": talker(), "listener": python(LISTENER)}, gate=False)
     robot.deploy()
     master = robot.pods("ros-master")[0]["metadata"]["name"]
     robot.cluster.delete(ObjectRef("v1", "Pod", robot.namespace, master))
@@ -192,14 +117,15 @@ def test_nodes_start_after_their_master(robot: Robot) -> None:
 
 
 def test_a_changed_master_takes_its_nodes_along(robot: Robot) -> None:
-    """A new roscore knows nobody: its nodes start anew after it, so no deploy makes orphans."""
-    robot.write({"talker": talker(), "listener": python(LISTENER)})
+    """Without a gate a new roscore knows nobody: its nodes start anew after it, as no orphans."""
+    robot.write({"talker": talker(), "listener": python(LISTENER)}, gate=False)
     robot.deploy()
     before = robot.pods("talker")[0]["metadata"]["uid"]
     changed = {"spec": {"template": {"metadata": {"annotations": {"generation": "2"}}}}}
     robot.write(
         {"talker": talker(), "listener": python(LISTENER)},
         additional_k8s_params={"ros_master": changed},
+        gate=False,
     )
     robot.deploy()
     assert robot.pods("talker")[0]["metadata"]["uid"] != before
@@ -307,8 +233,9 @@ def test_an_anonymous_node_is_updated_without_a_gap(robot: Robot) -> None:
 
 
 def test_a_name_in_use_is_never_held_by_two_pods(robot: Robot) -> None:
-    """A node with a fixed name is gone before the new one starts: they would end each other."""
-    robot.write({"talker": talker()})
+    """A node that cannot run twice is gone before the new one starts: Recreate."""
+    alone = {"update": {"strategy": "Recreate"}}
+    robot.write({"talker": talker() | alone})
     robot.deploy()
     together: list[int] = []
     done = threading.Event()
@@ -323,7 +250,7 @@ def test_a_name_in_use_is_never_held_by_two_pods(robot: Robot) -> None:
 
     watcher = threading.Thread(target=watch)
     watcher.start()
-    robot.write({"talker": talker() | {"env": {"GENERATION": 2}}})
+    robot.write({"talker": talker() | alone | {"env": {"GENERATION": 2}}})
     robot.deploy()
     done.set()
     watcher.join()

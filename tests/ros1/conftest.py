@@ -25,8 +25,11 @@ import attrs
 import pytest
 
 import rigel_k8s.inpod
+from rigel_k8s.app.gate import PACKAGE_PATH, PROGRAM_PATH
 from rigel_k8s.app.master import ROSCORE
 from rigel_k8s.cache import locked
+from rigel_k8s.gate.program import program
+from rigel_k8s.objects.pods import MASTER_PORT, ROSCORE_PORT
 from rigel_lab.images.ros1base import BaseImage, build
 from tests.support.until import until
 
@@ -183,6 +186,33 @@ class Pods:
     def rosmaster(self) -> Pod:
         """Start what most tests need of a roscore, in half the time: no roslaunch, no /rosout."""
         return self._master("rosmaster", "--core", *ROSCORE[1:])
+
+    def gated(self, *options: str) -> tuple[Pod, Pod]:
+        """Start roscore behind a gate, as the ros-master pod has them; return (gate, roscore)."""
+        address = next(self.addresses)
+        gate = self.gate(address, *options)
+        self.master_uri = f"http://{address}:{MASTER_PORT}"
+        roscore = self.behind(gate)
+        done = gate.exec(*MASTER, "--wait", "30")
+        assert done.returncode == 0, done.stdout + gate.log() + roscore.log()
+        return gate, roscore
+
+    def gate(self, address: str, *options: str) -> Pod:
+        """Start a gate alone."""
+        own = {f"{PACKAGE_PATH}/{name}": text for name, text in program().items()}
+        return self.start(
+            "ros-master",
+            *("python3", "-m", "rigel_k8s.gate", "--journal", "/tmp/gate", *options),
+            address=address,
+            files=own,
+            env={"PYTHONPATH": PROGRAM_PATH, "ROS_MASTER_URI": f"http://localhost:{MASTER_PORT}"},
+            entrypoint=False,
+        )
+
+    def behind(self, gate: Pod) -> Pod:
+        """Start roscore behind a gate."""
+        env = {"ROS_MASTER_URI": f"http://localhost:{MASTER_PORT}"}
+        return self.start("roscore", *ROSCORE, "-p", str(ROSCORE_PORT), beside=gate, env=env)
 
     def _master(self, *command: str) -> Pod:
         address = next(self.addresses)

@@ -9,7 +9,7 @@ from rigel_k8s.app.environment import environment, ros_variables
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.placing import remote_selector, tolerations
 from rigel_k8s.app.storage import mount_path, volume_source
-from rigel_k8s.app.updating import strategy
+from rigel_k8s.app.updating import Way, choose_way, find_application_obstacle
 from rigel_k8s.network.wiring import PodIdentity, Wiring
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import Object, drop_empty, probes, stop_hook
@@ -51,7 +51,10 @@ def application_deployment(
     volumes = options.persistent_storage.volumes
     params = options.additional_k8s_params.application
     seen = [mount for _, mount in ros_volumes(around)]
-    own = [] if replaces_container(options) else [container(around, options, wired, asked, seen)]
+    way = way_of(around, options, wired)
+    own = []
+    if not replaces_container(options):
+        own = [container(around, options, wired, way, asked, seen)]
     pod = {
         "initContainers": list(wired.init_containers) if own else [],
         "containers": own,
@@ -69,17 +72,32 @@ def application_deployment(
         around,
         str(options.deployment_name),
         pod,
-        strategy=strategy(options.rolling_update, anonymous=False),
+        strategy=way.strategy,
+        annotations=way.annotations(around),
         pod_annotations={**default, **wired.annotations},
     )
     merged: Object = merge(made, params)
     return merged
 
 
+def way_of(around: ReleaseContext, options: OrchestrationOptions, wired: Wiring) -> Way:
+    """Return how the application is updated."""
+    obstacle = find_application_obstacle(
+        options.readiness,
+        options.persistent_storage.volumes,
+        options.additional_k8s_params.application,
+        own_master="ROS_MASTER_URI" in wired.env,
+    )
+    if replaces_container(options):
+        obstacle = "its containers are the user's own"
+    return choose_way(around, options.rolling_update, obstacle)
+
+
 def container(
     around: ReleaseContext,
     options: OrchestrationOptions,
     wired: Wiring,
+    way: Way,
     asked: Sequence[str],
     ros_mounts: Sequence[Object],
 ) -> Object:
@@ -94,7 +112,9 @@ def container(
             "name": APP_CONTAINER,
             "image": identity.image,
             **identity.like,
-            "env": environment(ros_variables(around), wired.env),
+            "env": environment(
+                ros_variables(around), {**wired.env, **way.env(str(options.deployment_name))}
+            ),
             **probes(readiness_of(around, options.readiness), asked),
             "lifecycle": stop_hook(),
             "volumeMounts": [*ros_mounts, *mounts, *wired.mounts],

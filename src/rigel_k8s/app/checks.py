@@ -22,11 +22,17 @@ from rigel_k8s.app.commands import full_name
 from rigel_k8s.app.desired import deploys_master
 from rigel_k8s.app.distros import guess_distro, ros_of
 from rigel_k8s.app.exporterchecks import check_exporter
+from rigel_k8s.app.gate import has_gate
 from rigel_k8s.app.networkchecks import check_network
 from rigel_k8s.app.nodechecks import check_node
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.updating import is_rolling, share
+from rigel_k8s.app.updating import (
+    find_application_obstacle,
+    find_obstacle,
+    is_rolling,
+    share,
+)
 from rigel_k8s.objects.naming import Ros, object_name
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate
 from rigel_k8s.objects.pods import MASTER_NAME
@@ -57,6 +63,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     yield from check_network(options, ros, distro)
     yield from check_names(options, ros)
     yield from check_volumes(options)
+    yield from check_hand_over(options, ros, distro)
     yield from check_readiness(("readiness",), options.readiness)
     yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
     yield from check_params(options)
@@ -158,7 +165,8 @@ def check_update(
     numbers = {"max_surge": update.max_surge, "max_unavailable": update.max_unavailable}
     if not is_rolling(update) and any(value is not None for value in numbers.values()):
         given = next(key for key, value in numbers.items() if value is not None)
-        message = f"Recreate has no {given}: leave it out, or say strategy: Rolling"
+        kept = update.strategy or "Recreate"
+        message = f"{kept} has no {given}: leave it out, or say strategy: Rolling"
         yield Problem((*path, given), message, "bad-update", at_key=True)
     elif is_rolling(update):
         surge, missing = share(update.max_surge, 1), share(update.max_unavailable, 0)
@@ -167,6 +175,46 @@ def check_update(
             yield Problem(path, message, "bad-update")
         elif not anonymous and ros in SURGE:
             yield Problem(path, SURGE[ros], "surge", severity="warning", at_key=True)
+
+
+def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Iterator[Problem]:
+    """Yield updates that shall hand over and cannot."""
+    gate = deploys_master(options, ros) and has_gate(options, distro)
+    static = options.network is not None and options.network.ipam == "static"
+    volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
+    for key, node in options.nodes.items():
+        obstacle = find_obstacle(node, volumes, own_master=static)
+        if node.anonymous:
+            obstacle = "its ROS name is another one in each pod: leave `strategy` out"
+        path: Path = ("nodes", str(key), "update")
+        yield from refuse_hand_over(path, node.update, ros, obstacle, gate=gate)
+    obstacle = find_application_obstacle(
+        options.readiness,
+        options.persistent_storage.volumes,
+        options.additional_k8s_params.application,
+        own_master=static,
+    )
+    yield from refuse_hand_over(
+        ("rolling_update",), options.rolling_update, ros, obstacle, gate=gate
+    )
+
+
+def refuse_hand_over(
+    path: Path, update: RollingUpdate | None, ros: Ros, obstacle: str | None, *, gate: bool
+) -> Iterator[Problem]:
+    """Yield why an update cannot hand over, where it says so."""
+    if update is None or (update.strategy or "").lower() != "handover":
+        if update is not None and update.warm and (ros != "1" or update.strategy):
+            message = "only nodes that hand their names over can be warm: leave it out"
+            yield Problem((*path, "warm"), message, "bad-update", at_key=True)
+        return
+    if ros != "1":
+        obstacle = "DDS has no names to hand over; use Recreate or Rolling"
+    elif not gate:
+        obstacle = "there is no gate in front of roscore, see `gate`"
+    if obstacle:
+        message = f"HandOver is not possible: {obstacle}"
+        yield Problem((*path, "strategy"), message, "hand-over", at_key=True)
 
 
 def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[Problem]:

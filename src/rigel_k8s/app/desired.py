@@ -12,6 +12,7 @@ import attrs
 from rigel_k8s.app.application import application_deployment, application_identity, has_application
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.exporterchecks import can_be_seen
+from rigel_k8s.app.gate import GATE_CONTAINER, gate_objects, has_gate
 from rigel_k8s.app.master import master_deployment, master_service
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
@@ -78,6 +79,7 @@ def draft(
     scripts: Mapping[str, str],
     *,
     files: Files | None = None,
+    program: Mapping[str, str] | None = None,
     previous: Sequence[Manifest] = (),
 ) -> Draft:
     """Return the release that the options describe.
@@ -85,9 +87,11 @@ def draft(
     Args:
         scripts: the in-pod scripts, name to text.
         files: the texts of the nodes' parameter files.
+        program: the gate's files, name to text.
         previous: the objects of the last revision, which tell who has which address.
     """
     ros = ros_of(application.distro, options.ros)
+    gate = deploys_master(options, ros) and has_gate(options, application.distro)
     around = ReleaseContext(
         namespace=release.namespace,
         release=release.name,
@@ -95,9 +99,10 @@ def draft(
         distro=application.distro,
         ros=ros,
         pull_secrets=tuple(map(str, options.image_pull_secrets)),
+        gate=gate,
     )
     own = Parts(options, around, files or {})
-    made = objects(own, own.plan(previous), scripts)
+    made = objects(own, own.plan(previous), scripts, program or {})
     return Draft(release, tuple((path, steady(item)) for path, item in made))
 
 
@@ -155,9 +160,10 @@ def bind_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
 
     The exporter registers anew by itself, and would forget that there was another roscore.
     A roscore that is changed is started anew and knows nobody; nobody registers again. So its nodes
-    must start anew too, after it: a hash of its pod template stands in theirs.
+    must start anew too, after it: a hash of its pod template stands in theirs. A roscore behind a
+    gate gets its registrations back from that.
     """
-    masters = [item for item in made if is_master(item)]
+    masters = [item for item in made if is_master(item) and not is_gated(item)]
     text = json.dumps([item["spec"]["template"] for item in masters], sort_keys=True)
     mark = {MASTER_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:12]}
     over = {"spec": {"template": {"metadata": {"annotations": mark}}}}
@@ -172,6 +178,12 @@ def bind_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
 def is_master(item: Manifest) -> bool:
     """Return whether an object is our roscore."""
     return bool(item["kind"] == "Deployment" and item["metadata"]["name"] == MASTER_NAME)
+
+
+def is_gated(master: Manifest) -> bool:
+    """Return whether a roscore is behind a gate."""
+    containers = master["spec"]["template"]["spec"]["containers"]
+    return any(one["name"] == GATE_CONTAINER for one in containers)
 
 
 @attrs.frozen
@@ -236,7 +248,9 @@ class Parts:
         )
 
 
-def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced:
+def objects(
+    own: Parts, plan: NetworkPlan, scripts: Mapping[str, str], program: Mapping[str, str]
+) -> Traced:
     """Yield every object with the path of the options that it comes from."""
     options, around = own.options, own.around
     if has_workloads(options):
@@ -249,6 +263,9 @@ def objects(own: Parts, plan: NetworkPlan, scripts: Mapping[str, str]) -> Traced
     if own.has_master:
         params = options.additional_k8s_params.ros_master
         wired = wire_pod(plan, own.master)
+        if around.gate:
+            for item in gate_objects(around, program):
+                yield ("gate",), item
         yield ("deploy_ros_master",), master_service(around)
         yield ("deploy_ros_master",), master_deployment(around, own.master.image, params, wired)
     if has_application(options):

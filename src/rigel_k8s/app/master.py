@@ -12,10 +12,13 @@ from typing import Any
 import attrs
 
 from rigel_k8s.app.environment import environment, ros_variables
+from rigel_k8s.app.gate import behind_gate
 from rigel_k8s.network.wiring import Wiring
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, SINGLETON_ANNOTATION
 from rigel_k8s.objects.overlay import merge
 from rigel_k8s.objects.pods import (
+    DEFAULT_CONTAINER,
+    GATE_PORT,
     MASTER_NAME,
     MASTER_PORT,
     Object,
@@ -50,20 +53,25 @@ def master_deployment(
         "lifecycle": stop_hook(),
         "volumeMounts": [mount, *wired.mounts],
     }
+    pod = drop_empty(
+        {
+            "initContainers": list(wired.init_containers),
+            "containers": [container],
+            "volumes": [volume, *wired.volumes],
+            **wired.pod,
+        }
+    )
+    notes = dict(wired.annotations)
+    if around.gate:
+        pod = behind_gate(pod, around.release)
+        notes[DEFAULT_CONTAINER] = MASTER_CONTAINER
     made = deployment(
         around,
         MASTER_NAME,
-        drop_empty(
-            {
-                "initContainers": list(wired.init_containers),
-                "containers": [container],
-                "volumes": [volume, *wired.volumes],
-                **wired.pod,
-            }
-        ),
+        pod,
         strategy={"type": "Recreate"},
         annotations={SINGLETON_ANNOTATION: "/rosout", FIRST_ANNOTATION: "true"},
-        pod_annotations=wired.annotations,
+        pod_annotations=notes,
     )
     merged: Object = merge(made, params)
     return merged
@@ -75,6 +83,10 @@ def master_service(around: ReleaseContext) -> Object:
     It keeps its only address when a probe times out on a busy machine: taking it away would cut
     the whole graph off from a master that still works.
     """
-    port = {"name": "ros", "port": MASTER_PORT, "targetPort": MASTER_PORT, "protocol": "TCP"}
-    made = service(around, MASTER_NAME, [port])
+    ports = {"ros": MASTER_PORT} | ({"hand-over": GATE_PORT} if around.gate else {})
+    listed = [
+        {"name": name, "port": port, "targetPort": port, "protocol": "TCP"}
+        for name, port in ports.items()
+    ]
+    made = service(around, MASTER_NAME, listed)
     return {**made, "spec": {**made["spec"], "publishNotReadyAddresses": True}}

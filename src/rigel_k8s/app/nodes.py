@@ -14,7 +14,7 @@ from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.placing import affinity, node_selector, tolerations
 from rigel_k8s.app.programs import command_of
-from rigel_k8s.app.updating import strategy
+from rigel_k8s.app.updating import Way, choose_way, find_obstacle
 from rigel_k8s.network.modes import wire_pod
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
@@ -27,7 +27,14 @@ from rigel_k8s.objects.naming import (
 )
 from rigel_k8s.objects.overlay import merge, simplify
 from rigel_k8s.objects.podoptions import PortOptions, Volume
-from rigel_k8s.objects.pods import Object, drop_empty, probes, stop_hook
+from rigel_k8s.objects.pods import (
+    DEFAULT_CONTAINER,
+    Object,
+    drop_empty,
+    probes,
+    service_account,
+    stop_hook,
+)
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import Port
 from rigel_k8s.objects.workloads import (
@@ -41,8 +48,6 @@ from rigel_k8s.objects.workloads import (
 )
 
 NODE_CONTAINER = "ros-node"
-#: Which container kubectl means where nobody says one; it asks where there are init containers.
-DEFAULT_CONTAINER = "kubectl.kubernetes.io/default-container"
 PARAMETERS_ANNOTATION = "rigel-k8s/parameters"
 
 
@@ -125,16 +130,17 @@ def node_deployment(
     options = node.options
     name = node.ros_name if around.ros != "none" else None
     wired = wiring_of(node, plan)
+    way = way_of(around, node, wired)
     told = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
     if node.options.ros == "none":
         told[ROS_ANNOTATION] = "none"
     made = deployment(
         around,
         node.name,
-        pod_spec(around, node, command, plan, wired),
-        strategy=strategy(options.update, anonymous=options.anonymous),
+        pod_spec(around, node, command, plan, wired, way),
+        strategy=way.strategy,
         replicas=node.identity.replicas,
-        annotations=told | ({SINGLETON_ANNOTATION: name} if name else {}),
+        annotations=told | ({SINGLETON_ANNOTATION: name} if name else {}) | way.annotations(around),
         pod_annotations={
             **told,
             **parameters_hash(command),
@@ -147,6 +153,13 @@ def node_deployment(
     return merged
 
 
+def way_of(around: ReleaseContext, node: RosNode, wired: Wiring) -> Way:
+    """Return how a node is updated."""
+    own_master = "ROS_MASTER_URI" in wired.env
+    obstacle = find_obstacle(node.options, node.volumes, own_master=own_master)
+    return choose_way(around, node.options.update, obstacle, anonymous=node.options.anonymous)
+
+
 def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
     """Return what the network adds to a node; a program without ROS gets no variable of ROS."""
     if node.options.ros is None:
@@ -157,7 +170,12 @@ def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
 
 
 def pod_spec(
-    around: ReleaseContext, node: RosNode, command: Command, plan: NetworkPlan, wired: Wiring
+    around: ReleaseContext,
+    node: RosNode,
+    command: Command,
+    plan: NetworkPlan,
+    wired: Wiring,
+    way: Way,
 ) -> Object:
     """Return the pod's spec; the container's mounts and the pod's volumes belong together."""
     options = node.options
@@ -167,7 +185,7 @@ def pod_spec(
         seen.append(mount)
     made = {
         "initContainers": list(wired.init_containers),
-        "containers": [container(around, node, command, plan, wired, [*seen, *wired.mounts])],
+        "containers": [container(around, node, command, plan, wired, way, [*seen, *wired.mounts])],
         "volumes": [*volumes, *wired.volumes],
         "nodeSelector": node_selector(options.placement),
         "affinity": affinity(options.placement),
@@ -175,7 +193,7 @@ def pod_spec(
         "hostNetwork": options.host_network or None,
         "dnsPolicy": "ClusterFirstWithHostNet" if options.host_network else None,
         "runtimeClassName": options.runtime_class and str(options.runtime_class),
-        "serviceAccountName": options.service_account and str(options.service_account),
+        **service_account(options.service_account and str(options.service_account)),
         "terminationGracePeriodSeconds": grace_seconds(options),
     }
     return drop_empty(made | dict(wired.pod))
@@ -187,6 +205,7 @@ def container(
     command: Command,
     plan: NetworkPlan,
     wired: Wiring,
+    way: Way,
     volume_mounts: Sequence[Object],
 ) -> Object:
     """Return the node's one container."""
@@ -201,7 +220,7 @@ def container(
             "imagePullPolicy": pull_policy(options.image_pull_policy, pinned=node.pinned),
             "command": command.command and list(command.command),
             "args": command.args and list(command.args),
-            "env": environment(defaults, wired.env, options.env),
+            "env": environment(defaults, {**wired.env, **way.env(node.name)}, options.env),
             "ports": [container_port(port) for port in ports_of(options)],
             "resources": resources(options.resources, device_resources(options.devices)),
             "securityContext": simplify(options.security_context),

@@ -145,6 +145,11 @@ class OrchestrationOptions:
         "ROS 1: deploy roscore as ros-master (default: unless there is a ros_master_uri)"
     )
     ros_master_image: ImageRef | None = option("roscore's image (default ros:DISTRO-ros-core)")
+    gate: bool | None = option(
+        "ROS 1: put a gate in front of roscore, which hands the names of nodes over in updates and"
+        " gives a restarted roscore its registrations back (default: with noetic's roscore, unless"
+        " additional_k8s_params say what its container runs)"
+    )
     ros_master_uri: RosUri | None = option("a master that is there already, a robot's own")
     application_image: ImageRef | None = option("the image of the one application's Deployment")
     image: ImageRef | None = option("the image of all `nodes` that name none")

@@ -1,10 +1,69 @@
-"""How pods are replaced: at most one pod of a ROS name by default, no gap where names differ."""
+"""How pods are replaced: by hand-over where the gate arbitrates, else one after the other."""
 
 from __future__ import annotations
 
-from rigel_k8s.objects.podoptions import RollingUpdate
-from rigel_k8s.objects.pods import Object
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+import attrs
+
+from rigel_k8s.app.mounts import device_of, mount_of
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.objects.podoptions import Readiness, RollingUpdate, Volume
+from rigel_k8s.objects.pods import GATE_PORT, MASTER_NAME, Object
 from rigel_k8s.objects.scalars import Share
+from rigel_k8s.objects.workloads import ReleaseContext
+
+#: On a Deployment of ROS 1: how it is updated, and why not by hand-over.
+UPDATE_ANNOTATION = "rigel-k8s/update"
+#: The ROS_MASTER_URI of pods whose nodes hand their names over: the gate knows them by its port.
+GATE_URI = f"http://{MASTER_NAME}:{GATE_PORT}"
+#: Volumes that one machine alone, or one pod alone, may have mounted.
+EXCLUSIVE = ("ReadWriteOnce", "ReadWriteOncePod")
+
+
+@attrs.frozen
+class Way:
+    """How a workload's pods are replaced.
+
+    Attributes:
+        reason: why it is not handed over, for people; "" for HandOver.
+        update: what the user says of it.
+    """
+
+    name: Literal["HandOver", "Recreate", "Rolling"]
+    reason: str = ""
+    update: RollingUpdate = attrs.field(factory=RollingUpdate)
+
+    @property
+    def hands_over(self) -> bool:
+        """Whether the gate hands the names of its nodes over."""
+        return self.name == "HandOver"
+
+    @property
+    def strategy(self) -> Object:
+        """The Deployment's strategy."""
+        if self.name == "Recreate":
+            return {"type": "Recreate"}
+        numbers = {
+            "maxSurge": share(self.update.max_surge, 1),
+            "maxUnavailable": share(self.update.max_unavailable, 0),
+        }
+        return {"type": "RollingUpdate", "rollingUpdate": numbers}
+
+    def annotations(self, around: ReleaseContext) -> dict[str, str]:
+        """Return what a Deployment of ROS 1 says of its updates."""
+        if around.ros != "1" or not around.gate:
+            return {}
+        return {UPDATE_ANNOTATION: f"{self.name}: {self.reason}" if self.reason else self.name}
+
+    def env(self, workload: str) -> dict[str, Object]:
+        """Return the variables of a workload's pods."""
+        if not self.hands_over:
+            return {}
+        warm = {"RIGEL_K8S_WARM": {"value": "1"}} if self.update.warm else {}
+        named = {"RIGEL_K8S_WORKLOAD": {"value": workload}}
+        return {"ROS_MASTER_URI": {"value": GATE_URI}, **named, **warm}
 
 
 def is_rolling(update: RollingUpdate | None) -> bool:
@@ -13,20 +72,111 @@ def is_rolling(update: RollingUpdate | None) -> bool:
         return False
     if update.strategy is None:
         return update.max_surge is not None or update.max_unavailable is not None
-    return update.strategy.lower() != "recreate"
+    return update.strategy.lower() in ("rolling", "rollingupdate")
 
 
-def strategy(update: RollingUpdate | None, *, anonymous: bool) -> Object:
-    """Return the Deployment's strategy."""
+def choose_way(
+    around: ReleaseContext,
+    update: RollingUpdate | None,
+    obstacle: str | None,
+    *,
+    anonymous: bool = False,
+) -> Way:
+    """Return how a workload is updated.
+
+    Args:
+        obstacle: why two of it cannot run, or why the gate does not know them; see `find_obstacle`.
+    """
     asked = update or RollingUpdate()
-    recreate = asked.strategy is not None and asked.strategy.lower() == "recreate"
-    if recreate or not (anonymous or is_rolling(update)):
-        return {"type": "Recreate"}
-    numbers = {
-        "maxSurge": share(asked.max_surge, 1),
-        "maxUnavailable": share(asked.max_unavailable, 0),
+    if is_rolling(update):
+        return Way("Rolling", "`update` asks for it", asked)
+    if asked.strategy is not None and asked.strategy.lower() == "recreate":
+        return Way("Recreate", "`update` asks for it", asked)
+    if anonymous:
+        return Way("Rolling", "its ROS name is another one in each pod", asked)
+    if around.ros != "1":
+        return Way("Recreate", "there is no hand-over in DDS", asked)
+    if not around.gate:
+        return Way("Recreate", "there is no gate in front of roscore", asked)
+    return Way("Recreate", obstacle, asked) if obstacle else Way("HandOver", "", asked)
+
+
+def find_obstacle(
+    node: NodeOptions, volumes: Mapping[str, Volume], *, own_master: bool = False
+) -> str | None:
+    """Return why two pods of a node cannot run side by side, or the gate cannot know them.
+
+    Args:
+        volumes: the release's persistent volumes, by name.
+        own_master: the network gives it a ROS_MASTER_URI of its own.
+    """
+    mounted = [mount_of(item) for item in node.volumes]
+    claims = [volumes[str(m.name)] for m in mounted if m.name and str(m.name) in volumes]
+    device = next((d.path or d.resource for d in map(device_of, node.devices)), None)
+    found = {
+        f"it has the device {device}": bool(node.devices),
+        "it uses the machine's own network": node.host_network,
+        "it is privileged": bool(node.security_context.get("privileged")),
+        "it says itself when it is ready": node.readiness not in (None, "ros"),
+        "it has a ROS_MASTER_URI of its own": own_master or has_variable(node, "ROS_MASTER_URI"),
     }
-    return {"type": "RollingUpdate", "rollingUpdate": numbers}
+    own = next((reason for reason, holds in found.items() if holds), None)
+    return own or find_exclusive(claims) or find_patched(node.patch)
+
+
+def has_variable(node: NodeOptions, name: str) -> bool:
+    """Return whether the user sets an environment variable."""
+    if isinstance(node.env, Mapping):
+        return name in {str(key) for key in node.env}
+    return name in {str(one.name) for one in node.env}
+
+
+def find_exclusive(volumes: Iterable[Volume]) -> str | None:
+    """Return why a volume cannot be mounted by two pods."""
+    for volume in volumes:
+        if volume.access_mode in EXCLUSIVE:
+            return f"its volume {volume.name} is {volume.access_mode}"
+    return None
+
+
+def find_application_obstacle(
+    readiness: Readiness | str | None,
+    volumes: Sequence[Volume],
+    params: Mapping[str, Any],
+    *,
+    own_master: bool,
+) -> str | None:
+    """Return why two pods of src.plugin's one application cannot run side by side."""
+    if readiness not in (None, "ros"):
+        return "it says itself when it is ready"
+    if own_master:
+        return "it has a ROS_MASTER_URI of its own"
+    return find_exclusive(volumes) or find_patched(params)
+
+
+def find_patched(patch: Mapping[str, Any]) -> str | None:
+    """Return why a user's own part of a Deployment keeps two pods from running side by side."""
+    spec = mapping(mapping(mapping(patch.get("spec")).get("template")).get("spec"))
+    if spec.get("hostNetwork"):
+        return "it uses the machine's own network"
+    for container in listed(spec.get("containers")):
+        if mapping(container.get("securityContext")).get("privileged"):
+            return "it is privileged"
+        if any("hostPort" in mapping(port) for port in container.get("ports") or ()):
+            return "it has a port of its machine"
+    if any("persistentVolumeClaim" in one for one in listed(spec.get("volumes"))):
+        return "it mounts a claim that may be exclusive"
+    return None
+
+
+def mapping(value: Any) -> Mapping[str, Any]:
+    """Return a mapping; an empty one for anything else."""
+    return value if isinstance(value, Mapping) else {}
+
+
+def listed(value: Any) -> Iterator[Mapping[str, Any]]:
+    """Yield the mappings of a list."""
+    yield from (one for one in value or () if isinstance(one, Mapping))
 
 
 def share(value: Share | None, default: int) -> int | str:

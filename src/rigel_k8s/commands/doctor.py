@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import attrs
 
@@ -18,6 +18,12 @@ NEEDED = (
     ("", "secrets"),
     ("", "persistentvolumeclaims"),
     ("coordination.k8s.io", "leases"),
+)
+#: What ROS 1 needs besides, for the gate in front of roscore; the role `edit` does not have it.
+NEEDED_BY_GATE = (
+    ("", "serviceaccounts"),
+    ("rbac.authorization.k8s.io", "roles"),
+    ("rbac.authorization.k8s.io", "rolebindings"),
 )
 
 
@@ -49,12 +55,24 @@ def examine(settings: Settings) -> list[DoctorFinding]:
 
 def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
     """Ask the API server whether we may write what a release is made of."""
-    refused = [name for group, name in NEEDED if not may_patch(cluster, namespace, group, name)]
+
+    def list_refused(needed: Iterable[tuple[str, str]]) -> str:
+        names = (name for group, name in needed if not may_patch(cluster, namespace, group, name))
+        return ", ".join(names)
+
+    refused = list_refused(NEEDED)
     yield DoctorFinding(
         f"rights in {namespace}",
         ok=not refused,
-        found=f"none to write {', '.join(refused)}" if refused else "all that a release needs",
+        found=f"none to write {refused}" if refused else "all that a release needs",
         hint="ask for the role `edit` in this namespace",
+    )
+    lacking = list_refused(NEEDED_BY_GATE)
+    without = f"none to write {lacking}: ROS 1 needs `gate: false`, or the role `admin` here"
+    yield DoctorFinding(
+        f"rights for a gate in {namespace}",
+        ok=True,
+        found=without if lacking else "all that ROS 1's gate needs",
     )
 
 

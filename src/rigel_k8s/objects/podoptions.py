@@ -49,11 +49,18 @@ class RollingUpdate:
     """How pods of a new revision replace the old ones."""
 
     strategy: (
-        Literal["Rolling", "RollingUpdate", "Recreate", "rolling", "rollingupdate", "recreate"]
+        Literal["HandOver", "Rolling", "RollingUpdate", "Recreate"]
+        | Literal["handover", "rolling", "rollingupdate", "recreate"]
         | None
     ) = option(
-        "Recreate: the old pod is gone before the new one starts, the default of nodes with a fixed"
-        " ROS name; Rolling: the new pod is ready before the old one stops"
+        "HandOver (ROS 1): the new pod starts completely, and gets the ROS names when the old one"
+        " stops; Recreate: the old pod is gone before the new one starts; Rolling: both work until"
+        " the old one stops. Default: Rolling for anonymous nodes; HandOver where roscore is behind"
+        " a gate and two of the pod can run; else Recreate"
+    )
+    warm: bool = option(
+        "HandOver: topics reach the new node before it has its name, so that it can build up state",
+        default=False,
     )
     max_surge: Share | None = option("pods more than wanted during an update (default 1)")
     max_unavailable: Share | None = option("pods fewer than wanted during an update (default 0)")

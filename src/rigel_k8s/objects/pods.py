@@ -14,11 +14,15 @@ from rigel_k8s.objects.text import split_words
 Object = dict[str, Any]
 
 SCRIPTS_PATH = "/rigel-k8s"
+#: Which container kubectl means where nobody says one; it asks where there are several.
+DEFAULT_CONTAINER = "kubectl.kubernetes.io/default-container"
 #: Where ROS 2 writes its log files: rcl wants a directory that every user can write to.
 LOG_PATH = "/rigel-k8s-logs"
 MASTER_NAME = "ros-master"
 MASTER_PORT = 11311
 MASTER_URI = f"http://{MASTER_NAME}:{MASTER_PORT}"
+#: Where the gate takes the calls of nodes that hand their names over, and roscore behind it.
+GATE_PORT, ROSCORE_PORT = 11310, 11312
 
 #: A probe that never gives up: a node may wait long for its hardware or its master.
 FOR_EVER = 2**31 - 1
@@ -71,6 +75,15 @@ def timing(own: Readiness) -> Object:
         "timeoutSeconds": int(own.probe_timeout_seconds or 5),
         "failureThreshold": int(own.failure_threshold or 2),
     }
+
+
+def service_account(name: str | None) -> Object:
+    """Return a pod's service account, under both of its names.
+
+    The API server copies one into the other. When a Deployment that had only one loses it, the
+    copy stays, since no one owns it: its pods go on to want the account.
+    """
+    return {"serviceAccountName": name, "serviceAccount": name}
 
 
 def stop_hook(grace: int | None = None) -> Object:

@@ -21,6 +21,7 @@ class ReleaseContext:
         distro: the ROS distribution, for images that nobody named.
         ros: which ROS, "none" for a plain DDS application.
         pull_secrets: names of Secrets with registry credentials.
+        gate: whether the release's roscore is behind a gate.
     """
 
     namespace: str
@@ -29,6 +30,7 @@ class ReleaseContext:
     distro: str
     ros: Ros = "1"
     pull_secrets: Sequence[str] = ()
+    gate: bool = False
 
     @property
     def default_image(self) -> str:

@@ -95,7 +95,8 @@ class Demo:
     def run(self, name: str, *command: str) -> str:
         """What a command prints in a workload's pod."""
         full = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
-        done = self.cluster.run(self.namespace, self.pod(name), full)
+        container = {"ros-master": "ros-master-container"}.get(name)
+        done = self.cluster.run(self.namespace, self.pod(name), full, container=container)
         assert done.code == 0, done.stderr.decode()
         return str(done.stdout.decode())
 
@@ -133,6 +134,7 @@ def demo(
     file = tmp_path_factory.mktemp("demo") / "Rigelfile"
     job = {
         "ros_master_image": base_image,
+        "gate": False,  # a test wants a roscore that has forgotten its nodes
         "image": base_image,
         "nodes": {"talker": python(FORKED + TALKER), "listener": python(LISTENER)},
     }

@@ -47,8 +47,8 @@ def test_every_object_is_marked_as_the_releases(case: str) -> None:
             assert template["rigel-k8s/release"] == made.release.name
 
 
-#: Containers that are no ROS program of ours: the exporter, and what a Rigelfile brings itself.
-NOT_ROS = ("ros-exporter", "sidecar", "mine")
+#: Containers that are no ROS program: exporter, gate, and what a Rigelfile brings itself.
+NOT_ROS = ("ros-exporter", "gate", "sidecar", "mine")
 
 
 def ros_containers(case: str) -> list[dict[str, Any]]:

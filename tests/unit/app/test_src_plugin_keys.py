@@ -20,7 +20,7 @@ KEYS: list[tuple[str, Look, Any, Any]] = [
     (
         "deploy_ros_master: false",
         lambda d: [m["kind"] for m in d.objects if m["metadata"]["name"] == "ros-master"],
-        ["Service", "Deployment"],
+        ["ServiceAccount", "Role", "RoleBinding", "Service", "Deployment"],
         [],
     ),
     ("namespace: fleet", lambda d: options_namespace(d), None, "fleet"),
@@ -62,20 +62,20 @@ KEYS: list[tuple[str, Look, Any, Any]] = [
     ),
     (
         "rolling_update: {strategy: Rolling}",
-        lambda d: find(d, "Deployment", "rigel-k8s-application")["spec"]["strategy"],
-        {"type": "Recreate"},
-        {"type": "RollingUpdate", "rollingUpdate": {"maxSurge": 1, "maxUnavailable": 0}},
+        lambda d: find(d, "Deployment", "rigel-k8s-application")["metadata"]["annotations"],
+        {"rigel-k8s/update": "HandOver"},
+        {"rigel-k8s/update": "Rolling: `update` asks for it"},
     ),
     (
         "rolling_update: {strategy: rolling, max_surge: 2}",
         lambda d: strategy(d).get("rollingUpdate", {}).get("maxSurge"),
-        None,
+        1,
         2,
     ),
     (
         "rolling_update: {max_unavailable: 25%}",
         lambda d: strategy(d).get("rollingUpdate", {}).get("maxUnavailable"),
-        None,
+        0,
         "25%",
     ),
     (

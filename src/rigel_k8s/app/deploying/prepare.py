@@ -20,6 +20,7 @@ from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat, is_partial, overlay
 from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.gate.program import program
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.inpod import scripts
 from rigel_k8s.objects.podoptions import Readiness
@@ -120,7 +121,9 @@ def _finish(
     texts, files = scripts(), _parameter_files(options, application.dir)
     network = options.network
     previous = last.objects() if network and network.ipam == "static" else ()
-    drafted = draft(options, release, application, texts, files=files, previous=previous)
+    drafted = draft(
+        options, release, application, texts, files=files, program=program(), previous=previous
+    )
     credentials = choose_credentials(drafted.images, known)
     with ThreadPoolExecutor(max_workers=1) as beside:
         looked = beside.submit(_examine, drafted.objects, options, eyes)

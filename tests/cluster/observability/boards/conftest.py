@@ -83,7 +83,8 @@ def until(found: Callable[[], Any], what: str, patience: float = PATIENCE) -> An
 def inside(cluster: Any, namespace: str, workload: str, command: str) -> None:
     """Run a shell command in a workload's pod."""
     (pod,) = cluster.list("v1", "Pod", namespace, labels={"app.kubernetes.io/name": workload})
-    done = cluster.run(namespace, pod["metadata"]["name"], ["/bin/sh", "-c", command])
+    name, container = pod["metadata"]["name"], pod["spec"]["containers"][0]["name"]
+    done = cluster.run(namespace, name, ["/bin/sh", "-c", command], container=container)
     assert done.code == 0, done
 
 
@@ -111,11 +112,11 @@ def deployed(
     base_image: str,
     exporter_image: str,
     tmp_path_factory: pytest.TempPathFactory,
-) -> Iterator[Callable[[str, dict[str, Any]], str]]:
+) -> Iterator[Callable[..., str]]:
     """Deploy an application with ROS metrics into a namespace of its own, deleted at the end."""
     made: list[str] = []
 
-    def deploy(name: str, nodes: dict[str, Any]) -> str:
+    def deploy(name: str, nodes: dict[str, Any], **more: Any) -> str:
         namespace = f"t-{name}-{uuid.uuid4().hex[:6]}"
         made.append(namespace)
         options = {
@@ -129,6 +130,7 @@ def deployed(
                 "grafana": {"enabled": False},  # no registry here has it
                 "ros_metrics": {"image": exporter_image, **METRICS},
             },
+            **more,
         }
         job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
         folder = tmp_path_factory.mktemp(name)
@@ -143,7 +145,7 @@ def deployed(
 
 
 @pytest.fixture(scope="session")
-def healthy(deployed: Callable[[str, dict[str, Any]], str], watch: Watch) -> Troubled:
+def healthy(deployed: Callable[..., str], watch: Watch) -> Troubled:
     """Both applications as they were deployed, all nodes up and the topics flowing."""
     sick = deployed(
         "sick",
@@ -153,7 +155,7 @@ def healthy(deployed: Callable[[str, dict[str, Any]], str], watch: Watch) -> Tro
             "victim": wrap("victim", "/beat", ""),
         },
     )
-    forgetful = deployed("forgetful", {"talker": node("talker", "/scan", "")})
+    forgetful = deployed("forgetful", {"talker": node("talker", "/scan", "")}, gate=False)
     for namespace, nodes in ((sick, 3), (forgetful, 1)):
         up = f'ros_node_up{{namespace="{namespace}", workload!=""}} == 1'
         until(

@@ -1,0 +1,139 @@
+"""What the gate in front of roscore costs: time of a call, memory; prints a table.
+
+usage: python -m bench.gate --root DIRECTORY [--nodes 100] [--topics 1000] [--calls 2000]
+
+The directory is the root of a ROS 1 image (`rigel image ros1-base` leaves one in its cache); its
+rosmaster runs in it. Calls with and without the gate take turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import xmlrpc.client
+import xmlrpc.server
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from statistics import median
+
+MASTER, GATE, HAND_OVER = 21312, 21311, 21310
+
+
+@contextlib.contextmanager
+def running(*command: str, **env: str) -> Iterator[int]:
+    """Run a process; yield its id."""
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, env={**os.environ, **env}, **quiet) as process:  # type: ignore[call-overload]
+        try:
+            yield process.pid
+        finally:
+            process.terminate()
+
+
+def connect(port: int) -> xmlrpc.client.ServerProxy:
+    """Return a master's API."""
+    return xmlrpc.client.ServerProxy(f"http://127.0.0.1:{port}")
+
+
+def until_answers(port: int) -> None:
+    """Wait until a master answers."""
+    for _ in range(200):
+        with contextlib.suppress(OSError, xmlrpc.client.Error):
+            connect(port).getPid("/bench")
+            return
+        time.sleep(0.05)
+    raise SystemExit(f"nothing answers at port {port}")
+
+
+def serve_node() -> str:
+    """Start the slave API that all nodes of the bench share; return its URI."""
+    server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False, allow_none=True)
+    server.register_function(lambda *_: [1, "", 0], "publisherUpdate")
+    server.register_function(lambda *_: [1, "", 0], "shutdown")
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    return f"http://127.0.0.1:{server.server_address[1]}/"
+
+
+def fill(port: int, uri: str, nodes: int, topics: int) -> None:
+    """Register nodes that publish topics."""
+    master = connect(port)
+    for number in range(topics):
+        name = f"/node_{number % nodes}"
+        master.registerPublisher(name, f"/topic_{number}", "std_msgs/String", uri)
+
+
+def measure(calls: dict[str, Callable[[int], object]], count: int) -> dict[str, list[float]]:
+    """Return the milliseconds of each call, made in turn."""
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for number in range(count):
+        for name, call in calls.items():
+            started = time.perf_counter()
+            call(number)
+            times[name].append(1000 * (time.perf_counter() - started))
+    return times
+
+
+def memory(pid: int) -> float:
+    """Return the MiB that a process and its children use; what they share counts once."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    total = 0
+    for one in (str(pid), *children):
+        for line in Path(f"/proc/{one}/smaps_rollup").read_text().splitlines():
+            if line.startswith("Pss:"):
+                total += int(line.split()[1])
+    return total / 1024
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--root", type=Path, required=True)
+    parser.add_argument("--nodes", type=int, default=100)
+    parser.add_argument("--topics", type=int, default=1000)
+    parser.add_argument("--calls", type=int, default=2000)
+    words = parser.parse_args()
+    rosmaster = ["/opt/ros/noetic/bin/rosmaster", "--core", "-p", str(MASTER), "-w", "10"]
+    own = {"ROS_ROOT": "/opt/ros/noetic/share/ros", "HOME": "/tmp", "ROS_MASTER_URI": ""}
+    with tempfile.TemporaryDirectory() as directory:
+        gate = [sys.executable, "-S", "-m", "rigel_k8s.gate", "--journal", f"{directory}/journal"]
+        gate += ["--port", str(GATE), "--hand-over-port", str(HAND_OVER)]
+        gate += ["--master-port", str(MASTER)]
+        source = str(Path(__file__).parents[1] / "src")
+        with (
+            running("chroot", str(words.root), "python3", *rosmaster, **own),
+            running(*gate, PYTHONPATH=source) as pid,
+        ):
+            until_answers(MASTER)
+            until_answers(GATE)
+            uri = serve_node()
+            fill(GATE, uri, words.nodes, words.topics)
+            direct, through = connect(MASTER), connect(GATE)
+            topic = "/bench_topic"
+            args = ("/bench", topic, "std_msgs/String", uri)
+            times = measure(
+                {
+                    "lookupNode": lambda n: direct.lookupNode("/bench", f"/node_{n % words.nodes}"),
+                    "lookupNode, gate": lambda n: through.lookupNode(
+                        "/bench", f"/node_{n % words.nodes}"
+                    ),
+                    "registerPublisher": lambda _: direct.registerPublisher(*args),
+                    "registerPublisher, gate": lambda _: through.registerPublisher(*args),
+                },
+                words.calls,
+            )
+            print(f"\n{words.nodes} nodes, {words.topics} topics\n")
+            print("| call | median ms | 99 % ms |\n|---|---|---|")
+            for name, found in times.items():
+                late = sorted(found)[len(found) * 99 // 100]
+                print(f"| {name} | {median(found):.2f} | {late:.2f} |")
+            print(f"\nmemory of the gate: {memory(pid):.1f} MiB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,198 @@
+"""Updates of a ROS 1 talker under a running listener: the longest gap by strategy, as a table.
+
+usage: python -m bench.updates [--updates 20] [--rates 20,100] [--late 0,5] [--strategies ...]
+                               [--context NAME]
+
+The context is one of `rigel cluster`, with two machines; left out, one is made and stays.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+
+import attrs
+
+from rigel_lab import cluster as localcluster
+
+OWN = "rigel-bench"
+SPACE = "bench-updates"
+STRATEGIES = ("Recreate", "Rolling", "HandOver")
+#: "VERSION NUMBER" in each message; the start is as late as that of a program with a model to load.
+TALKER = """
+import os, time
+time.sleep(float(os.environ["LATE"]))
+import rospy, std_msgs.msg
+rospy.init_node("talker")
+publisher = rospy.Publisher("chatter", std_msgs.msg.String, queue_size=100)
+rate, number = rospy.Rate(int(os.environ["RATE"])), 0
+while not rospy.is_shutdown():
+    publisher.publish("%s %d" % (os.environ["VERSION"], number))
+    number += 1
+    try:
+        rate.sleep()
+    except rospy.ROSInterruptException:
+        break
+"""
+LISTENER = """
+import time, rospy, std_msgs.msg
+rospy.init_node("listener")
+def hear(message):
+    print("heard %.4f %s" % (time.time(), message.data))
+rospy.Subscriber("/chatter", std_msgs.msg.String, hear, tcp_nodelay=True)
+rospy.spin()
+"""
+HEARD = re.compile(r"heard ([\d.]+) v(\d+) (\d+)$", re.MULTILINE)
+
+
+@attrs.frozen
+class Update:
+    """What a listener heard of one update.
+
+    Attributes:
+        gap: the longest time without a message around it, in seconds.
+        lost: messages that should have come in that time, at the talker's rate.
+        doubled: messages of the old talker that came after the new one's first.
+    """
+
+    gap: float
+    lost: int
+    doubled: int
+
+
+@attrs.frozen
+class Bench:
+    """A cluster, and where the Rigelfile is written."""
+
+    context: str
+    kubectl_program: str
+    image: str
+    directory: Path
+
+    def kubectl(self, *words: str) -> str:
+        """Run kubectl in the bench's namespace."""
+        head = [self.kubectl_program, "--context", self.context, "-n", SPACE]
+        done = subprocess.run([*head, *words], capture_output=True, text=True, check=True)
+        return done.stdout
+
+    def deploy(self, strategy: str, version: int, rate: int, late: float) -> bool:
+        """Deploy the talker in a version; return whether it became ready."""
+        env = {"VERSION": f"v{version}", "RATE": rate, "LATE": late}
+        talker = {
+            "args": ["python3", "-c", TALKER],
+            "env": env,
+            "placement": {"apart_from": ["listener"]},
+            "update": {"strategy": strategy},
+        }
+        listener = {"args": ["python3", "-c", LISTENER], "update": {"strategy": "Recreate"}}
+        options = {
+            "namespace": SPACE,
+            "ros_master_image": self.image,
+            "image": self.image,
+            "gate": strategy == "HandOver",
+            "nodes": {"talker": talker, "listener": listener},
+        }
+        job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
+        file = self.directory / "Rigelfile"
+        file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": {"deploy": job}}))
+        head = [sys.executable, "-m", "rigel_k8s", "-f", str(file), "--context", self.context]
+        words = ["run", "job", "deploy", "--timeout", "60s"]
+        return subprocess.run([*head, *words], capture_output=True).returncode == 0
+
+    def heard(self) -> list[tuple[float, int, int]]:
+        """Return (time, version, number) of what the listener has heard."""
+        text = self.kubectl("logs", "deployment/listener", "--tail=-1")
+        return [(float(t), int(version), int(n)) for t, version, n in HEARD.findall(text)]
+
+    def until_heard(self, version: int) -> None:
+        """Wait until the listener hears a version, at most 30 s."""
+        end = time.monotonic() + 30
+        while time.monotonic() < end:
+            if any(one[1] == version for one in self.heard()[-20:]):
+                return
+            time.sleep(0.3)
+
+
+def measure(
+    bench: Bench, strategy: str, rate: int, late: float, updates: int
+) -> tuple[list[Update], int]:
+    """Update so many times; return what was heard of each, and how many deploys failed."""
+    bench.kubectl("delete", "namespace", SPACE, "--ignore-not-found", "--wait")
+    bench.kubectl("create", "namespace", SPACE)
+    bench.deploy(strategy, 0, rate, late)
+    bench.until_heard(0)
+    failed = 0
+    for version in range(1, updates + 1):
+        failed += not bench.deploy(strategy, version, rate, late)
+        bench.until_heard(version)
+        time.sleep(1)
+    return list(judge(bench.heard(), rate, updates)), failed
+
+
+def judge(found: Sequence[tuple[float, int, int]], rate: int, updates: int) -> list[Update]:
+    """Return what each update did to what was heard."""
+    result = []
+    for version in range(1, updates + 1):
+        first = next((when for when, v, _ in found if v == version), None)
+        if first is None:
+            continue
+        around = [one for one in found if first - 60 < one[0] < first + 1 and one[1] <= version]
+        around = [one for one in around if one[1] >= version - 1]
+        gap = max((b[0] - a[0] for a, b in itertools.pairwise(around)), default=0.0)
+        doubled = sum(1 for when, v, _ in found if v == version - 1 and when > first)
+        result.append(Update(gap, max(0, round(gap * rate) - 1), doubled))
+    return result
+
+
+def main() -> None:
+    """Measure and print."""
+    words = arguments()
+    name = words.context.removeprefix("rigel-")
+    if words.context == OWN:
+        localcluster.up(name, 2, extras=["kubectl"], report=print)
+    status = localcluster.status(name)
+    image = f"{status.registry}/ros:noetic"
+    push = [sys.executable, "-m", "rigel_k8s", "image", "ros1-base", "--push", image]
+    subprocess.run(push, check=True)
+    print("\n| rate | start, s | strategy | median gap, s | longest | lost | doubled | failed |")
+    print("|---|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as directory:
+        bench = Bench(words.context, status.kubectl, image, Path(directory))
+        for rate, late in itertools.product(words.rates, words.late):
+            for strategy in words.strategies.split(","):
+                found, failed = measure(bench, strategy, rate, late, words.updates)
+                gaps = [one.gap for one in found] or [float("nan")]
+                lost, doubled = sum(u.lost for u in found), sum(u.doubled for u in found)
+                print(
+                    f"| {rate} Hz | {late:g} | {strategy} | {median(gaps):.3f} | {max(gaps):.3f}"
+                    f" | {lost} | {doubled} | {failed} of {words.updates} |",
+                    flush=True,
+                )
+
+
+def arguments() -> argparse.Namespace:
+    """Return what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+
+    def numbers(text: str) -> list[int]:
+        return [int(word) for word in text.split(",")]
+
+    parser.add_argument("--updates", type=int, default=20)
+    parser.add_argument("--rates", type=numbers, default=[20, 100])
+    parser.add_argument("--late", type=numbers, default=[0, 5])
+    parser.add_argument("--strategies", default=",".join(STRATEGIES))
+    parser.add_argument("--context", default=OWN)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

@@ -21,7 +21,7 @@ from rigel_k8s.app.application import (
 from rigel_k8s.app.commands import full_name
 from rigel_k8s.app.desired import deploys_master
 from rigel_k8s.app.distros import guess_distro, ros_of
-from rigel_k8s.app.exporterchecks import check_exporter
+from rigel_k8s.app.exporterchecks import check_exporter, speaks_zenoh
 from rigel_k8s.app.gate import has_gate
 from rigel_k8s.app.networkchecks import check_network
 from rigel_k8s.app.nodechecks import check_node
@@ -66,6 +66,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     yield from check_hand_over(options, ros, distro)
     yield from check_readiness(("readiness",), options.readiness)
     yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
+    yield from check_rollback(options, ros)
     yield from check_params(options)
     yield from check_containers(options, ros)
     yield from check_observability(options, ros)
@@ -215,6 +216,19 @@ def refuse_hand_over(
     if obstacle:
         message = f"HandOver is not possible: {obstacle}"
         yield Problem((*path, "strategy"), message, "hand-over", at_key=True)
+
+
+def check_rollback(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield a rollback that never happens."""
+    said = options.rollback_on
+    if said is None:
+        return
+    if said.within is not None and not said.graph_worse:
+        message = "it says how long the graph may stay worse: add graph_worse: true"
+        yield Problem(("rollback_on", "within"), message, "incomplete", at_key=True)
+    if said.graph_worse and speaks_zenoh(options, ros):
+        message = "the graph of nodes that use zenoh cannot be read: leave it out"
+        yield Problem(("rollback_on", "graph_worse"), message, "no-graph", at_key=True)
 
 
 def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[Problem]:

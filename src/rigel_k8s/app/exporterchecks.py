@@ -30,8 +30,13 @@ def reason(options: OrchestrationOptions, ros: Ros) -> str | None:
     if ros == "1":
         alone = options.deploy_ros_master is False and options.ros_master_uri is None
         return NO_MASTER if alone else None
+    return ZENOH if speaks_zenoh(options, ros) else None
+
+
+def speaks_zenoh(options: OrchestrationOptions, ros: Ros) -> bool:
+    """Return whether nodes use zenoh, whose discovery cannot be read."""
     middleware = options.middleware or mode_of(options.network).middleware
-    return ZENOH if middleware == "zenoh" else None
+    return ros != "1" and middleware == "zenoh"
 
 
 def check_exporter(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:

@@ -63,6 +63,20 @@ class Results:
 
 
 @attrs.frozen(kw_only=True)
+class RollbackOn:
+    """What makes an update go back to the last good revision by itself."""
+
+    graph_worse: bool = option(
+        "the ROS graph stays worse than before the update: a node, a topic's publishers or"
+        " subscribers, or a service is missing, types no longer fit, or a rate is less than half",
+        default=False,
+    )
+    within: Duration | None = option(
+        "how long after the roll-out the graph may stay worse (default 60s)"
+    )
+
+
+@attrs.frozen(kw_only=True)
 class KubernetesParams:
     """Anything of a Deployment, laid over what is generated."""
 
@@ -177,6 +191,7 @@ class OrchestrationOptions:
         "allow more than one container in a pod of ROS 2 or DDS", default=False
     )
     rolling_update: RollingUpdate | None = option("how the application is updated")
+    rollback_on: RollbackOn | None = option("when an update is rolled back by itself")
     persistent_storage: PersistentStorage = attrs.field(
         factory=PersistentStorage, metadata={"doc": "volumes; the application mounts all of them"}
     )

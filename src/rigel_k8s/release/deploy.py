@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from datetime import datetime, timezone
 from typing import Any
@@ -48,6 +48,8 @@ class Run:
     patience: Patience
     keep: frozenset[ObjectRef] = frozenset()
     away: frozenset[str] = frozenset()
+    before: Callable[[Plan], None] | None = None
+    verify: Callable[[], None] | None = None
 
     @property
     def release(self) -> ReleaseId:
@@ -66,16 +68,21 @@ def deploy(
     description: str = "",
     patience: Patience | None = None,
     away: Collection[str] = (),
+    before: Callable[[Plan], None] | None = None,
+    verify: Callable[[], None] | None = None,
 ) -> Revision:
     """Make a release what it shall be, wait until it is, and return its revision.
 
-    Nothing is written where nothing has changed and the last revision is good.
+    Nothing is written where nothing has changed and the last revision is good; then neither
+    `before` nor `verify` is called.
 
     Args:
         cancel: ends the deploy soon after it is set.
         timeout: seconds that the roll-out may take; None is DEFAULT_TIMEOUT.
         adopt: take over what other field managers own.
         away: the names of nodes whose pods are not waited for.
+        before: called with the plan when the Lease is held and nothing is written yet.
+        verify: called when all is ready and pruned; what it raises makes the revision a failed one.
 
     Raises:
         Refused: immutable fields, or objects of another release; nothing was changed.
@@ -95,6 +102,8 @@ def deploy(
             description,
             patience or Patience(),
             away=frozenset(away),
+            before=before,
+            verify=verify,
         )
     )
 
@@ -229,6 +238,8 @@ def versions(records: Collection[revisions.Record]) -> list[str]:
 def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revision:
     """Apply, wait, prune and record, with the Lease held."""
     tell_plan(run, plan)
+    if run.before is not None:
+        run.before(plan)
     pending = new_revision(run, found, plan)
     revisions.create(run.cluster, pending)
     applier = Applier(
@@ -245,6 +256,9 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
         waiter(run, found, lease).wait(list(applied.values()))
         early = {step.ref for step in predecessors(plan)}
         applier.prune(step for step in plan.steps if step.ref not in early)
+        if run.verify is not None:
+            run.verify()
+            lease.check()
     except RigelK8sError as error:
         mark_failed(run, pending, error)
         raise

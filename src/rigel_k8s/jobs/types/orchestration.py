@@ -1,6 +1,7 @@
 """The job that deploys: options to objects, objects to the cluster, results back.
 
-It joins app/, network/, graph/ and observability/; each of them decides purely and asks apart.
+It joins app/, network/, graph/, rosgraph/ and observability/; each of them decides purely and asks
+apart.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from rigel_k8s.app.deploying.prepare import Preparation, prepare, timeout_of
 from rigel_k8s.app.deploying.results import copy_results
 from rigel_k8s.app.deploying.secrets import write_pull_secret
 from rigel_k8s.app.distros import ros_of
+from rigel_k8s.app.exporterchecks import speaks_zenoh
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
@@ -25,6 +27,10 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.rosgraph.watching import GraphWatch, GraphWorse
+
+#: Seconds that a graph may stay worse before it is rolled back.
+WITHIN = 60.0
 
 
 class OrchestrationJob:
@@ -50,6 +56,7 @@ class OrchestrationJob:
             UserError: the options do not fit the cluster or the release; nothing was written.
             ClusterError, RolloutFailed: it went wrong; the causes are in the details.
             GraphError: it is deployed, and its DDS nodes do not discover each other.
+            GraphWorse: it was rolled back, as `rollback_on` asks for.
 
         Where only the observability stack does not become ready, the application is deployed and
         the stack's RolloutFailed raised afterwards.
@@ -82,19 +89,71 @@ class OrchestrationJob:
 
 
 def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
+    """Deploy, and report what an update did to the ROS graph; roll back where that is asked for."""
     from rigel_k8s.release.deploy import deploy
+    from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
 
-    revision = deploy(
-        prepared.desired,
-        cluster,
-        report=job.report,
-        cancel=job.cancel,
-        timeout=timeout_of(prepared.options, job.settings),
-        adopt=job.settings.adopt,
-        description=job.name,
-    )
-    release = revision.release
+    release, options = prepared.desired.release, prepared.options
+    within = _find_limit(options)
+    watch = GraphWatch(cluster, release, job.report, job.cancel, within or PATIENCE)
+    readable = not speaks_zenoh(options, ros_of(job.application.distro, options.ros))
+    try:
+        revision = deploy(
+            prepared.desired,
+            cluster,
+            report=job.report,
+            cancel=job.cancel,
+            timeout=timeout_of(options, job.settings),
+            adopt=job.settings.adopt,
+            description=job.name,
+            before=watch.begin if readable else None,
+            verify=watch.insist if within else None,
+        )
+    except GraphWorse as worse:
+        raise _roll_back(worse, watch, prepared, job) from worse
     job.report.line(f"{release.name} in {release.namespace} is at revision {revision.number}")
+    if not within:
+        watch.report()
+
+
+def _find_limit(options: OrchestrationOptions) -> float | None:
+    """Return how many seconds the graph may stay worse before a rollback; None: for ever."""
+    said = options.rollback_on
+    if said is None or not said.graph_worse:
+        return None
+    return said.within.seconds if said.within else WITHIN
+
+
+def _roll_back(
+    worse: GraphWorse, watch: GraphWatch, prepared: Preparation, job: JobContext
+) -> GraphWorse:
+    """Roll an update back, and return the error that says why, and what became of it."""
+    from rigel_k8s.release.deploy import rollback
+    from rigel_k8s.rosgraph.watching import GraphWorse
+
+    target = f"revision {watch.last_good}"
+    job.report.warn(f"{worse.message}; rolling back to {target}")
+    try:
+        made = rollback(
+            watch.cluster,
+            watch.release,
+            watch.last_good,
+            report=job.report,
+            cancel=job.cancel,
+            timeout=timeout_of(prepared.options, job.settings),
+            adopt=job.settings.adopt,
+        )
+    except RigelK8sError as error:
+        return GraphWorse(
+            f"{worse.message}, and it cannot be rolled back to {target}: {error.message}",
+            hint="`rigel status` shows what runs; `rigel rollback` tries again",
+            details=[*worse.details, *error.details],
+        )
+    return GraphWorse(
+        f"{worse.message}: rolled back to {target}, as revision {made.number}",
+        hint="`rigel graph` shows the graph as it is now; without `rollback_on` the update stays",
+        details=worse.details,
+    )
 
 
 def _observe(prepared: Preparation, cluster: Cluster, job: JobContext) -> RolloutFailed | None:

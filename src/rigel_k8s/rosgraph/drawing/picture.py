@@ -11,10 +11,10 @@ from collections.abc import Iterable, Mapping
 
 import attrs
 
+from rigel_k8s.rosgraph.problems import OWN_TOPICS
 from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGraph
 
-#: Topics that each node has, and the node that collects logs in ROS 1.
-QUIET_TOPICS = frozenset({"/parameter_events", "/rosout", "/rosout_agg"})
+#: The node that collects logs in ROS 1.
 QUIET_NODE = "/rosout"
 #: The one of an action's topics by which it is shown, and what it is called then.
 FEEDBACK = "/_action/feedback"
@@ -136,7 +136,7 @@ def make_picture(
 
 def is_shown(topic: GraphTopic) -> bool:
     """Whether a topic is shown unasked: of hidden ones, only what stands for an action."""
-    if topic.name in QUIET_TOPICS:
+    if topic.name in OWN_TOPICS:
         return False
     return topic.name.endswith(FEEDBACK) or "/_" not in topic.name
 

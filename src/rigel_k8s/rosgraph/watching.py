@@ -1,0 +1,251 @@
+"""Compares a release's ROS graph before and after an update: `GraphWatch`.
+
+Why: a deploy is over when its pods are ready, and a topic may have lost its publisher all the same.
+The graph is read only when an update replaces pods, before its first write and after its
+roll-out. Nodes take a moment to register and to be discovered again, so what is worse after the
+roll-out is looked at again until it is better or the patience is over. It must not know application
+options; what to do about a worse graph is its caller's business.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import attrs
+
+from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.observability.names import EXPORTER_PORT
+from rigel_k8s.release.deploy import find_last_good
+from rigel_k8s.release.types import Plan, ReleaseId, Step
+from rigel_k8s.report import Reporter
+from rigel_k8s.rosgraph.comparison import Comparison, compare
+from rigel_k8s.rosgraph.inside import read_module, run_inside
+from rigel_k8s.rosgraph.pods import read_pods
+from rigel_k8s.rosgraph.reading import read_graph
+from rigel_k8s.rosgraph.types import RosGraph
+
+PATIENCE = 20.0  # seconds that nodes have to be in the graph again after an update
+AGAIN = 1.0  # seconds between two looks
+MOST = 20  # lines of a report
+WORKLOADS = ("DaemonSet", "Deployment", "StatefulSet")
+
+
+class GraphWorse(RigelK8sError):
+    """An update is rolled out, and the ROS graph is worse than before; `details` say how."""
+
+
+@attrs.define
+class GraphWatch:
+    """One update of a release, watched: `begin`, the roll-out, then `report` or `insist`.
+
+    Attributes:
+        last_good: the revision that was good when the update began, None without one.
+        patience: seconds that the graph may stay worse after the roll-out.
+    """
+
+    cluster: Cluster
+    release: ReleaseId
+    reporter: Reporter
+    cancel: threading.Event
+    patience: float = PATIENCE
+    last_good: int | None = None
+    _before: RosGraph | None = None
+    _removed: frozenset[str] = frozenset()
+
+    def begin(self, plan: Plan) -> None:
+        """Read the graph, where the plan replaces pods of a release that was good."""
+        if not any(map(changes_pods, plan.changes)):
+            return
+        last = find_last_good(self.cluster, self.release)
+        if last is None:
+            return
+        self.last_good = last.number
+        self.reporter.progress("ROS graph", "being read before the update")
+        try:
+            self._before = read_with_rates(self.cluster, self.release)
+        except RigelK8sError as error:
+            self._warn("is not compared", error)
+            return
+        self._removed = list_removed(plan, self._before)
+        nodes, topics = len(self._before.nodes), len(self._before.topics)
+        state = f"{nodes} nodes and {topics} topics before the update"
+        self.reporter.progress("ROS graph", state, done=True)
+
+    def report(self) -> None:
+        """Report what is worse as warnings, and what has changed as lines.
+
+        Raises:
+            Interrupted: `cancel` was set.
+        """
+        found = self.find_differences()
+        if found is None:
+            return
+        self._sum_up(found)
+        for line in limit(found.worse):
+            self.reporter.warn(line)
+
+    def insist(self) -> None:
+        """Report what has changed, and refuse a graph that is worse.
+
+        Raises:
+            GraphWorse: it is; the details say what.
+            Interrupted: `cancel` was set.
+        """
+        found = self.find_differences()
+        if found is None:
+            return
+        self._sum_up(found)
+        if found.worse:
+            where = f"{self.release.name} in {self.release.namespace}"
+            raise GraphWorse(
+                f"the ROS graph of {where} is worse than before the update",
+                details=limit(found.worse),
+            )
+
+    def find_differences(self) -> Comparison | None:
+        """Return what the update did to the graph; None where it was not, or cannot be, read.
+
+        It is compared again until it is not worse, at most for the patience and one look. Of
+        several rates of a topic the highest counts: one look is too short for slow topics.
+        """
+        if self._before is None:
+            return None
+        until = time.monotonic() + self.patience
+        highest: dict[str, float] = {}
+        while True:
+            found: Comparison | RigelK8sError
+            try:
+                after = read_with_rates(self.cluster, self.release)
+            except RigelK8sError as error:
+                found, state = error, error.message
+            else:
+                after = keep_highest(after, highest)
+                found = compare(self._before, after, removed=self._removed)
+                state = next(iter(found.worse), "")
+            if not state or time.monotonic() >= until:
+                break
+            self.reporter.progress("ROS graph", state)
+            if self.cancel.wait(AGAIN):
+                raise Interrupted(
+                    "stopped while comparing the ROS graph; what was applied stays on the cluster"
+                )
+        if isinstance(found, RigelK8sError):
+            self._warn("cannot be compared", found)
+            return None
+        return found
+
+    def _sum_up(self, found: Comparison) -> None:
+        if found.worse:
+            state = "compared with that before the update"
+        else:
+            state = "not worse than before" if found.changed else "as before the update"
+        self.reporter.progress("ROS graph", state, done=True)
+        for line in limit(found.changed):
+            self.reporter.line(f"  {line}")
+
+    def _warn(self, what: str, error: RigelK8sError) -> None:
+        self.reporter.progress("ROS graph", what, done=True)
+        details = "".join(f"\n  {line}" for line in error.details)
+        self.reporter.warn(f"the ROS graph {what}: {error.message}{details}")
+
+
+def limit(lines: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the first lines, and how many more there are."""
+    if len(lines) <= MOST:
+        return lines
+    return (*lines[: MOST - 1], f"and {len(lines) - MOST + 1} more; `rigel graph` shows all")
+
+
+def read_with_rates(cluster: Cluster, release: ReleaseId) -> RosGraph:
+    """Return a release's graph, with the rates that its exporter hears; raises as read_graph."""
+    with ThreadPoolExecutor(max_workers=1) as beside:
+        heard = beside.submit(read_rates, cluster, release)
+        graph = read_graph(cluster, release)
+        rates = heard.result()
+    topics = [
+        topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
+        for topic in graph.topics
+    ]
+    return attrs.evolve(graph, topics=tuple(topics))
+
+
+def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:
+    """Return messages a second by topic; none without an exporter, or where it does not answer.
+
+    The nodes of ROS 1 count for themselves, so that its exporter is not asked.
+    """
+    modules = [("heard", read_module("rigel_k8s.rosgraph.scripts.heard"))]
+    try:
+        own = {RELEASE_LABEL: release.name}
+        pods = read_pods(cluster.list("v1", "Pod", release.namespace, labels=own))
+        for pod in pods:
+            if pod.is_exporter and pod.running and pod.ros != "1":
+                return run_inside(cluster, pod, modules, [str(EXPORTER_PORT)])
+    except ClusterError:
+        return {}
+    return {}
+
+
+def keep_highest(graph: RosGraph, highest: dict[str, float]) -> RosGraph:
+    """Return a graph with the highest rates of all looks so far, which are kept in `highest`."""
+    for topic in graph.topics:
+        if topic.rate is not None:
+            highest[topic.name] = max(topic.rate, highest.get(topic.name, 0.0))
+    topics = [attrs.evolve(topic, rate=highest.get(topic.name)) for topic in graph.topics]
+    return attrs.evolve(graph, topics=tuple(topics))
+
+
+def changes_pods(step: Step) -> bool:
+    """Whether a step that writes starts, ends or replaces pods."""
+    if step.ref.kind not in WORKLOADS:
+        return False
+    if step.action != "change" or step.live is None or step.result is None:
+        return True
+    return bool(step.live.get("spec") != step.result.get("spec"))
+
+
+def list_removed(plan: Plan, before: RosGraph) -> frozenset[str]:
+    """Return the names of nodes that a plan takes away on purpose.
+
+    That are the nodes of workloads that go away or get fewer pods, and nodes that are called
+    otherwise from now on; but none that the release still expects, in another workload say.
+    """
+    workloads: set[str] = set()
+    names: set[str] = set()
+    kept: set[str] = set()
+    for step in plan.steps:
+        if step.ref.kind not in WORKLOADS:
+            continue
+        then = step.result if step.result is not None else step.manifest
+        fewer = step.action == "change" and count_pods(then) < count_pods(step.live)
+        if step.action == "prune" or fewer:
+            workloads.add(step.ref.name)
+        else:
+            kept.update(name_nodes(then))
+        if step.action == "change":
+            names.update({*name_nodes(step.live)} - {*name_nodes(then)})
+    return frozenset(
+        node.name
+        for node in before.nodes
+        if (node.workload in workloads or node.name in names) and node.name not in kept
+    )
+
+
+def name_nodes(manifest: Manifest | None) -> Iterator[str]:
+    """Yield the ROS name that a workload promises."""
+    notes = (manifest or {"metadata": {}})["metadata"].get("annotations") or {}
+    if ROS_NAME_ANNOTATION in notes:
+        yield str(notes[ROS_NAME_ANNOTATION])
+
+
+def count_pods(manifest: Manifest | None) -> int:
+    """Return how many pods a workload has."""
+    found = ((manifest or {}).get("spec") or {}).get("replicas")
+    return 1 if found is None else int(found)

@@ -1,0 +1,269 @@
+"""A deploy that watches the ROS graph: what an update did to it is reported, or undone."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s import kube
+from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError
+from rigel_k8s.graph import check as discovery
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob
+from rigel_k8s.release import deploy as deploys
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph import watching
+from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
+from rigel_k8s.rosgraph.watching import GraphWorse
+from rigel_k8s.settings import Application, Settings
+from tests.support.fake_cluster import FakeCluster
+from tests.support.options import options
+from tests.support.recorder import Recorder
+
+RELEASE = ReleaseId("n", "rigel-k8s-application")
+IMAGE = "lab/app@sha256:" + "ab" * 32
+LIDAR = {"args": ["lidar"], "env": {"PUBLISHES": "/scan"}}
+DUMB = {"args": ["lidar"], "env": {"PUBLISHES": ""}}
+PLANNER = {"args": ["planner"], "env": {"SUBSCRIBES": "/scan"}}
+LOST = "/scan had 1 publisher, now 0"
+
+
+@attrs.define
+class World:
+    """A robot on the fake cluster, whose nodes have the topics that their environment names.
+
+    Attributes:
+        nodes: of the Rigelfile.
+        failures: what the next readings of the graph fail with, None for one that does not.
+        readings: how often the graph was read.
+        stop_after: the reading at which Ctrl-C is pressed.
+    """
+
+    fake: FakeCluster
+    report: Recorder
+    nodes: dict[str, Any]
+    failures: list[RigelK8sError | None] = attrs.field(factory=list)
+    cancel: threading.Event = attrs.field(factory=threading.Event)
+    readings: int = 0
+    stop_after: int = 0
+
+    def read_graph(self, cluster: Any, release: ReleaseId) -> RosGraph:
+        """Return the graph that the release's Deployments make."""
+        assert (cluster, release) == (self.fake, RELEASE)
+        self.readings += 1
+        if self.readings == self.stop_after:
+            self.cancel.set()
+        if self.failures and (failure := self.failures.pop(0)):
+            raise failure
+        nodes, ends = [], {"PUBLISHES": {}, "SUBSCRIBES": {}}  # type: ignore[var-annotated]
+        for name, env, ros_name in self.list_nodes():
+            nodes.append(GraphNode(ros_name, "n1", f"{name}-1", name))
+            for word, found in ends.items():
+                for topic in env.get(word, "").split():
+                    found.setdefault(topic, []).append(ros_name)
+        topics = sorted({*ends["PUBLISHES"], *ends["SUBSCRIBES"]})
+        return RosGraph(
+            tuple(nodes),
+            tuple(
+                GraphTopic(name, "T", *(tuple(found.get(name, ())) for found in ends.values()))
+                for name in topics
+            ),
+        )
+
+    def list_nodes(self) -> Iterator[tuple[str, dict[str, str], str]]:
+        for item in self.fake.list("apps/v1", "Deployment", "n"):
+            notes = item["metadata"].get("annotations") or {}
+            (container,) = item["spec"]["template"]["spec"]["containers"]
+            env = {one["name"]: one.get("value", "") for one in container.get("env", [])}
+            if "rigel-k8s/ros-name" in notes and item["spec"]["replicas"]:
+                yield item["metadata"]["name"], env, notes["rigel-k8s/ros-name"]
+
+    def deploy(self, *, distro: str = "noetic", **more: Any) -> None:
+        """Run the job, and forget what the report had before."""
+        self.report.entries.clear()
+        self.readings = 0
+        raw = {"image": IMAGE, "nodes": self.nodes, **more}
+        if distro == "noetic":
+            raw["deploy_ros_master"] = False
+        where = Settings(namespace="n")
+        job = JobContext(
+            "deploy", Application(distro), self.report, where, raw=raw, cancel=self.cancel
+        )
+        OrchestrationJob().run(options(raw), job)
+
+    def statuses(self) -> list[str]:
+        return [one.status for one in deploys.history(self.fake, RELEASE)]  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def world(fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch) -> World:
+    """A lidar and a planner that hears it, deployed."""
+    made = World(fake, report, {"lidar": LIDAR, "planner": PLANNER})
+    monkeypatch.setattr(kube, "connect", lambda settings: fake)
+    monkeypatch.setattr(watching, "read_graph", made.read_graph)
+    monkeypatch.setattr(watching, "PATIENCE", 0.5)
+    monkeypatch.setattr(watching, "AGAIN", 0.02)
+    monkeypatch.setattr(discovery, "check", lambda *_: None)
+    made.deploy()
+    assert made.readings == 0, "there is nothing to compare a first deploy with"
+    return made
+
+
+def test_an_unchanged_deploy_reads_nothing(world: World) -> None:
+    world.deploy()
+    assert world.readings == 0
+    assert "ROS graph" not in " ".join(world.report.texts)
+
+
+def test_an_update_that_replaces_no_pod_reads_nothing(world: World) -> None:
+    labels = {"metadata": {"labels": {"team": "blue"}}}
+    world.nodes = {"lidar": {**LIDAR, "patch": labels}, "planner": PLANNER}
+    world.deploy()
+    assert world.statuses() == ["superseded", "good"]
+    assert world.readings == 0
+
+
+def test_a_harmless_update_is_read_twice(world: World) -> None:
+    """Once before, once after."""
+    world.nodes = {"lidar": {**LIDAR, "args": ["lidar", "v2"]}, "planner": PLANNER}
+    world.deploy()
+    assert world.readings == 2
+    assert world.report.warnings == []
+    assert ("ROS graph", "2 nodes and 1 topics before the update", True) in world.report.states
+    assert world.report.states[-1] == ("ROS graph", "as before the update", True)
+
+
+def test_a_lost_publisher_is_a_warning(world: World) -> None:
+    """And the job is good: nothing asks for more."""
+    world.nodes = {"lidar": DUMB, "planner": PLANNER}
+    world.deploy()
+    assert world.report.warnings == [LOST]
+    assert world.readings > 2
+    assert world.statuses() == ["superseded", "good"]
+
+
+def test_a_node_that_comes_back_late_is_no_warning(world: World) -> None:
+    """Nodes take a moment to be in the graph again; a reading may fail meanwhile."""
+    world.nodes = {"lidar": {**LIDAR, "args": ["lidar", "v2"]}, "planner": PLANNER}
+    world.failures = [None, ClusterError("the pod is starting"), None]
+    world.deploy()
+    assert world.readings == 3
+    assert world.report.warnings == []
+
+
+def test_what_changed_on_purpose_is_reported(world: World) -> None:
+    """A node that the Rigelfile no longer has is not missing, nor is a renamed one."""
+    world.nodes = {"planner": {**PLANNER, "name": "router"}, "imu": {"args": ["imu"]}}
+    world.deploy()
+    assert world.report.warnings == []
+    assert world.report.lines[-5:] == [
+        "  /lidar is removed",
+        "  /planner is removed",
+        "  /imu is new",
+        "  /router is new",
+        "  /scan has no publisher; subscribed by /router",
+    ]
+
+
+def test_a_node_that_moves_to_another_workload_is_still_expected(world: World) -> None:
+    world.nodes = {"front": {**DUMB, "name": "lidar"}, "planner": PLANNER}
+    world.deploy()
+    assert world.report.warnings == [LOST]
+
+
+def test_fewer_pods_are_meant(world: World) -> None:
+    world.nodes = {"lidar": {**LIDAR, "patch": {"spec": {"replicas": 0}}}, "planner": PLANNER}
+    world.deploy()
+    assert world.report.warnings == []
+    assert "  /scan has no publisher; subscribed by /planner" in world.report.lines
+
+
+@pytest.mark.parametrize("where", [None, {"graph_worse": True}])
+def test_a_graph_that_cannot_be_read_fails_no_deploy(world: World, where: Any) -> None:
+    """One line says why, and it is not read again."""
+    world.nodes = {"lidar": DUMB, "planner": PLANNER}
+    world.failures = [ClusterError("you may not create pods/exec", details=["ask for it"])]
+    world.deploy(rollback_on=where)
+    assert world.report.warnings == [
+        "the ROS graph is not compared: you may not create pods/exec\n  ask for it"
+    ]
+    assert world.readings == 1
+
+
+def test_a_graph_that_cannot_be_read_afterwards_is_a_warning(world: World) -> None:
+    """No one knows that it is worse."""
+    world.nodes = {"lidar": DUMB, "planner": PLANNER}
+    world.failures = [None, *(ClusterError("roscore does not run") for _ in range(999))]
+    world.deploy(rollback_on={"graph_worse": True, "within": "0.1s"})
+    assert world.report.warnings == ["the ROS graph cannot be compared: roscore does not run"]
+    assert world.statuses() == ["superseded", "good"]
+
+
+def test_zenoh_is_not_read(world: World) -> None:
+    """Its graph cannot be, so that a warning at each update would say nothing new."""
+    release: Any = {"distro": "jazzy", "middleware": "zenoh", "deployment_name": "zenoh"}
+    for node in (LIDAR, DUMB):
+        world.nodes = {"camera": node}
+        world.deploy(**release)
+        assert world.readings == 0
+
+
+# Rolling back
+
+
+def test_a_worse_graph_is_rolled_back(world: World) -> None:
+    """The job fails, and says what was worse and what was done."""
+    world.nodes = {"lidar": DUMB, "planner": PLANNER}
+    with pytest.raises(GraphWorse) as caught:
+        world.deploy(rollback_on={"graph_worse": True, "within": "0.2s"})
+    assert caught.value.exit_code == 1
+    assert caught.value.message == (
+        "the ROS graph of rigel-k8s-application in n is worse than before the update:"
+        " rolled back to revision 1, as revision 3"
+    )
+    assert caught.value.details == (LOST,)
+    assert caught.value.hint is not None
+    assert [env["PUBLISHES"] for name, env, _ in world.list_nodes() if name == "lidar"] == ["/scan"]
+    assert world.statuses() == ["superseded", "failed", "good"]
+    assert deploys.history(world.fake, RELEASE)[-1].description == "rollback to revision 1"  # type: ignore[arg-type]
+
+
+def test_a_harmless_update_is_not_rolled_back(world: World) -> None:
+    """What has changed is reported."""
+    world.nodes = {"lidar": LIDAR, "planner": PLANNER, "imu": {"args": ["imu"]}}
+    world.deploy(rollback_on={"graph_worse": True, "within": "0.2s"})
+    assert world.readings == 2
+    assert "  /imu is new" in world.report.lines
+    assert world.statuses() == ["superseded", "good"]
+
+
+def test_it_is_not_rolled_back_unless_asked_for(world: World) -> None:
+    world.nodes = {"lidar": DUMB, "planner": PLANNER}
+    world.deploy(rollback_on={"graph_worse": False})
+    assert world.report.warnings == [LOST]
+    assert world.statuses() == ["superseded", "good"]
+
+
+def test_a_rollback_that_fails_says_both(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any, **__: Any) -> None:
+        raise ClusterError("no route to host", details=["10.0.0.1"])
+
+    monkeypatch.setattr(deploys, "rollback", fail)
+    world.nodes = {"lidar": DUMB, "planner": PLANNER}
+    with pytest.raises(GraphWorse, match="cannot be rolled back to revision 1: no route") as caught:
+        world.deploy(rollback_on={"graph_worse": True, "within": "0.1s"})
+    assert caught.value.details == (LOST, "10.0.0.1")
+
+
+@pytest.mark.parametrize(("where", "status"), [(None, "good"), ({"graph_worse": True}, "pending")])
+def test_ctrl_c_ends_the_watch(world: World, where: Any, status: str) -> None:
+    """What was applied stays; an update that was to be verified is not good yet."""
+    world.nodes = {"lidar": DUMB, "planner": PLANNER}
+    world.stop_after = 2
+    with pytest.raises(Interrupted, match="what was applied stays"):
+        world.deploy(rollback_on=where)
+    assert world.statuses()[-1] == status

@@ -6,7 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -58,7 +58,12 @@ def stopped() -> Callable[..., list[str]]:
     if subprocess.run([*unshare, "true"], capture_output=True).returncode:
         pytest.skip("this machine lets nobody but root make namespaces")
 
-    def run(*names: str, seconds: int = 8) -> list[str]:
+    def run(
+        *names: str,
+        seconds: int | None = 8,
+        script: Path = STOP,
+        env: Mapping[str, str] | None = None,
+    ) -> list[str]:
         words = [*unshare, sys.executable, "-S", "-c", FIRST, NODE, *names]
         pipe = subprocess.PIPE
         with (
@@ -71,8 +76,11 @@ def stopped() -> Callable[..., list[str]]:
             children = Path(f"/proc/{container.pid}/task/{container.pid}/children").read_text()
             enter = ["nsenter", f"--target={children.split()[0]}", "--pid", "--mount"]
             enter += ["--user", "--preserve-credentials"] if user else []
-            hook = [*enter, "/bin/sh", str(STOP), str(seconds)]  # as `kubectl exec` runs it
-            assert subprocess.run(hook, timeout=60).returncode == 0
+            hook = [*enter, "/bin/sh", str(script)]  # as `kubectl exec` runs it
+            hook += [str(seconds)] if seconds else []
+            assert (
+                subprocess.run(hook, timeout=60, env={**os.environ, **(env or {})}).returncode == 0
+            )
             return str(container.communicate(timeout=20)[0]).splitlines()
 
     return run
@@ -85,3 +93,72 @@ def test_nodes_get_sigint_and_process_1_gets_it_after_them(stopped: Callable[...
 
 def test_what_does_not_end_gets_sigterm_after_half_the_time(stopped: Callable[..., list[str]]):
     assert stopped("deaf", seconds=2) == ["deaf SIGINT", "deaf SIGTERM", "first SIGINT"]
+
+
+#: In place of ready.sh: notes how it was called and that the container's node still runs.
+READY = """
+kill -0 2 2>/dev/null && echo "$* while the node runs" >>"${0%/*}/log" || echo "$*" >>"${0%/*}/log"
+exit $(cat "${0%/*}/code")
+"""
+#: In place of sleep: notes how long.
+SLEEP = """#!/bin/sh
+echo "sleep $1" >>"${0%/*}/log"
+exec /bin/sleep "$1"
+"""
+
+
+@pytest.fixture
+def hook(tmp_path: Path) -> Callable[[int], Path]:
+    """Make a stop hook whose ready.sh ends with a code; its folder has the log."""
+
+    def make(code: int) -> Path:
+        shutil.copy(STOP, tmp_path)
+        (tmp_path / "ready.sh").write_text(READY)
+        (tmp_path / "code").write_text(str(code))
+        (tmp_path / "sleep").write_text(SLEEP)
+        (tmp_path / "sleep").chmod(0o755)
+        return tmp_path / "stop.sh"
+
+    return make
+
+
+def log_of(script: Path) -> list[str]:
+    return (script.parent / "log").read_text().splitlines()
+
+
+def env_of(script: Path, workload: str = "talker") -> dict[str, str]:
+    path = f"{script.parent}:{os.environ['PATH']}"
+    return {"PATH": path, "RIGEL_K8S_WORKLOAD": workload}
+
+
+@pytest.mark.parametrize(("seconds", "wait"), [(None, 2), (8, 2), (20, 5)])
+def test_names_are_handed_over_before_anything_is_signalled(
+    stopped: Callable[..., list[str]],
+    hook: Callable[[int], Path],
+    seconds: int | None,
+    wait: int,
+):
+    """Newcomers have a quarter of the time; then their subscribers have a moment to find them."""
+    script = hook(0)
+    lines = stopped("one", seconds=seconds, script=script, env=env_of(script))
+    assert lines == ["one SIGINT", "first SIGINT"]
+    assert log_of(script)[:2] == [f"leave --wait {wait} while the node runs", "sleep 0.5"]
+
+
+def test_where_no_one_waits_the_nodes_end_at_once(
+    stopped: Callable[..., list[str]], hook: Callable[[int], Path]
+):
+    """Nothing was handed over, or there is no gate, or no Python for the question."""
+    for code in (1, 3):
+        script = hook(code)
+        stopped("one", script=script, env=env_of(script))
+        assert "sleep 0.5" not in log_of(script)
+        assert log_of(script)[0] == "leave --wait 2 while the node runs"
+
+
+def test_a_pod_whose_nodes_do_not_hand_over_asks_no_one(
+    stopped: Callable[..., list[str]], hook: Callable[[int], Path]
+):
+    script = hook(0)
+    assert stopped("one", script=script, env=env_of(script, "")) == ["one SIGINT", "first SIGINT"]
+    assert not [line for line in log_of(script) if line.startswith("leave")]

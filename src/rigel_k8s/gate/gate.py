@@ -106,6 +106,7 @@ class Gate:
         self._idle = asyncio.Event()  # set while no call is on its way that changes nothing
         self._idle.set()
         self._ready = asyncio.Event()
+        self._away = False  # whether the last try to reach the master was in vain
         self._started = False
         self._tasks: set[asyncio.Task[Any]] = set()
         self._looks: set[tuple[str, Callable[[str], Any]]] = set()
@@ -175,7 +176,7 @@ class Gate:
             local: it came from this pod. Such a call does not wait for a master that is away: it
                 may be roscore's own, which looks for another one before it starts its own.
         """
-        if local and not self._ready.is_set():
+        if local and not await self._has_master():
             return fault("no ROS master answers behind the gate yet")
         own = {DESCRIBE_POD: self._describe_pod, HAND_OVER: self._hand_over}
         if call.method in own:
@@ -235,8 +236,14 @@ class Gate:
             await self._ready.wait()
             try:
                 return await self._links.master(call)
-            except MasterGone:
-                self._lose_master()
+            except MasterGone as error:
+                self._lose_master(str(error))
+
+    async def _has_master(self) -> bool:
+        """Return whether there is a master; it may be there though a connection has ended."""
+        while not self._ready.is_set() and not self._away:
+            await self._links.sleep(RETRY)
+        return self._ready.is_set()
 
     # -- registrations --
 
@@ -596,8 +603,9 @@ class Gate:
 
     # -- a master that comes back --
 
-    def _lose_master(self) -> None:
+    def _lose_master(self, reason: str) -> None:
         if self._ready.is_set():
+            self._log(f"a connection to the master has ended: {reason}")
             self._ready.clear()
             self._spawn(self._recover())
 
@@ -606,7 +614,7 @@ class Gate:
         while True:
             await self._ready.wait()
             await self._links.until_master_ends()
-            self._lose_master()
+            self._lose_master("closed by the master")
 
     async def _recover(self) -> None:
         """Wait for the master, and give it back what it lacks."""
@@ -615,10 +623,12 @@ class Gate:
                 await self._complete_master()
                 break
             except MasterGone:
+                self._away = True
                 await self._links.sleep(RETRY)
             except Exception as error:  # without this the gate would wait for the master for ever
                 self._log(f"error: {error!r}")
                 await self._links.sleep(1)
+        self._away = False
         self._ready.set()
         if not self._started:
             try:

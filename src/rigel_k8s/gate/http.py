@@ -169,6 +169,7 @@ class HttpLinks:
         except Refused as error:  # by a master that lives: the same call again gets the same
             return fault(f"the ROS master answered {error}")
         except (OSError, EOFError) as error:
+            self._close_free()  # they may be another master's
             raise MasterGone(str(error)) from error
         finally:
             if connection is not None and stays:
@@ -189,6 +190,9 @@ class HttpLinks:
             pass
         finally:
             connection.close()
+        self._close_free()
+
+    def _close_free(self) -> None:
         for other in self._free:
             other.close()
         self._free.clear()

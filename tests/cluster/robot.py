@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+from rigel_k8s.objects.facts import is_ready
+from tests.support.until import until
 
 
 class Robot:
@@ -61,22 +65,26 @@ class Robot:
         return [pod for pod in found if not pod["metadata"].get("deletionTimestamp")]
 
     def ready(self, name: str) -> bool:
-        """Return whether all of a workload's pods are ready."""
-        return all(
-            condition["status"] == "True"
-            for pod in self.pods(name)
-            for condition in pod["status"].get("conditions", [])
-            if condition["type"] == "Ready"
-        )
+        """Return whether a workload has pods and all of them are ready."""
+        pods = self.pods(name)
+        return bool(pods) and all(is_ready(pod) for pod in pods)
 
     def run(self, name: str, *command: str) -> str:
         """Run a command in a workload's pod and return what it printed."""
+        done = self._exec(name, command)
+        assert done.code == 0, done.stderr.decode()
+        return str(done.stdout.decode())
+
+    def until_master_answers(self, name: str) -> None:
+        """Wait until a workload's pod reaches ros-master: its Service follows the pod later."""
+        command = ("rosparam", "get", "/run_id")
+        until(lambda: self._exec(name, command).code == 0, f"an answer of ros-master to {name}")
+
+    def _exec(self, name: str, command: Sequence[str]) -> Any:
         pod = self.pods(name)[0]
         full = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
         container = pod["spec"]["containers"][0]["name"]
-        done = self.cluster.run(self.namespace, pod["metadata"]["name"], full, container=container)
-        assert done.code == 0, done.stderr.decode()
-        return str(done.stdout.decode())
+        return self.cluster.run(self.namespace, pod["metadata"]["name"], full, container=container)
 
     def deployments(self) -> set[str]:
         """Return the names of the namespace's Deployments."""

@@ -135,7 +135,8 @@ def test_a_master_on_another_machine_goes_on(robot: Talking) -> None:
     (master,) = robot.pods("ros-master")
     name = master["metadata"]["name"]
     robot.cluster.delete(ObjectRef("v1", "Pod", robot.namespace, name), grace_seconds=0)
-    until(lambda: robot.pods("ros-master") and robot.ready("ros-master"), "a new master")
+    until(lambda: robot.ready("ros-master"), "a new master")
+    robot.until_master_answers("listener")
     assert "v3" in robot.run("listener", "sh", "-c", HEARS)
     assert robot.run("listener", "rosparam", "get", "/robot/name").strip() == "rosie"
     assert {name: robot.uid(name) for name in pods} == pods
@@ -146,6 +147,7 @@ def test_an_update_of_the_master_goes_unnoticed(robot: Talking) -> None:
     pods = {name: robot.uid(name) for name in ("talker", "listener")}
     changed = {"spec": {"template": {"metadata": {"annotations": {"generation": "2"}}}}}
     robot.update("v3", additional_k8s_params={"ros_master": changed})
+    robot.until_master_answers("listener")
     assert "v3" in robot.run("listener", "sh", "-c", HEARS)
     assert {name: robot.uid(name) for name in pods} == pods
     found = robot.heard()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from typing import Any, Callable, Coroutine, Iterable, Tuple
+from typing import Any, Callable, Iterable, Tuple
 
 from rigel_k8s.gate.calls import (
     DESCRIBE_GATE,
@@ -25,6 +25,7 @@ from rigel_k8s.gate.calls import (
     registration_of,
     removal_of,
 )
+from rigel_k8s.gate.context import Context
 from rigel_k8s.gate.handover import (
     choose_heir,
     find_owner,
@@ -33,7 +34,8 @@ from rigel_k8s.gate.handover import (
     list_names_of,
     list_publishers,
 )
-from rigel_k8s.gate.links import Links, MasterGone, NodeGone, NodeSilent
+from rigel_k8s.gate.links import Links, NodeGone, NodeSilent
+from rigel_k8s.gate.master import RETRY, Master
 from rigel_k8s.gate.parameters import split
 from rigel_k8s.gate.recovery import (
     ROSOUT,
@@ -61,8 +63,6 @@ from rigel_k8s.gate.state import Event, Newcomer, State, pack
 
 #: Seconds between two looks at nodes that wait for a name and at those that have it.
 LOOK = 0.25
-#: Seconds between two tries to reach a master that is away.
-RETRY = 0.05
 #: Seconds that a node has to answer before it counts as silent.
 PATIENCE = 3.0
 #: Calls that a new master gets at once.
@@ -96,25 +96,13 @@ class Gate:
         log: Callable[[str], None],
     ) -> None:
         self.state = state
-        self._links = links
         self._uri = uri
-        self._keep = keep
-        self._log = log
-        self._turn = asyncio.Lock()
-        self._open = asyncio.Event()  # set while no name changes hands
-        self._asking = 0
-        self._idle = asyncio.Event()  # set while no call is on its way that changes nothing
-        self._idle.set()
-        self._ready = asyncio.Event()
-        self._away = False  # whether the last try to reach the master was in vain
-        self._started = False
-        self._tasks: set[asyncio.Task[Any]] = set()
-        self._looks: set[tuple[str, Callable[[str], Any]]] = set()
+        self._context = Context(state, links, keep, log)
+        self._master = Master(self._context)
         self._conflicts: deque[dict[str, Any]] = deque(maxlen=20)
         self._under_way: dict[Target, asyncio.Future[None]] = {}  # calls of nodes
         self._again: set[Target] = set()  # those to make once more
         self._unsent: dict[Target, float] = {}  # those made in vain, and when to try again
-        self._removals: list[Removal] = []  # those on their way: the nodes have forgotten them
         self._restarts = 0
         for newcomer in state.newcomers.values():
             newcomer.quiet_since = links.now()
@@ -123,48 +111,12 @@ class Gate:
 
     def start(self) -> None:
         """Look for the master, and look after newcomers, until stopped."""
-        self._spawn(self._recover())
-        self._spawn(self._watch_master())
-        self._spawn(self._watch_nodes())
+        self._master.start(self._complete_master, self._finish_hand_overs)
+        self._context.spawn(self._watch_nodes())
 
     async def stop(self) -> None:
         """End everything that goes on."""
-        for task in list(self._tasks):
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
-    async def until_ready(self) -> None:
-        """Return when the master answers and knows everything."""
-        await self._ready.wait()
-
-    def _spawn(self, work: Coroutine[Any, Any, Any]) -> None:
-        task = asyncio.ensure_future(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._end)
-
-    def _spawn_once(self, name: str, look: Callable[[str], Coroutine[Any, Any, None]]) -> None:
-        """Look at a name, unless that goes on already: a machine that is away takes its time."""
-        if (name, look) in self._looks:
-            return
-        self._looks.add((name, look))
-
-        async def work() -> None:
-            try:
-                await look(name)
-            finally:
-                self._looks.discard((name, look))
-
-        self._spawn(work())
-
-    def _end(self, task: asyncio.Task[Any]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and task.exception():
-            self._log(f"error: {task.exception()!r}")
-
-    def _note(self, *event: Any) -> None:
-        """Remember what has happened."""
-        self.state.apply(list(event))
-        self._keep(list(event))
+        await self._context.stop()
 
     # -- calls --
 
@@ -176,7 +128,7 @@ class Gate:
             local: it came from this pod. Such a call does not wait for a master that is away: it
                 may be roscore's own, which looks for another one before it starts its own.
         """
-        if local and not await self._has_master():
+        if local and not await self._master.is_there():
             return fault("no ROS master answers behind the gate yet")
         own = {DESCRIBE_POD: self._describe_pod, HAND_OVER: self._hand_over}
         if call.method in own:
@@ -190,14 +142,14 @@ class Gate:
         try:
             return await self._answer_change(call, hands_over=hands_over)
         except BadCall:
-            return await self._ask(call)  # the master has the words for it
+            return await self._master.ask(call)  # the master has the words for it
 
     async def _answer_many(self, call: Call, *, hands_over: bool) -> Answer:
         answers: list[Any] = []
         try:
             calls = [Call(one["methodName"], tuple(one["params"])) for one in call.params[0]]
         except (BadCall, LookupError, TypeError):
-            return await self._ask(call)
+            return await self._master.ask(call)
         for one in calls:
             answers.append([(await self.answer(one, hands_over=hands_over)).value])
         return Answer(answers)
@@ -215,35 +167,7 @@ class Gate:
         if call.method == "deleteParam":
             node, key = call.texts(2)
             return await self._change_parameter(call, ("delete", resolve_name(key, node)))
-        return await self._ask(call)
-
-    async def _ask(self, call: Call) -> Answer:
-        """Pass a call on that changes nothing: before a hand-over or after it, not beside it."""
-        while not self._open.is_set():
-            await self._open.wait()
-        self._asking += 1
-        self._idle.clear()
-        try:
-            return await self._to_master(call)
-        finally:
-            self._asking -= 1
-            if not self._asking:
-                self._idle.set()
-
-    async def _to_master(self, call: Call) -> Answer:
-        """Pass a call on, as soon as the master answers and knows everything."""
-        while True:
-            await self._ready.wait()
-            try:
-                return await self._links.master(call)
-            except MasterGone as error:
-                self._lose_master(str(error))
-
-    async def _has_master(self) -> bool:
-        """Return whether there is a master; it may be there though a connection has ended."""
-        while not self._ready.is_set() and not self._away:
-            await self._links.sleep(RETRY)
-        return self._ready.is_set()
+        return await self._master.ask(call)
 
     # -- registrations --
 
@@ -255,7 +179,7 @@ class Gate:
                 lives, there = await asyncio.gather(self._lives(str(before)), self._find(one.api))
                 if there is False:  # its call has waited, for the master perhaps
                     return fault(f"{one.node} at {one.api} has ended")
-            async with self._turn:
+            async with self._context.turn:
                 if self.state.registry.api_of(one.node) != before:
                     continue
                 waits = (one.node, one.api) in self.state.newcomers
@@ -265,16 +189,16 @@ class Gate:
                 if waits:
                     self._let_wait(one)
                     break
-                if self._ready.is_set():
+                if self._master.is_ready:
                     if lives:
                         self._note_conflict(one, str(before))
                     await self._settle(one)
-                    answer = await self._to_master(call)
+                    answer = await self._master.call(call)
                     if answer.is_success and not self.state.registry.has(one):
-                        self._note("register", *one, hands_over)
+                        self._context.note("register", *one, hands_over)
                         self._update_newcomers(one)
                     return answer
-            await self._ready.wait()  # and look again: much may change meanwhile
+            await self._master.until_ready()  # and look again: much may change meanwhile
         return await self._answer_newcomer(one)
 
     def _let_wait(self, one: Registration) -> None:
@@ -284,13 +208,13 @@ class Gate:
         """
         for other in self.state.newcomers_for(one.node):
             if other.host == one.host and other.api != one.api:
-                self._note("dismiss", other.name, other.api)
+                self._context.note("dismiss", other.name, other.api)
         if (one.node, one.api) not in self.state.newcomers:
-            self._log(f"{one.node} at {one.api} waits to take over")
+            self._context.log(f"{one.node} at {one.api} waits to take over")
         known = self.state.newcomers.get((one.node, one.api))
         if known is None or known.registrations.get((one.kind, one.key)) != one:
-            self._note("wait", *one)
-            self.state.newcomers[one.node, one.api].quiet_since = self._links.now()
+            self._context.note("wait", *one)
+            self.state.newcomers[one.node, one.api].quiet_since = self._context.links.now()
 
     async def _answer_newcomer(self, one: Registration) -> Answer:
         """Return what the master would say, but nothing to act upon."""
@@ -301,7 +225,7 @@ class Gate:
         if one.kind == SUBSCRIBER:
             known = list_publishers(self.state, one.key) if self._is_warm(one.host) else []
             return Answer.good(f"Subscribed to [{one.key}]", known)
-        found = (await self._ask(Call("getParam", (one.node, one.key)))).result
+        found = (await self._master.ask(Call("getParam", (one.node, one.key)))).result
         message = f"Subscribed to parameter [{one.key}]"
         return Answer.good(message, {} if found is None else found)
 
@@ -310,34 +234,36 @@ class Gate:
         return pod is not None and pod.warm
 
     async def _unregister(self, call: Call, removal: Removal) -> Answer:
-        self._removals.append(removal)
+        self._context.removals.append(removal)
         try:
             return await self._remove(call, removal)
         finally:
-            self._removals.remove(removal)
+            self._context.removals.remove(removal)
 
     async def _remove(self, call: Call, removal: Removal) -> Answer:
-        async with self._turn:
+        async with self._context.turn:
             for newcomer in self.state.newcomers_for(removal.node):
                 waiting = newcomer.registrations.get((removal.kind, removal.key))
                 if waiting and removal.uri in (waiting.api, waiting.detail):
-                    self._note("unwait", removal.kind, removal.key, newcomer.name, newcomer.api)
-                    newcomer.quiet_since = self._links.now()
+                    self._context.note(
+                        "unwait", removal.kind, removal.key, newcomer.name, newcomer.api
+                    )
+                    newcomer.quiet_since = self._context.links.now()
                     return Answer.good(f"Unregistered [{removal.node}]", 1)
             await self._settle(removal)
-            answer = await self._to_master(call)
+            answer = await self._master.call(call)
             if answer.is_success:
-                self._note("unregister", *removal)
+                self._context.note("unregister", *removal)
                 self._update_newcomers(removal)
             if self.state.registry.api_of(removal.node) is None:
-                self._spawn(self._take_over_free(removal.node))
+                self._context.spawn(self._take_over_free(removal.node))
             return answer
 
     async def _change_parameter(self, call: Call, event: tuple[str, ...]) -> Answer:
-        async with self._turn:
-            answer = await self._to_master(call)
+        async with self._context.turn:
+            answer = await self._master.call(call)
             if answer.is_success:
-                self._note(*event)
+                self._context.note(*event)
                 self._update_parameters(event[1])
             return answer
 
@@ -348,7 +274,7 @@ class Gate:
     async def _find(self, api: str) -> bool | None:
         """Return whether a node is at its address; None: its machine cannot be reached."""
         try:
-            await self._links.connect(api, PATIENCE)
+            await self._context.links.connect(api, PATIENCE)
         except NodeGone:
             return False
         except NodeSilent:
@@ -363,8 +289,8 @@ class Gate:
         there = await self._find(newcomer.api)
         newcomer.is_silent = there is None
         if there is False and (newcomer.name, newcomer.api) in self.state.newcomers:
-            self._log(f"{newcomer.name} at {newcomer.api} has ended before it took over")
-            self._note("dismiss", newcomer.name, newcomer.api)
+            self._context.log(f"{newcomer.name} at {newcomer.api} has ended before it took over")
+            self._context.note("dismiss", newcomer.name, newcomer.api)
 
     def _note_conflict(self, one: Registration, before: str) -> None:
         """Remember that a node lost its name to a younger one that is no update of it."""
@@ -373,9 +299,9 @@ class Gate:
         last = self._conflicts[-1] if self._conflicts else {}
         if (last.get("node"), last.get("new")) != (one.node, one.api):
             self._conflicts.append(
-                {"node": one.node, "old": before, "new": one.api, "time": self._links.now()}
+                {"node": one.node, "old": before, "new": one.api, "time": self._context.links.now()}
             )
-            self._log(f"{one.node} at {before} loses its name to the node at {one.api}")
+            self._context.log(f"{one.node} at {before} loses its name to the node at {one.api}")
 
     # -- what nodes hear from the gate --
 
@@ -405,19 +331,19 @@ class Gate:
             self._again.add(target)
         else:
             self._under_way[target] = asyncio.get_running_loop().create_future()
-            self._spawn(self._deliver(target))
+            self._context.spawn(self._deliver(target))
 
     async def _deliver(self, target: Target) -> None:
         api, method, key = target
         value = self._read(method, key)
         try:
-            await self._links.node(api, Call(method, (MASTER, key, value)), PATIENCE)
+            await self._context.links.node(api, Call(method, (MASTER, key, value)), PATIENCE)
         except NodeGone:
             return
         except NodeSilent as error:
             if target not in self._unsent:
-                self._log(f"{method} of {key} does not reach {api}: {error}")
-            self._unsent[target] = self._links.now() + PATIENCE
+                self._context.log(f"{method} of {key} does not reach {api}: {error}")
+            self._unsent[target] = self._context.links.now() + PATIENCE
             return
         finally:
             sent = self._under_way.pop(target)
@@ -427,7 +353,7 @@ class Gate:
             self._again.discard(target)
         self._unsent.pop(target, None)
         if is_late or method == VALUE:  # the master may have sent a later value before this one
-            async with self._turn:  # what the master knows already is known here then
+            async with self._context.turn:  # what the master knows already is known here then
                 pass
             again = again or self._read(method, key) != value
         if again:
@@ -455,7 +381,7 @@ class Gate:
         for target, due in list(self._unsent.items()):
             if not self.state.knows(target[0]):
                 del self._unsent[target]
-            elif due <= self._links.now():
+            elif due <= self._context.links.now():
                 self._send(*target)
 
     # -- hand-over --
@@ -472,16 +398,16 @@ class Gate:
             known = self.state.pods.get(host)
             described = (host, pod, workload, warm == "warm")
             if tuple(known or ()) != described:
-                self._note("pod", *described)
+                self._context.note("pod", *described)
                 self._warm_up(host)
             for newcomer in self.state.newcomers_at(host):
-                quiet = "quiet" if is_quiet(newcomer, self._links.now()) else "busy"
+                quiet = "quiet" if is_quiet(newcomer, self._context.links.now()) else "busy"
                 owner = self.state.registry.api_of(newcomer.name) or ""
                 found.append([newcomer.name, newcomer.api, quiet, owner])
         for stranger in list(find_strangers(self.state)):
             before = self.state.registry.api_of(stranger.name) or ""
             self._note_conflict(next(iter(stranger.registrations.values())), before)
-            self._spawn(self._take_over(stranger.name, stranger.api, before or None))
+            self._context.spawn(self._take_over(stranger.name, stranger.api, before or None))
         return Answer.good("", found)
 
     def _warm_up(self, host: str) -> None:
@@ -499,8 +425,8 @@ class Gate:
         """
         _, seconds, *hosts = call.texts(len(call.params))
         for host in hosts:
-            self._note("leave", host)
-        deadline = self._links.now() + float(seconds)
+            self._context.note("leave", host)
+        deadline = self._context.links.now() + float(seconds)
         names = [name for host in hosts for name in list_names_of(self.state, host)]
         return Answer.good("", [name for name in names if await self._pass_on(name, deadline)])
 
@@ -508,16 +434,16 @@ class Gate:
         """Give a name to who waits for it, once that is quiet; return whether anyone got it."""
         owner = self.state.registry.api_of(name)
         while self.state.registry.api_of(name) == owner:
-            heir = choose_heir(self.state, name, self._links.now())
+            heir = choose_heir(self.state, name, self._context.links.now())
             if heir is None:
                 return False
             await self._visit(heir)
-            if heir is not choose_heir(self.state, name, self._links.now()):
+            if heir is not choose_heir(self.state, name, self._context.links.now()):
                 continue
-            if is_quiet(heir, self._links.now()) or self._links.now() >= deadline:
+            if is_quiet(heir, self._context.links.now()) or self._context.links.now() >= deadline:
                 await self._take_over(heir.name, heir.api, owner)
             else:
-                await self._links.sleep(RETRY)
+                await self._context.links.sleep(RETRY)
         return self.state.registry.api_of(name) is not None
 
     async def _take_over(self, name: str, api: str, owner: str | None) -> bool:
@@ -527,30 +453,27 @@ class Gate:
             owner: who has the name, as the caller has seen it. Another one may have got it before
                 this takes its turn, such as one that has started again in its pod.
         """
-        async with self._turn:
+        async with self._context.turn:
             newcomer = self.state.newcomers.get((name, api))
             if newcomer is None or self.state.registry.api_of(name) != owner:
                 return False
-            self._open.clear()
-            try:
-                await self._idle.wait()
+            async with self._master.handing_over():
                 await self._pass_registrations(newcomer)
-            finally:
-                if self._started:
-                    self._open.set()
-            self._note("dismiss", name, api)
-        self._log(f"{name} at {api} has taken over")
+            self._context.note("dismiss", name, api)
+        self._context.log(f"{name} at {api} has taken over")
         return True
 
     async def _pass_registrations(self, newcomer: Newcomer) -> None:
         """Register all that a newcomer has, and send it what the master answers."""
         for one in newcomer.all():
             await self._settle(one)
-            answer = await self._to_master(call_of(one))
+            answer = await self._master.call(call_of(one))
             if not answer.is_success:
-                self._log(f"the master refuses {one.kind} {one.key} of {one.node}: {answer.value}")
+                self._context.log(
+                    f"the master refuses {one.kind} {one.key} of {one.node}: {answer.value}"
+                )
                 continue
-            self._note("register", *one, True)
+            self._context.note("register", *one, True)
             self._update_newcomers(one)
             self._send_answer(one)
 
@@ -563,79 +486,45 @@ class Gate:
 
     async def _take_over_free(self, name: str) -> None:
         """Give a name that no one has any more to who waits for it."""
-        heir = choose_heir(self.state, name, self._links.now())
+        heir = choose_heir(self.state, name, self._context.links.now())
         if heir:
             await self._take_over(heir.name, heir.api, None)
 
     async def _watch_nodes(self) -> None:
         """Look whether newcomers live, and those whose names they wait for."""
         while True:
-            await self._links.sleep(LOOK)
+            await self._context.links.sleep(LOOK)
             try:
                 await self._look_around()
             except Exception as error:  # a fault here must not end all hand-overs
-                self._log(f"error: {error!r}")
+                self._context.log(f"error: {error!r}")
 
     async def _look_around(self) -> None:
         for name in sorted({one.name for one in self.state.newcomers.values()}):
-            self._spawn_once(name, self._look_at)
+            self._context.spawn_once(name, self._look_at)
         self._send_again()
         for host in sorted(self.state.leaving):
             if not list_names_of(self.state, host) and not self.state.newcomers_at(host):
-                self._note("away", host)
-        if self._ready.is_set():
+                self._context.note("away", host)
+        if self._master.is_ready:
             for name in sorted(self.state.silent):
-                self._spawn_once(name, self._try_again)
+                self._context.spawn_once(name, self._try_again)
             if not self.state.run:
                 await self._note_run()
 
     async def _look_at(self, name: str) -> None:
         await asyncio.gather(*map(self._visit, self.state.newcomers_for(name)))
         owner = self.state.registry.api_of(name)
-        heir = choose_heir(self.state, name, self._links.now())
+        heir = choose_heir(self.state, name, self._context.links.now())
         if heir is None:
             return
         free = owner is None or owner == heir.api or not await self._lives(owner)
         if not free and host_of(str(owner)) in self.state.leaving:
-            free = is_quiet(heir, self._links.now())
+            free = is_quiet(heir, self._context.links.now())
         if free:
             await self._take_over(heir.name, heir.api, owner)
 
     # -- a master that comes back --
-
-    def _lose_master(self, reason: str) -> None:
-        if self._ready.is_set():
-            self._log(f"a connection to the master has ended: {reason}")
-            self._ready.clear()
-            self._spawn(self._recover())
-
-    async def _watch_master(self) -> None:
-        """Notice the master's end at once, not with the next call."""
-        while True:
-            await self._ready.wait()
-            await self._links.until_master_ends()
-            self._lose_master("closed by the master")
-
-    async def _recover(self) -> None:
-        """Wait for the master, and give it back what it lacks."""
-        while True:
-            try:
-                await self._complete_master()
-                break
-            except MasterGone:
-                self._away = True
-                await self._links.sleep(RETRY)
-            except Exception as error:  # without this the gate would wait for the master for ever
-                self._log(f"error: {error!r}")
-                await self._links.sleep(1)
-        self._away = False
-        self._ready.set()
-        if not self._started:
-            try:
-                await self._finish_hand_overs()
-            finally:
-                self._started = True
-                self._open.set()
 
     async def _finish_hand_overs(self) -> None:
         """Finish what an earlier gate had begun when it ended: its nodes have half of it."""
@@ -644,20 +533,20 @@ class Gate:
                 await self._take_over(newcomer.name, newcomer.api, newcomer.api)
 
     async def _complete_master(self) -> None:
-        system = (await self._links.master(Call("getSystemState", (GATE,)))).result
-        run = (await self._links.master(Call("getParam", (GATE, "/run_id")))).result or ""
+        system = (await self._context.links.master(Call("getSystemState", (GATE,)))).result
+        run = (await self._context.links.master(Call("getParam", (GATE, "/run_id")))).result or ""
         known = read_system(system)
-        if not self._started and run and run == self.state.run:
+        if not self._master.has_started and run and run == self.state.run:
             await self._follow_master(known)
             return
-        names = (await self._links.master(Call("getParamNames", (GATE,)))).result or []
+        names = (await self._context.links.master(Call("getParamNames", (GATE,)))).result or []
         nodes = [n for n in find_lost_nodes(self.state, known) if n not in self.state.silent]
         parameters = find_lost_parameters(self.state, names)
         if nodes or parameters:
             await self._give_back(nodes, parameters)
         if nodes or parameters or run != self.state.run:
-            self._note("run", run)
-        if not self._started:
+            self._context.note("run", run)
+        if not self._master.has_started:
             await self._adopt(known)
 
     async def _give_back(self, nodes: list[str], parameters: list[tuple[str, Any]]) -> None:
@@ -669,16 +558,16 @@ class Gate:
         for entry, there in zip(entries, lives):
             if there is False:
                 gone += entry.registrations.values()
-                self._note("forget", entry.name)
+                self._context.note("forget", entry.name)
         for entry, there in zip(entries, lives):
             if there is None:
-                self._note("silent", entry.name)
+                self._context.note("silent", entry.name)
         kept = {entry.name for entry, there in zip(entries, lives) if there}
         await self._tell_master([("setParam", (GATE, *pair)) for pair in parameters])
         again = [one for one in self.state.registry.all() if one.node in kept]
         await self._tell_master([(call_of(one).method, call_of(one).params) for one in again])
         self._send_shrunk(gone)
-        self._log(
+        self._context.log(
             f"a new master: it has {len(again)} registrations of {len(kept)} nodes and"
             f" {len(parameters)} parameters again; gone: {len({o.node for o in gone})} nodes,"
             f" silent: {len(self.state.silent)}"
@@ -687,18 +576,18 @@ class Gate:
     async def _tell_master(self, calls: list[tuple[str, tuple[Any, ...]]]) -> None:
         """Make many calls in few."""
         for some in batch(calls, BATCH):
-            await self._links.master(Call("system.multicall", (some,)))
+            await self._context.links.master(Call("system.multicall", (some,)))
 
     async def _is_there(self, entry: NodeEntry) -> bool | None:
         """Return whether a node goes on where it was; None: it cannot be known now."""
         try:
             call = Call("getPublications", (GATE,))
-            answer = await self._links.node(entry.api, call, PATIENCE)
+            answer = await self._context.links.node(entry.api, call, PATIENCE)
         except NodeGone:
             return False
         except NodeSilent:
             return None
-        under_way = {(one.kind, one.key, one.node) for one in self._removals}
+        under_way = {(one.kind, one.key, one.node) for one in self._context.removals}
         own = [o for o in entry.registrations.values() if (o.kind, o.key, o.node) not in under_way]
         return is_same_node(own, answer.result)
 
@@ -707,21 +596,21 @@ class Gate:
         entry = self.state.registry.nodes.get(name)
         there = await self._is_there(entry) if entry else False
         if there is None:
-            await self._links.sleep(PATIENCE)
+            await self._context.links.sleep(PATIENCE)
             return
-        async with self._turn:
+        async with self._context.turn:
             if name not in self.state.silent or self.state.registry.nodes.get(name) is not entry:
                 return
             if entry is None or not there:
-                self._note("forget", name)
+                self._context.note("forget", name)
                 self._send_shrunk(entry.registrations.values() if entry else ())
                 return
             for one in sorted(entry.registrations.values(), key=lambda o: KINDS.index(o.kind)):
                 await self._settle(one)
-                await self._to_master(call_of(one))
+                await self._master.call(call_of(one))
                 self._send_answer(one)
-            self._note("answers", name)
-            self._log(f"{name} answers again: the new master knows it")
+            self._context.note("answers", name)
+            self._context.log(f"{name} answers again: the new master knows it")
 
     def _send_shrunk(self, gone: Iterable[Registration]) -> None:
         """Send subscribers the publishers that are left."""
@@ -737,36 +626,40 @@ class Gate:
             if one.node in self.state.silent:  # which the master has not been told of
                 continue
             uri = one.detail if one.kind == SERVICE else one.api
-            self._note("unregister", one.kind, one.key, one.node, uri)
+            self._context.note("unregister", one.kind, one.key, one.node, uri)
         for entry in list(self.state.registry.nodes.values()):
-            api = (await self._links.master(Call("lookupNode", (GATE, entry.name)))).result
+            api = (await self._context.links.master(Call("lookupNode", (GATE, entry.name)))).result
             if api and api != entry.api:
-                self._note("forget", entry.name)
+                self._context.note("forget", entry.name)
         await self._adopt(known)
-        tree = (await self._links.master(Call("getParam", (GATE, "/")))).result
+        tree = (await self._context.links.master(Call("getParam", (GATE, "/")))).result
         if isinstance(tree, dict):
-            self._note("set", "/", pack(tree))
+            self._context.note("set", "/", pack(tree))
 
     async def _adopt(self, known: set[tuple[str, str, str]]) -> None:
         """Take over what a master knows and the state does not."""
         unknown = list(find_unknown(self.state, known))
         if not unknown:
             return
-        types = dict((await self._links.master(Call("getTopicTypes", (GATE,)))).result or [])
+        types = dict(
+            (await self._context.links.master(Call("getTopicTypes", (GATE,)))).result or []
+        )
         hosts = {host_of(e.api) for e in self.state.registry.nodes.values() if e.hands_over}
         for kind, key, node in unknown:
-            api = (await self._links.master(Call("lookupNode", (GATE, node)))).result
+            api = (await self._context.links.master(Call("lookupNode", (GATE, node)))).result
             detail = types.get(key, "*")
             if kind == SERVICE:
-                detail = (await self._links.master(Call("lookupService", (GATE, key)))).result
+                detail = (
+                    await self._context.links.master(Call("lookupService", (GATE, key)))
+                ).result
             if api and detail:
-                self._note("register", kind, key, node, api, detail, host_of(api) in hosts)
+                self._context.note("register", kind, key, node, api, detail, host_of(api) in hosts)
 
     async def _note_run(self) -> None:
         """Remember which master this is, once roscore has given it its number."""
-        run = (await self._to_master(Call("getParam", (GATE, "/run_id")))).result
+        run = (await self._master.call(Call("getParam", (GATE, "/run_id")))).result
         if run and not self.state.run:
-            self._note("run", run)
+            self._context.note("run", run)
 
     # -- for people --
 
@@ -778,7 +671,7 @@ class Gate:
                 for one in self.state.newcomers.values()
             ],
             "conflicts": [
-                {**one, "time": self._links.now() - one["time"]} for one in self._conflicts
+                {**one, "time": self._context.links.now() - one["time"]} for one in self._conflicts
             ],
             "silent": sorted(self.state.silent),
             "restarts": self._restarts,

@@ -1,0 +1,80 @@
+"""What the parts of the gate share: what it knows, its ways out, its log, its turns, its tasks.
+
+It knows none of the parts. A part gets this object and the parts that it calls, never the whole
+gate.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, Callable, Coroutine
+
+from rigel_k8s.gate.calls import Removal
+from rigel_k8s.gate.links import Links
+from rigel_k8s.gate.state import Event, State
+
+
+class Context:
+    """One gate's own things.
+
+    Attributes:
+        state: what the gate knows; only `note` changes it.
+        links: the ways to the master and to nodes, and a clock.
+        log: takes a line that a person may want to read.
+        turn: held while the master changes and until the state has the change too. Changes take
+            turns, so that who has the turn finds in the state what the master knows.
+        removals: what nodes unregister at this moment. They have forgotten it already, and the
+            master knows it still.
+    """
+
+    def __init__(
+        self,
+        state: State,
+        links: Links,
+        keep: Callable[[Event], None],
+        log: Callable[[str], None],
+    ) -> None:
+        self.state = state
+        self.links = links
+        self.log = log
+        self.turn = asyncio.Lock()
+        self.removals: list[Removal] = []
+        self._keep = keep
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._looks: set[tuple[str, Callable[[str], Any]]] = set()
+
+    def note(self, *event: Any) -> None:
+        """Change the state, and keep the event for a gate that starts later."""
+        self.state.apply(list(event))
+        self._keep(list(event))
+
+    def spawn(self, work: Coroutine[Any, Any, Any]) -> None:
+        """Run a coroutine beside all others; a failure is logged."""
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._end)
+
+    def spawn_once(self, name: str, look: Callable[[str], Coroutine[Any, Any, None]]) -> None:
+        """Look at a name, unless this look goes on already: a machine that is away takes long."""
+        if (name, look) in self._looks:
+            return
+        self._looks.add((name, look))
+
+        async def work() -> None:
+            try:
+                await look(name)
+            finally:
+                self._looks.discard((name, look))
+
+        self.spawn(work())
+
+    async def stop(self) -> None:
+        """End all that was spawned."""
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _end(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and task.exception():
+            self.log(f"error: {task.exception()!r}")

@@ -1,0 +1,139 @@
+"""The way to the master: calls wait while it is away, and while a name changes hands.
+
+What a master that comes back must be given, and what an earlier gate has left unfinished, is for
+others to know: they are called when it is time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+from typing import AsyncIterator, Awaitable, Callable
+
+from rigel_k8s.gate.calls import Answer, Call
+from rigel_k8s.gate.context import Context
+from rigel_k8s.gate.links import MasterGone
+
+#: Seconds between two tries to reach a master that is away.
+RETRY = 0.05
+
+
+class Master:
+    """roscore, as the other parts of the gate see it: it answers, if only later."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._ready = asyncio.Event()
+        self._away = False  # whether the last try to reach it failed
+        self._started = False
+        self._open = asyncio.Event()  # set while no name changes hands
+        self._asking = 0
+        self._idle = asyncio.Event()  # set while no call is on its way that changes nothing
+        self._idle.set()
+        self._complete: Callable[[], Awaitable[None]]
+        self._finish: Callable[[], Awaitable[None]]
+
+    def start(
+        self, complete: Callable[[], Awaitable[None]], finish: Callable[[], Awaitable[None]]
+    ) -> None:
+        """Look for the master until stopped.
+
+        Args:
+            complete: called for each master that answers, before any other call reaches it; may
+                raise MasterGone.
+            finish: called once, when the first master is complete; calls that change nothing wait
+                for its end.
+        """
+        self._complete = complete
+        self._finish = finish
+        self._context.spawn(self._recover())
+        self._context.spawn(self._watch())
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the master answers and knows everything, as far as is known."""
+        return self._ready.is_set()
+
+    @property
+    def has_started(self) -> bool:
+        """Whether this gate has had a complete master, and has finished an earlier gate's work."""
+        return self._started
+
+    async def until_ready(self) -> None:
+        """Return when the master answers and knows everything."""
+        await self._ready.wait()
+
+    async def is_there(self) -> bool:
+        """Return whether there is a master; it may be there though a connection has ended."""
+        while not self._ready.is_set() and not self._away:
+            await self._context.links.sleep(RETRY)
+        return self._ready.is_set()
+
+    async def call(self, call: Call) -> Answer:
+        """Pass a call on as soon as the master answers and knows everything."""
+        while True:
+            await self._ready.wait()
+            try:
+                return await self._context.links.master(call)
+            except MasterGone as error:
+                self._lose(str(error))
+
+    async def ask(self, call: Call) -> Answer:
+        """Pass a call on that changes nothing: before a hand-over or after it, never during one."""
+        while not self._open.is_set():
+            await self._open.wait()
+        self._asking += 1
+        self._idle.clear()
+        try:
+            return await self.call(call)
+        finally:
+            self._asking -= 1
+            if not self._asking:
+                self._idle.set()
+
+    @asynccontextmanager
+    async def handing_over(self) -> AsyncIterator[None]:
+        """Let no `ask` see what is half done; begins when those that are on their way are back."""
+        self._open.clear()
+        try:
+            await self._idle.wait()
+            yield
+        finally:
+            if self._started:
+                self._open.set()
+
+    # -- a master that goes, and one that comes --
+
+    def _lose(self, reason: str) -> None:
+        if self._ready.is_set():
+            self._context.log(f"a connection to the master has ended: {reason}")
+            self._ready.clear()
+            self._context.spawn(self._recover())
+
+    async def _watch(self) -> None:
+        """Notice the master's end at once, not with the next call."""
+        while True:
+            await self._ready.wait()
+            await self._context.links.until_master_ends()
+            self._lose("closed by the master")
+
+    async def _recover(self) -> None:
+        """Wait for a master, and for all that it lacks to be given to it."""
+        while True:
+            try:
+                await self._complete()
+                break
+            except MasterGone:
+                self._away = True
+                await self._context.links.sleep(RETRY)
+            except Exception as error:  # without this the gate would wait for the master for ever
+                self._context.log(f"error: {error!r}")
+                await self._context.links.sleep(1)
+        self._away = False
+        self._ready.set()
+        if not self._started:
+            try:
+                await self._finish()
+            finally:
+                self._started = True
+                self._open.set()

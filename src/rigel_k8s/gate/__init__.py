@@ -13,6 +13,7 @@ recovery.py    what a new master is told
 links.py       what it needs of the world around it
 context.py     what the parts below share: state, links, log, turns, tasks
 master.py      the way to the master: calls wait while it is away, and while a name changes hands
+nodes.py       the way to nodes: whether they are there, what they hear from the gate
 gate.py        the order of it all: every call passes here
 memory.py      the state as events: in a file of the pod, and in one object of the cluster
 http.py        XML-RPC over HTTP: the server, and the connections to the master and to nodes

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from typing import Any, Callable, Iterable, Tuple
+from typing import Any, Callable, Iterable
 
 from rigel_k8s.gate.calls import (
     DESCRIBE_GATE,
@@ -36,6 +36,7 @@ from rigel_k8s.gate.handover import (
 )
 from rigel_k8s.gate.links import Links, NodeGone, NodeSilent
 from rigel_k8s.gate.master import RETRY, Master
+from rigel_k8s.gate.nodes import PATIENCE, Nodes
 from rigel_k8s.gate.parameters import split
 from rigel_k8s.gate.recovery import (
     ROSOUT,
@@ -63,18 +64,8 @@ from rigel_k8s.gate.state import Event, Newcomer, State, pack
 
 #: Seconds between two looks at nodes that wait for a name and at those that have it.
 LOOK = 0.25
-#: Seconds that a node has to answer before it counts as silent.
-PATIENCE = 3.0
 #: Calls that a new master gets at once.
 BATCH = 100
-#: Seconds that a change waits for a node to get what was true before it.
-SETTLE = 0.5
-#: What nodes are sent: the publishers of a topic, the value of a parameter.
-PUBLISHERS, VALUE = "publisherUpdate", "paramUpdate"
-#: By whom nodes believe to be called; masters have no name.
-MASTER = "/master"
-#: A call of a node: its URI, the method, the topic or parameter.
-Target = Tuple[str, str, str]
 
 
 class Gate:
@@ -99,10 +90,8 @@ class Gate:
         self._uri = uri
         self._context = Context(state, links, keep, log)
         self._master = Master(self._context)
+        self._nodes = Nodes(self._context)
         self._conflicts: deque[dict[str, Any]] = deque(maxlen=20)
-        self._under_way: dict[Target, asyncio.Future[None]] = {}  # calls of nodes
-        self._again: set[Target] = set()  # those to make once more
-        self._unsent: dict[Target, float] = {}  # those made in vain, and when to try again
         self._restarts = 0
         for newcomer in state.newcomers.values():
             newcomer.quiet_since = links.now()
@@ -176,7 +165,9 @@ class Gate:
             before = self.state.registry.api_of(one.node)
             lives = False
             if before not in (None, one.api):
-                lives, there = await asyncio.gather(self._lives(str(before)), self._find(one.api))
+                lives, there = await asyncio.gather(
+                    self._nodes.lives(str(before)), self._nodes.find(one.api)
+                )
                 if there is False:  # its call has waited, for the master perhaps
                     return fault(f"{one.node} at {one.api} has ended")
             async with self._context.turn:
@@ -192,7 +183,7 @@ class Gate:
                 if self._master.is_ready:
                     if lives:
                         self._note_conflict(one, str(before))
-                    await self._settle(one)
+                    await self._nodes.settle(one)
                     answer = await self._master.call(call)
                     if answer.is_success and not self.state.registry.has(one):
                         self._context.note("register", *one, hands_over)
@@ -250,7 +241,7 @@ class Gate:
                     )
                     newcomer.quiet_since = self._context.links.now()
                     return Answer.good(f"Unregistered [{removal.node}]", 1)
-            await self._settle(removal)
+            await self._nodes.settle(removal)
             answer = await self._master.call(call)
             if answer.is_success:
                 self._context.note("unregister", *removal)
@@ -267,26 +258,12 @@ class Gate:
                 self._update_parameters(event[1])
             return answer
 
-    async def _lives(self, api: str) -> bool:
-        """Return whether a node's address takes connections."""
-        return await self._find(api) is True
-
-    async def _find(self, api: str) -> bool | None:
-        """Return whether a node is at its address; None: its machine cannot be reached."""
-        try:
-            await self._context.links.connect(api, PATIENCE)
-        except NodeGone:
-            return False
-        except NodeSilent:
-            return None
-        return True
-
     async def _visit(self, newcomer: Newcomer) -> None:
         """Find out how it is with a newcomer; one that has ended waits no more.
 
         One whose machine is away may come back: it never registers again by itself.
         """
-        there = await self._find(newcomer.api)
+        there = await self._nodes.find(newcomer.api)
         newcomer.is_silent = there is None
         if there is False and (newcomer.name, newcomer.api) in self.state.newcomers:
             self._context.log(f"{newcomer.name} at {newcomer.api} has ended before it took over")
@@ -311,7 +288,7 @@ class Gate:
             for newcomer in self.state.newcomers.values():
                 has = (SUBSCRIBER, changed.key) in newcomer.registrations
                 if has and self._is_warm(newcomer.host):
-                    self._send(newcomer.api, PUBLISHERS, changed.key)
+                    self._nodes.send_publishers(newcomer.api, changed.key)
 
     def _update_parameters(self, key: str) -> None:
         """Give a changed parameter to newcomers that have subscribed to it."""
@@ -322,67 +299,7 @@ class Gate:
                 short = min(len(wanted), len(changed))
                 if one.kind == PARAMETER and wanted[:short] == changed[:short]:
                     nearest = key if len(changed) > len(wanted) else one.key
-                    self._send(newcomer.api, VALUE, nearest)
-
-    def _send(self, api: str, method: str, key: str) -> None:
-        """Call a node as the master does, after a call of this kind that is under way."""
-        target = (api, method, key)
-        if target in self._under_way:
-            self._again.add(target)
-        else:
-            self._under_way[target] = asyncio.get_running_loop().create_future()
-            self._context.spawn(self._deliver(target))
-
-    async def _deliver(self, target: Target) -> None:
-        api, method, key = target
-        value = self._read(method, key)
-        try:
-            await self._context.links.node(api, Call(method, (MASTER, key, value)), PATIENCE)
-        except NodeGone:
-            return
-        except NodeSilent as error:
-            if target not in self._unsent:
-                self._context.log(f"{method} of {key} does not reach {api}: {error}")
-            self._unsent[target] = self._context.links.now() + PATIENCE
-            return
-        finally:
-            sent = self._under_way.pop(target)
-            is_late = sent.cancelled()  # a change has not waited any longer
-            sent.cancel()
-            again = target in self._again
-            self._again.discard(target)
-        self._unsent.pop(target, None)
-        if is_late or method == VALUE:  # the master may have sent a later value before this one
-            async with self._context.turn:  # what the master knows already is known here then
-                pass
-            again = again or self._read(method, key) != value
-        if again:
-            self._send(*target)
-
-    def _read(self, method: str, key: str) -> Any:
-        """Return what a node is sent."""
-        if method == PUBLISHERS:
-            return list_publishers(self.state, key)
-        return self.state.parameters.get(key)
-
-    async def _settle(self, changed: Registration | Removal) -> None:
-        """Wait before a topic's publishers change until nodes have got the list as it is.
-
-        The master sends the next list by itself, and one of the gate's must not arrive after it:
-        roscpp ends its connection to a publisher that is not on the list.
-        """
-        sent = [one for (_, _, key), one in self._under_way.items() if key == changed.key]
-        if changed.kind == PUBLISHER and sent:
-            for late in (await asyncio.wait(sent, timeout=SETTLE))[1]:
-                late.cancel()
-
-    def _send_again(self) -> None:
-        """Call nodes that have been silent, as long as they are known."""
-        for target, due in list(self._unsent.items()):
-            if not self.state.knows(target[0]):
-                del self._unsent[target]
-            elif due <= self._context.links.now():
-                self._send(*target)
+                    self._nodes.send_parameter(newcomer.api, nearest)
 
     # -- hand-over --
 
@@ -416,7 +333,7 @@ class Gate:
             for newcomer in self.state.newcomers_at(host):
                 for one in newcomer.registrations.values():
                     if one.kind == SUBSCRIBER:
-                        self._send(one.api, PUBLISHERS, one.key)
+                        self._nodes.send_publishers(one.api, one.key)
 
     async def _hand_over(self, call: Call) -> Answer:
         """Give the names of a pod that ends to those that wait for them; return these names.
@@ -466,7 +383,7 @@ class Gate:
     async def _pass_registrations(self, newcomer: Newcomer) -> None:
         """Register all that a newcomer has, and send it what the master answers."""
         for one in newcomer.all():
-            await self._settle(one)
+            await self._nodes.settle(one)
             answer = await self._master.call(call_of(one))
             if not answer.is_success:
                 self._context.log(
@@ -475,14 +392,7 @@ class Gate:
                 continue
             self._context.note("register", *one, True)
             self._update_newcomers(one)
-            self._send_answer(one)
-
-    def _send_answer(self, one: Registration) -> None:
-        """Send a node what the master has answered to a registration that the gate made."""
-        if one.kind == SUBSCRIBER:
-            self._send(one.api, PUBLISHERS, one.key)
-        elif one.kind == PARAMETER:
-            self._send(one.api, VALUE, one.key)
+            self._nodes.send_answer(one)
 
     async def _take_over_free(self, name: str) -> None:
         """Give a name that no one has any more to who waits for it."""
@@ -502,7 +412,7 @@ class Gate:
     async def _look_around(self) -> None:
         for name in sorted({one.name for one in self.state.newcomers.values()}):
             self._context.spawn_once(name, self._look_at)
-        self._send_again()
+        self._nodes.send_again()
         for host in sorted(self.state.leaving):
             if not list_names_of(self.state, host) and not self.state.newcomers_at(host):
                 self._context.note("away", host)
@@ -518,7 +428,7 @@ class Gate:
         heir = choose_heir(self.state, name, self._context.links.now())
         if heir is None:
             return
-        free = owner is None or owner == heir.api or not await self._lives(owner)
+        free = owner is None or owner == heir.api or not await self._nodes.lives(owner)
         if not free and host_of(str(owner)) in self.state.leaving:
             free = is_quiet(heir, self._context.links.now())
         if free:
@@ -606,9 +516,9 @@ class Gate:
                 self._send_shrunk(entry.registrations.values() if entry else ())
                 return
             for one in sorted(entry.registrations.values(), key=lambda o: KINDS.index(o.kind)):
-                await self._settle(one)
+                await self._nodes.settle(one)
                 await self._master.call(call_of(one))
-                self._send_answer(one)
+                self._nodes.send_answer(one)
             self._context.note("answers", name)
             self._context.log(f"{name} answers again: the new master knows it")
 
@@ -616,7 +526,7 @@ class Gate:
         """Send subscribers the publishers that are left."""
         for topic in list_topics_without(gone):
             for one in self.state.registry.find(SUBSCRIBER, topic):
-                self._send_answer(one)
+                self._nodes.send_answer(one)
 
     # -- a master that has gone on while there was no gate --
 

@@ -1,0 +1,131 @@
+"""The way to nodes: whether they are there, and what they hear from the gate.
+
+The master sends its own nodes what changes. The gate sends the same two calls, `publisherUpdate`
+and `paramUpdate`, to nodes that the master does not know yet, or to which it has just been
+introduced: its answer to their registration came to the gate, not to them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, Tuple
+
+from rigel_k8s.gate.calls import Call, Removal
+from rigel_k8s.gate.context import Context
+from rigel_k8s.gate.handover import list_publishers
+from rigel_k8s.gate.links import NodeGone, NodeSilent
+from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SUBSCRIBER, Registration
+
+#: Seconds that a node has to answer before it counts as silent.
+PATIENCE = 3.0
+#: Seconds that a change waits for a node to get what was true before it.
+SETTLE = 0.5
+#: What nodes are sent: the publishers of a topic, the value of a parameter.
+PUBLISHERS, VALUE = "publisherUpdate", "paramUpdate"
+#: Who calls, as nodes see it; masters have no name.
+MASTER = "/master"
+#: A call of a node: its URI, the method, the topic or parameter.
+Target = Tuple[str, str, str]
+
+
+class Nodes:
+    """All nodes, whether they have names or wait for them."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+        self._state = context.state
+        self._under_way: dict[Target, asyncio.Future[None]] = {}
+        self._again: set[Target] = set()  # those under way to make once more
+        self._unsent: dict[Target, float] = {}  # those that failed, and when to try again
+
+    # -- whether they are there --
+
+    async def lives(self, api: str) -> bool:
+        """Return whether a node's address takes connections."""
+        return await self.find(api) is True
+
+    async def find(self, api: str) -> bool | None:
+        """Return whether a node is at its address; None: its machine cannot be reached."""
+        try:
+            await self._context.links.connect(api, PATIENCE)
+        except NodeGone:
+            return False
+        except NodeSilent:
+            return None
+        return True
+
+    # -- what they hear --
+
+    def send_publishers(self, api: str, topic: str) -> None:
+        """Send a node the list of a topic's publishers."""
+        self._send((api, PUBLISHERS, topic))
+
+    def send_parameter(self, api: str, key: str) -> None:
+        """Send a node the value of a parameter."""
+        self._send((api, VALUE, key))
+
+    def send_answer(self, one: Registration) -> None:
+        """Send a node what the master has answered to a registration that the gate made."""
+        if one.kind == SUBSCRIBER:
+            self.send_publishers(one.api, one.key)
+        elif one.kind == PARAMETER:
+            self.send_parameter(one.api, one.key)
+
+    def send_again(self) -> None:
+        """Call nodes that were silent, as long as they are known."""
+        for target, due in list(self._unsent.items()):
+            if not self._state.knows(target[0]):
+                del self._unsent[target]
+            elif due <= self._context.links.now():
+                self._send(target)
+
+    async def settle(self, changed: Registration | Removal) -> None:
+        """Wait before a topic's publishers change until nodes have got the list as it is.
+
+        The master sends the next list by itself, and one of the gate's must not arrive after it:
+        roscpp ends its connection to a publisher that is not on the list.
+        """
+        sent = [one for (_, _, key), one in self._under_way.items() if key == changed.key]
+        if changed.kind == PUBLISHER and sent:
+            for late in (await asyncio.wait(sent, timeout=SETTLE))[1]:
+                late.cancel()
+
+    def _send(self, target: Target) -> None:
+        """Make a call, or make it again after the same one that is under way."""
+        if target in self._under_way:
+            self._again.add(target)
+        else:
+            self._under_way[target] = asyncio.get_running_loop().create_future()
+            self._context.spawn(self._deliver(target))
+
+    async def _deliver(self, target: Target) -> None:
+        api, method, key = target
+        value = self._read(method, key)
+        try:
+            await self._context.links.node(api, Call(method, (MASTER, key, value)), PATIENCE)
+        except NodeGone:
+            return
+        except NodeSilent as error:
+            if target not in self._unsent:
+                self._context.log(f"{method} of {key} does not reach {api}: {error}")
+            self._unsent[target] = self._context.links.now() + PATIENCE
+            return
+        finally:
+            sent = self._under_way.pop(target)
+            is_late = sent.cancelled()  # a change has not waited any longer
+            sent.cancel()
+            again = target in self._again
+            self._again.discard(target)
+        self._unsent.pop(target, None)
+        if is_late or method == VALUE:  # the master may have sent a later value before this one
+            async with self._context.turn:  # the state has then what the master had
+                pass
+            again = again or self._read(method, key) != value
+        if again:
+            self._send(target)
+
+    def _read(self, method: str, key: str) -> Any:
+        """Return what a node is sent."""
+        if method == PUBLISHERS:
+            return list_publishers(self._state, key)
+        return self._state.parameters.get(key)

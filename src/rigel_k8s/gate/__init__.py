@@ -14,6 +14,7 @@ links.py       what it needs of the world around it
 context.py     what the parts below share: state, links, log, turns, tasks
 master.py      the way to the master: calls wait while it is away, and while a name changes hands
 nodes.py       the way to nodes: whether they are there, what they hear from the gate
+restoring.py   gives a new master what it lacks, believes one that has gone on
 gate.py        the order of it all: every call passes here
 memory.py      the state as events: in a file of the pod, and in one object of the cluster
 http.py        XML-RPC over HTTP: the server, and the connections to the master and to nodes

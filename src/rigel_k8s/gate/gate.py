@@ -9,12 +9,11 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from typing import Any, Callable, Iterable
+from typing import Any, Callable
 
 from rigel_k8s.gate.calls import (
     DESCRIBE_GATE,
     DESCRIBE_POD,
-    GATE,
     HAND_OVER,
     Answer,
     BadCall,
@@ -34,38 +33,24 @@ from rigel_k8s.gate.handover import (
     list_names_of,
     list_publishers,
 )
-from rigel_k8s.gate.links import Links, NodeGone, NodeSilent
+from rigel_k8s.gate.links import Links
 from rigel_k8s.gate.master import RETRY, Master
-from rigel_k8s.gate.nodes import PATIENCE, Nodes
+from rigel_k8s.gate.nodes import Nodes
 from rigel_k8s.gate.parameters import split
-from rigel_k8s.gate.recovery import (
-    ROSOUT,
-    batch,
-    find_lost_nodes,
-    find_lost_parameters,
-    find_unknown,
-    find_unregistered,
-    is_same_node,
-    list_topics_without,
-    read_system,
-)
 from rigel_k8s.gate.registry import (
-    KINDS,
     PARAMETER,
     PUBLISHER,
     SERVICE,
     SUBSCRIBER,
-    NodeEntry,
     Registration,
     host_of,
     resolve_name,
 )
+from rigel_k8s.gate.restoring import Restoring
 from rigel_k8s.gate.state import Event, Newcomer, State, pack
 
 #: Seconds between two looks at nodes that wait for a name and at those that have it.
 LOOK = 0.25
-#: Calls that a new master gets at once.
-BATCH = 100
 
 
 class Gate:
@@ -91,8 +76,8 @@ class Gate:
         self._context = Context(state, links, keep, log)
         self._master = Master(self._context)
         self._nodes = Nodes(self._context)
+        self._restoring = Restoring(self._context, self._master, self._nodes)
         self._conflicts: deque[dict[str, Any]] = deque(maxlen=20)
-        self._restarts = 0
         for newcomer in state.newcomers.values():
             newcomer.quiet_since = links.now()
 
@@ -100,7 +85,7 @@ class Gate:
 
     def start(self) -> None:
         """Look for the master, and look after newcomers, until stopped."""
-        self._master.start(self._complete_master, self._finish_hand_overs)
+        self._master.start(self._restoring.complete_master, self._finish_hand_overs)
         self._context.spawn(self._watch_nodes())
 
     async def stop(self) -> None:
@@ -416,11 +401,7 @@ class Gate:
         for host in sorted(self.state.leaving):
             if not list_names_of(self.state, host) and not self.state.newcomers_at(host):
                 self._context.note("away", host)
-        if self._master.is_ready:
-            for name in sorted(self.state.silent):
-                self._context.spawn_once(name, self._try_again)
-            if not self.state.run:
-                await self._note_run()
+        await self._restoring.look_around()
 
     async def _look_at(self, name: str) -> None:
         await asyncio.gather(*map(self._visit, self.state.newcomers_for(name)))
@@ -442,135 +423,6 @@ class Gate:
             if self.state.registry.api_of(newcomer.name) == newcomer.api:
                 await self._take_over(newcomer.name, newcomer.api, newcomer.api)
 
-    async def _complete_master(self) -> None:
-        system = (await self._context.links.master(Call("getSystemState", (GATE,)))).result
-        run = (await self._context.links.master(Call("getParam", (GATE, "/run_id")))).result or ""
-        known = read_system(system)
-        if not self._master.has_started and run and run == self.state.run:
-            await self._follow_master(known)
-            return
-        names = (await self._context.links.master(Call("getParamNames", (GATE,)))).result or []
-        nodes = [n for n in find_lost_nodes(self.state, known) if n not in self.state.silent]
-        parameters = find_lost_parameters(self.state, names)
-        if nodes or parameters:
-            await self._give_back(nodes, parameters)
-        if nodes or parameters or run != self.state.run:
-            self._context.note("run", run)
-        if not self._master.has_started:
-            await self._adopt(known)
-
-    async def _give_back(self, nodes: list[str], parameters: list[tuple[str, Any]]) -> None:
-        """Tell a new master what it lacks, as far as it is still true."""
-        self._restarts += 1
-        entries = [self.state.registry.nodes[name] for name in nodes if name != ROSOUT]
-        lives = await asyncio.gather(*(self._is_there(entry) for entry in entries))
-        gone: list[Registration] = []
-        for entry, there in zip(entries, lives):
-            if there is False:
-                gone += entry.registrations.values()
-                self._context.note("forget", entry.name)
-        for entry, there in zip(entries, lives):
-            if there is None:
-                self._context.note("silent", entry.name)
-        kept = {entry.name for entry, there in zip(entries, lives) if there}
-        await self._tell_master([("setParam", (GATE, *pair)) for pair in parameters])
-        again = [one for one in self.state.registry.all() if one.node in kept]
-        await self._tell_master([(call_of(one).method, call_of(one).params) for one in again])
-        self._send_shrunk(gone)
-        self._context.log(
-            f"a new master: it has {len(again)} registrations of {len(kept)} nodes and"
-            f" {len(parameters)} parameters again; gone: {len({o.node for o in gone})} nodes,"
-            f" silent: {len(self.state.silent)}"
-        )
-
-    async def _tell_master(self, calls: list[tuple[str, tuple[Any, ...]]]) -> None:
-        """Make many calls in few."""
-        for some in batch(calls, BATCH):
-            await self._context.links.master(Call("system.multicall", (some,)))
-
-    async def _is_there(self, entry: NodeEntry) -> bool | None:
-        """Return whether a node goes on where it was; None: it cannot be known now."""
-        try:
-            call = Call("getPublications", (GATE,))
-            answer = await self._context.links.node(entry.api, call, PATIENCE)
-        except NodeGone:
-            return False
-        except NodeSilent:
-            return None
-        under_way = {(one.kind, one.key, one.node) for one in self._context.removals}
-        own = [o for o in entry.registrations.values() if (o.kind, o.key, o.node) not in under_way]
-        return is_same_node(own, answer.result)
-
-    async def _try_again(self, name: str) -> None:
-        """Register a node that was silent when the master came back, once it answers."""
-        entry = self.state.registry.nodes.get(name)
-        there = await self._is_there(entry) if entry else False
-        if there is None:
-            await self._context.links.sleep(PATIENCE)
-            return
-        async with self._context.turn:
-            if name not in self.state.silent or self.state.registry.nodes.get(name) is not entry:
-                return
-            if entry is None or not there:
-                self._context.note("forget", name)
-                self._send_shrunk(entry.registrations.values() if entry else ())
-                return
-            for one in sorted(entry.registrations.values(), key=lambda o: KINDS.index(o.kind)):
-                await self._nodes.settle(one)
-                await self._master.call(call_of(one))
-                self._nodes.send_answer(one)
-            self._context.note("answers", name)
-            self._context.log(f"{name} answers again: the new master knows it")
-
-    def _send_shrunk(self, gone: Iterable[Registration]) -> None:
-        """Send subscribers the publishers that are left."""
-        for topic in list_topics_without(gone):
-            for one in self.state.registry.find(SUBSCRIBER, topic):
-                self._nodes.send_answer(one)
-
-    # -- a master that has gone on while there was no gate --
-
-    async def _follow_master(self, known: set[tuple[str, str, str]]) -> None:
-        """Believe a master that has not restarted: changes may have been on their way."""
-        for one in find_unregistered(self.state, known):
-            if one.node in self.state.silent:  # which the master has not been told of
-                continue
-            uri = one.detail if one.kind == SERVICE else one.api
-            self._context.note("unregister", one.kind, one.key, one.node, uri)
-        for entry in list(self.state.registry.nodes.values()):
-            api = (await self._context.links.master(Call("lookupNode", (GATE, entry.name)))).result
-            if api and api != entry.api:
-                self._context.note("forget", entry.name)
-        await self._adopt(known)
-        tree = (await self._context.links.master(Call("getParam", (GATE, "/")))).result
-        if isinstance(tree, dict):
-            self._context.note("set", "/", pack(tree))
-
-    async def _adopt(self, known: set[tuple[str, str, str]]) -> None:
-        """Take over what a master knows and the state does not."""
-        unknown = list(find_unknown(self.state, known))
-        if not unknown:
-            return
-        types = dict(
-            (await self._context.links.master(Call("getTopicTypes", (GATE,)))).result or []
-        )
-        hosts = {host_of(e.api) for e in self.state.registry.nodes.values() if e.hands_over}
-        for kind, key, node in unknown:
-            api = (await self._context.links.master(Call("lookupNode", (GATE, node)))).result
-            detail = types.get(key, "*")
-            if kind == SERVICE:
-                detail = (
-                    await self._context.links.master(Call("lookupService", (GATE, key)))
-                ).result
-            if api and detail:
-                self._context.note("register", kind, key, node, api, detail, host_of(api) in hosts)
-
-    async def _note_run(self) -> None:
-        """Remember which master this is, once roscore has given it its number."""
-        run = (await self._master.call(Call("getParam", (GATE, "/run_id")))).result
-        if run and not self.state.run:
-            self._context.note("run", run)
-
     # -- for people --
 
     def describe(self) -> dict[str, Any]:
@@ -584,6 +436,6 @@ class Gate:
                 {**one, "time": self._context.links.now() - one["time"]} for one in self._conflicts
             ],
             "silent": sorted(self.state.silent),
-            "restarts": self._restarts,
+            "restarts": self._restoring.restarts,
             "nodes": len(self.state.registry.nodes),
         }

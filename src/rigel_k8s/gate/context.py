@@ -18,7 +18,7 @@ class Context:
     """One gate's own things.
 
     Attributes:
-        state: what the gate knows; only `note` changes it.
+        state: what the gate knows; what a later gate must know too is changed by `note` alone.
         links: the ways to the master and to nodes, and a clock.
         log: takes a line that a person may want to read.
         turn: held while the master changes and until the state has the change too. Changes take

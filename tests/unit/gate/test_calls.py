@@ -116,6 +116,51 @@ async def test_a_list_does_not_overtake_a_later_one(world: World) -> None:
 
 
 @play
+async def test_a_list_that_is_on_its_way_is_followed_by_a_newer_one(world: World) -> None:
+    """A publisher ends with the master while the list with it is on its way to a slow node."""
+    talker = await up(world, TALKER)
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    real = world.node
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        await asyncio.sleep(2 if call.method == "publisherUpdate" else 0)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    await world.hand_over(old)
+    talker.nodes[0].end()
+    world.kill_master()
+    world.start_master()
+    await asyncio.sleep(10)
+    assert [heard for _, heard in new.nodes[0].lists] == [[], [talker.nodes[0].api], []]
+
+
+@play
+async def test_a_node_that_is_gone_is_not_called_again(world: World) -> None:
+    """Its machine is back without it: no list goes there any more, look for look."""
+    await up(world, TALKER)
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    real, called = world.node, []
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        if call.method == "publisherUpdate":
+            called.append(api)
+            world.unreachable.add(new.host)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    assert await world.hand_over(old) == ["/listener"]
+    await asyncio.sleep(10)
+    assert set(called) == {new.nodes[0].api}
+    new.nodes[0].end()
+    await up(world, LISTENER)
+    await asyncio.sleep(5)
+    called.clear()
+    await asyncio.sleep(20)
+    assert new.nodes[0].api not in called
+
+
+@play
 async def test_a_change_does_not_wait_for_a_frozen_node(world: World) -> None:
     """Half a second for its list to arrive; then the graph goes on, and the node gets it later."""
     await up(world, TALKER)
@@ -275,6 +320,24 @@ async def test_the_newest_value_reaches_a_node_last(world: World) -> None:
     await asyncio.sleep(1)
     assert world.master_now is not None
     assert node.learnt["/rate"] == world.master_now.parameters.get("/rate")
+
+
+@play
+async def test_a_late_value_of_the_gate_is_followed_by_the_newest(world: World) -> None:
+    """The master has sent a later value to a node that has just taken over."""
+    await world.call(Call("setParam", ("/tool", "/rate", 1)))
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    real = world.node
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        await asyncio.sleep(1 if call.method == "paramUpdate" else 0)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    await world.hand_over(old)
+    await world.call(Call("setParam", ("/tool", "/rate", 2)))
+    await asyncio.sleep(5)
+    assert new.nodes[0].learnt["/rate"] == 2
 
 
 @play

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from unittest.mock import patch
 
 from rigel_k8s.gate.calls import Answer, Call
 from rigel_k8s.gate.registry import PUBLISHER
@@ -112,10 +113,36 @@ async def test_the_newcomer_takes_over_at_once_when_the_old_node_dies(world: Wor
 @play
 async def test_the_newcomer_takes_over_at_once_when_the_old_node_takes_leave(world: World) -> None:
     """A free name does not wait for the next look."""
-    old, new = await up(world, TALKER), await up(world, TALKER)
+    with patch("rigel_k8s.gate.gate.LOOK", 1000):
+        old, new = await up(world, TALKER), await up(world, TALKER)
     await old.nodes[0].leave()
     await asyncio.sleep(0.05)
     assert owner(world, "/talker") == new.nodes[0].api
+
+
+@play
+async def test_the_name_of_a_node_that_has_ended_is_free_at_once(world: World) -> None:
+    """A newcomer that registers after the old node's end does not wait for a look."""
+    with patch("rigel_k8s.gate.gate.LOOK", 1000):
+        old = await up(world, TALKER)
+    old.nodes[0].end()
+    new = await up(world, TALKER)
+    assert owner(world, "/talker") == new.nodes[0].api
+    assert not [line for line in world.log if "waits" in line]
+
+
+@play
+async def test_of_two_that_find_a_name_free_the_first_one_gets_it(world: World) -> None:
+    """The other one has looked at a node that does not have the name any more: it waits."""
+    old = await up(world, TALKER)
+    old.nodes[0].end()
+    pods = [world.start_pod("app", [], {}, probed=False) for _ in range(2)]
+    nodes = [world.start_node(pod, "/talker", []) for pod in pods]
+    await asyncio.gather(*(node.register(*ROSOUT) for node in nodes))
+    await asyncio.sleep(5)
+    waiting = [one["api"] for one in (await describe(world))["waiting"]]
+    assert sorted([str(owner(world, "/talker")), *waiting]) == sorted(node.api for node in nodes)
+    assert all(node.alive for node in nodes)
 
 
 @play
@@ -186,6 +213,16 @@ async def test_a_newcomer_that_starts_again_waits_again(world: World) -> None:
 
 
 @play
+async def test_a_newcomer_that_starts_again_replaces_itself(world: World) -> None:
+    """Its first process may still be ending: it does not wait beside the second one."""
+    await up(world, TALKER)
+    new = await up(world, TALKER)
+    again = world.start_node(new, "/talker", TALKER["/talker"])
+    await registered(new)
+    assert [one["api"] for one in (await describe(world))["waiting"]] == [again.api]
+
+
+@play
 async def test_of_two_newcomers_the_later_one_inherits(world: World) -> None:
     """But not before it is ready where the other one is."""
     old, one = await up(world, TALKER), await up(world, TALKER)
@@ -207,6 +244,17 @@ async def test_a_pod_that_ends_does_not_inherit(world: World) -> None:
     old.nodes[0].end()
     await asyncio.sleep(2)
     assert owner(world, "/talker") == old.nodes[0].api, "the next process of its pod will have it"
+
+
+@play
+async def test_a_pod_that_has_ended_is_forgotten(world: World) -> None:
+    """Its address is not remembered as one that is about to end, and its description goes."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    await world.end_pod(old)
+    await asyncio.sleep(1)
+    assert world.gate is not None
+    assert world.gate.state.leaving == set()
+    assert list(world.gate.state.pods) == [new.host]
 
 
 @play

@@ -155,6 +155,24 @@ async def test_a_silent_node_is_registered_when_it_answers_again(world: World) -
 
 
 @play
+async def test_a_silent_node_delays_no_one_when_a_connection_ends(world: World) -> None:
+    """The master has not started again: it lacks nothing that it could be given."""
+    await up(world, LISTENER)
+    lost = await up(world, TALKER)
+    world.unreachable.add(lost.host)
+    world.kill_master()
+    world.start_master()
+    await asyncio.sleep(8)
+    world.ended.set()
+    world.ended = asyncio.Event()
+    await asyncio.sleep(0.01)
+    started = world.now()
+    await world.call(Call("setParam", ("/tool", "/rate", 1)))
+    assert world.now() - started < 1
+    assert (await describe(world))["restarts"] == 1
+
+
+@play
 async def test_a_silent_node_is_not_forgotten_with_the_gate(world: World) -> None:
     """The next gate finds a master that does not know the node, and must not believe it here."""
     lost = await up(world, TALKER)

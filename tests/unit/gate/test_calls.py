@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.gate.calls import Answer, Call
-from rigel_k8s.gate.registry import PARAMETER
+from rigel_k8s.gate.registry import PARAMETER, PUBLISHER
 from tests.support.gate_stage import (
     ASK,
     CHATTER,
@@ -113,6 +113,43 @@ async def test_a_list_does_not_overtake_a_later_one(world: World) -> None:
     await handing
     lists = [heard for _, heard in new.nodes[0].lists]
     assert [camera.nodes[0].api in heard for heard in lists] == [False, False, True]
+
+
+@play
+async def test_a_list_does_not_overtake_another_hand_over(world: World) -> None:
+    """The gate's list is slow; the publisher that takes over meanwhile is not dropped by it."""
+    old_talker, new_talker = await up(world, TALKER), await up(world, TALKER)
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    real = world.node
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        await asyncio.sleep(0.3 if call.method == "publisherUpdate" else 0)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    await world.hand_over(old)
+    await world.hand_over(old_talker)
+    await asyncio.sleep(1)
+    lists = [heard for _, heard in new.nodes[0].lists]
+    assert lists == [[], [old_talker.nodes[0].api], [new_talker.nodes[0].api]]
+
+
+@play
+async def test_a_list_does_not_bring_back_a_publisher(world: World) -> None:
+    """The gate's list is slow; the publisher that unregisters meanwhile is not on the last one."""
+    talker = await up(world, TALKER)
+    old, new = await up(world, LISTENER), await up(world, LISTENER)
+    real = world.node
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        await asyncio.sleep(0.3 if call.method == "publisherUpdate" else 0)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    await world.hand_over(old)
+    await talker.nodes[0].unregister(CHATTER)
+    await asyncio.sleep(1)
+    assert [heard for _, heard in new.nodes[0].lists] == [[], [talker.nodes[0].api], []]
 
 
 @play
@@ -405,6 +442,24 @@ async def test_what_the_master_refuses_is_not_remembered(world: World) -> None:
     await world.call(Call("setParam", ("/tool", "/x", 1)))
     await world.call(Call("deleteParam", ("/tool", "/x")))
     assert list(world.gate.state.events()) == before
+
+
+@play
+async def test_what_the_master_refuses_in_a_hand_over_is_not_remembered(world: World) -> None:
+    """The name changes hands with all the rest."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    real = world.master
+
+    async def master(call: Call) -> Answer:
+        return Answer([-1, "no", 0]) if call.method == "registerService" else await real(call)
+
+    world.master = master  # type: ignore[method-assign]
+    assert await world.hand_over(old) == ["/talker"]
+    assert publishers(world, "/chatter") == [new.nodes[0].api]
+    assert world.gate is not None
+    kinds = {kind for kind, _ in world.gate.state.registry.nodes["/talker"].registrations}
+    assert kinds == {PUBLISHER}
+    assert [line for line in world.log if "the master refuses service /talker/ask" in line]
 
 
 @play

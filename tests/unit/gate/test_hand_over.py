@@ -146,6 +146,44 @@ async def test_of_two_that_find_a_name_free_the_first_one_gets_it(world: World) 
 
 
 @play
+async def test_the_name_of_a_node_that_ended_with_the_master_is_free(world: World) -> None:
+    """The new master never learns it; who waits for it gets it at the next look."""
+    with patch("rigel_k8s.gate.gate.LOOK", 30):
+        old, new = await up(world, TALKER), await up(world, TALKER)
+    world.kill_master()
+    old.nodes[0].end()
+    world.start_master()
+    await asyncio.sleep(1)
+    assert owner(world, "/talker") is None
+    await asyncio.sleep(30)
+    assert owner(world, "/talker") == new.nodes[0].api
+
+
+@play
+async def test_a_hand_over_that_is_interrupted_is_finished(world: World) -> None:
+    """The newcomer has half of what the old node had, and gets the other half at the next look."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    real = world.master
+
+    async def master(call: Call) -> Answer:
+        if call.method == "registerService":
+            world.master = real  # type: ignore[method-assign]
+            handing.cancel()
+        return await real(call)
+
+    world.master = master  # type: ignore[method-assign]
+    assert world.gate is not None
+    call = Call("rigelHandOver", ("/stop", "10", old.host))
+    old.leaving = True
+    handing = asyncio.ensure_future(world.gate.answer(call, hands_over=True))
+    await asyncio.wait([handing])
+    assert handing.cancelled()
+    await asyncio.sleep(1)
+    assert (await look_up(world)).result == new.nodes[0].detail(*ASK)
+    assert (await describe(world))["waiting"] == []
+
+
+@play
 async def test_a_newcomer_that_is_not_ready_inherits_too(world: World) -> None:
     """Half a node is better than none."""
     old, new = await up(world, TALKER), start(world, {"/talker": [ROSOUT, CHATTER, ASK]})
@@ -353,6 +391,32 @@ async def test_another_workloads_node_gets_its_name_when_its_pod_is_known(world:
     await asyncio.sleep(0.2)
     assert owner(world, "/talker") == new.nodes[0].api
     assert len((await describe(world))["conflicts"]) == 1
+
+
+@play
+async def test_a_conflict_is_written_down_once(world: World) -> None:
+    """Probes see it again and again while the master is away; it has its age in seconds."""
+    await up(world, TALKER)
+    new = start(world, TALKER, "other")
+    await registered(new)
+    world.kill_master()
+    for _ in range(3):
+        await world.describe(new)
+    world.start_master()
+    await asyncio.sleep(60)
+    [conflict] = (await describe(world))["conflicts"]
+    assert conflict["new"] == new.nodes[0].api
+    assert 60 <= conflict["time"] < 61
+    assert len([line for line in world.log if "loses its name" in line]) == 1
+
+
+@play
+async def test_a_pod_that_says_the_same_again_changes_nothing(world: World) -> None:
+    """Its probe describes it every few seconds, for as long as it lives."""
+    pod = await up(world, TALKER)
+    before = list(world.journal)
+    await world.describe(pod)
+    assert world.journal == before
 
 
 @play

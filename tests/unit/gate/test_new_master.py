@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 
-from rigel_k8s.gate.calls import Call
+from rigel_k8s.gate.calls import Answer, Call
+from rigel_k8s.gate.links import MasterGone
 from rigel_k8s.gate.registry import PUBLISHER
 from tests.support.gate_stage import (
+    ASK,
     CHATTER,
     LISTENER,
     ROSOUT,
@@ -220,6 +222,23 @@ async def test_a_master_that_goes_again_gets_everything_as_well(world: World) ->
     assert world.master_now is not None
     assert len(world.master_now.nodes) == 201
     assert owner(world, "/talker") == talker.nodes[0].api
+
+
+@play
+async def test_a_call_whose_connection_ends_is_made_again(world: World) -> None:
+    """The caller does not notice that the gate had to connect once more."""
+    talker = await up(world, TALKER)
+    real = world.master
+
+    async def master(call: Call) -> Answer:
+        if call.method == "lookupService":
+            world.master = real  # type: ignore[method-assign]
+            raise MasterGone("reset")
+        return await real(call)
+
+    world.master = master  # type: ignore[method-assign]
+    assert (await look_up(world)).result == talker.nodes[0].detail(*ASK)
+    assert [line for line in world.log if "a connection to the master has ended: reset" in line]
 
 
 @play

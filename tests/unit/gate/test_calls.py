@@ -93,6 +93,10 @@ async def test_a_list_reaches_a_node_that_was_silent(world: World) -> None:
     world.unreachable.discard(new.host)
     await asyncio.sleep(7)
     assert new.nodes[0].heard["/chatter"] == [talker.nodes[0].api]
+    before = list(new.nodes[0].lists)
+    await asyncio.sleep(10)
+    assert new.nodes[0].lists == before, "once is enough"
+    assert len([line for line in world.log if "of /chatter does not reach" in line]) == 1
 
 
 @play
@@ -406,6 +410,7 @@ async def test_many_calls_in_one(world: World) -> None:
         Call("registerPublisher", ("/talker", 7, "t/T", "http://h:1/")),
         Call("unregisterService", ("/talker",)),
         Call("setParam", ("/talker",)),
+        Call("setParam", ("/talker", "/x")),
         Call("setParam", ("/talker", 7, 7)),
         Call("deleteParam", ()),
         Call("no such method", (1, 2)),
@@ -434,14 +439,26 @@ async def test_what_the_master_refuses_is_not_remembered(world: World) -> None:
         return Answer([-1, "no", 0])
 
     node = (await up(world, {"/talker": [ROSOUT]})).nodes[0]
+    await world.call(Call("setParam", ("/tool", "/x", 0)))
     assert world.gate is not None
     before = list(world.gate.state.events())
     world.master = refuse  # type: ignore[method-assign]
     await node.register(*CHATTER)
     await node.unregister(ROSOUT)
     await world.call(Call("setParam", ("/tool", "/x", 1)))
+    assert list(world.gate.state.events()) == before
     await world.call(Call("deleteParam", ("/tool", "/x")))
     assert list(world.gate.state.events()) == before
+
+
+@play
+async def test_what_is_registered_again_is_not_written_down_again(world: World) -> None:
+    """A node of rospy subscribes to a parameter with each line that it logs."""
+    node = (await up(world, LISTENER)).nodes[0]
+    before = list(world.journal)
+    for entry in node.plan:
+        assert (await node.register(*entry)).is_success
+    assert world.journal == before
 
 
 @play

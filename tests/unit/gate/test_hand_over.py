@@ -333,6 +333,45 @@ async def test_a_machine_that_is_away_delays_no_one_else(world: World) -> None:
 
 
 @play
+async def test_a_machine_that_is_away_is_not_asked_again_before_it_answers(world: World) -> None:
+    """A try takes three seconds; else each look would begin one more."""
+    await up(world, LISTENER)
+    lost = await up(world, LISTENER)
+    world.unreachable.add(lost.host)
+    real, tries = world.connect, []
+
+    async def connect(api: str, seconds: float) -> None:
+        tries.append(api)
+        await real(api, seconds)
+
+    world.connect = connect  # type: ignore[method-assign]
+    await asyncio.sleep(30)
+    assert 8 <= tries.count(lost.nodes[0].api) <= 11
+
+
+@play
+async def test_a_fault_in_a_look_ends_no_hand_over(world: World) -> None:
+    """It is logged, and the next look is taken."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    real = world.connect
+
+    async def connect(api: str, seconds: float) -> None:
+        world.connect = real  # type: ignore[method-assign]
+        raise RuntimeError("in a look at a node")
+
+    world.connect = connect  # type: ignore[method-assign]
+    await asyncio.sleep(0.5)
+    with patch("rigel_k8s.gate.nodes.Nodes.send_again", side_effect=RuntimeError("in a look")):
+        await asyncio.sleep(0.3)
+    faults = ("in a look at a node", "in a look")
+    assert {f"error: RuntimeError('{fault}')" for fault in faults} <= set(world.log)
+    world.log.clear()
+    old.nodes[0].end()
+    await asyncio.sleep(0.5)
+    assert owner(world, "/talker") == new.nodes[0].api
+
+
+@play
 async def test_a_call_of_a_process_that_has_ended_takes_no_name(world: World) -> None:
     """It has waited at the gate while the master was away."""
     old = await up(world, TALKER)

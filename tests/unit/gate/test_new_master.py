@@ -118,6 +118,18 @@ async def test_another_process_at_a_nodes_address_is_not_the_node(world: World) 
 
 
 @play
+async def test_what_a_node_registers_once_more_is_its_own_again(world: World) -> None:
+    """It had taken the topic back for a while: a process without the topic is not the node."""
+    node = (await up(world, TALKER)).nodes[0]
+    await node.unregister(CHATTER)
+    await node.register(*CHATTER)
+    node.offers = {ROSOUT}
+    world.kill_master()
+    world.start_master()
+    assert not (await look_up(world)).is_success
+
+
+@play
 async def test_a_node_that_stops_to_publish_while_the_master_is_away_is_the_node(
     world: World,
 ) -> None:
@@ -258,3 +270,41 @@ async def test_a_call_from_this_pod_does_not_wait_for_the_master(world: World) -
     assert world.now() == started
     assert not answer.is_success
     assert b"<fault>" in answer.body
+
+
+@play
+async def test_a_call_from_this_pod_waits_while_a_connection_is_looked_at(world: World) -> None:
+    """The master is there, though a connection has ended: also after it was away once."""
+    await up(world, TALKER)
+    for _ in range(2):
+        world.ended.set()
+        world.ended = asyncio.Event()
+        await asyncio.sleep(0)
+        assert world.gate is not None
+        call = Call("lookupService", ("/tool", "/talker/ask"))
+        assert (await world.gate.answer(call, hands_over=False, local=True)).is_success
+        world.kill_master()
+        await asyncio.sleep(1)
+        world.start_master()
+        await look_up(world)
+    ends = [line for line in world.log if "has ended: closed by the master" in line]
+    assert len(ends) == 4
+
+
+@play
+async def test_a_fault_while_a_master_is_completed_is_survived(world: World) -> None:
+    """The gate logs it and tries again: else it would wait for the master for ever."""
+    await up(world, TALKER)
+    real = world.master
+
+    async def master(call: Call) -> Answer:
+        if call.method == "getParamNames":
+            world.master = real  # type: ignore[method-assign]
+            raise RuntimeError("unexpected")
+        return await real(call)
+
+    world.master = master  # type: ignore[method-assign]
+    world.kill_master()
+    world.start_master()
+    assert (await asyncio.wait_for(look_up(world), 60)).is_success
+    world.log.remove("error: RuntimeError('unexpected')")

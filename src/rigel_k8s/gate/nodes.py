@@ -85,9 +85,16 @@ class Nodes:
         The master sends the next list by itself, and one of the gate's must not arrive after it:
         roscpp ends its connection to a publisher that is not on the list.
         """
-        sent = [one for (_, _, key), one in self._under_way.items() if key == changed.key]
-        if changed.kind == PUBLISHER and sent:
-            for late in (await asyncio.wait(sent, timeout=SETTLE))[1]:
+        if changed.kind != PUBLISHER:
+            return
+        until = self._context.links.now() + SETTLE
+        while True:
+            found = [one for (_, _, key), one in self._under_way.items() if key == changed.key]
+            sent = [one for one in found if not one.done()]
+            if not sent:
+                return
+            left = max(0.0, until - self._context.links.now())
+            for late in (await asyncio.wait(sent, timeout=left))[1]:
                 late.cancel()
 
     def _send(self, target: Target) -> None:

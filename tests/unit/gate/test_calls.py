@@ -139,6 +139,25 @@ async def test_a_list_does_not_overtake_another_hand_over(world: World) -> None:
 
 
 @play
+async def test_a_list_that_is_sent_again_does_not_overtake_another_hand_over(world: World) -> None:
+    """A warm node's list is on its way when it takes over, and is sent once more after that."""
+    old_talker, _ = await up(world, TALKER), await up(world, TALKER)
+    cameras = [await up(world, {"/camera": [CHATTER]}) for _ in range(2)]
+    old, new = await up(world, LISTENER), await up(world, LISTENER, warm=True)
+    real = world.node
+
+    async def node(api: str, call: Call, seconds: float) -> Answer:
+        await asyncio.sleep(0.2 if call.method == "publisherUpdate" else 0)
+        return await real(api, call, seconds)
+
+    world.node = node  # type: ignore[method-assign]
+    for pod in (cameras[0], old, old_talker):
+        await world.hand_over(pod)
+    await asyncio.sleep(1)
+    assert set(new.nodes[0].heard["/chatter"]) == set(publishers(world, "/chatter"))
+
+
+@play
 async def test_a_list_does_not_bring_back_a_publisher(world: World) -> None:
     """The gate's list is slow; the publisher that unregisters meanwhile is not on the last one."""
     talker = await up(world, TALKER)

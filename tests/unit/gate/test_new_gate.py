@@ -77,18 +77,22 @@ async def test_the_next_gate_believes_a_master_that_lives(world: World) -> None:
     """Nodes came and went, and parameters changed, in calls that it has not seen."""
     gone, other = await up(world, TALKER), await up(world, LISTENER)
     moved = await up(world, {"/camera": [ROSOUT, CHATTER]})
+    server = (await up(world, {"/server": [ROSOUT, (SERVICE, "/serve")]})).nodes[0]
     await world.call(Call("setParam", ("/tool", "/old", 1)))
     await world.kill_gate()
     master = world.master_now
     assert master is not None
     node = gone.nodes[0]
     master.answer(Call("unregisterPublisher", (node.name, "/chatter", node.api)))
+    uri = server.detail(SERVICE, "/serve")
+    master.answer(Call("unregisterService", (server.name, "/serve", uri)))
     late = SimNode(world, other, "/late", 1, [])
     again = SimNode(world, moved, "/camera", 2, [])
     for kind, key, name, api, detail in (
         (*CHATTER, "/late", late.api, "t/T"),
         (SERVICE, "/late/ask", "/late", late.api, "rosrpc://late"),
         (*ROSOUT, "/camera", again.api, "t/T"),
+        (*ROSOUT, "/laptop", "http://10.9.9.9:1/", "t/T"),
     ):
         master.answer(call_of(Registration(kind, key, name, api, detail)))
     master.answer(Call("setParam", ("/tool", "/new", 2)))
@@ -102,6 +106,9 @@ async def test_the_next_gate_believes_a_master_that_lives(world: World) -> None:
     assert (*ASK, "/talker", node.api) in known
     assert (*CHATTER, "/late", late.api) in known
     assert (SERVICE, "/late/ask", "/late", late.api) in known
+    assert (SERVICE, "/serve", "/server", server.api) not in known
+    assert state.registry.nodes["/late"].hands_over, "others at its address do"
+    assert not state.registry.nodes["/laptop"].hands_over
     assert {api for _, _, name, api in known if name == "/camera"} == {again.api}
     assert state.parameters.own() == {"new": 2}
     assert (await describe(world))["restarts"] == 0
@@ -110,6 +117,8 @@ async def test_the_next_gate_believes_a_master_that_lives(world: World) -> None:
     world.start_master()
     await look_up(world)
     assert late.api in publishers(world, "/chatter"), "what it has learnt is given back, too"
+    found = await world.call(Call("lookupService", ("/tool", "/late/ask")))
+    assert found.result == "rosrpc://late"
 
 
 @play

@@ -161,7 +161,10 @@ async def test_a_silent_node_is_registered_when_it_answers_again(world: World) -
         assert publishers(world, "/chatter") == [other.nodes[0].api]
         assert (await describe(world))["silent"] == ["/talker"]
     world.unreachable.discard(lost.host)
+    calls = note_calls(world)
     await asyncio.sleep(7)
+    made = [call.method for call in calls if call.method.startswith("register")]
+    assert made == ["registerPublisher", "registerPublisher", "registerService"]
     assert set(publishers(world, "/chatter")) == {lost.nodes[0].api, other.nodes[0].api}
     assert set(node.heard["/chatter"]) == set(publishers(world, "/chatter"))
     assert (await look_up(world)).is_success

@@ -61,6 +61,17 @@ async def test_a_warm_newcomer_hears_publishers_early(world: World) -> None:
 
 
 @play
+async def test_a_warm_newcomer_hears_who_has_taken_over(world: World) -> None:
+    """The publisher's name changes hands while the subscriber still waits for its own."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    await up(world, LISTENER)
+    warm = (await up(world, LISTENER, warm=True)).nodes[0]
+    await world.hand_over(old)
+    await asyncio.sleep(1)
+    assert warm.heard["/chatter"] == [new.nodes[0].api]
+
+
+@play
 async def test_a_newcomer_is_warmed_up_when_its_pod_says_so(world: World) -> None:
     """Its first probe may come after its registrations."""
     talker = await up(world, TALKER)

@@ -261,6 +261,19 @@ async def test_a_newcomer_that_starts_again_replaces_itself(world: World) -> Non
 
 
 @play
+async def test_a_newcomer_that_registers_the_same_again_stays_ready(world: World) -> None:
+    """rospy subscribes to a parameter with each line that it logs."""
+    await up(world, LISTENER)
+    new = await up(world, LISTENER)
+    before = list(world.journal)
+    for entry in new.nodes[0].plan:
+        await new.nodes[0].register(*entry)
+    assert [state for _, _, state, _ in await world.describe(new)] == ["quiet"]
+    assert world.journal == before
+    assert len([line for line in world.log if "waits to take over" in line]) == 1
+
+
+@play
 async def test_of_two_newcomers_the_later_one_inherits(world: World) -> None:
     """But not before it is ready where the other one is."""
     old, one = await up(world, TALKER), await up(world, TALKER)

@@ -19,10 +19,20 @@ REFERENCES: Mapping[Variant, str] = MappingProxyType(
     }
 )
 
+#: The client libraries and command line tools, and what `ros:noetic` has beyond them: actions,
+#: nodelets with their manager, bonds, and the messages of sensors. nav_msgs is in `devel` only:
+#: Debian's Python package of it brings the C++ headers and a compiler, 220 MB.
 _CORE = (
     "ca-certificates",
+    "libactionlib1d",
+    "libnodeletlib-tools",
     "procps",
     "python-is-python3",
+    "python3-actionlib",
+    "python3-bondpy",
+    "python3-dynamic-reconfigure",
+    "python3-geometry-msgs",
+    "python3-nodelet",
     "python3-rosgraph-msgs",
     "python3-roslaunch",
     "python3-rosmaster",
@@ -32,9 +42,13 @@ _CORE = (
     "python3-rospy",
     "python3-rosservice",
     "python3-rostopic",
+    "python3-sensor-msgs",
     "python3-std-msgs",
     "python3-std-srvs",
+    "ros-actionlib-msgs",
+    "ros-geometry-msgs",
     "ros-rosgraph-msgs",
+    "ros-sensor-msgs",
     "ros-std-msgs",
     "ros-std-srvs",
     "rosbash",
@@ -47,12 +61,21 @@ _CORE = (
 
 _DEVEL = (
     "g++",
+    "libactionlib-dev",
+    "libdynamic-reconfigure-config-init-mutex-dev",
+    "libgeometry-msgs-dev",
+    "libnav-msgs-dev",
+    "libnodelet-dev",
+    "libnodeletlib-dev",
     "libroscpp-dev",
+    "libsensor-msgs-dev",
     "libstd-msgs-dev",
     "libstd-srvs-dev",
     "libtopic-tools-dev",
     "make",
+    "python3-nav-msgs",
     "ros-message-generation",
+    "ros-nav-msgs",
 )
 
 PACKAGES: Mapping[Variant, tuple[str, ...]] = MappingProxyType(
@@ -63,8 +86,15 @@ PACKAGES: Mapping[Variant, tuple[str, ...]] = MappingProxyType(
 #: Without that file rospack, rosmsg, rosrun and roslaunch do not find them.
 UNDESCRIBED: Mapping[str, str] = MappingProxyType(
     {
+        "actionlib": "Tasks with feedback that may be preempted",
+        "actionlib_msgs": "Messages about the goals of actions",
+        "bond": "Messages by which two nodes notice each other's end",
+        "bondcpp": "Bonds between nodes for C++",
+        "dynamic_reconfigure": "Parameters that change while a node runs",
+        "geometry_msgs": "Messages about points, poses and velocities",
         "roscpp": "The messages and services of the C++ client library",
         "rosgraph_msgs": "Messages about the computation graph",
+        "sensor_msgs": "Messages of cameras, lasers and other sensors",
         "std_msgs": "Standard messages",
         "std_srvs": "Standard services",
         "topic_tools": "Programs that relay, throttle and multiplex topics",

@@ -238,7 +238,7 @@ class Pods:
         address: str = "",
         beside: Pod | None = None,
         env: Mapping[str, str] | None = None,
-        files: Mapping[str, str] | None = None,
+        files: Mapping[str, str | bytes] | None = None,
         entrypoint: bool = True,
     ) -> Pod:
         """Start a pod; `beside` another one means in its network, as host networking does.
@@ -329,9 +329,9 @@ class Pods:
         subprocess.run(["ip", *arguments], check=True, capture_output=True, text=True)
 
 
-def _put(path: Path, text: str) -> None:
+def _put(path: Path, content: str | bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
     path.chmod(0o755)
 
 
@@ -347,7 +347,8 @@ def _child(process: subprocess.Popen[str]) -> int:
     raise AssertionError(f"the container did not start (exit code {process.poll()})")
 
 
-def _unpack(archive: Path, target: Path) -> None:
+def unpack(archive: Path, target: Path) -> None:
+    """Write an image's root file system to a directory."""
     with tarfile.open(archive) as image:
         index = image.extractfile("manifest.json")
         assert index is not None
@@ -377,7 +378,7 @@ def rootfs(base_image: BaseImage) -> Path:
         if not target.exists():
             partial = target.with_suffix(".partial")
             shutil.rmtree(partial, ignore_errors=True)
-            _unpack(base_image.archive, partial)
+            unpack(base_image.archive, partial)
             partial.rename(target)
     return target
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from rigel_k8s.gate.calls import GATE, Answer, Call, call_of, registration_of, removal_of
 from rigel_k8s.gate.gate import Gate
+from rigel_k8s.gate.handover import BOND
 from rigel_k8s.gate.links import MasterGone, NodeGone, NodeSilent
 from rigel_k8s.gate.memory import line_of, replay
 from rigel_k8s.gate.parameters import Parameters, leaves
@@ -28,6 +29,9 @@ from rigel_k8s.gate.registry import (
     resolve_name,
 )
 from rigel_k8s.gate.state import State
+
+#: How topics of bonds end.
+BOND_TOPIC = "/bond"
 
 
 class _Selector(selectors.DefaultSelector):
@@ -194,7 +198,8 @@ class SimNode:
             await self.register(*entry)
 
     def detail(self, kind: str, key: str) -> str:
-        return {SERVICE: f"rosrpc://{self.pod.host}{key}", PARAMETER: ""}.get(kind, "t/T")
+        found = {SERVICE: f"rosrpc://{self.pod.host}{key}", PARAMETER: ""}
+        return found.get(kind, BOND if key.endswith(BOND_TOPIC) else "t/T")
 
     async def register(self, kind: str, key: str) -> Answer:
         """Register one thing, as a client library does."""
@@ -374,7 +379,12 @@ class World:
             await gate.stop()
 
     async def call(
-        self, call: Call, *, hands_over: bool = False, caller: SimNode | None = None
+        self,
+        call: Call,
+        *,
+        hands_over: bool = False,
+        caller: SimNode | None = None,
+        host: str = "",
     ) -> Answer:
         """Make a call as a client library does: again, where the connection is lost.
 
@@ -385,7 +395,7 @@ class World:
             if gate is None:
                 await asyncio.sleep(0.05)
                 continue
-            work = asyncio.ensure_future(gate.answer(call, hands_over=hands_over))
+            work = asyncio.ensure_future(gate.answer(call, hands_over=hands_over, host=host))
             while not work.done():
                 await asyncio.wait([work], timeout=0.05)
                 if self.gate is not gate:
@@ -425,6 +435,8 @@ class World:
     def heard(self, node: SimNode, topic: str, publishers: list[str]) -> None:
         """A node gets a list of publishers: may it?"""
         may_hear = node.pod.workload is None or node.pod.warm
+        bonds = BOND_TOPIC in topic and {host_of(one) for one in publishers} == {node.pod.host}
+        may_hear = may_hear or bonds
         if publishers and not may_hear and (node.name, node.api) not in self.owners:
             self.broken.append(f"{node.api} waits, is not warm, and hears {publishers}")
         master = self.master_now

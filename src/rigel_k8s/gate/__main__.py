@@ -142,8 +142,8 @@ async def serve(sockets: list[socket.socket], options: argparse.Namespace) -> No
         loop.add_signal_handler(number, ended.set)
     gate.start()
 
-    def answering(call: Call, local: bool, *, hands_over: bool) -> Awaitable[Answer]:  # noqa: FBT001 - as Door calls it
-        return gate.answer(call, hands_over=hands_over, local=local)
+    def answering(call: Call, host: str, *, hands_over: bool) -> Awaitable[Answer]:
+        return gate.answer(call, hands_over=hands_over, host=host)
 
     for door, hands_over in zip(sockets, (False, True)):
         made = partial(Door, partial(answering, hands_over=hands_over))

@@ -19,10 +19,12 @@ from rigel_k8s.gate.calls import (
 )
 from rigel_k8s.gate.changes import Changes
 from rigel_k8s.gate.context import Context
+from rigel_k8s.gate.handover import are_rivals, find_own_service
 from rigel_k8s.gate.links import Links
 from rigel_k8s.gate.master import Master
 from rigel_k8s.gate.newcomers import Newcomers
 from rigel_k8s.gate.nodes import Nodes
+from rigel_k8s.gate.registry import host_of, resolve_name
 from rigel_k8s.gate.restoring import Restoring
 from rigel_k8s.gate.state import Event, State
 from rigel_k8s.gate.takeover import TakeOver
@@ -70,15 +72,16 @@ class Gate:
         """End everything that goes on."""
         await self._context.stop()
 
-    async def answer(self, call: Call, *, hands_over: bool, local: bool = False) -> Answer:
+    async def answer(self, call: Call, *, hands_over: bool, host: str = "") -> Answer:
         """Return the answer to a call.
 
         Args:
             hands_over: it came by the door of nodes that hand their names over.
-            local: it came from this pod. Such a call does not wait for a master that is away: it
-                may be roscore's own, which looks for another one before it starts its own.
+            host: the address that it came from. A call from this pod does not wait for a master
+                that is away: it may be roscore's own, which looks for another one before it
+                starts its own.
         """
-        if local and not await self._master.is_there():
+        if host.startswith("127.") and not await self._master.is_there():
             return fault("no ROS master answers behind the gate yet")
         if call.method == DESCRIBE_POD:
             return await self._takeover.describe_pod(call)
@@ -89,22 +92,35 @@ class Gate:
         if call.method == DESCRIBE_GATE:
             return Answer.good("", json.dumps(self.describe()))
         if call.method == "system.multicall":
-            return await self._answer_many(call, hands_over=hands_over)
+            return await self._answer_many(call, hands_over=hands_over, host=host)
         try:
+            if call.method == "lookupService" and hands_over:
+                return await self._find_service(call, host)
             answer = await self._changes.answer(call, hands_over=hands_over)
         except BadCall:  # the master has the words for it
             answer = None
         return answer or await self._master.ask(call)
 
-    async def _answer_many(self, call: Call, *, hands_over: bool) -> Answer:
+    async def _answer_many(self, call: Call, *, hands_over: bool, host: str) -> Answer:
         answers: list[Any] = []
         try:
             calls = [Call(one["methodName"], tuple(one["params"])) for one in call.params[0]]
         except (BadCall, LookupError, TypeError):
             return await self._master.ask(call)
         for one in calls:
-            answers.append([(await self.answer(one, hands_over=hands_over)).value])
+            answers.append([(await self.answer(one, hands_over=hands_over, host=host)).value])
         return Answer(answers)
+
+    async def _find_service(self, call: Call, host: str) -> Answer:
+        """Return where a pod that hands over finds a service: in itself first."""
+        node, key = call.texts(2)
+        own = find_own_service(self.state, resolve_name(key, node), host)
+        if own:
+            return Answer.good("rosrpc URI", own)
+        answer = await self._master.ask(call)  # this may wait until a name has changed hands
+        if answer.is_success and are_rivals(self.state, node, host, host_of(answer.result)):
+            return Answer([-1, "no provider", ""])
+        return answer
 
     async def _watch_nodes(self) -> None:
         """Look after nodes from time to time."""

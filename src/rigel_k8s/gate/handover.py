@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Iterator
 
-from rigel_k8s.gate.registry import PUBLISHER, Registration, host_of
+from rigel_k8s.gate.registry import PUBLISHER, SERVICE, SUBSCRIBER, Registration, host_of
 from rigel_k8s.gate.state import GatePod, Newcomer, State
 
 #: Seconds without a registration after which a newcomer is taken to have registered all.
 QUIET = 1.0
+#: The type of the topics on which two processes of a pod notice each other's end. They give up
+#: after ten seconds without the other one, and a nodelet is unloaded then.
+BOND = "bond/Status"
 
 
 def find_owner(state: State, one: Registration, *, hands_over: bool) -> str | None:
@@ -65,3 +68,64 @@ def list_names_of(state: State, host: str) -> list[str]:
 def list_publishers(state: State, topic: str) -> list[str]:
     """Return the URIs of a topic's publishers."""
     return [one.api for one in state.registry.find(PUBLISHER, topic)]
+
+
+def list_heard(state: State, topic: str, api: str) -> list[str]:
+    """Return the URIs of the publishers of a topic that a node may know.
+
+    One that waits for its name knows the other ends of its bonds, and everything if it is warm.
+    """
+    known = list_publishers(state, topic)
+    newcomer = next((one for one in state.newcomers.values() if one.api == api), None)
+    if newcomer is None or state.registry.api_of(newcomer.name) == api:
+        return known
+    bonds = []
+    if has_bond(newcomer, topic):
+        waiting = [
+            one.registrations.get((PUBLISHER, topic)) for one in state.newcomers_at(host_of(api))
+        ]
+        bonds = [one.api for one in waiting if one]
+    return bonds + [one for one in known if is_warm(state, newcomer.host)]
+
+
+def has_bond(newcomer: Newcomer, topic: str) -> bool:
+    """Return whether a newcomer listens to a topic of bonds."""
+    one = newcomer.registrations.get((SUBSCRIBER, topic))
+    return one is not None and one.detail == BOND
+
+
+def is_warm(state: State, host: str) -> bool:
+    """Return whether the nodes of a pod get publishers before they have their names."""
+    pod = state.pods.get(host)
+    return pod is not None and pod.warm
+
+
+def find_own_service(state: State, key: str, host: str) -> str | None:
+    """Return the URI of a service that a waiting node of the pod at this address provides."""
+    for newcomer in state.newcomers_at(host):
+        own = newcomer.registrations.get((SERVICE, key))
+        if own:
+            return own.detail
+    return None
+
+
+def are_rivals(state: State, node: str, host: str, other: str) -> bool:
+    """Return whether the pod at `host` replaces the one at `other`, or is replaced by it.
+
+    They do not use each other's services. A nodelet of the new pod would be loaded into the manager
+    that is about to end, and the old pod's end would unload it from the manager that has begun.
+
+    Args:
+        node: a name in the pod at `host`. Its namesake may be in the other pod.
+    """
+    names = {node, *(newcomer.name for newcomer in state.newcomers_at(host))}
+    owners = {host_of(state.registry.api_of(name) or "") for name in names}
+    replicas = are_replicas(state.pods.get(host), state.pods.get(other))
+    return host != other and (other in owners or replicas)
+
+
+def are_replicas(one: GatePod | None, other: GatePod | None) -> bool:
+    """Return whether two different pods are known to belong to one workload."""
+    if one is None or other is None:
+        return False
+    return one.workload == other.workload and one.host != other.host

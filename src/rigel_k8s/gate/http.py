@@ -15,8 +15,8 @@ LARGEST_HEAD, LARGEST_BODY = 65536, 256 * 2**20
 #: What `connect` fails with where a machine answers that no process listens.
 REFUSED = (errno.ECONNREFUSED, errno.ECONNRESET)
 
-#: Answers a call; its second argument is whether it came from this pod.
-Answering = Callable[[Call, bool], Awaitable[Answer]]
+#: Answers a call; its second argument is the address that it came from.
+Answering = Callable[[Call, str], Awaitable[Answer]]
 
 
 class Door(asyncio.Protocol):
@@ -26,7 +26,7 @@ class Door(asyncio.Protocol):
         self._answering = answering
         self._data = bytearray()
         self._busy = False
-        self._local = False
+        self._host = ""
         self._task: asyncio.Task[None] | None = None
         self._transport: asyncio.Transport | None = None
 
@@ -35,7 +35,7 @@ class Door(asyncio.Protocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         peer = transport.get_extra_info("peername") or ("",)  # none where it is gone already
-        self._local = peer[0].startswith("127.")
+        self._host = peer[0]
 
     def connection_lost(self, error: Exception | None) -> None:
         """Answer no more; a call that is under way is carried out all the same."""
@@ -68,7 +68,7 @@ class Door(asyncio.Protocol):
 
     async def _answer(self, body: bytes, *, stays: bool) -> None:
         try:
-            text = (await self._answering(Call.read(body), self._local)).body
+            text = (await self._answering(Call.read(body), self._host)).body
         except BadCall as error:
             text = fault(str(error)).body
         except Exception as error:

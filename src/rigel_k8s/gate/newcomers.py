@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from rigel_k8s.gate.calls import Answer, Call, Removal
 from rigel_k8s.gate.context import Context
-from rigel_k8s.gate.handover import list_publishers
+from rigel_k8s.gate.handover import has_bond, is_warm, list_heard
 from rigel_k8s.gate.master import Master
 from rigel_k8s.gate.nodes import Nodes
 from rigel_k8s.gate.parameters import split
@@ -44,6 +44,7 @@ class Newcomers:
         if known is None or known.registrations.get((one.kind, one.key)) != one:
             self._context.note("wait", *one)
             self._state.newcomers[one.node, one.api].quiet_since = self._context.links.now()
+            self._send_bonds(one.kind, one.key, one.host)
 
     def take_back(self, removal: Removal) -> bool:
         """Note that a newcomer unregisters something; return False where none has registered it."""
@@ -52,6 +53,7 @@ class Newcomers:
             if waiting and removal.uri in (waiting.api, waiting.detail):
                 self._context.note("unwait", removal.kind, removal.key, newcomer.name, newcomer.api)
                 newcomer.quiet_since = self._context.links.now()
+                self._send_bonds(removal.kind, removal.key, newcomer.host)
                 return True
         return False
 
@@ -75,7 +77,7 @@ class Newcomers:
         if one.kind == SERVICE:
             return Answer.good(f"Registered [{one.node}] as provider of [{one.key}]", 1)
         if one.kind == SUBSCRIBER:
-            known = list_publishers(self._state, one.key) if self._is_warm(one.host) else []
+            known = list_heard(self._state, one.key, one.api)
             return Answer.good(f"Subscribed to [{one.key}]", known)
         found = (await self._master.ask(Call("getParam", (one.node, one.key)))).result
         message = f"Subscribed to parameter [{one.key}]"
@@ -83,7 +85,7 @@ class Newcomers:
 
     def warm_up(self, host: str) -> None:
         """Send the newcomers at an address their publishers, if their pod is warm."""
-        if self._is_warm(host):
+        if is_warm(self._state, host):
             for newcomer in self._state.newcomers_at(host):
                 for one in newcomer.registrations.values():
                     if one.kind == SUBSCRIBER:
@@ -94,7 +96,7 @@ class Newcomers:
         if changed.kind == PUBLISHER:
             for newcomer in self._state.newcomers.values():
                 has = (SUBSCRIBER, changed.key) in newcomer.registrations
-                if has and self._is_warm(newcomer.host):
+                if has and is_warm(self._state, newcomer.host):
                     self._nodes.send_publishers(newcomer.api, changed.key)
 
     def send_parameter(self, key: str) -> None:
@@ -108,6 +110,9 @@ class Newcomers:
                     nearest = key if len(changed) > len(wanted) else one.key
                     self._nodes.send_parameter(newcomer.api, nearest)
 
-    def _is_warm(self, host: str) -> bool:
-        pod = self._state.pods.get(host)
-        return pod is not None and pod.warm
+    def _send_bonds(self, kind: str, topic: str, host: str) -> None:
+        """Send the newcomers of a pod the other ends of their bonds, if these have changed."""
+        if kind == PUBLISHER:
+            for newcomer in self._state.newcomers_at(host):
+                if has_bond(newcomer, topic):
+                    self._nodes.send_publishers(newcomer.api, topic)

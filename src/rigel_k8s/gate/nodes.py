@@ -12,7 +12,7 @@ from typing import Any, Tuple
 
 from rigel_k8s.gate.calls import Call, Removal
 from rigel_k8s.gate.context import Context
-from rigel_k8s.gate.handover import list_publishers
+from rigel_k8s.gate.handover import list_heard
 from rigel_k8s.gate.links import NodeGone, NodeSilent
 from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SUBSCRIBER, Registration
 
@@ -107,7 +107,7 @@ class Nodes:
 
     async def _deliver(self, target: Target) -> None:
         api, method, key = target
-        value = self._read(method, key)
+        value = self._read(target)
         try:
             await self._context.links.node(api, Call(method, (MASTER, key, value)), PATIENCE)
         except NodeGone:
@@ -127,12 +127,13 @@ class Nodes:
         if is_late or method == VALUE:  # the master may have sent a later value before this one
             async with self._context.turn:  # the state has then what the master had
                 pass
-            again = again or self._read(method, key) != value
+            again = again or self._read(target) != value
         if again:
             self._send(target)
 
-    def _read(self, method: str, key: str) -> Any:
+    def _read(self, target: Target) -> Any:
         """Return what a node is sent."""
+        api, method, key = target
         if method == PUBLISHERS:
-            return list_publishers(self._state, key)
+            return list_heard(self._state, key, api)
         return self._state.parameters.get(key)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.gate.calls import Answer, Call
-from rigel_k8s.gate.registry import PARAMETER, PUBLISHER
+from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
 from tests.support.gate_stage import (
     ASK,
     CHATTER,
@@ -27,7 +27,7 @@ from tests.support.gate_stage import (
     start,
     up,
 )
-from tests.support.gate_world import Plan, World
+from tests.support.gate_world import Plan, SimPod, World
 
 # -- what newcomers hear --
 
@@ -82,6 +82,83 @@ async def test_a_newcomer_is_warmed_up_when_its_pod_says_so(world: World) -> Non
     await world.describe(new)
     await asyncio.sleep(0.1)
     assert new.nodes[0].heard["/chatter"] == [talker.nodes[0].api]
+
+
+LOAD = (SERVICE, "/manager/load_nodelet")
+#: A manager of nodelets, and the program that loads one into it by a service.
+NODELET: dict[str, Plan] = {"/echo": [ROSOUT], "/manager": [ROSOUT, LOAD]}
+
+
+async def find_manager(world: World, pod: SimPod, node: str = "/echo", **more: Any) -> str | None:
+    """Return where a node finds the manager's service."""
+    call = Call("lookupService", (node, LOAD[1]))
+    answer = await world.call(call, **{"hands_over": True, "host": pod.host, **more})
+    return answer.result
+
+
+@play
+async def test_pods_of_which_one_replaces_the_other_find_their_own_services(world: World) -> None:
+    """A loader finds the manager of its own pod, before and after the names change hands."""
+    old = await up(world, NODELET)
+    other = await up(world, LISTENER, "other")
+    before = old.nodes[1].detail(*LOAD)
+    assert await find_manager(world, old) == before
+    new = start(world, {"/echo": [ROSOUT]})
+    await registered(new)
+    assert await find_manager(world, new) is None, "its own manager has not started yet"
+    assert await find_manager(world, other, "/tool") == await find_manager(world, old) == before
+    assert await find_manager(world, new, hands_over=False) == before
+    world.start_node(new, "/manager", NODELET["/manager"])
+    await registered(new)
+    await asyncio.sleep(QUIET + 0.1)
+    own = new.nodes[1].detail(*LOAD)
+    assert await find_manager(world, new) == await find_manager(world, new, "/tool") == own
+    assert await find_manager(world, old) == await find_manager(world, other, "/tool") == before
+    await world.hand_over(old)
+    assert await find_manager(world, old) is None
+    assert await find_manager(world, new) == await find_manager(world, other, "/tool") == own
+
+
+@play
+async def test_services_are_not_mixed_up_while_names_change_hands(world: World) -> None:
+    """The old loader asks all the time: it must not unload what the new one has loaded."""
+    old, new = await up(world, NODELET), await up(world, NODELET)
+    own = [pod.nodes[1].detail(*LOAD) for pod in (old, new)]
+    handing_over = asyncio.ensure_future(world.hand_over(old))
+    found = []
+    while not handing_over.done() or len(found) < 10:
+        asked = [asyncio.ensure_future(find_manager(world, pod)) for pod in (old, new)]
+        found.append(await asyncio.gather(*asked))
+        await asyncio.sleep(0.0001)
+    assert {one for one, _ in found} <= {own[0], None}
+    assert {one for _, one in found} == {own[1]}
+
+
+@play
+async def test_the_processes_of_a_waiting_pod_are_bound_to_each_other(world: World) -> None:
+    """Or they would unload their nodelets after ten seconds; the old pod's they do not hear."""
+    ends = [(PUBLISHER, "/manager/bond"), (SUBSCRIBER, "/manager/bond")]
+    plans: dict[str, Plan] = {"/echo": [HEARS, *ends], "/manager": [CHATTER, *ends]}
+    await up(world, plans)
+    new = await up(world, plans)
+    await asyncio.sleep(0.1)
+    for node in new.nodes:
+        assert sorted(node.heard["/manager/bond"]) == sorted(one.api for one in new.nodes)
+    assert new.nodes[0].heard["/chatter"] == []
+    await new.nodes[1].unregister(ends[0])
+    await asyncio.sleep(0.1)
+    assert new.nodes[0].heard["/manager/bond"] == [new.nodes[0].api]
+
+
+@play
+async def test_a_node_that_is_new_in_an_update_does_not_find_the_old_pods_services(
+    world: World,
+) -> None:
+    """No name waits yet, but both pods have said that they belong to one workload."""
+    old = await up(world, NODELET)
+    new = await up(world, {"/second": [ROSOUT]})
+    assert await find_manager(world, new, "/second") is None
+    assert await find_manager(world, old) == old.nodes[1].detail(*LOAD)
 
 
 @play

@@ -19,10 +19,10 @@ from rigel_k8s.gate.links import MasterGone, NodeGone, NodeSilent
 
 LOCAL = "127.0.0.1"
 BODY = Call("echo", ("/me", "hello")).body
-Answering = Callable[[Call, bool], Coroutine[Any, Any, Answer]]
+Answering = Callable[[Call, str], Coroutine[Any, Any, Answer]]
 
 
-async def echo(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+async def echo(call: Call, host: str) -> Answer:
     return Answer([1, call.method, list(call.params)])
 
 
@@ -134,7 +134,7 @@ def test_calls_of_a_connection_are_answered_one_after_the_other():
     """A caller that sends three at once gets three answers, in their order."""
     busy = []
 
-    async def slow(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+    async def slow(call: Call, host: str) -> Answer:
         busy.append(call)
         assert len(busy) == 1
         await asyncio.sleep(0.01)
@@ -192,7 +192,7 @@ def test_what_is_no_call_gets_a_fault(body: bytes):
 def test_a_failure_of_the_gate_is_a_fault(value: Any):
     """No caller waits for ever: an exception, and what XML-RPC cannot carry."""
 
-    async def fail(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+    async def fail(call: Call, host: str) -> Answer:
         if isinstance(value, Exception):
             raise value
         return value  # type: ignore[no-any-return]
@@ -212,7 +212,7 @@ def test_a_call_whose_caller_hangs_up_is_carried_out():
     """A node that ends unregisters without waiting."""
     done = asyncio.Event()
 
-    async def slow(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+    async def slow(call: Call, host: str) -> Answer:
         await asyncio.sleep(0.05)
         done.set()
         return Answer([1, "", 0])
@@ -242,12 +242,12 @@ def test_a_connection_that_is_reset_before_it_is_taken_leaves_the_door_open():
     run(work())
 
 
-def test_a_call_from_this_machine_is_local():
-    """It comes from the loopback."""
+def test_a_call_brings_the_address_that_it_came_from():
+    """It is the loopback for a call from this pod."""
     seen = []
 
-    async def note(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
-        seen.append(local)
+    async def note(call: Call, host: str) -> Answer:
+        seen.append(host)
         return Answer([1, "", 0])
 
     async def work() -> None:
@@ -260,7 +260,7 @@ def test_a_call_from_this_machine_is_local():
         await asyncio.sleep(0)
 
     run(work())
-    assert seen == [True, False]
+    assert seen == [LOCAL, "10.1.0.3"]
 
 
 class Far(asyncio.Transport):
@@ -319,7 +319,7 @@ def test_the_masters_connections_are_kept():
     async def work() -> None:
         opened = []
 
-        async def note(call: Call, local: bool) -> Answer:  # noqa: FBT001 - as Door calls it
+        async def note(call: Call, host: str) -> Answer:
             await asyncio.sleep(0.01)
             return Answer([1, "", 7])
 

@@ -263,13 +263,13 @@ async def test_a_call_from_this_pod_does_not_wait_for_the_master(world: World) -
     call = Call("getPid", ("/roscore",))
     assert (await world.call(Call("getParam", ("/tool", "/run_id")))).result == "run 1"
     local = await world.gate.answer(
-        Call("getParam", ("/x", "/run_id")), hands_over=False, local=True
+        Call("getParam", ("/x", "/run_id")), hands_over=False, host="127.0.0.1"
     )
     assert local.result == "run 1"
     world.kill_master()
     await asyncio.sleep(0.1)
     started = world.now()
-    answer = await world.gate.answer(call, hands_over=False, local=True)
+    answer = await world.gate.answer(call, hands_over=False, host="127.0.0.1")
     assert world.now() == started
     assert not answer.is_success
     assert b"<fault>" in answer.body

@@ -1,0 +1,278 @@
+"""What an update is for actions, nodelets, and subscribers: the gate in front of a real roscore."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+import subprocess
+import sys
+import time
+
+import pytest
+
+from rigel_k8s.cache import cache_dir, locked
+from rigel_lab.images.ros1base import build
+from tests.support.until import until
+
+from .conftest import Reporter, unpack
+from .gated import LISTENER, hands_over, heard, listener, ready, talker, versions
+
+pytestmark = pytest.mark.cluster
+
+#: Works on a goal as many seconds as it says; the result is the version.
+ACTION_SERVER = """
+import sys, time, rospy, actionlib, actionlib.msg
+version = int(sys.argv[1])
+def execute(goal):
+    for _ in range(goal.goal * 10):
+        server.publish_feedback(actionlib.msg.TestFeedback(version))
+        time.sleep(0.1)
+    server.set_succeeded(actionlib.msg.TestResult(version))
+rospy.init_node("arm")
+server = actionlib.SimpleActionServer("move", actionlib.msg.TestAction, execute, auto_start=False)
+def end():
+    if server.is_active():
+        server.set_aborted(text="the server ends")
+if sys.argv[2:]:
+    rospy.on_shutdown(end)
+server.start()
+rospy.spin()
+"""
+#: One goal of a minute, then goals of a tenth of a second, each with a limit of five seconds.
+ACTION_CLIENT = """
+import rospy, actionlib, actionlib.msg
+rospy.init_node("client")
+client = actionlib.SimpleActionClient("move", actionlib.msg.TestAction)
+client.wait_for_server()
+NAMES = {v: k for k, v in vars(actionlib.GoalStatus).items() if type(v) is int and k.isupper()}
+def hear(feedback):
+    print("feedback of v%d" % feedback.feedback)
+def ask(seconds, limit):
+    client.send_goal(actionlib.msg.TestGoal(seconds), feedback_cb=hear)
+    if client.wait_for_result(rospy.Duration(limit)):
+        result = client.get_result()
+        version = "v%d" % result.result if result and result.result else "no version"
+        print("%s: %s" % (NAMES[client.get_state()], version))
+    else:
+        print("no answer")
+ask(60, 50)
+while not rospy.is_shutdown():
+    ask(0, 5)
+    rospy.sleep(0.2)
+"""
+#: Says on one topic what it hears on another.
+NODELET = """
+#include <nodelet/nodelet.h>
+#include <pluginlib/class_list_macros.hpp>
+#include <ros/ros.h>
+#include <std_msgs/String.h>
+namespace echo {
+class Echo : public nodelet::Nodelet {
+  ros::Publisher publisher_;
+  ros::Subscriber subscriber_;
+  void onInit() override {
+    publisher_ = getNodeHandle().advertise<std_msgs::String>("/echoed", 10);
+    subscriber_ = getNodeHandle().subscribe("/chatter", 10, &Echo::hear, this);
+  }
+  void hear(const std_msgs::String::ConstPtr& message) { publisher_.publish(message); }
+};
+}
+PLUGINLIB_EXPORT_CLASS(echo::Echo, nodelet::Nodelet)
+"""
+COMPILE = (
+    "g++ -shared -fPIC -I/usr/include/pluginlib -I/usr/include/class_loader"
+    " -I/usr/include/rcpputils -I/usr/include/rcutils -I/usr/include/ament_index_cpp"
+    " /echo.cpp -o /libecho.so -lnodeletlib -lroscpp -lrosconsole -lroscpp_serialization"
+    " -lrostime -lclass_loader"
+)
+PACKAGE = """<package format="2">
+  <name>echo</name>
+  <version>1.0.0</version>
+  <description>A nodelet</description>
+  <maintainer email="a@example.org">A</maintainer>
+  <license>MIT</license>
+  <depend>nodelet</depend>
+  <export><nodelet plugin="${prefix}/plugins.xml"/></export>
+</package>
+"""
+PLUGINS = """<library path="libecho">
+  <class name="echo/Echo" type="echo::Echo" base_class_type="nodelet::Nodelet"/>
+</library>
+"""
+MANAGER_AND_LOADER = """<launch>
+  <node pkg="nodelet" type="nodelet" name="manager" args="manager"/>
+  <node pkg="nodelet" type="nodelet" name="echo" args="load echo/Echo manager"/>
+</launch>
+"""
+#: Seconds after which the two would give each other up, had they not found each other.
+BOND_PATIENCE = 10
+
+
+@pytest.fixture(scope="session")
+def nodelet(tmp_path_factory: pytest.TempPathFactory, base_image: object) -> dict[str, str | bytes]:
+    """Return the files of a package with a nodelet, compiled once for all runs."""
+    devel = build(Reporter(), variant="devel").archive
+    made = hashlib.sha256(f"{devel.name} {NODELET} {COMPILE}".encode()).hexdigest()[:16]
+    target = cache_dir() / "tests" / f"libecho-{made}.so"
+    with locked(target.with_suffix(".lock")):
+        if not target.exists():
+            root = tmp_path_factory.mktemp("devel")
+            unpack(devel, root)
+            (root / "echo.cpp").write_text(NODELET)
+            subprocess.run(["chroot", str(root), "sh", "-c", COMPILE], check=True)
+            shutil.copy(root / "libecho.so", target)
+            shutil.rmtree(root)
+    folder = "/usr/share/echo"
+    return {
+        f"{folder}/package.xml": PACKAGE,
+        f"{folder}/plugins.xml": PLUGINS,
+        f"{folder}/libecho.so": target.read_bytes(),
+        "/nodelets.launch": MANAGER_AND_LOADER,
+    }
+
+
+def test_a_goal_ends_with_its_action_server_and_the_next_one_succeeds(pods):
+    """The client is told that the goal is lost; its next goals need no new client."""
+    pods.gated()
+    env = hands_over(pods, "arm")
+    ready(old := pods.start("arm-1", "python3", "-c", ACTION_SERVER, "1", env=env))
+    client = pods.node("client", "python3", "-c", ACTION_CLIENT)
+    until(lambda: "feedback of v1" in client.log(), "feedback")
+    new = pods.start("arm-2", "python3", "-c", ACTION_SERVER, "2", env=env)
+    assert "/arm waits to take over" in ready(new)
+    assert "LOST" not in client.log()
+    old.terminate(grace=10)
+    until(lambda: "SUCCEEDED: v2" in client.log(), "a result of v2", last_words=client.log)
+    ends = re.findall(r"^[A-Z]+: (?:v\d|no version)$", client.log(), re.MULTILINE)
+    assert ends[0] == "LOST: no version"
+    assert not [line for line in ends if line.endswith(": v1")]
+    since = ends[ends.index("SUCCEEDED: v2") :]
+    assert set(since) == {"SUCCEEDED: v2"}
+
+
+def test_an_action_server_may_abort_its_goal_when_it_ends(pods):
+    """Its client is told so by the server that ends, or that the goal is lost; it never waits."""
+    pods.gated()
+    env = hands_over(pods, "arm")
+    ready(old := pods.start("arm-1", "python3", "-c", ACTION_SERVER, "1", "aborts", env=env))
+    client = pods.node("client", "python3", "-c", ACTION_CLIENT)
+    until(lambda: "feedback of v1" in client.log(), "feedback")
+    ready(pods.start("arm-2", "python3", "-c", ACTION_SERVER, "2", "aborts", env=env))
+    old.terminate(grace=10)
+    ends = until(lambda: re.findall(r"^(\w+): no version", client.log(), re.MULTILINE), "an end")
+    sys.stdout.write(f"the goal's end: {ends[0]}\n")
+    assert ends[0] in ("ABORTED", "LOST")
+
+
+@pytest.mark.slow  # the nodelet is compiled in an image of its own, which takes minutes to build
+@pytest.mark.parametrize("seconds", [0, BOND_PATIENCE + 2])
+def test_a_nodelet_is_updated_with_its_manager(pods, nodelet, seconds):
+    """The new pod's loader loads it into the new pod's manager, however long both have waited."""
+    gate, _ = pods.gated()
+    ready(talker(pods, "v1"))
+    more = {"env": hands_over(pods, "echo"), "files": nodelet}
+    command = ("roslaunch", "--wait", "/nodelets.launch")
+    ready(old := pods.start("echo-1", *command, **more))
+    ears = listener(pods, topic="/echoed")
+    until(lambda: heard(ears), "messages of the nodelet", last_words=old.log)
+    new = pods.start("echo-2", *command, **more)
+    until(lambda: ready(new).count("waits") == 2, "both to wait")
+    time.sleep(seconds)
+    assert ready(new).count("waits") == 2
+    old.terminate()
+    count = len(heard(ears))
+    until(lambda: len(heard(ears)) > count + 40, "messages of the new nodelet", last_words=new.log)
+    numbers = [number for _, _, number in heard(ears)]
+    assert numbers == sorted(set(numbers)), "none twice, none of the old one after the new one"
+    assert ready(new) == "ready: /echo, /manager\n"
+    asked = gate.exec("/bin/sh", "/rigel-k8s/exec.sh", "rosservice", "call", "/manager/list")
+    assert "- /echo" in asked.stdout
+
+
+@pytest.mark.slow  # as above
+def test_a_nodelet_with_a_manager_of_its_own_is_updated(pods, nodelet):
+    """`standalone` is one process, like any node."""
+    pods.gated()
+    ready(talker(pods, "v1"))
+    more = {"env": hands_over(pods, "echo"), "files": nodelet}
+    command = ("rosrun", "nodelet", "nodelet", "standalone", "echo/Echo", "__name:=echo")
+    ready(old := pods.start("echo-1", *command, **more))
+    ears = listener(pods, topic="/echoed")
+    until(lambda: heard(ears), "messages of the nodelet", last_words=old.log)
+    ready(new := pods.start("echo-2", *command, **more))
+    old.terminate()
+    count = len(heard(ears))
+    until(lambda: len(heard(ears)) > count + 20, "messages of the new nodelet", last_words=new.log)
+    numbers = [number for _, _, number in heard(ears)]
+    assert numbers == sorted(set(numbers))
+
+
+@pytest.mark.parametrize("warm", ["", "warm"])
+def test_a_warm_node_hears_topics_before_it_has_its_name(pods, warm):
+    """A latched one and one at 20 Hz; a node that is not warm hears nothing."""
+    pods.gated()
+    ready(talker(pods, "v1"))
+    latch = ("rostopic", "pub", "--latch", "/map", "std_msgs/String", "map 1", "__name:=mapper")
+    pods.node("mapper", *latch)
+    env = {**hands_over(pods, "ears"), "RIGEL_K8S_WARM": warm}
+    command = ("python3", "-c", LISTENER, "ears", "/map", "/chatter")
+    ready(old := pods.start("ears-1", *command, env=env))
+    until(lambda: heard(old), "messages to the old one")
+    ready(new := pods.start("ears-2", *command, env=env))
+    both = {"map", "v1"}
+    hears = new if warm else old
+    count = len(heard(hears))
+    until(lambda: set(versions(hears)) == both and len(heard(hears)) > count + 40, "both topics")
+    assert "/ears waits to take over" in ready(new)
+    assert warm or not heard(new)
+    old.terminate()
+    count = len(heard(new))
+    until(lambda: len(heard(new)) > count + 20, "messages to the new one")
+    assert set(versions(new)) == both
+    assert ready(new) == "ready: /ears\n"
+
+
+@pytest.mark.parametrize("publisher", ["python", "c++"])
+def test_of_two_subscribers_of_a_name_a_python_publisher_has_one(pods, publisher):
+    """Beside a warm node the old one hears on from C++, and nothing more from Python."""
+    pods.gated()
+    ready(talker(pods, "v1"))
+    relay = ("rosrun", "topic_tools", "relay", "/chatter", "/relayed", "__name:=relay")
+    pods.node("relay", *relay)
+    env = {**hands_over(pods, "ears"), "RIGEL_K8S_WARM": "warm"}
+    topic = "/chatter" if publisher == "python" else "/relayed"
+    command = ("python3", "-c", LISTENER, "ears", topic)
+    ready(old := pods.start("ears-1", *command, env=env))
+    until(lambda: heard(old), "messages to the old one")
+    ready(new := pods.start("ears-2", *command, env=env))
+    until(lambda: heard(new), "messages to the new one")
+    first = heard(new)[0][2]
+    until(lambda: heard(new)[-1][2] > first + 40, "more messages to the new one")
+    assert "/ears waits to take over" in ready(new)
+    if publisher == "python":
+        assert heard(old)[-1][2] <= first + 1
+    else:
+        assert heard(old)[-1][2] > first + 20
+
+
+@pytest.mark.parametrize("rate", [20, 100])
+def test_a_subscriber_is_updated(pods, rate):
+    """The new one goes on in order where the old one has ended; `-s` shows how much both miss."""
+    pods.gated()
+    ready(talker(pods, "v1", rate=rate))
+    env = hands_over(pods, "ears")
+    command = ("python3", "-c", LISTENER, "ears", "/chatter")
+    ready(old := pods.start("ears-1", *command, env=env))
+    until(lambda: heard(old), "messages to the old one")
+    ready(new := pods.start("ears-2", *command, env=env))
+    assert not heard(new)
+    old.terminate()
+    until(lambda: len(heard(new)) > 2 * rate, "messages to the new one")
+    first, last = ([number for _, _, number in heard(pod)] for pod in (old, new))
+    assert first == sorted(set(first))
+    assert last == sorted(set(last))
+    missed, twice = last[0] - first[-1] - 1, len(set(first) & set(last))
+    sys.stdout.write(f"{rate} Hz: {max(missed, 0)} messages missed, {twice} heard by both\n")
+    assert last[0] > first[0]
+    assert last[-1] > first[-1]

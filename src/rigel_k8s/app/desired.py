@@ -12,7 +12,7 @@ import attrs
 from rigel_k8s.app.application import application_deployment, application_identity, has_application
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.exporterchecks import can_be_seen
-from rigel_k8s.app.gate import GATE_CONTAINER, gate_objects, has_gate
+from rigel_k8s.app.gate import gate_objects, has_gate, remedies_of
 from rigel_k8s.app.master import master_deployment, master_service
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
@@ -27,7 +27,14 @@ from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.images import add_pull_secrets, images_of, pin_images
 from rigel_k8s.objects.naming import ROS_ANNOTATION, Ros
 from rigel_k8s.objects.overlay import merge
-from rigel_k8s.objects.pods import MASTER_NAME, MASTER_PORT, MASTER_URI, Object, scripts_config
+from rigel_k8s.objects.pods import (
+    GATE_CONTAINER,
+    MASTER_NAME,
+    MASTER_PORT,
+    MASTER_URI,
+    Object,
+    scripts_config,
+)
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.steady import steady
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
@@ -152,6 +159,7 @@ class Draft:
             options=options_to_keep(raw or {}),
             create_namespace=create_namespace,
             protected=frozenset(list_protected(self.objects)),
+            remedies=remedies_of(self.objects),
         )
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.objects.pods import (
+    GATE_CONTAINER,
     GATE_PORT,
     MASTER_NAME,
     MASTER_PORT,
@@ -18,13 +19,18 @@ from rigel_k8s.objects.pods import (
 )
 from rigel_k8s.objects.workloads import ReleaseContext, config_map
 
-GATE_CONTAINER = "gate"
 #: Where the gate's files are, so that Python finds `rigel_k8s.gate` from there.
 PROGRAM_PATH = "/rigel-k8s-gate"
 PACKAGE_PATH = f"{PROGRAM_PATH}/rigel_k8s/gate"
 JOURNAL_PATH = "/rigel-k8s-memory"
 MEMORY_NAME = f"{MASTER_NAME}-memory"
 ACCOUNT_PATH = "/var/run/secrets/kubernetes.io/serviceaccount"
+#: What of the objects the role `edit` may not write.
+KINDS = ("Role", "RoleBinding")
+RIGHTS = (
+    "roscore's gate takes the rights of the role `admin` in the namespace: ask for them, or leave"
+    " the gate out with `gate: false`; `rigel doctor` shows what you may do"
+)
 #: The ROS distributions whose images have the Python that the gate needs, 3.8.
 DISTROS = ("noetic",)
 
@@ -43,6 +49,11 @@ def replaces_roscore(params: Mapping[str, Any]) -> bool:
         place = place.get(key) if isinstance(place, Mapping) else None
     found = place if isinstance(place, list) else []
     return any({"command", "args", "ports"} & set(one) for one in found if isinstance(one, Mapping))
+
+
+def remedies_of(made: Iterable[Object]) -> dict[str, str]:
+    """Return what to do where objects that only a gate has may not be written, by their kind."""
+    return {item["kind"]: RIGHTS for item in made if item["kind"] in KINDS}
 
 
 def gate_container(image: str, env: list[Object], release: str) -> Object:

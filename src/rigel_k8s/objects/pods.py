@@ -23,6 +23,7 @@ MASTER_PORT = 11311
 MASTER_URI = f"http://{MASTER_NAME}:{MASTER_PORT}"
 #: Where the gate takes the calls of nodes that hand their names over, and roscore behind it.
 GATE_PORT, ROSCORE_PORT = 11310, 11312
+GATE_CONTAINER = "gate"
 
 #: A probe that never gives up: a node may wait long for its hardware or its master.
 FOR_EVER = 2**31 - 1

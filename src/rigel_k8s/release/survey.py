@@ -7,14 +7,15 @@ refuse is thus known before anything is applied.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import attrs
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.failures import Missing, Refusal
+from rigel_k8s.kube.failures import Forbidden, Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.ownership import covers
@@ -71,33 +72,33 @@ def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
     Raises:
         ClusterError: the namespace is missing (and is not to be created) or is being deleted.
     """
-    release = desired.release
     manifests = manifests_to_apply(desired)
-    namespace, history, live = list_objects(cluster, release, manifests)
+    namespace, history, live = list_objects(cluster, desired, manifests)
     check_namespace(desired, namespace)
     last = history[-1].revision() if history else None
     live |= find_left_over(cluster, live, manifests, last)
     candidates = [m for m in manifests if not is_unchanged(m, live.get(ref_of(m)))]
     if namespace is None:
         candidates = [m for m in candidates if not m["metadata"].get("namespace")]
-    results = try_candidates(cluster, candidates, manifests, adopt=adopt)
+    results = try_candidates(cluster, candidates, desired, adopt=adopt)
     live |= find_strangers(cluster, live, results)
     return Survey(desired, manifests, live, results, namespace, history, last)
 
 
 def list_objects(
-    cluster: Cluster, release: ReleaseId, manifests: Iterable[Manifest]
+    cluster: Cluster, desired: Desired, manifests: Iterable[Manifest]
 ) -> tuple[Live | None, list[Record], dict[ObjectRef, Live]]:
     """Return the namespace, the history, and what of the release is there of the wanted kinds."""
+    release = desired.release
     namespace: list[Live | None] = []
     history: list[Record] = []
     found: dict[ObjectRef, Live] = {}
 
     def objects(api_version: str, kind: str, where: str) -> None:
         labels = {RELEASE_LABEL: release.name}
-        for live in cluster.list(api_version, kind, where, labels=labels):
-            if belongs(live, release):
-                found[ref_of(live)] = live
+        with naming_remedy(desired, kind):
+            there = cluster.list(api_version, kind, where, labels=labels)
+        found.update({ref_of(live): live for live in there if belongs(live, release)})
 
     kinds = {(m["apiVersion"], m["kind"], m["metadata"].get("namespace", "")) for m in manifests}
     work: list[Callable[[], None]] = [
@@ -107,6 +108,16 @@ def list_objects(
     ]
     cluster.parallel(lambda call: call(), work)
     return namespace[0], history, found
+
+
+@contextmanager
+def naming_remedy(desired: Desired, kind: str) -> Iterator[None]:
+    """Give the error of a missing right for a kind of object the way out that is known for it."""
+    try:
+        yield
+    except Forbidden as error:
+        error.hint = desired.remedies.get(kind, error.hint)
+        raise
 
 
 def belongs(live: Manifest, release: ReleaseId) -> bool:
@@ -155,7 +166,7 @@ def is_unchanged(manifest: Manifest, live: Manifest | None) -> bool:
 
 
 def try_candidates(
-    cluster: Cluster, candidates: Sequence[Manifest], manifests: Iterable[Manifest], *, adopt: bool
+    cluster: Cluster, candidates: Sequence[Manifest], desired: Desired, *, adopt: bool
 ) -> dict[ObjectRef, Live | Refusal]:
     """Return what applying each candidate would make of it, or why it would be refused.
 
@@ -163,13 +174,14 @@ def try_candidates(
     """
     defined = {
         (m["spec"]["group"], m["spec"]["names"]["kind"])
-        for m in manifests
+        for m in desired.objects
         if m["kind"] == "CustomResourceDefinition"
     }
 
     def try_one(manifest: Manifest) -> Live | Refusal:
         try:
-            return cluster.apply(manifest, force=adopt, dry_run=True)
+            with naming_remedy(desired, manifest["kind"]):
+                return cluster.apply(manifest, force=adopt, dry_run=True)
         except Missing as error:
             group = manifest["apiVersion"].partition("/")[0]
             if (group, manifest["kind"]) in defined:

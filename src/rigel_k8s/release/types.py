@@ -31,6 +31,7 @@ class Desired:
         options: the options as plain data, kept in the revision: a partial job is laid over them.
         create_namespace: whether a missing namespace is created (the Rigelfile names it).
         protected: objects that outlive `down` unless volumes are asked for (claims and volumes).
+        remedies: by kind of object: what to do where we lack the right to write one.
     """
 
     release: ReleaseId
@@ -39,6 +40,7 @@ class Desired:
     options: Mapping[str, Any] = attrs.field(factory=dict)
     create_namespace: bool = False
     protected: frozenset[ObjectRef] = frozenset()
+    remedies: Mapping[str, str] = attrs.field(factory=dict)
 
 
 @attrs.frozen

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import subprocess
 import uuid
@@ -15,7 +14,6 @@ import pytest
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube import connect
-from rigel_k8s.kube.kubeconfig import load
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.plan import network_plan
@@ -24,6 +22,7 @@ from rigel_k8s.network.preflight.services import NOBODYS, service_ranges
 from rigel_k8s.network.wiring import PodIdentity
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
+from tests.cluster.rights import write_kubeconfig
 from tests.support.until import until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.usefixtures("multus")]
@@ -412,9 +411,8 @@ def as_user(
             },
         ):
             cluster.create(item)
-        made.append(
-            connect(Settings(kubeconfig=_kubeconfig(cluster, namespace, name, context, tmp_path)))
-        )
+        config = write_kubeconfig(cluster, namespace, name, context, tmp_path)
+        made.append(connect(Settings(kubeconfig=config)))
         return made[-1]
 
     yield connected
@@ -422,29 +420,6 @@ def as_user(
         one.close()
     for kind in ("ClusterRole", "ClusterRoleBinding"):
         cluster.delete(ObjectRef("rbac.authorization.k8s.io/v1", kind, "", name))
-
-
-def _kubeconfig(cluster: Any, namespace: str, name: str, context: str, directory: Path) -> Path:
-    """Write a kubeconfig for a service account."""
-    target = load(context=context)
-    path = f"/api/v1/namespaces/{namespace}/serviceaccounts/{name}/token"
-    request = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenRequest", "spec": {}}
-    answer = cluster.client.call("POST", path, "ask for a token", body=request)
-    authority = base64.b64encode(target.authority.encode()).decode()
-    config = {
-        "clusters": [
-            {
-                "name": "c",
-                "cluster": {"server": target.server, "certificate-authority-data": authority},
-            }
-        ],
-        "users": [{"name": "u", "user": {"token": answer["status"]["token"]}}],
-        "contexts": [{"name": "x", "context": {"cluster": "c", "user": "u"}}],
-        "current-context": "x",
-    }
-    file = directory / "kubeconfig"
-    file.write_text(json.dumps(config), "utf-8")
-    return file
 
 
 def test_who_may_not_look_is_not_kept_from_deploying(

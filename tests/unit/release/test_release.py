@@ -17,6 +17,7 @@ from rigel_k8s.release.refusals import Refused
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired
 from tests.support.controllers import unready
+from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, claim, config, workload
 
 
@@ -88,6 +89,29 @@ def test_what_we_may_not_do_is_the_clusters_own_error(fake: Any, report: Any) ->
     fake.store.refuse = refuse
     with pytest.raises(Refusal, match="you may not"):
         diff(Desired(RELEASE, (config("a"),)), fake)
+
+
+@pytest.mark.parametrize("asked", ["list", "try"])
+def test_a_right_that_only_some_objects_need_has_its_own_way_out(
+    fake: Any, monkeypatch: pytest.MonkeyPatch, asked: str
+) -> None:
+    """Whether the objects cannot even be listed, or only not be written."""
+
+    plain = FakeCluster.list
+
+    def refuse(*_: Any, **more: Any) -> Any:
+        raise Forbidden("you may not", hint="ask for the right")
+
+    def list_(self: Any, api_version: str, kind: str, *words: Any, **more: Any) -> Any:
+        act = refuse if kind == "ConfigMap" else plain
+        return act(self, api_version, kind, *words, **more)
+
+    wanted = Desired(RELEASE, (config("a"),), remedies={"ConfigMap": "leave it out"})
+    monkeypatch.setattr(FakeCluster, *(("list", list_) if asked == "list" else ("apply", refuse)))
+    for desired, hint in ((wanted, "leave it out"), (attrs.evolve(wanted, remedies={}), "ask for")):
+        with pytest.raises(Forbidden) as caught:
+            diff(desired, fake)
+        assert hint in (caught.value.hint or "")
 
 
 def test_a_namespace_that_is_being_deleted_is_told(fake: Any, report: Any) -> None:

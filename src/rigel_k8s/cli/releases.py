@@ -83,7 +83,7 @@ def summary(plan: Any) -> str:
 @click.command()
 @job_argument
 @json_option
-@click.option("--no-graph", is_flag=True, help="Do not look whether DDS nodes discover each other.")
+@click.option("--no-graph", is_flag=True, help="Do not look into pods: no DDS discovery, no gate.")
 @click.pass_context
 def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) -> int:  # noqa: FBT001
     """Show what runs where, and what is wrong. Exit code 1 where something is."""
@@ -92,9 +92,9 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 
     found = releases.status(settings(ctx), job, graph=not no_graph)
     if output == "json":
-        print_json(status_json(found.release, found.graph))
+        print_json(status_json(found.release, found.graph, found.gate))
     else:
-        click.echo(status_text(found.release, graph=found.graph))
+        click.echo(status_text(found.release, graph=found.graph, gate=found.gate))
     return 0 if found.ok else 1
 
 

@@ -9,11 +9,13 @@ from typing import Any
 import attrs
 import click
 
+from rigel_k8s.cli.gates import gate_lines
 from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
 from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.rosgraph.gate import GateStatus
 
 #: The kind of a node that its roscore has forgotten: nothing in ROS 1 registers it again.
 ORPHAN = "orphan"
@@ -28,7 +30,10 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def status_text(
-    found: ReleaseStatus, now: datetime | None = None, graph: DiscoveryGraph | None = None
+    found: ReleaseStatus,
+    now: datetime | None = None,
+    graph: DiscoveryGraph | None = None,
+    gate: GateStatus | None = None,
 ) -> str:
     """Return a release's workloads and pods, and below them why something is not in order."""
     now = now or datetime.now(timezone.utc)
@@ -38,6 +43,7 @@ def status_text(
     rows = [row for workload in found.workloads for row in rows_of(workload, now, graph)]
     parts = [headline(found), table(heads, rows) if rows else "nothing runs"]
     told = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
+    told += gate_lines(gate, found) if gate is not None else ()
     reasons = "\n".join(click.style(reason, fg="yellow") for reason in told)
     return "\n\n".join(part for part in (*parts, reasons, way_out(found)) if part)
 
@@ -117,7 +123,9 @@ def shorten_image(image: str) -> str:
     return f"{name}{at}{digest[:7]}" if at else image or "-"
 
 
-def status_json(found: ReleaseStatus, graph: DiscoveryGraph | None = None) -> dict[str, Any]:
+def status_json(
+    found: ReleaseStatus, graph: DiscoveryGraph | None = None, gate: GateStatus | None = None
+) -> dict[str, Any]:
     """Return a release as scripts get it (docs/cli.md)."""
     return {
         "release": found.release.name,
@@ -127,6 +135,7 @@ def status_json(found: ReleaseStatus, graph: DiscoveryGraph | None = None) -> di
         "ready": all(workload.ok for workload in found.workloads),
         "workloads": [workload_json(workload) for workload in found.workloads],
         "graph": graph_json(graph),
+        "gate": None if gate is None else attrs.asdict(gate),
     }
 
 

@@ -26,15 +26,22 @@ from rigel_k8s.release import status as states
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.types import Plan, ReleaseId, Revision
+from rigel_k8s.rosgraph.gate import GateStatus, read_gate
 from rigel_k8s.settings import Settings
 
 
 @attrs.frozen
 class Status:
-    """What of a release runs where; graph: who discovers whom, None without DDS or unasked."""
+    """What of a release runs where.
+
+    Attributes:
+        graph: who discovers whom; None without DDS, or where nobody asked.
+        gate: what the gate in front of roscore knows; None without one, or where nobody asked.
+    """
 
     release: states.ReleaseStatus
-    graph: DiscoveryGraph | None
+    graph: DiscoveryGraph | None = None
+    gate: GateStatus | None = None
 
     @property
     def ok(self) -> bool:
@@ -114,7 +121,8 @@ def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status
     """Return what of a release runs where.
 
     Args:
-        graph: look from inside its pods whether DDS nodes discover each other; takes seconds.
+        graph: look from inside its pods whether DDS nodes discover each other, and what roscore's
+            gate knows; takes seconds.
 
     Raises:
         UserError: nothing of it is on the cluster.
@@ -122,7 +130,9 @@ def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status
     found = release(settings, job)
     with found.cluster as cluster:
         state = states.status(cluster, found.id)
-        return Status(state, survey(cluster, found.id) if graph else None)
+        if not graph:
+            return Status(state)
+        return Status(state, survey(cluster, found.id), read_gate(cluster, found.id))
 
 
 def history(settings: Settings, job: str | None) -> Sequence[Revision]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime, timedelta, timezone
+from typing import Any
 
 import attrs
 import click
@@ -13,6 +14,7 @@ from rigel_k8s.graph.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.graph.words import GraphFinding
 from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rosgraph.gate import GateStatus, NameConflict, WaitingNode
 
 NOW = datetime(2026, 1, 2, 12, 0, tzinfo=timezone.utc)
 DIGEST = "sha256:" + "ab" * 32
@@ -146,6 +148,7 @@ def test_status_for_scripts() -> None:
         "revision_status": "good",
         "ready": True,
         "graph": None,
+        "gate": None,
     }
     (pod,) = workload.pop("pods")
     assert workload == {
@@ -189,3 +192,32 @@ def test_ages(seconds: int, text: str) -> None:
     then = (NOW - timedelta(seconds=seconds)).strftime("%Y-%m-%dT%H:%M:%SZ")
     assert age(then, NOW) == text
     assert age("", NOW) == "-"
+
+
+def lines_of(**knows: Any) -> list[str]:
+    """Return what status says below the table of a release whose gate knows this."""
+    text = click.unstyle(status_text(release(TALKER), NOW, gate=GateStatus(**knows)))
+    return text.split("\n\n", 2)[2].splitlines() if text.count("\n\n") > 1 else []
+
+
+def test_status_says_who_lost_its_name_to_whom() -> None:
+    """Pods by their names, others by their address, and the way out."""
+    lost = NameConflict("/talker", "http://10.0.0.1:4001/", "http://192.168.7.5:4002/", 40.4)
+    assert lines_of(conflicts=(lost,)) == [
+        "/talker: pod talker-1 lost its name to 192.168.7.5 (no pod of this release) 40 s ago;"
+        " ROS 1 allows one node of a name: stop one of the two, or give it another name"
+    ]
+
+
+def test_status_says_what_the_gate_waits_for() -> None:
+    """A newcomer, a node that is silent, a roscore that is away; nothing where all is well."""
+    waits = WaitingNode("/talker", "http://10.0.0.9:4001/", "http://10.0.0.1:4002/")
+    assert lines_of(waiting=(waits,), silent=("/camera",), has_master=False) == [
+        "roscore does not answer its gate; calls to the master wait until it does",
+        "/talker: 10.0.0.9 (no pod of this release) waits to take over from pod talker-1",
+        "/camera has not answered since roscore restarted; it is registered once it does",
+    ]
+    assert lines_of() == []
+    assert lines_of(problem="no python3") == [
+        "the gate in front of roscore cannot be asked: no python3"
+    ]

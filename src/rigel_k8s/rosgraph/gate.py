@@ -1,0 +1,122 @@
+"""What the gate in front of a release's roscore knows and no master does.
+
+It is asked from inside its own container: it is the gate's business which pods may call it, and the
+command line may be anywhere.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.gate.calls import DESCRIBE_GATE
+from rigel_k8s.graph.looks import reason
+from rigel_k8s.graph.members import runs
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.facts import is_ending
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.naming import NAME_LABEL
+from rigel_k8s.objects.pods import GATE_CONTAINER, MASTER_NAME, MASTER_PORT
+from rigel_k8s.release.types import ReleaseId
+
+#: Seconds that the gate has to answer, the start of a Python included.
+LIMIT = 10.0
+ASK = f"""
+import sys, xmlrpc.client
+gate = xmlrpc.client.ServerProxy("http://127.0.0.1:{MASTER_PORT}")
+sys.stdout.write(gate.{DESCRIBE_GATE}("/rigel")[2])
+"""
+
+
+@attrs.frozen
+class WaitingNode:
+    """A node that has started and waits for its name.
+
+    Attributes:
+        api: its URI.
+        owner: the URI of the node that has the name, None where no one has.
+    """
+
+    node: str
+    api: str
+    owner: str | None
+
+
+@attrs.frozen
+class NameConflict:
+    """A node that lost its name to a younger one that is no update of it.
+
+    Attributes:
+        old: the URI of the node that lost it.
+        new: the URI of the node that has it now.
+        seconds: how long ago that was.
+    """
+
+    node: str
+    old: str
+    new: str
+    seconds: float
+
+
+@attrs.frozen
+class GateStatus:
+    """A gate.
+
+    Attributes:
+        conflicts: the last ones, oldest first; the gate forgets them when its pod is replaced.
+        silent: nodes that have not answered since roscore came back.
+        has_master: whether roscore answers it.
+        restarts: how often this gate gave a new roscore back what it lacked.
+        problem: why the gate could not be asked; then nothing else is known.
+    """
+
+    waiting: tuple[WaitingNode, ...] = ()
+    conflicts: tuple[NameConflict, ...] = ()
+    silent: tuple[str, ...] = ()
+    has_master: bool = True
+    restarts: int = 0
+    problem: str = ""
+
+
+def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
+    """Return what the gate of a release knows; None where no gate runs."""
+    labels = {RELEASE_LABEL: release.name, NAME_LABEL: MASTER_NAME}
+    pods = cluster.list("v1", "Pod", release.namespace, labels=labels)
+    names = [pod["metadata"]["name"] for pod in pods if runs_gate(pod) and not is_ending(pod)]
+    if not names:
+        return None
+    command = ["python3", "-E", "-S", "-B", "-c", ASK]
+    try:
+        done = cluster.run(
+            release.namespace, names[-1], command, container=GATE_CONTAINER, timeout=LIMIT
+        )
+    except ClusterError as error:
+        return GateStatus(problem=reason(error))
+    if done.code != 0:
+        told = done.stderr.decode("utf-8", "replace").splitlines()
+        return GateStatus(problem=told[-1] if told else f"exit code {done.code}")
+    return parse(json.loads(done.stdout))
+
+
+def runs_gate(pod: Mapping[str, Any]) -> bool:
+    """Return whether a pod has a gate, and that runs."""
+    has = any(one["name"] == GATE_CONTAINER for one in pod["spec"]["containers"])
+    return has and runs(pod.get("status") or {}, GATE_CONTAINER)
+
+
+def parse(answer: Mapping[str, Any]) -> GateStatus:
+    """Return what the gate has answered."""
+    return GateStatus(
+        tuple(WaitingNode(one["node"], one["api"], one["owner"]) for one in answer["waiting"]),
+        tuple(
+            NameConflict(one["node"], one["old"], one["new"], one["time"])
+            for one in answer["conflicts"]
+        ),
+        tuple(answer["silent"]),
+        answer.get("has_master", True),
+        answer["restarts"],
+    )

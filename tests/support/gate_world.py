@@ -308,9 +308,14 @@ class World:
             raise MasterGone("reset")
         return answer
 
-    async def until_master_ends(self) -> None:
+    async def until_master_hangs_up(self) -> None:
         if self.master_now is not None:
             await self.ended.wait()
+
+    def hang_up(self) -> None:
+        """End the master's idle connections, as a roscore with a timeout does."""
+        self.ended.set()
+        self.ended = asyncio.Event()
 
     async def node(self, api: str, call: Call, seconds: float) -> Answer:
         await self.connect(api, seconds)

@@ -178,8 +178,8 @@ class HttpLinks:
                 connection.close()
         return Answer(body=body)
 
-    async def until_master_ends(self) -> None:
-        """Return when a connection that says nothing is closed by the master's end."""
+    async def until_master_hangs_up(self) -> None:
+        """Return when the master has ended a connection that was idle, or there is no master."""
         try:
             connection = await Connection.open(*self._place)
         except OSError:

@@ -25,8 +25,8 @@ class Links(Protocol):
     async def master(self, call: Call) -> Answer:
         """Call the master; raises MasterGone."""
 
-    async def until_master_ends(self) -> None:
-        """Return when a connection to the master has ended."""
+    async def until_master_hangs_up(self) -> None:
+        """Return when the master has ended a connection that was idle, or there is no master."""
 
     async def node(self, api: str, call: Call, seconds: float) -> Answer:
         """Call a node; raises NodeGone and NodeSilent."""

@@ -10,7 +10,7 @@ import asyncio
 from contextlib import asynccontextmanager
 from typing import AsyncIterator, Awaitable, Callable
 
-from rigel_k8s.gate.calls import Answer, Call
+from rigel_k8s.gate.calls import GATE, Answer, Call
 from rigel_k8s.gate.context import Context
 from rigel_k8s.gate.links import MasterGone
 
@@ -105,17 +105,36 @@ class Master:
     # -- a master that goes, and one that comes --
 
     def _lose(self, reason: str) -> None:
+        """Let calls wait until it is known which master there is."""
         if self._ready.is_set():
-            self._context.log(f"a connection to the master has ended: {reason}")
             self._ready.clear()
-            self._context.spawn(self._recover())
+            self._context.spawn(self._find(reason))
+
+    async def _find(self, reason: str) -> None:
+        if await self._is_same():
+            self._ready.set()
+            return
+        self._context.log(f"the master is away: {reason}")
+        await self._recover()
 
     async def _watch(self) -> None:
         """Notice the master's end at once, not with the next call."""
         while True:
             await self._ready.wait()
-            await self._context.links.until_master_ends()
+            await self._context.links.until_master_hangs_up()
             self._lose("closed by the master")
+            await self._context.links.sleep(RETRY)
+
+    async def _is_same(self) -> bool:
+        """Return whether the master is still there and is the one that the state knows.
+
+        roscore ends connections that are idle for as long as its `-t` says.
+        """
+        try:
+            run = (await self._context.links.master(Call("getParam", (GATE, "/run_id")))).result
+        except Exception:  # whatever is wrong, _recover finds it again and says so
+            return False
+        return bool(run) and run == self._context.state.run
 
     async def _recover(self) -> None:
         """Wait for a master, and for all that it lacks to be given to it."""

@@ -381,7 +381,7 @@ def test_no_master_is_gone():
             pass
         with pytest.raises(MasterGone):
             await HttpLinks(port).master(CALL)
-        await HttpLinks(port).until_master_ends()
+        await HttpLinks(port).until_master_hangs_up()
 
     run(work())
 
@@ -412,7 +412,7 @@ def test_the_masters_end_is_noticed_at_once():
         listening = await loop.create_server(made, LOCAL, 0)
         links = HttpLinks(listening.sockets[0].getsockname()[1])
         await links.master(CALL)
-        ending = asyncio.ensure_future(links.until_master_ends())
+        ending = asyncio.ensure_future(links.until_master_hangs_up())
         await asyncio.sleep(0.02)
         assert not ending.done()
         listening.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 
 from rigel_k8s.gate.calls import Answer, Call
 from rigel_k8s.gate.links import MasterGone
@@ -47,6 +48,36 @@ async def test_a_new_master_gets_everything_back(world: World) -> None:
     }
     assert listener.nodes[0].heard["/chatter"] == [talker.nodes[0].api]
     assert (await describe(world))["restarts"] == 1
+
+
+@play
+async def test_a_master_that_ends_idle_connections_is_no_new_one(world: World) -> None:
+    """Every few seconds where roscore has a timeout: no call waits, or is refused, for that."""
+    await up(world, TALKER)
+    calls = note_calls(world)
+    for _ in range(3):
+        world.hang_up()
+        await asyncio.sleep(0.001)
+        assert world.gate is not None
+        tool = Call("lookupNode", ("/tool", "/talker"))
+        assert (await world.gate.answer(tool, hands_over=False, local=True)).is_success
+        await asyncio.sleep(0.2)
+    assert {call.method for call in calls} == {"getParam", "lookupNode"}
+    assert not [line for line in world.log if "away" in line]
+
+
+@play
+async def test_a_gate_without_a_master_says_so(world: World) -> None:
+    """At once: whoever looks why nothing works does not wait for the master."""
+    await up(world, TALKER)
+    assert (await describe(world))["has_master"]
+    world.kill_master()
+    await asyncio.sleep(0.1)
+    assert world.gate is not None
+    asked = world.gate.answer(Call("rigelDescribeGate", ("/rigel",)), hands_over=False, local=True)
+    assert not json.loads((await asyncio.wait_for(asked, 0.1)).result)["has_master"]
+    world.start_master()
+    await look_up(world)
 
 
 @play

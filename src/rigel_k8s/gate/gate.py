@@ -81,6 +81,8 @@ class Gate:
                 that is away: it may be roscore's own, which looks for another one before it
                 starts its own.
         """
+        if call.method == DESCRIBE_GATE:
+            return Answer.good("", json.dumps(self.describe()))
         if host.startswith("127.") and not await self._master.is_there():
             return fault("no ROS master answers behind the gate yet")
         if call.method == DESCRIBE_POD:
@@ -89,8 +91,6 @@ class Gate:
             return await self._takeover.hand_over(call)
         if call.method == "getUri":
             return Answer.good("", self._uri)
-        if call.method == DESCRIBE_GATE:
-            return Answer.good("", json.dumps(self.describe()))
         if call.method == "system.multicall":
             return await self._answer_many(call, hands_over=hands_over, host=host)
         try:
@@ -142,6 +142,7 @@ class Gate:
                 for one in self.state.newcomers.values()
             ],
             "conflicts": self._takeover.list_conflicts(),
+            "has_master": self._master.is_ready,
             "silent": sorted(self.state.silent),
             "restarts": self._restoring.restarts,
             "nodes": len(self.state.registry.nodes),

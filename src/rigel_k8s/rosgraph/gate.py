@@ -117,6 +117,6 @@ def parse(answer: Mapping[str, Any]) -> GateStatus:
             for one in answer["conflicts"]
         ),
         tuple(answer["silent"]),
-        answer.get("has_master", True),
+        answer["has_master"],
         answer["restarts"],
     )

@@ -1,0 +1,359 @@
+"""Updates of ROS 1 subscribers, services, latched topics and action servers, by hand-over.
+
+usage: python -m bench.interactions [--updates 20] [--late 0,5] [--strategies HandOver,Recreate]
+                                    [--kinds subscriber,service,latched,action] [--context NAME]
+
+Each kind is a release of two machines: what is updated, and on the other machine who notices. The
+context is one of `rigel cluster`; left out, that of bench.updates is used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from statistics import median
+
+import attrs
+
+from bench.updates import OWN
+from rigel_lab import cluster as localcluster
+
+SPACE = "bench-interactions"
+#: What each updated program begins with: as late as a program with a model to load.
+LATE = """
+import os, sys, time
+time.sleep(float(os.environ["LATE"]))
+VERSION = os.environ["VERSION"]
+import rospy, std_msgs.msg, std_srvs.srv
+"""
+#: What the programs that notice begin with.
+NOTICES = """
+import sys, time, rospy, std_msgs.msg, std_srvs.srv
+def say(*words):
+    print("%.4f %s" % (time.time(), " ".join(map(str, words))))
+    sys.stdout.flush()
+"""
+SOURCE = """
+import rospy, std_msgs.msg
+rospy.init_node("source")
+publisher = rospy.Publisher("numbers", std_msgs.msg.UInt64, queue_size=100)
+rate, number = rospy.Rate(RATE), 0
+while not rospy.is_shutdown():
+    publisher.publish(number)
+    number += 1
+    rate.sleep()
+"""
+#: The updated subscriber shows what it got by sending it on.
+RELAY = (
+    LATE
+    + """
+rospy.init_node("relay")
+publisher = rospy.Publisher("relayed", std_msgs.msg.String, queue_size=100)
+send = lambda m: publisher.publish("%s %d" % (VERSION, m.data))
+rospy.Subscriber("numbers", std_msgs.msg.UInt64, send, tcp_nodelay=True)
+rospy.spin()
+"""
+)
+HEARS = (
+    NOTICES
+    + """
+rospy.init_node("notices")
+rospy.Subscriber("relayed", std_msgs.msg.String, lambda m: say(m.data), tcp_nodelay=True)
+rospy.spin()
+"""
+)
+SERVER = (
+    LATE
+    + """
+rospy.init_node("server")
+rospy.Service("ask", std_srvs.srv.Trigger, lambda _: std_srvs.srv.TriggerResponse(True, VERSION))
+rospy.spin()
+"""
+)
+#: Calls ten times a second, and again at once where that fails.
+ASKS = (
+    NOTICES
+    + """
+rospy.init_node("notices")
+ask, rate, number = rospy.ServiceProxy("ask", std_srvs.srv.Trigger), rospy.Rate(10), 0
+rospy.wait_for_service("ask")
+while not rospy.is_shutdown():
+    number += 1
+    for left in (1, 0):
+        try:
+            say(ask().message, number)
+            break
+        except (rospy.ServiceException, rospy.ROSException):
+            say("again" if left else "failed", number)
+    rate.sleep()
+"""
+)
+MAP = (
+    LATE
+    + """
+rospy.init_node("server")
+publisher = rospy.Publisher("map", std_msgs.msg.String, queue_size=1, latch=True)
+publisher.publish(VERSION + " 0")
+rospy.spin()
+"""
+)
+SEES = (
+    NOTICES
+    + """
+rospy.init_node("notices")
+rospy.Subscriber("map", std_msgs.msg.String, lambda m: say(m.data))
+rospy.spin()
+"""
+)
+ACTION = (
+    LATE
+    + """
+import actionlib, actionlib.msg
+rospy.init_node("server")
+def work(goal):
+    for _ in range(20):
+        time.sleep(0.1)
+    server.set_succeeded(actionlib.msg.TestResult(goal.goal), VERSION)
+server = actionlib.SimpleActionServer("work", actionlib.msg.TestAction, work, auto_start=False)
+server.start()
+rospy.spin()
+"""
+)
+#: Always has a goal of two seconds under way.
+WANTS = (
+    NOTICES
+    + """
+import actionlib, actionlib.msg
+rospy.init_node("notices")
+client, number = actionlib.SimpleActionClient("work", actionlib.msg.TestAction), 0
+client.wait_for_server()
+while not rospy.is_shutdown():
+    number += 1
+    client.send_goal(actionlib.msg.TestGoal(number))
+    done = client.wait_for_result(rospy.Duration(6))
+    if done and client.get_result() and client.get_result().result == number:
+        say(client.get_goal_status_text(), number)
+    else:
+        say("lost", number)
+"""
+)
+LINE = re.compile(r"^(\d+\.\d+) (\S+) (\d+)$", re.MULTILINE)
+
+
+@attrs.frozen
+class Notice:
+    """What the other machine noticed.
+
+    Attributes:
+        when: seconds.
+        what: `v3`, the version that it came from; or `again`, `failed`, `lost`.
+        number: of the message, the call or the goal.
+    """
+
+    when: float
+    what: str
+    number: int
+
+
+@attrs.frozen
+class Kind:
+    """What is updated, and who notices.
+
+    Attributes:
+        judge: what was lost, and what was doubled, in words.
+        others: programs of the release besides.
+    """
+
+    updated: str
+    notices: str
+    judge: Callable[[list[Notice], int], str]
+    others: Mapping[str, str] = attrs.field(factory=dict)
+
+
+def judge_messages(found: list[Notice], updates: int) -> str:
+    """Tell which numbers did not come, and which came twice."""
+    counts = Counter(one.number for one in found)
+    missing = max(counts) - min(counts) + 1 - len(counts)
+    return f"{missing} lost, {sum(counts.values()) - len(counts)} doubled"
+
+
+def judge_calls(found: list[Notice], updates: int) -> str:
+    """Tell how many calls failed."""
+    counts = Counter(one.what for one in found)
+    return f"{counts['again']} calls made twice, {counts['failed']} failed then too"
+
+
+def judge_maps(found: list[Notice], updates: int) -> str:
+    """Tell how many versions a subscriber got, and how often."""
+    counts = Counter(one.what for one in found)
+    got = sum(1 for version in range(1, updates + 1) if counts[f"v{version}"])
+    return f"{got} of {updates} maps came, {sum(counts.values()) - len(counts)} doubled"
+
+
+def judge_goals(found: list[Notice], updates: int) -> str:
+    """Tell how many goals ended without a result."""
+    lost = sum(1 for one in found if one.what == "lost")
+    return f"{lost} of {len(found)} goals lost"
+
+
+KINDS = {
+    "subscriber 20 Hz": Kind(
+        RELAY, HEARS, judge_messages, {"source": SOURCE.replace("RATE", "20")}
+    ),
+    "subscriber 100 Hz": Kind(
+        RELAY, HEARS, judge_messages, {"source": SOURCE.replace("RATE", "100")}
+    ),
+    "service 10 Hz": Kind(SERVER, ASKS, judge_calls),
+    "latched map": Kind(MAP, SEES, judge_maps),
+    "action, goals of 2 s": Kind(ACTION, WANTS, judge_goals),
+}
+
+
+@attrs.frozen
+class Stage:
+    """A cluster, and where the Rigelfile is written."""
+
+    context: str
+    kubectl_program: str
+    image: str
+    directory: Path
+
+    def kubectl(self, *words: str) -> str:
+        """Run kubectl in the bench's namespace."""
+        head = [self.kubectl_program, "--context", self.context, "-n", SPACE]
+        done = subprocess.run([*head, *words], capture_output=True, text=True, check=True)
+        return done.stdout
+
+    def deploy(self, kind: Kind, strategy: str, version: int, late: float) -> bool:
+        """Deploy a version of what is updated; return whether it became ready."""
+        stays = {"update": {"strategy": "Recreate"}}
+        nodes = {
+            "updated": {
+                "args": ["python3", "-c", kind.updated],
+                "env": {"VERSION": f"v{version}", "LATE": late},
+                "placement": {"apart_from": ["notices"]},
+                "update": {"strategy": strategy},
+            },
+            "notices": {"args": ["python3", "-c", kind.notices], **stays},
+            **{
+                name: {"args": ["python3", "-c", code], **stays}
+                for name, code in kind.others.items()
+            },
+        }
+        options = {
+            "namespace": SPACE,
+            "ros_master_image": self.image,
+            "image": self.image,
+            "gate": strategy == "HandOver",
+            "nodes": nodes,
+        }
+        job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
+        file = self.directory / "Rigelfile"
+        file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": {"deploy": job}}))
+        head = [sys.executable, "-m", "rigel_k8s", "-f", str(file), "--context", self.context]
+        words = ["run", "job", "deploy", "--timeout", "60s"]
+        return subprocess.run([*head, *words], capture_output=True).returncode == 0
+
+    def noticed(self) -> list[Notice]:
+        """Return what was noticed so far."""
+        text = self.kubectl("logs", "deployment/notices", "--tail=-1")
+        return [Notice(float(when), what, int(n)) for when, what, n in LINE.findall(text)]
+
+    def until_noticed(self, version: int) -> None:
+        """Wait until a version is noticed, at most 30 s."""
+        end = time.monotonic() + 30
+        while time.monotonic() < end:
+            if any(one.what == f"v{version}" for one in self.noticed()[-20:]):
+                return
+            time.sleep(0.3)
+
+
+def measure(
+    stage: Stage, kind: Kind, strategy: str, late: float, updates: int
+) -> tuple[list[Notice], int]:
+    """Update so many times; return what was noticed, and how many deploys failed."""
+    stage.kubectl("delete", "namespace", SPACE, "--ignore-not-found", "--wait")
+    stage.kubectl("create", "namespace", SPACE)
+    stage.deploy(kind, strategy, 0, late)
+    stage.until_noticed(0)
+    failed = 0
+    for version in range(1, updates + 1):
+        failed += not stage.deploy(kind, strategy, version, late)
+        stage.until_noticed(version)
+        time.sleep(1)
+    return stage.noticed(), failed
+
+
+def find_gaps(found: list[Notice]) -> Iterator[float]:
+    """Yield the longest time without anything good around the first notice of each version."""
+    good = [one for one in found if one.what.startswith("v")]
+    firsts = {int(one.what[1:]): one.when for one in reversed(good)}
+    for version, first in sorted(firsts.items()):
+        if version == 0:
+            continue
+        names = (f"v{version - 1}", f"v{version}")
+        around = [one.when for one in good if one.what in names and one.when < first + 1]
+        yield max((b - a for a, b in itertools.pairwise(around)), default=0.0)
+
+
+def main() -> None:
+    """Measure and print."""
+    words = arguments()
+    name = words.context.removeprefix("rigel-")
+    if words.context == OWN:
+        localcluster.up(name, 2, extras=["kubectl"], report=print)
+    status = localcluster.status(name)
+    image = f"{status.registry}/ros:noetic"
+    push = [sys.executable, "-m", "rigel_k8s", "image", "ros1-base", "--push", image]
+    subprocess.run(push, check=True)
+    print("\n| updated | start, s | strategy | median gap, s | longest | noticed | failed |")
+    print("|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as directory:
+        stage = Stage(words.context, status.kubectl, image, Path(directory))
+        for title, late in itertools.product(KINDS, words.late):
+            if not any(title.startswith(kind) for kind in words.kinds):
+                continue
+            for strategy in words.strategies:
+                found, failed = measure(stage, KINDS[title], strategy, late, words.updates)
+                gaps = list(find_gaps(found)) or [float("nan")]
+                once = title.startswith("latched")  # nothing comes between two maps
+                told = "- | -" if once else f"{median(gaps):.3f} | {max(gaps):.3f}"
+                noticed = KINDS[title].judge(found, words.updates)
+                print(
+                    f"| {title} | {late:g} | {strategy} | {told} | {noticed}"
+                    f" | {failed} of {words.updates} |",
+                    flush=True,
+                )
+
+
+def arguments() -> argparse.Namespace:
+    """Return what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+
+    def words(text: str) -> list[str]:
+        return text.split(",")
+
+    def numbers(text: str) -> list[int]:
+        return [int(word) for word in text.split(",")]
+
+    parser.add_argument("--updates", type=int, default=20)
+    parser.add_argument("--late", type=numbers, default=[0, 5])
+    parser.add_argument("--strategies", type=words, default=["HandOver"])
+    parser.add_argument(
+        "--kinds", type=words, default=["subscriber", "service", "latched", "action"]
+    )
+    parser.add_argument("--context", default=OWN)
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()

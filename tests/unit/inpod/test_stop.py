@@ -16,11 +16,11 @@ import rigel_k8s.inpod
 
 STOP = Path(rigel_k8s.inpod.__file__).parent / "stop.sh"
 
-#: Says which signal it got; `deaf` ones go on after SIGINT.
+#: Says when it got which signal; `deaf` ones go on after SIGINT.
 NODE = """
-import signal, sys
+import signal, sys, time
 def told(number, frame):
-    print(sys.argv[1], signal.Signals(number).name, flush=True)
+    print(time.monotonic_ns(), sys.argv[1], signal.Signals(number).name, flush=True)
     if "deaf" not in sys.argv[1] or number == signal.SIGTERM:
         sys.exit()
 for number in (signal.SIGINT, signal.SIGTERM):
@@ -31,10 +31,12 @@ while True:
 """
 #: Process 1: starts nodes, and prints what they say and what signals it gets itself.
 FIRST = """
-import signal, subprocess, sys
+import os, signal, subprocess, sys, time
 node, *names = sys.argv[1:]
+def told(number, frame):
+    os.write(1, f"{time.monotonic_ns()} first {signal.Signals(number).name}\\n".encode())
 for number in (signal.SIGINT, signal.SIGTERM):
-    signal.signal(number, lambda n, _: print("first", signal.Signals(n).name, flush=True))
+    signal.signal(number, told)
 nodes = [
     subprocess.Popen([sys.executable, "-S", "-c", node, name], stdout=subprocess.PIPE, text=True)
     for name in names
@@ -50,7 +52,7 @@ sys.stdin.read()
 
 @pytest.fixture
 def stopped() -> Callable[..., list[str]]:
-    """Run a container of nodes and the hook in it; the lines that it printed."""
+    """Run a container of nodes and the hook in it; who got which signal, in the order of time."""
     if not (shutil.which("unshare") and shutil.which("nsenter")):
         pytest.skip("no unshare or nsenter (Debian: util-linux)")
     user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
@@ -81,14 +83,18 @@ def stopped() -> Callable[..., list[str]]:
             assert (
                 subprocess.run(hook, timeout=60, env={**os.environ, **(env or {})}).returncode == 0
             )
-            return str(container.communicate(timeout=20)[0]).splitlines()
+            told = [
+                line.split(" ", 1) for line in container.communicate(timeout=20)[0].splitlines()
+            ]
+            return [text for _, text in sorted(told, key=lambda line: int(line[0]))]
 
     return run
 
 
 def test_nodes_get_sigint_and_process_1_gets_it_after_them(stopped: Callable[..., list[str]]):
     """It is what rospy, roscpp and rclpy take leave on; Kubernetes sends SIGTERM to process 1."""
-    assert stopped("one", "two") == ["one SIGINT", "two SIGINT", "first SIGINT"]
+    *nodes, last = stopped("one", "two")
+    assert (sorted(nodes), last) == (["one SIGINT", "two SIGINT"], "first SIGINT")
 
 
 def test_what_does_not_end_gets_sigterm_after_half_the_time(stopped: Callable[..., list[str]]):

@@ -25,7 +25,7 @@ import attrs
 import pytest
 
 import rigel_k8s.inpod
-from rigel_k8s.app.gate import PACKAGE_PATH, PROGRAM_PATH
+from rigel_k8s.app.gate import LOOPBACK, PACKAGE_PATH, PROGRAM_PATH, ROSCORE_PATH
 from rigel_k8s.app.master import ROSCORE
 from rigel_k8s.cache import locked
 from rigel_k8s.gate.program import program
@@ -211,8 +211,14 @@ class Pods:
 
     def behind(self, gate: Pod) -> Pod:
         """Start roscore behind a gate."""
-        env = {"ROS_MASTER_URI": f"http://localhost:{MASTER_PORT}"}
-        return self.start("roscore", *ROSCORE, "-p", str(ROSCORE_PORT), beside=gate, env=env)
+        own = [word.replace("$(ROS_IP)", gate.address) for word in LOOPBACK]
+        return self.start(
+            "roscore",
+            *(*own, *ROSCORE, "-p", str(ROSCORE_PORT)),
+            beside=gate,
+            env={"ROS_MASTER_URI": f"http://localhost:{MASTER_PORT}"},
+            files={f"{ROSCORE_PATH}/roscore.xml": program()["roscore.xml"]},
+        )
 
     def _master(self, *command: str) -> Pod:
         address = next(self.addresses)

@@ -242,3 +242,43 @@ def test_the_gate_may_be_killed(pods):
         ready(pod)
     for pod in started[:3]:
         until(lambda pod=pod: heard(pod), "messages")
+
+
+#: Whether a port of a host takes connections.
+KNOCK = """
+import socket, sys
+try:
+    socket.create_connection((sys.argv[1], int(sys.argv[2])), 3).close()
+    print("open")
+except OSError as error:
+    print(error)
+"""
+
+
+SHOUTER = """
+import rospy
+rospy.init_node("shouter")
+while not rospy.is_shutdown():
+    rospy.loginfo("here")
+    rospy.sleep(0.2)
+"""
+
+
+def test_roscore_is_reached_through_the_gate_only(pods):
+    """Its port is the loopback's; what /rosout repeats reaches other pods all the same."""
+    gate, _ = pods.gated()
+    watcher = listener(pods)
+    knock = ("/rigel-k8s/exec.sh", "python3", "-c", KNOCK, gate.address)
+    assert watcher.exec("/bin/sh", *knock, str(MASTER_PORT)).stdout.strip() == "open"
+    assert "refused" in watcher.exec("/bin/sh", *knock, str(ROSCORE_PORT)).stdout
+    heard_log = (
+        "/rigel-k8s/exec.sh",
+        "timeout",
+        "20",
+        "rostopic",
+        "echo",
+        "-n1",
+        "/rosout_agg/name",
+    )
+    shouter = pods.node("shouter", "python3", "-c", SHOUTER)
+    assert "/shouter" in watcher.exec("/bin/sh", *heard_log).stdout, shouter.log()

@@ -23,6 +23,15 @@ from rigel_k8s.objects.workloads import ReleaseContext, config_map
 PROGRAM_PATH = "/rigel-k8s-gate"
 PACKAGE_PATH = f"{PROGRAM_PATH}/rigel_k8s/gate"
 JOURNAL_PATH = "/rigel-k8s-memory"
+#: Where roscore finds roscore.xml, which says what it starts.
+ROSCORE_PATH = "/rigel-k8s-roscore"
+#: What roscore is started by: its master listens where only this pod reaches it, as ROS does at an
+#: address of its own that is the loopback's. Not in the container's environment, which `rigel exec`
+#: gives to tools that other pods must reach.
+LOOPBACK = [
+    *("env", "-u", "ROS_HOSTNAME", "ROS_IP=127.0.0.1"),
+    *("RIGEL_K8S_POD_IP=$(ROS_IP)", f"ROS_ETC_DIR={ROSCORE_PATH}"),
+]
 MEMORY_NAME = f"{MASTER_NAME}-memory"
 ACCOUNT_PATH = "/var/run/secrets/kubernetes.io/serviceaccount"
 #: What of the objects the role `edit` may not write.
@@ -145,10 +154,11 @@ def gate_objects(around: ReleaseContext, program: Mapping[str, str]) -> Iterator
 def behind_gate(pod: Object, release: str) -> Object:
     """Return roscore's pod with a gate in front of it."""
     [roscore] = pod["containers"]
+    mount = {"name": "gate-program", "mountPath": ROSCORE_PATH, "readOnly": True}
     own = {
-        **roscore,
-        "args": [*roscore["args"], "-p", str(ROSCORE_PORT)],
-        "ports": [{"name": "roscore", "containerPort": ROSCORE_PORT}],
+        **{key: value for key, value in roscore.items() if key != "ports"},
+        "args": [*LOOPBACK, *roscore["args"], "-p", str(ROSCORE_PORT)],
+        "volumeMounts": [*roscore["volumeMounts"], mount],
     }
     return drop_empty(
         {

@@ -11,5 +11,5 @@ def program() -> dict[str, str]:
     return {
         entry.name: entry.read_text(encoding="utf-8")
         for entry in sorted(room.iterdir(), key=lambda entry: entry.name)
-        if entry.name.endswith(".py") and entry.name != "program.py"
+        if entry.name.endswith((".py", ".xml")) and entry.name != "program.py"
     }

@@ -171,12 +171,14 @@ class Kind:
     Attributes:
         judge: what was lost, and what was doubled, in words.
         others: programs of the release besides.
+        warm: the new node gets publishers before it has its name.
     """
 
     updated: str
     notices: str
     judge: Callable[[list[Notice], int], str]
     others: Mapping[str, str] = attrs.field(factory=dict)
+    warm: bool = False
 
 
 def judge_messages(found: list[Notice], updates: int) -> str:
@@ -212,6 +214,9 @@ KINDS = {
     "subscriber 100 Hz": Kind(
         RELAY, HEARS, judge_messages, {"source": SOURCE.replace("RATE", "100")}
     ),
+    "subscriber 100 Hz, warm": Kind(
+        RELAY, HEARS, judge_messages, {"source": SOURCE.replace("RATE", "100")}, warm=True
+    ),
     "service 10 Hz": Kind(SERVER, ASKS, judge_calls),
     "latched map": Kind(MAP, SEES, judge_maps),
     "action, goals of 2 s": Kind(ACTION, WANTS, judge_goals),
@@ -241,7 +246,7 @@ class Stage:
                 "args": ["python3", "-c", kind.updated],
                 "env": {"VERSION": f"v{version}", "LATE": late},
                 "placement": {"apart_from": ["notices"]},
-                "update": {"strategy": strategy},
+                "update": {"strategy": strategy, "warm": kind.warm},
             },
             "notices": {"args": ["python3", "-c", kind.notices], **stays},
             **{

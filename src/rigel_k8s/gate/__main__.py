@@ -33,6 +33,8 @@ TRIES = 20
 LARGEST = 700_000
 #: Where the memory is kept, in words.
 FILE, CLUSTER = "the file of the pod", "the cluster"
+#: What ends the gate.
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
 #: Seconds that a worker must live for the next one to start at once.
 SHORT = 1.0
 
@@ -138,7 +140,7 @@ async def serve(sockets: list[socket.socket], options: argparse.Namespace) -> No
     gate = Gate(keeper.state, links, uri, keeper.keep, log)
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in SIGNALS:
         loop.add_signal_handler(number, ended.set)
     gate.start()
 
@@ -175,31 +177,34 @@ def supervise(sockets: list[socket.socket], options: argparse.Namespace) -> int:
             with suppress(ProcessLookupError):
                 os.kill(worker, signal.SIGTERM)
 
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in SIGNALS:
         signal.signal(number, end)
-    while not ended:
+    while True:
+        # Python forgets a signal that comes while it forks.
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        if ended:
+            return 0
         started = time.monotonic()
         worker = os.fork()
         if worker == 0:
-            work(sockets, options, ended)
-        if ended:  # while the worker was being started
-            os.kill(worker, signal.SIGTERM)
+            work(sockets, options)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
         status = os.waitpid(worker, 0)[1]
+        worker = 0
         if not ended:
             log(f"started again (the worker ended with status {status})")
             if time.monotonic() - started < SHORT:
                 time.sleep(SHORT / 2)
-    return 0
 
 
-def work(sockets: list[socket.socket], options: argparse.Namespace, ended: list[int]) -> None:
-    """Serve in a worker, unless it has been told to end already; never returns."""
+def work(sockets: list[socket.socket], options: argparse.Namespace) -> None:
+    """Serve in a worker; a signal that came before ends it. Never returns."""
     code = 1
     try:
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in SIGNALS:
             signal.signal(number, signal.SIG_DFL)
-        if not ended:
-            asyncio.run(serve(sockets, options))
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+        asyncio.run(serve(sockets, options))
         code = 0
     except Exception as error:
         log(f"failed: {error!r}")

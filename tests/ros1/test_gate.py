@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from rigel_k8s.objects.pods import ROSCORE_PORT
+from rigel_k8s.objects.pods import MASTER_PORT, ROSCORE_PORT
 from tests.support.until import until
 
 from .gated import LISTENER, TALKER, hands_over, heard, listener, ready, talker, versions

@@ -30,6 +30,8 @@ from rigel_k8s.gate.registry import (
 )
 from rigel_k8s.gate.state import State
 
+#: What the API servers of roscpp's and of rospy's nodes are called.
+ROSCPP, ROSPY = "XMLRPC++ 0.7", "BaseHTTP/0.6 Python/3.8.10"
 #: How topics of bonds end.
 BOND_TOPIC = "/bond"
 
@@ -188,6 +190,7 @@ class SimNode:
         self.heard: dict[str, list[str]] = {}
         self.lists: list[tuple[str, list[str]]] = []
         self.learnt: dict[str, Any] = {}
+        self.server = world.random.choice(world.servers)
         world.listening[self.api] = self
 
     async def start(self) -> None:
@@ -288,6 +291,7 @@ class World:
         self.gate: Gate | None = None
         self.ended = asyncio.Event()
         self.log: list[str] = []
+        self.servers = [ROSCPP]  # of which client libraries nodes are
         self.queues: dict[str, asyncio.Queue[tuple[str, tuple[Any, ...]]]] = {}
         self.tasks: set[asyncio.Task[Any]] = set()
         self.owners: list[tuple[str, str]] = []  # (node, api): who got which name, in order
@@ -324,6 +328,10 @@ class World:
         if node is None:
             raise NodeGone("refused")
         return Answer.good("", node.take(call.method, *call.params[1:]))
+
+    async def server(self, api: str, seconds: float) -> str:
+        await self.node(api, Call("getPid", (GATE,)), seconds)
+        return self.listening[api].server
 
     async def connect(self, api: str, seconds: float) -> None:
         await asyncio.sleep(self.pause(0.01))
@@ -437,13 +445,21 @@ class World:
         if ours and old.pod is not new and not old.pod.leaving:
             self.broken.append(f"{one.node} at {before} is shut down by {one.api} before its time")
 
+    def is_rospy(self, api: str) -> bool:
+        """Whether a node that listens is rospy's."""
+        return api in self.listening and self.listening[api].server == ROSPY
+
     def heard(self, node: SimNode, topic: str, publishers: list[str]) -> None:
         """A node gets a list of publishers: may it?"""
         may_hear = node.pod.workload is None or node.pod.warm
         bonds = BOND_TOPIC in topic and {host_of(one) for one in publishers} == {node.pod.host}
         may_hear = may_hear or bonds
-        if publishers and not may_hear and (node.name, node.api) not in self.owners:
-            self.broken.append(f"{node.api} waits, is not warm, and hears {publishers}")
+        if (node.name, node.api) not in self.owners:
+            if publishers and not may_hear:
+                self.broken.append(f"{node.api} waits, is not warm, and hears {publishers}")
+            rospys = [api for api in publishers if self.is_rospy(api)]
+            if rospys and node.pod.workload is not None and not bonds:
+                self.broken.append(f"{node.api} waits, and cuts the old node off from {rospys}")
         master = self.master_now
         known = set(master.apis(PUBLISHER, topic)) if master else set()
         for api in set(node.heard.get(topic, ())) - set(publishers):

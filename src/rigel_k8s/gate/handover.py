@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Iterator
+from typing import Container, Iterator
 
 from rigel_k8s.gate.registry import PUBLISHER, SERVICE, SUBSCRIBER, Registration, host_of
 from rigel_k8s.gate.state import GatePod, Newcomer, State
@@ -70,14 +70,19 @@ def list_publishers(state: State, topic: str) -> list[str]:
     return [one.api for one in state.registry.find(PUBLISHER, topic)]
 
 
-def list_heard(state: State, topic: str, api: str) -> list[str]:
+def list_heard(state: State, topic: str, api: str, tolerant: Container[str] = ()) -> list[str]:
     """Return the URIs of the publishers of a topic that a node may know.
 
-    One that waits for its name knows the other ends of its bonds, and everything if it is warm.
+    One that waits for its name knows the other ends of its bonds, and of the others, if it is warm,
+    those that do not forget the old node for it.
+
+    Args:
+        tolerant: publishers that send to several subscribers of one name, as roscpp's do. rospy's
+            end the connection to the one that they know, for the one that comes.
     """
     known = list_publishers(state, topic)
-    newcomer = next((one for one in state.newcomers.values() if one.api == api), None)
-    if newcomer is None or state.registry.api_of(newcomer.name) == api:
+    newcomer = find_waiting(state, api)
+    if newcomer is None:
         return known
     bonds = []
     if has_bond(newcomer, topic):
@@ -85,7 +90,14 @@ def list_heard(state: State, topic: str, api: str) -> list[str]:
             one.registrations.get((PUBLISHER, topic)) for one in state.newcomers_at(host_of(api))
         ]
         bonds = [one.api for one in waiting if one]
-    return bonds + [one for one in known if is_warm(state, newcomer.host)]
+    return bonds + [one for one in known if one in tolerant and is_warm(state, newcomer.host)]
+
+
+def find_waiting(state: State, api: str) -> Newcomer | None:
+    """Return the newcomer at a URI, None for a node that has its name."""
+    newcomer = next((one for one in state.newcomers.values() if one.api == api), None)
+    has_name = newcomer is not None and state.registry.api_of(newcomer.name) == api
+    return None if has_name else newcomer
 
 
 def has_bond(newcomer: Newcomer, topic: str) -> bool:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import errno
 import time
-from typing import Awaitable, Callable
+from typing import Awaitable, Callable, TypeVar
 
-from rigel_k8s.gate.calls import Answer, BadCall, Call, fault
+from rigel_k8s.gate.calls import GATE, Answer, BadCall, Call, fault
 from rigel_k8s.gate.links import MasterGone, NodeGone, NodeSilent
 
 #: Bytes of a head, and of a body, above which a connection is closed.
@@ -15,6 +15,7 @@ LARGEST_HEAD, LARGEST_BODY = 65536, 256 * 2**20
 #: What `connect` fails with where a machine answers that no process listens.
 REFUSED = (errno.ECONNREFUSED, errno.ECONNRESET)
 
+T = TypeVar("T")
 #: Answers a call; its second argument is the address that it came from.
 Answering = Callable[[Call, str], Awaitable[Answer]]
 
@@ -93,11 +94,19 @@ class Door(asyncio.Protocol):
 
 def length_of(head: str) -> int | None:
     """Return the length that a head gives its body, 0 where it gives none, None for nonsense."""
+    value = field_of(head, "content-length")
+    if value is None:
+        return 0
+    return int(value) if value.isdecimal() else None
+
+
+def field_of(head: str, wanted: str) -> str | None:
+    """Return a field of a head by its name in lower case, None where it is not there."""
     for line in head.split("\r\n")[1:]:
         name, _, value = line.partition(":")
-        if name.strip().lower() == "content-length":
-            return int(value) if value.strip().isdecimal() else None
-    return 0
+        if name.strip().lower() == wanted:
+            return value.strip()
+    return None
 
 
 def stays_open(head: str) -> bool:
@@ -116,11 +125,16 @@ class Refused(EOFError):
 
 
 class Connection:
-    """A kept connection to an XML-RPC server."""
+    """A kept connection to an XML-RPC server.
+
+    Attributes:
+        server: the program that answers, as it names itself; "" before the first answer.
+    """
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
         self._writer = writer
+        self.server = ""
 
     @classmethod
     async def open(cls, host: str, port: int) -> Connection:
@@ -135,6 +149,7 @@ class Connection:
         answer_head = raw[:-4].decode("latin-1")
         if " 200" not in answer_head.partition("\r\n")[0]:
             raise Refused(answer_head.partition("\r\n")[0])
+        self.server = field_of(answer_head, "server") or ""
         length = length_of(answer_head)
         if not length:
             raise EOFError("an answer without a length")
@@ -199,24 +214,29 @@ class HttpLinks:
 
     async def node(self, api: str, call: Call, seconds: float) -> Answer:
         """Call a node once; raises NodeGone and NodeSilent."""
+        return (await self._call_node(api, call, seconds))[0]
 
-        async def ask() -> Answer:
+    async def server(self, api: str, seconds: float) -> str:
+        """Return the program that serves a node's API, as HTTP names it; raises as `node`."""
+        return (await self._call_node(api, Call("getPid", (GATE,)), seconds))[1]
+
+    async def _call_node(self, api: str, call: Call, seconds: float) -> tuple[Answer, str]:
+        async def ask() -> tuple[Answer, str]:
             host, port = place_of(api)
             connection = await Connection.open(host, port)
             try:
                 body, _ = await connection.call(f"{host}:{port}", call.body)
             finally:
                 connection.close()
-            return Answer(body=body)
+            return Answer(body=body), connection.server
 
         return await _in_time(ask(), seconds)
 
     async def connect(self, api: str, seconds: float) -> None:
         """Return when a node takes a connection; raises NodeGone and NodeSilent."""
 
-        async def knock() -> Answer:
+        async def knock() -> None:
             (await Connection.open(*place_of(api))).close()
-            return Answer([1, "", 0])
 
         await _in_time(knock(), seconds)
 
@@ -229,7 +249,7 @@ class HttpLinks:
         return time.monotonic()
 
 
-async def _in_time(work: Awaitable[Answer], seconds: float) -> Answer:
+async def _in_time(work: Awaitable[T], seconds: float) -> T:
     try:
         return await asyncio.wait_for(work, seconds)
     except asyncio.TimeoutError as error:

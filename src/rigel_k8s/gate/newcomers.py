@@ -78,6 +78,8 @@ class Newcomers:
             return Answer.good(f"Registered [{one.node}] as provider of [{one.key}]", 1)
         if one.kind == SUBSCRIBER:
             known = list_heard(self._state, one.key, one.api)
+            if is_warm(self._state, one.host):
+                self._nodes.send_publishers(one.api, one.key)
             return Answer.good(f"Subscribed to [{one.key}]", known)
         found = (await self._master.ask(Call("getParam", (one.node, one.key)))).result
         message = f"Subscribed to parameter [{one.key}]"

@@ -12,7 +12,7 @@ from typing import Any, Tuple
 
 from rigel_k8s.gate.calls import Call, Removal
 from rigel_k8s.gate.context import Context
-from rigel_k8s.gate.handover import list_heard
+from rigel_k8s.gate.handover import find_waiting, list_heard, list_publishers
 from rigel_k8s.gate.links import NodeGone, NodeSilent
 from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SUBSCRIBER, Registration
 
@@ -22,6 +22,8 @@ PATIENCE = 3.0
 SETTLE = 0.5
 #: What nodes are sent: the publishers of a topic, the value of a parameter.
 PUBLISHERS, VALUE = "publisherUpdate", "paramUpdate"
+#: What the HTTP server of roscpp's nodes is called.
+ROSCPP = "XMLRPC++"
 #: Who calls, as nodes see it; masters have no name.
 MASTER = "/master"
 #: A call of a node: its URI, the method, the topic or parameter.
@@ -37,6 +39,7 @@ class Nodes:
         self._under_way: dict[Target, asyncio.Future[None]] = {}
         self._again: set[Target] = set()  # those under way to make once more
         self._unsent: dict[Target, float] = {}  # those that failed, and when to try again
+        self._tolerant: set[str] = set()  # publishers known to be roscpp's; see list_heard
 
     # -- whether they are there --
 
@@ -107,6 +110,8 @@ class Nodes:
 
     async def _deliver(self, target: Target) -> None:
         api, method, key = target
+        if method == PUBLISHERS and find_waiting(self._state, api) is not None:
+            await asyncio.gather(*map(self._learn, list_publishers(self._state, key)))
         value = self._read(target)
         try:
             await self._context.links.node(api, Call(method, (MASTER, key, value)), PATIENCE)
@@ -131,9 +136,20 @@ class Nodes:
         if again:
             self._send(target)
 
+    async def _learn(self, api: str) -> None:
+        """Find out whether a publisher is one of roscpp's."""
+        if api in self._tolerant:
+            return
+        try:
+            server = await self._context.links.server(api, PATIENCE)
+        except (NodeGone, NodeSilent):
+            return
+        if server.startswith(ROSCPP):
+            self._tolerant.add(api)
+
     def _read(self, target: Target) -> Any:
         """Return what a node is sent."""
         api, method, key = target
         if method == PUBLISHERS:
-            return list_heard(self._state, key, api)
+            return list_heard(self._state, key, api, self._tolerant)
         return self._state.parameters.get(key)

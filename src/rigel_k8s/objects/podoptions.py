@@ -59,8 +59,8 @@ class RollingUpdate:
         " a gate and two of the pod can run; else Recreate"
     )
     warm: bool = option(
-        "HandOver: topics reach the new node before it has its name, so that it can build up"
-        " state; publishers in Python stop sending to the old node then",
+        "HandOver: topics of publishers in C++ reach the new node before it has its name, so that"
+        " it can build up state",
         default=False,
     )
     max_surge: Share | None = option("pods more than wanted during an update (default 1)")

@@ -27,7 +27,7 @@ from tests.support.gate_stage import (
     start,
     up,
 )
-from tests.support.gate_world import Plan, SimPod, World
+from tests.support.gate_world import ROSCPP, ROSPY, Plan, SimPod, World
 
 # -- what newcomers hear --
 
@@ -47,12 +47,12 @@ async def test_a_newcomer_hears_no_publishers_before_it_has_its_name(world: Worl
 
 @play
 async def test_a_warm_newcomer_hears_publishers_early(world: World) -> None:
-    """With its registration, and each change."""
+    """Right after its registration, and with each change."""
     talker = await up(world, TALKER)
     await up(world, LISTENER)
     node = (await up(world, LISTENER, warm=True)).nodes[0]
     api = talker.nodes[0].api
-    assert node.lists == [("/chatter", [api])]
+    assert node.lists == [("/chatter", []), ("/chatter", [api])]
     more = await up(world, {"/camera": [ROSOUT, CHATTER]})
     assert sorted(node.heard["/chatter"]) == [api, more.nodes[0].api]
     await more.nodes[0].unregister(CHATTER)
@@ -69,6 +69,24 @@ async def test_a_warm_newcomer_hears_who_has_taken_over(world: World) -> None:
     await world.hand_over(old)
     await asyncio.sleep(1)
     assert warm.heard["/chatter"] == [new.nodes[0].api]
+
+
+@play
+async def test_a_warm_newcomer_leaves_publishers_to_the_old_node_that_serve_only_one(
+    world: World,
+) -> None:
+    """rospy's would drop the old subscriber for the new one of its name; roscpp's serve both."""
+    world.servers = [ROSPY]
+    await up(world, TALKER)
+    world.servers = [ROSCPP]
+    camera = await up(world, {"/camera": [ROSOUT, CHATTER]})
+    old = await up(world, LISTENER)
+    new = await up(world, LISTENER, warm=True)
+    assert new.nodes[0].heard["/chatter"] == [camera.nodes[0].api]
+    await world.hand_over(old)
+    await asyncio.sleep(0.1)
+    assert new.nodes[0].heard["/chatter"] == old.nodes[0].heard["/chatter"]
+    assert len(new.nodes[0].heard["/chatter"]) == 2
 
 
 @play

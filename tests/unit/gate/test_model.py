@@ -8,7 +8,7 @@ import pytest
 
 from rigel_k8s.gate.calls import GATE, Call
 from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SERVICE, SUBSCRIBER
-from tests.support.gate_world import SimNode, SimPod, World, run
+from tests.support.gate_world import ROSCPP, ROSPY, SimNode, SimPod, World, run
 
 PLANS = {
     "/talker": [(PUBLISHER, "/rosout"), (PUBLISHER, "/chatter"), (SERVICE, "/talker/ask")],
@@ -26,6 +26,7 @@ class Story:
 
     def __init__(self, seed: int) -> None:
         self.world = World(seed)
+        self.world.servers = [ROSCPP, ROSPY]
         self.pods: dict[str, SimPod] = {}
         self.rolling: set[str] = set()
         self.is_over = False

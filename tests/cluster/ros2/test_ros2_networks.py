@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import signal
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ import yaml
 
 from rigel_lab.cluster.network import link_name
 
+from ..machines import lose
 from .conftest import projects
 
 pytestmark = pytest.mark.cluster
@@ -167,15 +166,3 @@ def test_a_machine_that_leaves_takes_only_its_own_node_along(own_demo: Any) -> N
     demo.rigel("cluster", "up", "--name", demo.context.removeprefix("rigel-"))
     demo.until(lambda: demo.talkers() == TALKERS, "messages of both", seconds=120)
     assert demo.net1() == addresses
-
-
-def lose(cluster: str, machine: str) -> None:
-    """End a machine of a local cluster at once, with all that runs on it."""
-    script = f"/clusters/{cluster}/{machine}/init.sh"
-    found = []
-    for entry in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it may have ended meanwhile
-            if script in (entry / "cmdline").read_bytes().decode(errors="replace"):
-                found.append(int(entry.name))
-    assert found, f"{machine} does not run"
-    os.kill(min(found), signal.SIGKILL)  # `unshare --kill-child` takes the rest along

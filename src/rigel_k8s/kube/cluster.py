@@ -12,7 +12,7 @@ import attrs
 
 from rigel_k8s.kube import threads
 from rigel_k8s.kube.client import Client
-from rigel_k8s.kube.failures import Missing
+from rigel_k8s.kube.failures import Conflict, Missing
 from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
@@ -103,6 +103,9 @@ class Cluster:
     ) -> dict[str, Any]:
         """Apply a manifest server-side and return what the object is then.
 
+        What we patched before, without an apply, is ours: Kubernetes keeps that as a record of its
+        own, beside which an apply with another value would be a conflict with ourselves.
+
         Args:
             force: take fields over that another manager owns.
 
@@ -112,14 +115,19 @@ class Cluster:
         ref = ref_of(manifest)
         what = f"apply {ref}"
         query = {"fieldManager": MANAGER, "force": force and "true", "dryRun": dry_run and "All"}
-        return self.client.call(
-            "PATCH",
-            self.path_of(ref, what, query=query),
-            what,
-            body=manifest,
-            media=PATCHES["apply"],
-            safe=True,
-        )
+        try:
+            return self.client.call(
+                "PATCH",
+                self.path_of(ref, what, query=query),
+                what,
+                body=manifest,
+                media=PATCHES["apply"],
+                safe=True,
+            )
+        except Conflict as error:
+            if force or {field.manager for field in error.fields} != {MANAGER}:
+                raise
+        return self.apply(manifest, force=True, dry_run=dry_run)
 
     def create(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
         """Create an object; Conflict (reason AlreadyExists) where it is there."""

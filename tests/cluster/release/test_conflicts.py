@@ -140,3 +140,13 @@ def test_a_rolling_deployment_of_another_tool_is_taken_over_as_recreate(
     live = cluster.get(ObjectRef("apps/v1", "Deployment", make.namespace, "talker"))
     assert live["spec"]["strategy"] == {"type": "Recreate"}
     assert not diff(make.desired(ours), cluster).changes
+
+
+def test_a_strategy_may_change_to_recreate_and_back(cluster: Any, make: Any, report: Any) -> None:
+    """Recreate needs a patch of its own, whose owner is no other manager than the deploy's."""
+    for kind in ("RollingUpdate", "Recreate", "RollingUpdate"):
+        wanted = make.deployment(replicas=0)
+        wanted["spec"]["strategy"] = {"type": kind}
+        deploy(make.desired(wanted), cluster, report=report)
+        live = cluster.get(ObjectRef("apps/v1", "Deployment", make.namespace, "talker"))
+        assert live["spec"]["strategy"]["type"] == kind

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError, NotFoundError
+from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.http_server import Exchange, HttpServer, Request
@@ -83,6 +83,37 @@ def test_fields_of_others_are_taken_over_only_when_asked(cluster: Any) -> None:
     client, server = cluster
     client.apply(MANIFEST, force=True)
     assert asked(server).query == {"fieldManager": ["rigel"], "force": ["true"]}
+
+
+@pytest.mark.parametrize(
+    ("owners", "sent"),
+    [(["rigel"], ["", "true"]), (["rigel", "kubectl"], [""]), ([], [""])],
+)
+def test_what_we_have_patched_ourselves_is_no_conflict(
+    serve: Any, owners: list[str], sent: list[str]
+) -> None:
+    """Kubernetes records a patch and an apply of one program as if two had made them."""
+    told = 'conflict with "{}" using apps/v1'
+    causes = [
+        {"reason": "FieldManagerConflict", "message": told.format(name), "field": ".spec.x"}
+        for name in owners
+    ]
+
+    def answer(exchange: Any) -> None:
+        if exchange.request_.query.get("force"):
+            answer_with(MANIFEST)(exchange)
+        else:
+            answer_with({"reason": "Conflict", "details": {"causes": causes}}, 409)(exchange)
+
+    client, server = serve(answer)
+    if len(sent) > 1:
+        assert client.apply(MANIFEST, dry_run=True) == MANIFEST
+    else:
+        with pytest.raises(ConflictError):
+            client.apply(MANIFEST, dry_run=True)
+    asked = [one.query for one in server.requests]
+    assert [query.get("force", [""])[0] for query in asked] == sent
+    assert all(query["dryRun"] == ["All"] for query in asked)
 
 
 @pytest.mark.parametrize(

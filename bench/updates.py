@@ -1,9 +1,10 @@
-"""Updates of a ROS 1 talker under a running listener: the longest gap by strategy, as a table.
+"""Updates of a talker under a running listener: the longest gap by strategy, as a table.
 
-usage: python -m bench.updates [--updates 20] [--rates 20,100] [--late 0,5] [--strategies ...]
-                               [--context NAME]
+usage: python -m bench.updates [--ros 1|2] [--updates 20] [--rates 20,100] [--late 0,5]
+                               [--strategies ...] [--context NAME]
 
-The context is one of `rigel cluster`, with two machines; left out, one is made and stays.
+The context is one of `rigel cluster`, with two machines (ROS 2: and Multus); left out, one is made
+and stays.
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import attrs
 
+from bench import updates_ros2
 from rigel_lab import cluster as localcluster
 
-OWN = "rigel-bench"
+#: The bench's own cluster, by ROS.
+OWN = {"1": "rigel-bench", "2": "rigel-bench2"}
 SPACE = "bench-updates"
 STRATEGIES = ("Recreate", "Rolling", "HandOver")
 #: "VERSION NUMBER" in each message; the start is as late as that of a program with a model to load.
@@ -71,12 +75,17 @@ class Update:
 
 @attrs.frozen
 class Bench:
-    """A cluster, and where the Rigelfile is written."""
+    """A cluster, and where the Rigelfile is written.
+
+    Attributes:
+        ros: 1 or 2.
+    """
 
     context: str
     kubectl_program: str
     image: str
     directory: Path
+    ros: str = "1"
 
     def kubectl(self, *words: str) -> str:
         """Run kubectl in the bench's namespace."""
@@ -87,23 +96,23 @@ class Bench:
     def deploy(self, strategy: str, version: int, rate: int, late: float) -> bool:
         """Deploy the talker in a version; return whether it became ready."""
         env = {"VERSION": f"v{version}", "RATE": rate, "LATE": late}
-        talker = {
-            "args": ["python3", "-c", TALKER],
-            "env": env,
-            "placement": {"apart_from": ["listener"]},
-            "update": {"strategy": strategy},
+        describe = describe_ros1 if self.ros == "1" else updates_ros2.describe
+        distro, talker, listener, more = describe(strategy)
+        nodes = {
+            "talker": {
+                **talker,
+                "env": env,
+                "placement": {"apart_from": ["listener"]},
+                "update": {"strategy": strategy},
+            },
+            "listener": {**listener, "update": {"strategy": "Recreate"}},
         }
-        listener = {"args": ["python3", "-c", LISTENER], "update": {"strategy": "Recreate"}}
-        options = {
-            "namespace": SPACE,
-            "ros_master_image": self.image,
-            "image": self.image,
-            "gate": strategy == "HandOver",
-            "nodes": {"talker": talker, "listener": listener},
-        }
+        options = {"namespace": SPACE, "image": self.image, "nodes": nodes, **more}
+        if self.ros == "1":
+            options["ros_master_image"] = self.image
         job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
         file = self.directory / "Rigelfile"
-        file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": {"deploy": job}}))
+        file.write_text(json.dumps({"application": {"distro": distro}, "jobs": {"deploy": job}}))
         head = [sys.executable, "-m", "rigel_k8s", "-f", str(file), "--context", self.context]
         words = ["run", "job", "deploy", "--timeout", "60s"]
         return subprocess.run([*head, *words], capture_output=True).returncode == 0
@@ -120,6 +129,13 @@ class Bench:
             if any(one[1] == version for one in self.heard()[-20:]):
                 return
             time.sleep(0.3)
+
+
+def describe_ros1(strategy: str) -> tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Return the distribution, the talker, the listener, and more of the job's options."""
+    talker = {"args": ["python3", "-c", TALKER]}
+    listener = {"args": ["python3", "-c", LISTENER]}
+    return "noetic", talker, listener, {"gate": strategy == "HandOver"}
 
 
 def measure(
@@ -156,17 +172,21 @@ def judge(found: Sequence[tuple[float, int, int]], rate: int, updates: int) -> l
 def main() -> None:
     """Measure and print."""
     words = arguments()
-    name = words.context.removeprefix("rigel-")
-    if words.context == OWN:
-        localcluster.up(name, 2, extras=["kubectl"], report=print)
+    context = words.context or OWN[words.ros]
+    name = context.removeprefix("rigel-")
+    rigel = [sys.executable, "-m", "rigel_k8s", "--context", context]
+    if not words.context:
+        extras = ["kubectl"] if words.ros == "1" else ["kubectl", "multus"]
+        localcluster.up(name, 2, extras=extras, report=print)
+    if words.ros == "2":
+        subprocess.run([*rigel, "network", "install"], check=True)
     status = localcluster.status(name)
-    image = f"{status.registry}/ros:noetic"
-    push = [sys.executable, "-m", "rigel_k8s", "image", "ros1-base", "--push", image]
-    subprocess.run(push, check=True)
+    image = f"{status.registry}/ros:{'noetic' if words.ros == '1' else 'jazzy'}"
+    subprocess.run([*rigel, "image", f"ros{words.ros}-base", "--push", image], check=True)
     print("\n| rate | start, s | strategy | median gap, s | longest | lost | doubled | failed |")
     print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as directory:
-        bench = Bench(words.context, status.kubectl, image, Path(directory))
+        bench = Bench(context, status.kubectl, image, Path(directory), words.ros)
         for rate, late in itertools.product(words.rates, words.late):
             for strategy in words.strategies.split(","):
                 found, failed = measure(bench, strategy, rate, late, words.updates)
@@ -186,11 +206,12 @@ def arguments() -> argparse.Namespace:
     def numbers(text: str) -> list[int]:
         return [int(word) for word in text.split(",")]
 
+    parser.add_argument("--ros", choices=["1", "2"], default="1")
     parser.add_argument("--updates", type=int, default=20)
     parser.add_argument("--rates", type=numbers, default=[20, 100])
     parser.add_argument("--late", type=numbers, default=[0, 5])
     parser.add_argument("--strategies", default=",".join(STRATEGIES))
-    parser.add_argument("--context", default=OWN)
+    parser.add_argument("--context")
     return parser.parse_args()
 
 

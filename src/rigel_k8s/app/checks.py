@@ -28,7 +28,9 @@ from rigel_k8s.app.nodechecks import check_node
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.updating import (
+    asks_hand_over,
     find_application_obstacle,
+    find_lifecycle_obstacle,
     find_obstacle,
     is_rolling,
     share,
@@ -185,6 +187,8 @@ def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Ite
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
     for key, node in options.nodes.items():
         obstacle = find_obstacle(node, volumes, own_master=static)
+        if ros != "1":
+            obstacle = find_lifecycle_obstacle(node, volumes, options.network, options.middleware)
         if node.anonymous:
             obstacle = "its ROS name is another one in each pod: leave `strategy` out"
         path: Path = ("nodes", str(key), "update")
@@ -195,6 +199,8 @@ def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Ite
         options.additional_k8s_params.application,
         own_master=static,
     )
+    if ros == "2":
+        obstacle = "in ROS 2 the command line is changed for it: make it one of `nodes`"
     yield from refuse_hand_over(
         ("rolling_update",), options.rolling_update, ros, obstacle, gate=gate
     )
@@ -204,14 +210,17 @@ def refuse_hand_over(
     path: Path, update: RollingUpdate | None, ros: Ros, obstacle: str | None, *, gate: bool
 ) -> Iterator[Problem]:
     """Yield why an update cannot hand over, where it says so."""
-    if update is None or (update.strategy or "").lower() != "handover":
+    if not asks_hand_over(update):
         if update is not None and update.warm and (ros != "1" or update.strategy):
             message = "only nodes that hand their names over can be warm: leave it out"
             yield Problem((*path, "warm"), message, "bad-update", at_key=True)
         return
-    if ros != "1":
-        obstacle = "DDS has no names to hand over; use Recreate or Rolling"
-    elif not gate:
+    if ros == "2" and update is not None and update.warm:
+        message = "a lifecycle node hears its topics from `configure` on anyway: leave it out"
+        yield Problem((*path, "warm"), message, "bad-update", at_key=True)
+    if ros == "none":
+        obstacle = "plain DDS has no lifecycle to hand over; use Recreate or Rolling"
+    elif ros == "1" and not gate:
         obstacle = "there is no gate in front of roscore, see `gate`"
     if obstacle:
         message = f"HandOver is not possible: {obstacle}"

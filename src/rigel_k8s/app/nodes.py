@@ -14,7 +14,8 @@ from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.placing import affinity, node_selector, tolerations
 from rigel_k8s.app.programs import command_of
-from rigel_k8s.app.updating import Way, choose_way, find_obstacle
+from rigel_k8s.app.ros2commands import run_by_lifecycle
+from rigel_k8s.app.updating import Way, choose_way, find_lifecycle_obstacle, find_obstacle
 from rigel_k8s.network.modes import wire_pod
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
@@ -130,7 +131,9 @@ def node_deployment(
     options = node.options
     name = node.ros_name if around.ros != "none" else None
     wired = wiring_of(node, plan)
-    way = way_of(around, node, wired)
+    way = way_of(around, node, plan, wired)
+    if way.lifecycle:
+        command = run_by_lifecycle(command)
     told = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
     if node.options.ros == "none":
         told[ROS_ANNOTATION] = "none"
@@ -153,11 +156,16 @@ def node_deployment(
     return merged
 
 
-def way_of(around: ReleaseContext, node: RosNode, wired: Wiring) -> Way:
+def way_of(around: ReleaseContext, node: RosNode, plan: NetworkPlan, wired: Wiring) -> Way:
     """Return how a node is updated."""
-    own_master = "ROS_MASTER_URI" in wired.env
-    obstacle = find_obstacle(node.options, node.volumes, own_master=own_master)
-    return choose_way(around, node.options.update, obstacle, anonymous=node.options.anonymous)
+    options, name = node.options, node.ros_name
+    if around.ros == "1":
+        own_master = "ROS_MASTER_URI" in wired.env
+        obstacle = find_obstacle(options, node.volumes, own_master=own_master)
+    else:
+        obstacle = find_lifecycle_obstacle(options, node.volumes, plan.options, plan.middleware)
+    anonymous = options.anonymous
+    return choose_way(around, options.update, obstacle, anonymous=anonymous, ros_name=name)
 
 
 def wiring_of(node: RosNode, plan: NetworkPlan) -> Wiring:
@@ -224,7 +232,9 @@ def container(
             "ports": [container_port(port) for port in ports_of(options)],
             "resources": resources(options.resources, device_resources(options.devices)),
             "securityContext": simplify(options.security_context),
-            **probes(readiness_of(around, options.readiness), ready_words(plan)),
+            **probes(
+                readiness_of(around, options.readiness), ready_words(plan, lifecycle=way.lifecycle)
+            ),
             "lifecycle": stop_hook(grace_seconds(options)),
             "volumeMounts": list(volume_mounts),
         }

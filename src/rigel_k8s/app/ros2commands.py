@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any
 
+import attrs
 import yaml
 
 from rigel_k8s.app.commands import (
@@ -23,6 +24,7 @@ from rigel_k8s.app.commands import (
 )
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.overlay import simplify
+from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
 
 FLAG, END = "--ros-args", "--"
@@ -56,6 +58,14 @@ def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command
     if node.command is not None:
         return Command(command=line, files=mounted)
     return Command(args=line, files=mounted)
+
+
+def run_by_lifecycle(command: Command) -> Command:
+    """Return a command whose lifecycle node is handed over; see docs/in-pod-scripts.md."""
+    script = ["/bin/sh", f"{SCRIPTS_PATH}/lifecycle.sh"]
+    if command.command is not None:
+        return attrs.evolve(command, command=[*script, *command.command])
+    return attrs.evolve(command, args=[*script, *(command.args or ())])
 
 
 def program(node: NodeOptions) -> list[str]:

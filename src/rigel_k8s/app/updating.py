@@ -1,4 +1,4 @@
-"""How pods are replaced: by hand-over where the gate arbitrates, else one after the other."""
+"""How pods are replaced: by hand-over where the gate or a lifecycle allows it, else one by one."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import attrs
 
 from rigel_k8s.app.mounts import device_of, mount_of
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.programs import program, takes_ros_arguments
+from rigel_k8s.network.modes import mode_of
+from rigel_k8s.network.options import Network
 from rigel_k8s.objects.podoptions import Readiness, RollingUpdate, Volume
 from rigel_k8s.objects.pods import GATE_PORT, MASTER_NAME, Object
 from rigel_k8s.objects.scalars import Share
 from rigel_k8s.objects.workloads import ReleaseContext
 
-#: On a Deployment of ROS 1: how it is updated, and why not by hand-over.
+#: On a Deployment of ROS 1, and on one of ROS 2 that hands over: how it is updated, and why so.
 UPDATE_ANNOTATION = "rigel-k8s/update"
 #: The ROS_MASTER_URI of pods whose nodes hand their names over: the gate knows them by its port.
 GATE_URI = f"http://{MASTER_NAME}:{GATE_PORT}"
@@ -29,15 +32,17 @@ class Way:
     Attributes:
         reason: why it is not handed over, for people; "" for HandOver.
         update: what the user says of it.
+        lifecycle: the full ROS name of the lifecycle node that is handed over, in ROS 2.
     """
 
     name: Literal["HandOver", "Recreate", "Rolling"]
     reason: str = ""
     update: RollingUpdate = attrs.field(factory=RollingUpdate)
+    lifecycle: str | None = None
 
     @property
     def hands_over(self) -> bool:
-        """Whether the gate hands the names of its nodes over."""
+        """Whether the new pod works once the old one has given up, and not before."""
         return self.name == "HandOver"
 
     @property
@@ -52,8 +57,8 @@ class Way:
         return {"type": "RollingUpdate", "rollingUpdate": numbers}
 
     def annotations(self, around: ReleaseContext) -> dict[str, str]:
-        """Return what a Deployment of ROS 1 says of its updates."""
-        if around.ros != "1" or not around.gate:
+        """Return what a Deployment says of its updates."""
+        if not self.lifecycle and (around.ros != "1" or not around.gate):
             return {}
         return {UPDATE_ANNOTATION: f"{self.name}: {self.reason}" if self.reason else self.name}
 
@@ -61,6 +66,12 @@ class Way:
         """Return the variables of a workload's pods."""
         if not self.hands_over:
             return {}
+        if self.lifecycle:
+            pod = {"fieldRef": {"apiVersion": "v1", "fieldPath": "metadata.name"}}
+            return {
+                "RIGEL_K8S_LIFECYCLE": {"value": self.lifecycle},
+                "RIGEL_K8S_POD": {"valueFrom": pod},
+            }
         warm = {"RIGEL_K8S_WARM": {"value": "1"}} if self.update.warm else {}
         named = {"RIGEL_K8S_WORKLOAD": {"value": workload}}
         return {"ROS_MASTER_URI": {"value": GATE_URI}, **named, **warm}
@@ -75,17 +86,25 @@ def is_rolling(update: RollingUpdate | None) -> bool:
     return update.strategy.lower() in ("rolling", "rollingupdate")
 
 
+def asks_hand_over(update: RollingUpdate | None) -> bool:
+    """Return whether the user wants a hand-over."""
+    return update is not None and (update.strategy or "").lower() == "handover"
+
+
 def choose_way(
     around: ReleaseContext,
     update: RollingUpdate | None,
     obstacle: str | None,
     *,
     anonymous: bool = False,
+    ros_name: str | None = None,
 ) -> Way:
     """Return how a workload is updated.
 
     Args:
-        obstacle: why two of it cannot run, or why the gate does not know them; see `find_obstacle`.
+        obstacle: why two of it cannot run, or why the gate does not know them; see `find_obstacle`
+            and `find_lifecycle_obstacle`.
+        ros_name: the full name of the node, where it is known.
     """
     asked = update or RollingUpdate()
     if is_rolling(update):
@@ -95,20 +114,58 @@ def choose_way(
     if anonymous:
         return Way("Rolling", "its ROS name is another one in each pod", asked)
     if around.ros != "1":
-        return Way("Recreate", "there is no hand-over in DDS", asked)
+        if asks_hand_over(update) and ros_name and not obstacle:
+            return Way("HandOver", "", asked, ros_name)
+        return Way("Recreate", "only lifecycle nodes can be handed over in DDS", asked)
     if not around.gate:
         return Way("Recreate", "there is no gate in front of roscore", asked)
     return Way("Recreate", obstacle, asked) if obstacle else Way("HandOver", "", asked)
 
 
+def find_lifecycle_obstacle(
+    node: NodeOptions,
+    volumes: Mapping[str, Volume],
+    network: Network | None,
+    middleware: str | None,
+) -> str | None:
+    """Return why a lifecycle node of ROS 2 cannot be handed over to another pod.
+
+    Args:
+        volumes: the release's persistent volumes, by name.
+    """
+    if node.ros == "none":
+        return "it has no ROS"
+    if node.launch:
+        return "a launch file gives its nodes their names: use package and executable, or args"
+    if not takes_ros_arguments("2", program("2", node)):
+        return "its services get names of their own, by arguments that only a program takes"
+    if network is not None:
+        mode = mode_of(network)
+        middleware = mode.middleware or middleware
+        if mode.on_machines and not mode.attached:
+            return "it uses the machine's own network"
+        if network.ipam == "static":
+            return "with `ipam: static` two pods would have one address"
+        if mode.one_pod:
+            return f"with `{network.mode}` the two pods do not find each other"
+    if middleware == "zenoh":
+        return "it goes by DDS, and this is zenoh"
+    return find_obstacle(node, volumes, ready_by=(None, "ros", "dds"))
+
+
 def find_obstacle(
-    node: NodeOptions, volumes: Mapping[str, Volume], *, own_master: bool = False
+    node: NodeOptions,
+    volumes: Mapping[str, Volume],
+    *,
+    own_master: bool = False,
+    ready_by: Sequence[str | None] = (None, "ros"),
 ) -> str | None:
     """Return why two pods of a node cannot run side by side, or the gate cannot know them.
 
     Args:
         volumes: the release's persistent volumes, by name.
         own_master: the network gives it a ROS_MASTER_URI of its own.
+        ready_by: the readiness checks that know of hand-overs.
     """
     mounted = [mount_of(item) for item in node.volumes]
     claims = [volumes[str(m.name)] for m in mounted if m.name and str(m.name) in volumes]
@@ -117,7 +174,7 @@ def find_obstacle(
         f"it has the device {device}": bool(node.devices),
         "it uses the machine's own network": node.host_network,
         "it is privileged": bool(node.security_context.get("privileged")),
-        "it says itself when it is ready": node.readiness not in (None, "ros"),
+        "it says itself when it is ready": node.readiness not in ready_by,
         "it has a ROS_MASTER_URI of its own": own_master or has_variable(node, "ROS_MASTER_URI"),
     }
     own = next((reason for reason, holds in found.items() if holds), None)

@@ -23,6 +23,8 @@ _NAMES = (
     "dds_standin.py",
     "exec.sh",
     "interfaces.py",
+    "lifecycle.py",
+    "lifecycle.sh",
     "memory.py",
     "rc.sh",
     "ready.py",

@@ -5,6 +5,7 @@ Each of that shows inside the pod; nobody else has to be there, so no pod waits 
 
     dds_ready.py dds [--domain N] [--interface NAME] [--wait SECONDS]    any domain without N
     dds_ready.py dds --port N [--wait SECONDS]         a discovery server's port
+    dds_ready.py dds ... --lifecycle /NODE             besides: this node is active, or waits to be
     dds_ready.py zenoh --port N [--wait SECONDS]       the router's port
 
 Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output says why:
@@ -44,12 +45,14 @@ class Arguments(object):
         """Raise ValueError where they are wrong."""
         self.kind, words = words[0] if words else "", words[1:]
         values = {words[i]: words[i + 1] for i in range(0, len(words) - 1, 2)}
-        known = {"--domain", "--interface", "--port", "--wait"}
+        known = {"--domain", "--interface", "--port", "--wait", "--lifecycle"}
         if self.kind not in ("dds", "zenoh") or len(words) % 2 or set(values) - known:
-            raise ValueError("dds|zenoh [--domain N|--port N] [--interface NAME] [--wait SECONDS]")
+            usage = "dds|zenoh [--domain N|--port N] [--interface NAME] [--lifecycle /NODE]"
+            raise ValueError(usage + " [--wait SECONDS]")
         self.domain = int(values["--domain"]) if "--domain" in values else None
         self.port = int(values["--port"]) if "--port" in values else None
         self.interface = values.get("--interface")
+        self.lifecycle = values.get("--lifecycle")
         self.wait = float(values.get("--wait", 0))
         if self.kind == "zenoh" and self.port is None:
             raise ValueError("zenoh --port N: which port has the router?")
@@ -64,7 +67,15 @@ def look(arguments):
     found = own(arguments.domain, arguments.port)
     for process in found:
         check_process(process, arguments.port)
-    return ", ".join(told(process, arguments.port) for process in found)
+    lines = [told(process, arguments.port) for process in found]
+    if arguments.lifecycle:
+        import lifecycle  # others do without
+
+        ready, line = lifecycle.describe(arguments.lifecycle)
+        if not ready:
+            raise NotReady(line)
+        lines.append(line)
+    return ", ".join(lines)
 
 
 def told(process, port):

@@ -15,11 +15,18 @@
 # tells that as a failed hook.
 # Where RIGEL_K8S_WORKLOAD is set, the names of the nodes go to the pod that waits for them first
 # (ready.py leave), for which that has a quarter of SECONDS to become ready. The master ends those nodes
-# then; that is not disturbed for a moment, since others find their new publishers meanwhile.
+# then; that is not disturbed for a moment, since others find their new publishers meanwhile. Where
+# RIGEL_K8S_LIFECYCLE is set, the node is deactivated first (lifecycle.py leave), for which it has half of
+# SECONDS; what it has sent reaches its hearers meanwhile.
 # Needs sh, sleep, tr and /proc.
 
 if [ -n "$RIGEL_K8S_WORKLOAD" ]; then
   if /bin/sh "${0%/*}/ready.sh" leave --wait $((${1:-8} / 4)); then
+    sleep 0.5 2>/dev/null || sleep 1
+  fi
+elif [ -n "$RIGEL_K8S_LIFECYCLE" ]; then
+  here=${0%/*}
+  if /bin/sh "$here/exec.sh" python3 -B "$here/lifecycle.py" leave --wait $((${1:-8} / 2)); then
     sleep 0.5 2>/dev/null || sleep 1
   fi
 fi

@@ -53,14 +53,15 @@ class RollingUpdate:
         | Literal["handover", "rolling", "rollingupdate", "recreate"]
         | None
     ) = option(
-        "HandOver (ROS 1): the new pod starts completely, and gets the ROS names when the old one"
-        " stops; Recreate: the old pod is gone before the new one starts; Rolling: both work until"
+        "HandOver: the new pod starts completely, and takes over when the old one stops (ROS 1: it"
+        " gets the ROS names; ROS 2: its node, a lifecycle node, is activated); Recreate: the old"
+        " pod is gone before the new one starts; Rolling: both work until"
         " the old one stops. Default: Rolling for anonymous nodes; HandOver where roscore is behind"
         " a gate and two of the pod can run; else Recreate"
     )
     warm: bool = option(
-        "HandOver: topics of publishers in C++ reach the new node before it has its name, so that"
-        " it can build up state",
+        "HandOver in ROS 1: topics of publishers in C++ reach the new node before it has its name,"
+        " so that it can build up state",
         default=False,
     )
     max_surge: Share | None = option("pods more than wanted during an update (default 1)")

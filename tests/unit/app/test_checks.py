@@ -208,6 +208,56 @@ def test_surge_of_a_named_ros2_node_is_warned_of() -> None:
     assert ("surge", "nodes.n.update") in told(text, "warning", "jazzy")
 
 
+LAN = "network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24}"
+STATIC = LAN.replace("}", ", ipam: static}")
+#: Why a node of ROS 2 cannot be handed over: what is said of it, and of its network.
+NO_HAND_OVER = {
+    "a launch file": ("launch: {file: a.launch.py}", LAN),
+    "arguments that only a program takes": ("{}", LAN),
+    "names of their own, by arguments": ("args: [bash, -c, x]", LAN),
+    "the device /dev/a": ("args: x, devices: [/dev/a]", LAN),
+    "it uses the machine's own network": ("args: x, host_network: true", "network: none"),
+    "the machine's own network": ("args: x", "network: host"),
+    "it says itself when it is ready": ("args: x, readiness: none", LAN),
+    "two pods would have one address": ("args: x", STATIC),
+    "the two pods do not find each other": ("args: x", "network: peers"),
+    "this is zenoh": ("args: x", "network: zenoh"),
+    "DDS, and this is zenoh": ("args: x", "middleware: zenoh, network: none"),
+    "it has no ROS": ("args: x, ros: none", LAN),
+    "another one in each pod": ("args: x, anonymous: true", LAN),
+    "its volume a is ReadWriteOnce": (
+        "args: x, volumes: [a]",
+        f"{LAN}, persistent_storage: {{volumes: [{{name: a}}]}}",
+    ),
+}
+
+
+@pytest.mark.parametrize("reason", NO_HAND_OVER)
+def test_a_ros2_node_that_cannot_be_handed_over_is_refused(reason: str) -> None:
+    """At the word that asks for it, and the message says why."""
+    node, network = NO_HAND_OVER[reason]
+    node = "" if node == "{}" else f"{node}, "
+    text = f"{{image: a, {network}, nodes: {{n: {{{node}update: {{strategy: HandOver}}}}}}}}"
+    found = [one for one in problems(text, "jazzy") if one.kind == "hand-over"]
+    assert [one.path for one in found] == [("nodes", "n", "update", "strategy")]
+    assert reason in found[0].message
+
+
+def test_hand_over_is_for_lifecycle_nodes_of_nodes() -> None:
+    """Neither for the one application, whose line is unknown, nor for plain DDS."""
+
+    def node(update: str, more: str = "") -> str:
+        return f"{{{more}image: a, {LAN}, nodes: {{n: {{args: x, update: {{{update}}}}}}}}}"
+
+    assert told(node("strategy: HandOver"), "error", "jazzy") == set()
+    text = f"{{application_image: a, {LAN}, rolling_update: {{strategy: HandOver}}}}"
+    assert told(text, "error", "jazzy") == {("hand-over", "rolling_update.strategy")}
+    text = node("strategy: HandOver", "ros: none, ")
+    assert told(text, "error", "jazzy") == {("hand-over", "nodes.n.update.strategy")}
+    text = node("strategy: HandOver, warm: true")
+    assert told(text, "error", "jazzy") == {("bad-update", "nodes.n.update.warm")}
+
+
 def test_anonymous_nodes_may_be_many_and_surge() -> None:
     """Their names differ, so nothing is thrown out."""
     text = "{image: a, nodes: {my-node: {anonymous: true, replicas: 3, update: {max_surge: 1}}}}"

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -224,3 +225,22 @@ def test_ready_ends_with_0(pod: Pod, capsys: pytest.CaptureFixture[str]):
     pod.participates()
     assert pod.dds_ready.main(["dds", "--domain", str(DOMAIN)]) == 0
     assert capsys.readouterr().out.startswith("ready: process ")
+
+
+def test_a_node_that_hands_over_is_ready_by_its_turn(
+    pod: Pod,
+    script: Callable[[str], ModuleType],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+):
+    """It takes part in DDS, and it works or waits for that; the line says which."""
+    lifecycle = script("lifecycle")
+    monkeypatch.setattr(lifecycle, "FILES", (str(tmp_path / "file"),))
+    pod.participates()
+    assert pod.dds("--lifecycle", "/talker") == "the hand-over of /talker has not started yet"
+    for step, line in (("failed", "no, it failed"), ("waits", "/talker waits")):
+        lifecycle.Progress(step, line, "t1_pod", os.getpid()).save()
+        told = pod.dds("--lifecycle", "/talker")
+        assert told.endswith(line)
+        assert (told == line) == (step == "failed")
+    assert "waits" not in pod.dds()

@@ -168,3 +168,34 @@ def test_a_pod_whose_nodes_do_not_hand_over_asks_no_one(
     script = hook(0)
     assert stopped("one", script=script, env=env_of(script, "")) == ["one SIGINT", "first SIGINT"]
     assert not [line for line in log_of(script) if line.startswith("leave")]
+
+
+#: In place of python3: notes how it was called and what works then, and ends as it was told.
+PYTHON = """#!/bin/sh
+echo "${2##*/} $3 $4 $5, $RIGEL_K8S_EXEC" >>"${0%/*}/log"
+kill -0 2 2>/dev/null && echo "the node runs" >>"${0%/*}/log"
+exit $(cat "${0%/*}/code")
+"""
+
+
+@pytest.mark.parametrize(("seconds", "wait"), [(None, 4), (20, 10)])
+@pytest.mark.parametrize("code", [0, 1])
+def test_a_lifecycle_node_is_deactivated_before_it_is_signalled(
+    stopped: Callable[..., list[str]],
+    hook: Callable[[int], Path],
+    code: int,
+    seconds: int | None,
+    wait: int,
+):
+    """In the node's environment, within half of the time; what was sent has a moment to arrive."""
+    script = hook(code)
+    shutil.copy(STOP.parent / "exec.sh", script.parent)
+    shutil.copy(STOP.parent / "rc.sh", script.parent)
+    (script.parent / "python3").write_text(PYTHON)
+    (script.parent / "python3").chmod(0o755)
+    env = {**env_of(script, ""), "RIGEL_K8S_LIFECYCLE": "/talker"}
+    lines = stopped("one", seconds=seconds, script=script, env=env)
+    assert lines == ["one SIGINT", "first SIGINT"]
+    log = log_of(script)
+    assert log[:2] == [f"lifecycle.py leave --wait {wait}, 1", "the node runs"]
+    assert ("sleep 0.5" in log) == (code == 0)

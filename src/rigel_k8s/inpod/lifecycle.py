@@ -1,0 +1,339 @@
+"""Hands a lifecycle node over from the old pod to the new one: ROS 2's updates without doubles.
+
+Why: DDS tolerates two nodes of one name, and then every message comes twice. A lifecycle node can
+be started and configured while it does nothing. So the new pod's node waits, and is activated at
+the moment in which the old pod's node is deactivated.
+
+    lifecycle.py take TOKEN                configures this pod's node; activates it once no other
+                                           pod's node works; then ends
+    lifecycle.py leave [--wait SECONDS]    deactivates this pod's node, which is about to end
+
+Contract: RIGEL_K8S_LIFECYCLE is the node's full ROS name. lifecycle.sh has put TOKEN into the names
+of the node's services change_state and get_available_transitions. So the ROS graph shows which pods
+there are, and each pod's node can be asked and changed by itself. A token is tSECONDS_POD, from the
+start of the container: of several nodes that wait the newest takes over, and of a pod with several
+tokens only the newest counts, as its container has crashed. Progress keeps in a file what was reached, for the
+probe. `leave` returns 0 where the node was deactivated, else 1. It runs in the node's own
+environment, with its rclpy.
+"""
+
+import os
+import sys
+import time
+
+import container
+
+NAME = ".rigel-k8s-lifecycle"
+LOGS = "/rigel-k8s-logs"  # every pod of ROS 2 can write there
+FILES = tuple(os.path.join(d, NAME) for d in (LOGS, os.environ.get("TMPDIR") or "/tmp", "/dev/shm"))
+
+ACTIVE, INACTIVE, UNCONFIGURED, FINALIZED = "active", "inactive", "unconfigured", "finalized"
+#: What a node of another pod does that must have ended first; None: it does not answer.
+WORKING = (ACTIVE, "activating", "deactivating", None)
+#: Steps that count as ready.
+READY = ("waits", "active")
+
+SETTLE = 2.0  # seconds until the nodes of other pods must have been heard
+SLOW = (
+    15.0  # seconds after which a node that has not offered its services is suspected to have none
+)
+STRANGER = 60.0  # seconds that a node of this name that is of no such pod may take to end
+ANSWER = 1.0  # seconds that a node has to answer; then it is asked again
+PAUSE = (
+    1.0  # seconds between looks at everybody; a transition or a change of the graph is seen at once
+)
+GLANCE = 0.05  # seconds between looks at the graph
+DELAYS = (1.0, 2.0, 5.0)  # seconds until a transition that failed is tried again
+
+
+class Progress(object):
+    """How far the hand-over is, in a file that the probe reads.
+
+    Attributes:
+        step: starts, waits, activates, active or failed.
+        line: the same for people.
+    """
+
+    def __init__(self, step="", line="", token="", pid=0):
+        self.step, self.line, self.token, self.pid = step, line, token, pid
+
+    def save(self):
+        """Write it where this container can write."""
+        words = (container.started(), self.step, self.line, self.token, self.pid)
+        for path in FILES:
+            try:
+                with open("%s.%d" % (path, os.getpid()), "w") as file:
+                    file.write("\t".join(str(word) for word in words))
+                os.rename(file.name, path)
+                return
+            except (IOError, OSError):
+                continue
+
+    @classmethod
+    def load(cls):
+        """Return what was written since the container started, None for nothing."""
+        for path in FILES:
+            try:
+                with open(path) as file:
+                    words = file.read().split("\t")
+            except (IOError, OSError):
+                continue
+            if len(words) == 5 and words[0] == container.started():
+                return cls(words[1], words[2], words[3], int(words[4]))
+        return None
+
+
+def describe(name):
+    """Return (whether the pod's node is as far as it can be now, how far it is)."""
+    found = Progress.load()
+    if found is None:
+        return False, "the hand-over of %s has not started yet" % name
+    if found.step != "active" and not os.path.isdir("/proc/%d" % found.pid):
+        return False, "the hand-over of %s has ended early; the log tells why" % name
+    return found.step in READY, found.line
+
+
+def pod_of(token):
+    """Return the pod of a token, as ROS spells it."""
+    return token.partition("_")[2]
+
+
+def age_of(token):
+    """Return what orders tokens: a later one is larger."""
+    seconds = token.partition("_")[0][1:]
+    return int(seconds) if seconds.isdigit() else 0, pod_of(token)
+
+
+def decide(own, state, others, strangers=0, waited=0.0):
+    """Return (what to do, for whom it waits): configure, activate, wait, or done.
+
+    Args:
+        own: this pod's token; state: its node's.
+        others: token -> state of the other pods' nodes, None for one that does not answer.
+        strangers: how many more nodes of the name there are, which no such pod has.
+        waited: for how many seconds it could have been active.
+    """
+    if state == UNCONFIGURED:
+        return "configure", ""
+    if state != INACTIVE:
+        return ("done", "") if state == ACTIVE else ("wait", "")
+    newest = {pod_of(token): token for token in sorted([own, *others], key=age_of)}
+    for token, doing in sorted(others.items()):
+        if newest[pod_of(token)] != token:  # of a container that has crashed, and runs again
+            continue
+        newer = age_of(token) > age_of(own)
+        if doing in WORKING or (doing == INACTIVE and newer):
+            return "wait", pod_of(token)
+    if strangers > 0 and waited < STRANGER:
+        return "wait", "a node that no rigel pod has"
+    return "activate", ""
+
+
+class Hand(object):
+    """What it takes to ask and to change nodes: a ROS node of its own that nobody sees."""
+
+    def __init__(self, name):
+        """`name` is the full ROS name of the node to hand over."""
+        import rclpy
+        from lifecycle_msgs.msg import TransitionEvent
+        from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions
+        from rclpy.executors import SingleThreadedExecutor
+
+        rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+        self.name, self.base = name, name + "/_rigel_k8s/"
+        self._shutdown = rclpy.shutdown
+        self._change, self._get = ChangeState, GetAvailableTransitions
+        self.node = rclpy.create_node(
+            "_rigel_k8s_lifecycle_%d" % os.getpid(),
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.moved = False
+        self.node.create_subscription(TransitionEvent, name + "/transition_event", self._note, 10)
+        self._clients = {}
+
+    def _note(self, _):
+        self.moved = True
+
+    def pods(self):
+        """Return the tokens of all pods whose node is in sight."""
+        found = (name for name, _ in self.node.get_service_names_and_types())
+        tails = (name[len(self.base) :] for name in found if name.startswith(self.base))
+        return {tail.partition("/")[0] for tail in tails if tail.endswith("/change_state")}
+
+    def count(self):
+        """Return how many nodes have the name."""
+        names = self.node.get_node_names_and_namespaces()
+        return sum(1 for n, space in names if space.rstrip("/") + "/" + n == self.name)
+
+    def state(self, token):
+        """Return the state of a pod's node, None where it does not answer."""
+        answer = self._call(self._get, token, "get_available_transitions", self._get.Request())
+        if answer is None:
+            return None
+        found = [one.start_state.label for one in answer.available_transitions]
+        return found[0] if found else FINALIZED
+
+    def change(self, token, transition, seconds):
+        """Return whether a pod's node has made a transition."""
+        request = self._change.Request()
+        request.transition.label = transition
+        answer = self._call(self._change, token, "change_state", request, seconds)
+        return answer is not None and answer.success
+
+    def _call(self, kind, token, service, request, seconds=ANSWER):
+        key = token + "/" + service
+        if key not in self._clients:
+            self._clients[key] = self.node.create_client(kind, self.base + key)
+        client, until = self._clients[key], time.time() + seconds
+        while not client.service_is_ready():
+            if time.time() > until:
+                return None
+            self.spin(0.01)
+        future = client.call_async(request)
+        while not future.done() and time.time() < until:
+            self.spin(GLANCE)  # in slices: a signal is heard between two
+        if not future.done():
+            client.remove_pending_request(future)
+            return None
+        return future.result()
+
+    def spin(self, seconds):
+        """Do what is due, at most for so long."""
+        self.executor.spin_once(timeout_sec=seconds)
+
+    def close(self):
+        """Leave DDS."""
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self._shutdown()
+
+
+class Taker(object):
+    """Takes over for this pod's node."""
+
+    def __init__(self, name, token, hand):
+        self.name, self.token, self.hand = name, token, hand
+        self.begun = self.heard = time.time()  # when the own node was heard
+        self.failures = 0
+
+    def run(self):
+        """Return when the node is active."""
+        self.tell("starts", "%s has not offered its lifecycle services yet" % self.name)
+        while self.token not in self.hand.pods():
+            if time.time() > self.begun + SLOW:
+                line = "%s offers no lifecycle services: HandOver is for lifecycle nodes"
+                self.tell("starts", line % self.name)
+            self.hand.spin(GLANCE)
+        self.heard = time.time()
+        while not self.step():
+            pass
+
+    def step(self):
+        """Look, and do what is due; return whether that was all."""
+        pods, self.hand.moved = self.hand.pods(), False
+        state = self.hand.state(self.token)
+        others = {token: self.hand.state(token) for token in pods if token != self.token}
+        strangers = self.hand.count() - len(pods | {self.token})
+        settled = time.time() > self.begun + SETTLE
+        waited = time.time() - self.heard
+        what, whom = decide(self.token, state, others, strangers, waited)
+        if what == "done":
+            self.tell("active", "%s is active" % self.name)
+            return True
+        if what == "configure":
+            return self.change("configure", "starts")
+        if what == "activate" and settled:
+            return self.change("activate", "activates")
+        if state == INACTIVE and whom and not self.failures:
+            self.tell("waits", "%s is inactive and waits to take over from %s" % (self.name, whom))
+        self.rest(pods, PAUSE if settled else GLANCE)
+        return False
+
+    def change(self, transition, step):
+        """Make a transition; return whether the node is active now."""
+        self.tell(step, "%s: %s" % (self.name, transition))
+        if self.hand.change(self.token, transition, 3600.0):
+            self.failures = 0
+            if transition == "activate":
+                self.tell("active", "%s is active" % self.name)
+            return transition == "activate"
+        self.failures += 1
+        line = "%s has refused to %s, %d times; see its log"
+        self.tell("failed", line % (self.name, transition, self.failures))
+        until = time.time() + DELAYS[min(self.failures, len(DELAYS)) - 1]
+        while time.time() < until:
+            self.hand.spin(GLANCE)
+        return False
+
+    def rest(self, pods, seconds):
+        """Wait until something may have changed."""
+        until = time.time() + seconds
+        while time.time() < until and not self.hand.moved and self.hand.pods() == pods:
+            self.hand.spin(GLANCE)
+
+    def tell(self, step, line):
+        """Note how far it is, and log it once."""
+        last = Progress.load()
+        if last is None or (last.step, last.line) != (step, line):
+            Progress(step, line, self.token, os.getpid()).save()
+            sys.stdout.write("[rigel-k8s] %.3f %s\n" % (time.time(), line))
+            sys.stdout.flush()
+
+
+def take(name, token):
+    """Return when the node is active."""
+    import signal
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: sys.exit(0))  # the pod ends: it takes over no more
+    Progress("starts", "%s: the hand-over starts" % name, token, os.getpid()).save()
+    hand = Hand(name)
+    try:
+        Taker(name, token, hand).run()
+    finally:
+        hand.close()
+    return 0
+
+
+def leave(name, seconds):
+    """Return 0 where the node was active and is no more."""
+    until, found = time.time() + seconds, Progress.load()
+    if found is None:
+        return 1
+    end(found.pid)
+    if found.step not in ("active", "activates"):
+        return 1
+    hand = Hand(name)
+    gone = hand.change(found.token, "deactivate", max(0.1, until - time.time()))
+    hand.close()
+    return 0 if gone else 1
+
+
+def end(pid):
+    """End the one that waits: a node that is about to end takes nothing over."""
+    for number, times in ((15, 100), (9, 1)):  # SIGTERM, SIGKILL
+        try:
+            os.kill(pid, number)
+            for _ in range(times):
+                time.sleep(0.01)
+                os.kill(pid, 0)
+        except OSError:
+            return
+
+
+def main(words):
+    """Return the exit code."""
+    name = os.environ.get("RIGEL_K8S_LIFECYCLE", "")
+    if words[:1] == ["take"] and len(words) == 2 and name:
+        return take(name, words[1])
+    if words[:1] == ["leave"] and name:
+        return leave(name, float(words[2]) if len(words) > 2 else 4.0)
+    sys.stdout.write("wrong arguments: take TOKEN|leave [--wait SECONDS]\n")
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -12,9 +12,9 @@ Contract: RIGEL_K8S_LIFECYCLE is the node's full ROS name. lifecycle.sh has put 
 of the node's services change_state and get_available_transitions. So the ROS graph shows which pods
 there are, and each pod's node can be asked and changed by itself. A token is tSECONDS_POD, from the
 start of the container: of several nodes that wait the newest takes over, and of a pod with several
-tokens only the newest counts, as its container has crashed. Progress keeps in a file what was reached, for the
-probe. `leave` returns 0 where the node was deactivated, else 1. It runs in the node's own
-environment, with its rclpy.
+tokens only the newest counts, as its container has crashed. Progress keeps in a file what was
+reached, for the probe. `leave` returns 0 where the node was deactivated, else 1. It runs in the
+node's own environment, with its rclpy.
 """
 
 import os
@@ -33,7 +33,7 @@ WORKING = (ACTIVE, "activating", "deactivating", None)
 #: Steps that count as ready.
 READY = ("waits", "active")
 
-SETTLE = 2.0  # seconds until the nodes of other pods must have been heard
+SETTLE = 3.5  # seconds until whoever works was heard; DDS announces itself at least every 3 s
 SLOW = (
     15.0  # seconds after which a node that has not offered its services is suspected to have none
 )
@@ -217,6 +217,7 @@ class Taker(object):
     def __init__(self, name, token, hand):
         self.name, self.token, self.hand = name, token, hand
         self.begun = self.heard = time.time()  # when the own node was heard
+        self.met = False  # the one node that worked was heard, so there is no need to listen longer
         self.failures = 0
 
     def run(self):
@@ -237,7 +238,8 @@ class Taker(object):
         state = self.hand.state(self.token)
         others = {token: self.hand.state(token) for token in pods if token != self.token}
         strangers = self.hand.count() - len(pods | {self.token})
-        settled = time.time() > self.begun + SETTLE
+        self.met = self.met or any(doing in WORKING[:-1] for doing in others.values())
+        settled = self.met or time.time() > self.begun + SETTLE
         waited = time.time() - self.heard
         what, whom = decide(self.token, state, others, strangers, waited)
         if what == "done":

@@ -24,9 +24,11 @@ TOOLS = re.compile(
     r"/(.*/)?(_[^/]*|ros_exporter\w*|launch_ros_\d+"
     r"|(ros(topic|service|node|param|launch|bag)|record|play|rviz|rqt\w*)_\d{3,}(_\d+)*)"
 )
-#: The last part of services that each node has, for its parameters and its log.
+#: The last part of services that each node has, for its parameters and its log, and of those that
+#: have another name in each pod where a lifecycle node is handed over.
 OWN_SERVICES = frozenset(
     {
+        *("change_state", "get_available_transitions"),
         *("describe_parameters", "get_parameter_types", "get_parameters", "list_parameters"),
         *("set_parameters", "set_parameters_atomically", "get_type_description"),
         *("get_loggers", "set_logger_level", "get_logger_levels", "set_logger_levels"),

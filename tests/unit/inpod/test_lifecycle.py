@@ -175,6 +175,30 @@ def test_a_node_that_starts_late_is_active_at_once(lifecycle: ModuleType, world:
     assert 10 <= times(world, "activate")[0] < 10.2
 
 
+def test_whoever_has_met_the_old_one_need_not_listen_longer(lifecycle: ModuleType, world: World):
+    """A pod that was deleted is deactivated before the new one has started."""
+    world.states.update({OWN: "unconfigured", OLD: "active"})
+    world.events[1000.5] = world.set(OLD, "inactive")
+    take(lifecycle, world)
+    assert times(world, "activate")[0] < 0.5 + lifecycle.PAUSE + 0.1 < lifecycle.SETTLE
+
+
+def test_to_have_met_one_that_does_not_work_is_not_enough(lifecycle: ModuleType, world: World):
+    """A pod of an earlier update may hang at its end, and be heard before the one that works."""
+    world.states.update({OWN: "unconfigured", "t50_talker_older": "inactive"})
+    world.events[1000.0 + lifecycle.SETTLE - 0.5] = world.set(OLD, "active")
+    world.events[1020.0] = world.set(OLD, "inactive")
+    take(lifecycle, world)
+    assert times(world, "activate")[0] >= 20
+
+
+def test_what_a_crash_has_left_is_no_company(lifecycle: ModuleType, world: World):
+    """The container that runs again has heard no one but itself."""
+    world.states.update({OWN: "unconfigured", "t150_talker_own": None})
+    take(lifecycle, world)
+    assert lifecycle.SETTLE < times(world, "activate")[0] < lifecycle.SETTLE + 0.2
+
+
 def test_the_old_one_is_waited_for(lifecycle: ModuleType, world: World):
     """It is ready as long as it waits, so that Kubernetes ends the old pod."""
     world.states.update({OWN: "unconfigured", OLD: "active"})

@@ -318,3 +318,11 @@ def test_an_action_is_one_thing() -> None:
     assert worse(before, graph("/nav", "/ui", topics=gone)) == [
         "the action /nav had 1 publisher, now 0"
     ]
+
+
+def test_a_lifecycle_node_may_begin_to_hand_over() -> None:
+    """Then two of its services have another name in each pod; nothing is worse, nor changed."""
+    plain = {f"/a/{name}": "/a" for name in ("change_state", "get_available_transitions")}
+    own = {name.replace("/a/", "/a/_rigel_k8s/t1_pod/"): "/a" for name in plain}
+    before, after = graph("/a", services=plain), graph("/a", services=own)
+    assert compare(before, after) == compare(after, before) == Comparison()

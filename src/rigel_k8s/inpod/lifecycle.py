@@ -37,6 +37,7 @@ SETTLE = 3.5  # seconds until whoever works was heard; DDS announces itself at l
 SLOW = (
     15.0  # seconds after which a node that has not offered its services is suspected to have none
 )
+WATCH = 10.0  # seconds for which a node that has heard no one looks whether it was mistaken
 STRANGER = 60.0  # seconds that a node of this name that is of no such pod may take to end
 ANSWER = 1.0  # seconds that a node has to answer; then it is asked again
 PAUSE = (
@@ -218,6 +219,7 @@ class Taker(object):
         self.name, self.token, self.hand = name, token, hand
         self.begun = self.heard = time.time()  # when the own node was heard
         self.met = False  # the one node that worked was heard, so there is no need to listen longer
+        self.alone = False  # it was activated here without having met anyone
         self.failures = 0
 
     def run(self):
@@ -229,8 +231,22 @@ class Taker(object):
                 self.tell("starts", line % self.name)
             self.hand.spin(GLANCE)
         self.heard = time.time()
-        while not self.step():
+        while not (self.step() and self.stays()):
             pass
+
+    def stays(self):
+        """Return whether the node stays active: none is that was heard late, and is older."""
+        until = time.time() + (WATCH if self.alone else 0)
+        while time.time() < until:
+            pods, self.hand.moved = self.hand.pods(), False
+            for token in pods - {self.token}:
+                if age_of(token) < age_of(self.token) and self.hand.state(token) == ACTIVE:
+                    self.tell("starts", "%s gives way to %s" % (self.name, pod_of(token)))
+                    self.met, self.alone = True, False
+                    self.hand.change(self.token, "deactivate", 3600.0)
+                    return False
+            self.rest(pods, PAUSE)
+        return True
 
     def step(self):
         """Look, and do what is due; return whether that was all."""
@@ -260,6 +276,7 @@ class Taker(object):
         if self.hand.change(self.token, transition, 3600.0):
             self.failures = 0
             if transition == "activate":
+                self.alone = not self.met
                 self.tell("active", "%s is active" % self.name)
             return transition == "activate"
         self.failures += 1

@@ -192,6 +192,28 @@ def test_to_have_met_one_that_does_not_work_is_not_enough(lifecycle: ModuleType,
     assert times(world, "activate")[0] >= 20
 
 
+def test_a_node_gives_way_to_an_older_one_that_it_has_heard_late(
+    lifecycle: ModuleType, world: World
+):
+    """DDS may need longer on a busy machine; then both work for that while, and no longer."""
+    world.states[OWN] = "unconfigured"
+    world.events[1006.0] = world.set(OLD, "active")
+    world.events[1030.0] = world.set(OLD, "inactive")
+    take(lifecycle, world)
+    first, second = times(world, "activate")
+    assert first < 4
+    assert 6 <= times(world, "deactivate")[0] < 6.2
+    assert 30 <= second <= 30 + lifecycle.PAUSE + 0.1
+
+
+def test_a_newer_one_gives_way_and_not_the_older(lifecycle: ModuleType, world: World):
+    """Otherwise neither would work."""
+    world.states[OWN] = "unconfigured"
+    world.events[1006.0] = world.set(NEW, "active")
+    take(lifecycle, world)
+    assert not times(world, "deactivate")
+
+
 def test_what_a_crash_has_left_is_no_company(lifecycle: ModuleType, world: World):
     """The container that runs again has heard no one but itself."""
     world.states.update({OWN: "unconfigured", "t150_talker_own": None})
@@ -258,7 +280,7 @@ def test_a_node_that_is_no_lifecycle_node_says_so(lifecycle: ModuleType, world: 
 
 
 def test_what_someone_else_has_activated_is_left_alone(lifecycle: ModuleType, world: World):
-    world.states[OWN] = "active"
+    world.states.update({OWN: "active", OLD: "active"})
     take(lifecycle, world)
     assert world.history == []
 

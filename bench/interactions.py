@@ -314,7 +314,7 @@ def main() -> None:
     """Measure and print."""
     words = arguments()
     name = words.context.removeprefix("rigel-")
-    if words.context == OWN:
+    if words.context == OWN["1"]:
         localcluster.up(name, 2, extras=["kubectl"], report=print)
     status = localcluster.status(name)
     image = f"{status.registry}/ros:noetic"
@@ -356,7 +356,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--kinds", type=words, default=["subscriber", "service", "latched", "action"]
     )
-    parser.add_argument("--context", default=OWN)
+    parser.add_argument("--context", default=OWN["1"])
     return parser.parse_args()
 
 

@@ -55,14 +55,15 @@ def is_same_node(registrations: Iterable[Registration], publications: Any) -> bo
     """Return whether a node that answers at an address can be the one that registered there.
 
     Another process may have got the address. Each node publishes something, /rosout at least. A
-    node that has just ceased to publish one topic is known by another.
+    node that has just ceased to publish some topics publishes nothing else, or is known by another.
 
     Args:
         publications: what it answers to `getPublications`: [[topic, type], ...].
     """
     own = {one.key for one in registrations if one.kind == PUBLISHER}
     there = {entry[0] for entry in publications or ()}
-    return own <= there or not (own & there) <= {ROSOUT}
+    ceased = bool(there) and there <= own
+    return own <= there or ceased or not (own & there) <= {ROSOUT}
 
 
 def list_topics_without(gone: Iterable[Registration]) -> set[str]:

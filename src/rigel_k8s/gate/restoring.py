@@ -180,6 +180,7 @@ class Restoring:
             return
         types = dict(await self._ask_now("getTopicTypes") or [])
         hosts = {host_of(e.api) for e in self._state.registry.nodes.values() if e.hands_over}
+        hosts |= self._state.pods.keys()
         for kind, key, node in unknown:
             api = await self._ask_now("lookupNode", node)
             detail = types.get(key, "*")

@@ -103,10 +103,17 @@ class TakeOver:
             await self._pass_name(heir.name, heir.api, None)
 
     async def finish(self) -> None:
-        """Finish what an earlier gate had begun when it ended: its nodes have half of it."""
+        """Finish what an earlier gate had begun when it ended: its nodes have half of it.
+
+        That gate may also have ended before a node got what the master had answered about it.
+        """
         for newcomer in list(self._state.newcomers.values()):
             if self._state.registry.api_of(newcomer.name) == newcomer.api:
                 await self._pass_name(newcomer.name, newcomer.api, newcomer.api)
+        for entry in self._state.registry.nodes.values():
+            if entry.hands_over:
+                for one in entry.registrations.values():
+                    self._nodes.send_answer(one)
 
     def look_around(self) -> None:
         """Look whether newcomers live, and those whose names they wait for."""

@@ -156,7 +156,7 @@ async def test_what_a_node_registers_once_more_is_its_own_again(world: World) ->
     node = (await up(world, TALKER)).nodes[0]
     await node.unregister(CHATTER)
     await node.register(*CHATTER)
-    node.offers = {ROSOUT}
+    node.offers = {ROSOUT, (PUBLISHER, "/something else")}
     world.kill_master()
     world.start_master()
     assert not (await look_up(world)).is_success

@@ -141,7 +141,7 @@ def publications(*topics: str) -> list[list[str]]:
         (("/rosout", "/image", "/info"), True),
         (("/rosout", "/image", "/info", "/more"), True),
         (("/rosout", "/image"), True),  # it stops to publish, and its call is on its way
-        (("/rosout",), False),
+        (("/rosout",), True),  # the same, of all its topics
         (("/rosout", "/scan"), False),
         ((), False),
     ],

@@ -8,6 +8,7 @@ introduced: its answer to their registration came to the gate, not to them.
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from typing import Any, Tuple
 
 from rigel_k8s.gate.calls import Call, Removal
@@ -56,6 +57,16 @@ class Nodes:
         except NodeSilent:
             return None
         return True
+
+    def end(self, api: str) -> None:
+        """Shut a node down, without waiting for it."""
+
+        async def ask() -> None:
+            with suppress(NodeGone, NodeSilent):
+                why = "another node has taken over its name"
+                await self._context.links.node(api, Call("shutdown", (MASTER, why)), PATIENCE)
+
+        self._context.spawn(ask())
 
     # -- what they hear --
 

@@ -141,7 +141,10 @@ class TakeOver:
     # -- how it changes hands --
 
     async def _pass_name(self, name: str, api: str, owner: str | None) -> None:
-        """Give a waiting node its name; the master shuts down who had it.
+        """Give a waiting node its name; who had it is shut down.
+
+        The master does that, too, but as late as it tells others of the new one: a busy machine
+        would hear both for a moment.
 
         Args:
             owner: who has the name, as the caller has seen it. Another one may have got it before
@@ -152,6 +155,8 @@ class TakeOver:
             if newcomer is None or self._state.registry.api_of(name) != owner:
                 return
             async with self._master.handing_over():
+                if owner not in (None, api):
+                    self._nodes.end(str(owner))
                 await self._register_all(newcomer)
             self._context.note("dismiss", name, api)
         self._context.log(f"{name} at {api} has taken over")

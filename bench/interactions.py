@@ -11,10 +11,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import re
-import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -24,8 +21,7 @@ from statistics import median
 
 import attrs
 
-from bench.updates import OWN
-from rigel_lab import cluster as localcluster
+from bench.rollouts import Rollouts, find_cluster, until
 
 SPACE = "bench-interactions"
 #: What each updated program begins with: as late as a program with a model to load.
@@ -225,74 +221,47 @@ KINDS = {
 
 @attrs.frozen
 class Stage:
-    """A cluster, and where the Rigelfile is written."""
+    """Where a kind is updated and noticed."""
 
-    context: str
-    kubectl_program: str
-    image: str
-    directory: Path
+    rollouts: Rollouts
+    kind: Kind
 
-    def kubectl(self, *words: str) -> str:
-        """Run kubectl in the bench's namespace."""
-        head = [self.kubectl_program, "--context", self.context, "-n", SPACE]
-        done = subprocess.run([*head, *words], capture_output=True, text=True, check=True)
-        return done.stdout
-
-    def deploy(self, kind: Kind, strategy: str, version: int, late: float) -> bool:
+    def deploy(self, strategy: str, version: int, late: float) -> bool:
         """Deploy a version of what is updated; return whether it became ready."""
-        stays = {"update": {"strategy": "Recreate"}}
+        programs = {"notices": self.kind.notices, **self.kind.others}
         nodes = {
             "updated": {
-                "args": ["python3", "-c", kind.updated],
+                "args": ["python3", "-c", self.kind.updated],
                 "env": {"VERSION": f"v{version}", "LATE": late},
                 "placement": {"apart_from": ["notices"]},
-                "update": {"strategy": strategy, "warm": kind.warm},
+                "update": {"strategy": strategy, "warm": self.kind.warm},
             },
-            "notices": {"args": ["python3", "-c", kind.notices], **stays},
             **{
-                name: {"args": ["python3", "-c", code], **stays}
-                for name, code in kind.others.items()
+                name: {"args": ["python3", "-c", code], "update": {"strategy": "Recreate"}}
+                for name, code in programs.items()
             },
         }
-        options = {
-            "namespace": SPACE,
-            "ros_master_image": self.image,
-            "image": self.image,
-            "gate": strategy == "HandOver",
-            "nodes": nodes,
-        }
-        job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
-        file = self.directory / "Rigelfile"
-        file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": {"deploy": job}}))
-        head = [sys.executable, "-m", "rigel_k8s", "-f", str(file), "--context", self.context]
-        words = ["run", "job", "deploy", "--timeout", "60s"]
-        return subprocess.run([*head, *words], capture_output=True).returncode == 0
+        more = {"ros_master_image": self.rollouts.image, "gate": strategy == "HandOver"}
+        return self.rollouts.deploy("noetic", nodes, more)
 
     def noticed(self) -> list[Notice]:
         """Return what was noticed so far."""
-        text = self.kubectl("logs", "deployment/notices", "--tail=-1")
-        return [Notice(float(when), what, int(n)) for when, what, n in LINE.findall(text)]
+        found = LINE.findall(self.rollouts.logs("notices"))
+        return [Notice(float(when), what, int(number)) for when, what, number in found]
 
     def until_noticed(self, version: int) -> None:
-        """Wait until a version is noticed, at most 30 s."""
-        end = time.monotonic() + 30
-        while time.monotonic() < end:
-            if any(one.what == f"v{version}" for one in self.noticed()[-20:]):
-                return
-            time.sleep(0.3)
+        """Wait until a version is noticed."""
+        until(lambda: any(one.what == f"v{version}" for one in self.noticed()[-20:]))
 
 
-def measure(
-    stage: Stage, kind: Kind, strategy: str, late: float, updates: int
-) -> tuple[list[Notice], int]:
+def measure(stage: Stage, strategy: str, late: float, updates: int) -> tuple[list[Notice], int]:
     """Update so many times; return what was noticed, and how many deploys failed."""
-    stage.kubectl("delete", "namespace", SPACE, "--ignore-not-found", "--wait")
-    stage.kubectl("create", "namespace", SPACE)
-    stage.deploy(kind, strategy, 0, late)
+    stage.rollouts.clear()
+    stage.deploy(strategy, 0, late)
     stage.until_noticed(0)
     failed = 0
     for version in range(1, updates + 1):
-        failed += not stage.deploy(kind, strategy, version, late)
+        failed += not stage.deploy(strategy, version, late)
         stage.until_noticed(version)
         time.sleep(1)
     return stage.noticed(), failed
@@ -313,22 +282,17 @@ def find_gaps(found: list[Notice]) -> Iterator[float]:
 def main() -> None:
     """Measure and print."""
     words = arguments()
-    name = words.context.removeprefix("rigel-")
-    if words.context == OWN["1"]:
-        localcluster.up(name, 2, extras=["kubectl"], report=print)
-    status = localcluster.status(name)
-    image = f"{status.registry}/ros:noetic"
-    push = [sys.executable, "-m", "rigel_k8s", "image", "ros1-base", "--push", image]
-    subprocess.run(push, check=True)
+    place = find_cluster(words.context, "1")
     print("\n| updated | start, s | strategy | median gap, s | longest | noticed | failed |")
     print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as directory:
-        stage = Stage(words.context, status.kubectl, image, Path(directory))
+        rollouts = Rollouts(*place, SPACE, Path(directory))
         for title, late in itertools.product(KINDS, words.late):
             if not any(title.startswith(kind) for kind in words.kinds):
                 continue
             for strategy in words.strategies:
-                found, failed = measure(stage, KINDS[title], strategy, late, words.updates)
+                stage = Stage(rollouts, KINDS[title])
+                found, failed = measure(stage, strategy, late, words.updates)
                 gaps = list(find_gaps(found)) or [float("nan")]
                 once = title.startswith("latched")  # nothing comes between two maps
                 told = "- | -" if once else f"{median(gaps):.3f} | {max(gaps):.3f}"
@@ -356,7 +320,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--kinds", type=words, default=["subscriber", "service", "latched", "action"]
     )
-    parser.add_argument("--context", default=OWN["1"])
+    parser.add_argument("--context")
     return parser.parse_args()
 
 

@@ -11,10 +11,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import re
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -25,10 +22,8 @@ from typing import Any
 import attrs
 
 from bench import updates_ros2
-from rigel_lab import cluster as localcluster
+from bench.rollouts import Rollouts, find_cluster, until
 
-#: The bench's own cluster, by ROS.
-OWN = {"1": "rigel-bench", "2": "rigel-bench2"}
 SPACE = "bench-updates"
 STRATEGIES = ("Recreate", "Rolling", "HandOver")
 #: "VERSION NUMBER" in each message; the start is as late as that of a program with a model to load.
@@ -74,61 +69,40 @@ class Update:
 
 
 @attrs.frozen
-class Bench:
-    """A cluster, and where the Rigelfile is written.
+class Talk:
+    """A talker that is updated, and its listener on another machine.
 
     Attributes:
         ros: 1 or 2.
     """
 
-    context: str
-    kubectl_program: str
-    image: str
-    directory: Path
-    ros: str = "1"
-
-    def kubectl(self, *words: str) -> str:
-        """Run kubectl in the bench's namespace."""
-        head = [self.kubectl_program, "--context", self.context, "-n", SPACE]
-        done = subprocess.run([*head, *words], capture_output=True, text=True, check=True)
-        return done.stdout
+    rollouts: Rollouts
+    ros: str
 
     def deploy(self, strategy: str, version: int, rate: int, late: float) -> bool:
         """Deploy the talker in a version; return whether it became ready."""
-        env = {"VERSION": f"v{version}", "RATE": rate, "LATE": late}
         describe = describe_ros1 if self.ros == "1" else updates_ros2.describe
         distro, talker, listener, more = describe(strategy)
         nodes = {
             "talker": {
                 **talker,
-                "env": env,
+                "env": {"VERSION": f"v{version}", "RATE": rate, "LATE": late},
                 "placement": {"apart_from": ["listener"]},
                 "update": {"strategy": strategy},
             },
             "listener": {**listener, "update": {"strategy": "Recreate"}},
         }
-        options = {"namespace": SPACE, "image": self.image, "nodes": nodes, **more}
-        if self.ros == "1":
-            options["ros_master_image"] = self.image
-        job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
-        file = self.directory / "Rigelfile"
-        file.write_text(json.dumps({"application": {"distro": distro}, "jobs": {"deploy": job}}))
-        head = [sys.executable, "-m", "rigel_k8s", "-f", str(file), "--context", self.context]
-        words = ["run", "job", "deploy", "--timeout", "60s"]
-        return subprocess.run([*head, *words], capture_output=True).returncode == 0
+        master = {"ros_master_image": self.rollouts.image} if self.ros == "1" else {}
+        return self.rollouts.deploy(distro, nodes, {**master, **more})
 
     def heard(self) -> list[tuple[float, int, int]]:
         """Return (time, version, number) of what the listener has heard."""
-        text = self.kubectl("logs", "deployment/listener", "--tail=-1")
-        return [(float(t), int(version), int(n)) for t, version, n in HEARD.findall(text)]
+        found = HEARD.findall(self.rollouts.logs("listener"))
+        return [(float(when), int(version), int(number)) for when, version, number in found]
 
     def until_heard(self, version: int) -> None:
-        """Wait until the listener hears a version, at most 30 s."""
-        end = time.monotonic() + 30
-        while time.monotonic() < end:
-            if any(one[1] == version for one in self.heard()[-20:]):
-                return
-            time.sleep(0.3)
+        """Wait until the listener hears a version."""
+        until(lambda: any(one[1] == version for one in self.heard()[-20:]))
 
 
 def describe_ros1(strategy: str) -> tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]:
@@ -139,19 +113,18 @@ def describe_ros1(strategy: str) -> tuple[str, dict[str, Any], dict[str, Any], d
 
 
 def measure(
-    bench: Bench, strategy: str, rate: int, late: float, updates: int
+    talk: Talk, strategy: str, rate: int, late: float, updates: int
 ) -> tuple[list[Update], int]:
     """Update so many times; return what was heard of each, and how many deploys failed."""
-    bench.kubectl("delete", "namespace", SPACE, "--ignore-not-found", "--wait")
-    bench.kubectl("create", "namespace", SPACE)
-    bench.deploy(strategy, 0, rate, late)
-    bench.until_heard(0)
+    talk.rollouts.clear()
+    talk.deploy(strategy, 0, rate, late)
+    talk.until_heard(0)
     failed = 0
     for version in range(1, updates + 1):
-        failed += not bench.deploy(strategy, version, rate, late)
-        bench.until_heard(version)
+        failed += not talk.deploy(strategy, version, rate, late)
+        talk.until_heard(version)
         time.sleep(1)
-    return list(judge(bench.heard(), rate, updates)), failed
+    return list(judge(talk.heard(), rate, updates)), failed
 
 
 def judge(found: Sequence[tuple[float, int, int]], rate: int, updates: int) -> list[Update]:
@@ -172,24 +145,14 @@ def judge(found: Sequence[tuple[float, int, int]], rate: int, updates: int) -> l
 def main() -> None:
     """Measure and print."""
     words = arguments()
-    context = words.context or OWN[words.ros]
-    name = context.removeprefix("rigel-")
-    rigel = [sys.executable, "-m", "rigel_k8s", "--context", context]
-    if not words.context:
-        extras = ["kubectl"] if words.ros == "1" else ["kubectl", "multus"]
-        localcluster.up(name, 2, extras=extras, report=print)
-    if words.ros == "2":
-        subprocess.run([*rigel, "network", "install"], check=True)
-    status = localcluster.status(name)
-    image = f"{status.registry}/ros:{'noetic' if words.ros == '1' else 'jazzy'}"
-    subprocess.run([*rigel, "image", f"ros{words.ros}-base", "--push", image], check=True)
+    place = find_cluster(words.context, words.ros)
     print("\n| rate | start, s | strategy | median gap, s | longest | lost | doubled | failed |")
     print("|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as directory:
-        bench = Bench(context, status.kubectl, image, Path(directory), words.ros)
+        talk = Talk(Rollouts(*place, SPACE, Path(directory)), words.ros)
         for rate, late in itertools.product(words.rates, words.late):
             for strategy in words.strategies.split(","):
-                found, failed = measure(bench, strategy, rate, late, words.updates)
+                found, failed = measure(talk, strategy, rate, late, words.updates)
                 gaps = [one.gap for one in found] or [float("nan")]
                 lost, doubled = sum(u.lost for u in found), sum(u.doubled for u in found)
                 print(

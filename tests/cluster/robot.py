@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rigel_k8s.objects.facts import is_ready
+from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
 
 
@@ -85,6 +86,12 @@ class Robot:
         full = ["/bin/sh", "/rigel-k8s/exec.sh", *command]
         container = pod["spec"]["containers"][0]["name"]
         return self.cluster.run(self.namespace, pod["metadata"]["name"], full, container=container)
+
+    def edit(self, ref: ObjectRef, change: dict[str, Any]) -> None:
+        """Change an object as `kubectl edit` does: what was changed is kubectl's then."""
+        url = self.cluster.path_of(ref, "edit", query={"fieldManager": "kubectl-edit"})
+        media = "application/merge-patch+json"
+        self.cluster.client.call("PATCH", url, "edit", body=change, media=media)
 
     def deployments(self) -> set[str]:
         """Return the names of the namespace's Deployments."""

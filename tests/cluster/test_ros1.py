@@ -262,7 +262,7 @@ def test_another_managers_field_is_told_and_adopted_on_request(robot: Robot) -> 
     robot.write({"talker": talker() | {"replicas": 1}})
     robot.deploy()
     ref = ObjectRef("apps/v1", "Deployment", robot.namespace, "talker")
-    robot.cluster.patch(ref, {"spec": {"replicas": 0}})
+    robot.edit(ref, {"spec": {"replicas": 0}})
     robot.write({"talker": talker() | {"replicas": 1, "env": {"GENERATION": 2}}})
     refused = robot.rigel("run", "job", "deploy", check=False)
     assert refused.returncode == 1

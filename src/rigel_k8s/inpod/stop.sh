@@ -14,7 +14,7 @@
 # shell, roscpp): then it goes on in the background. For the end of process 1 ends this script with it, and Kubernetes
 # tells that as a failed hook.
 # Where RIGEL_K8S_WORKLOAD is set, the names of the nodes go to the pod that waits for them first
-# (ready.py leave), for which that has a quarter of SECONDS to become ready. The master ends those nodes
+# (ready.py leave), for which that has a quarter of SECONDS to become ready. Gate and master end those nodes
 # then; that is not disturbed for a moment, since others find their new publishers meanwhile. Where
 # RIGEL_K8S_LIFECYCLE is set, the node is deactivated first (lifecycle.py leave), for which it has half of
 # SECONDS; what it has sent reaches its hearers meanwhile.

@@ -279,6 +279,12 @@ def test_a_cluster_that_is_away_is_asked_for_a_while(
     assert capsys.readouterr().out.count("cannot be read: the API server is away") == failures
 
 
+async def until_written(place: Place, times: int) -> None:
+    """Wait for writes, which a thread makes."""
+    while place.writes < times:
+        await asyncio.sleep(0.01)
+
+
 def test_the_cluster_is_written_at_most_once_a_pause(
     journal: Journal, place: Place, monkeypatch: pytest.MonkeyPatch
 ):
@@ -291,13 +297,11 @@ def test_the_cluster_is_written_at_most_once_a_pause(
         running = asyncio.ensure_future(keeper.run())
         for event in EVENTS:
             keep(keeper, event)
-        await asyncio.sleep(0.03)
-        assert place.writes == 1
+        await until_written(place, 1)
         await asyncio.sleep(0.1)
         assert place.writes == 1, "nothing has changed since"
         keep(keeper, ["run", "run 2"])
-        await asyncio.sleep(0.1)
-        assert place.writes == 2
+        await until_written(place, 2)
         running.cancel()
         assert place.kept is not None
         assert known(decompress(place.kept)) == known(keeper.state)
@@ -320,9 +324,10 @@ def test_a_cluster_that_is_away_is_written_later(
         place.fails += [NotKept("away")] * 3
         keep(keeper, EVENTS[0])
         running = asyncio.ensure_future(keeper.run())
+        await until_written(place, 4)
         await asyncio.sleep(0.1)
         running.cancel()
-        assert place.writes == 4
+        assert place.writes == 4, "written once, it is not written again"
 
     asyncio.run(work())
     assert capsys.readouterr().out.splitlines() == [

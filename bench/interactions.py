@@ -21,7 +21,7 @@ from statistics import median
 
 import attrs
 
-from bench.rollouts import Rollouts, find_cluster, until
+from bench.rollouts import Rollouts, find_cluster, numbers, until
 
 SPACE = "bench-interactions"
 #: What each updated program begins with: as late as a program with a model to load.
@@ -310,9 +310,6 @@ def arguments() -> argparse.Namespace:
 
     def words(text: str) -> list[str]:
         return text.split(",")
-
-    def numbers(text: str) -> list[int]:
-        return [int(word) for word in text.split(",")]
 
     parser.add_argument("--updates", type=int, default=20)
     parser.add_argument("--late", type=numbers, default=[0, 5])

@@ -85,3 +85,8 @@ def until(condition: Callable[[], bool]) -> None:
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end and not condition():
         time.sleep(0.3)
+
+
+def numbers(text: str) -> list[int]:
+    """Return what an option such as `20,100` lists."""
+    return [int(word) for word in text.split(",")]

@@ -22,7 +22,7 @@ from typing import Any
 import attrs
 
 from bench import updates_ros2
-from bench.rollouts import Rollouts, find_cluster, until
+from bench.rollouts import Rollouts, find_cluster, numbers, until
 
 SPACE = "bench-updates"
 STRATEGIES = ("Recreate", "Rolling", "HandOver")
@@ -165,9 +165,6 @@ def main() -> None:
 def arguments() -> argparse.Namespace:
     """Return what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-
-    def numbers(text: str) -> list[int]:
-        return [int(word) for word in text.split(",")]
 
     parser.add_argument("--ros", choices=["1", "2"], default="1")
     parser.add_argument("--updates", type=int, default=20)

@@ -94,3 +94,27 @@ def note_calls(world: World) -> list[Call]:
 
     world.master = master  # type: ignore[method-assign]
     return calls
+
+
+def slow_down(world: World, method: str, seconds: float) -> None:
+    """Let calls of nodes of this method take so long."""
+    real = world.node
+
+    async def node(api: str, call: Call, patience: float) -> Answer:
+        await asyncio.sleep(seconds if call.method == method else 0)
+        return await real(api, call, patience)
+
+    world.node = node  # type: ignore[method-assign]
+
+
+def fail_once(world: World, method: str, error: Exception) -> None:
+    """Let the master's next call of this method fail."""
+    real = world.master
+
+    async def master(call: Call) -> Answer:
+        if call.method == method:
+            world.master = real  # type: ignore[method-assign]
+            raise error
+        return await real(call)
+
+    world.master = master  # type: ignore[method-assign]

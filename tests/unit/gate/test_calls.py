@@ -24,6 +24,7 @@ from tests.support.gate_stage import (
     play,
     publishers,
     registered,
+    slow_down,
     start,
     up,
 )
@@ -210,13 +211,7 @@ async def test_a_list_does_not_overtake_a_later_one(world: World) -> None:
     """The gate's list is slow; the publisher that registers meanwhile is not dropped by it."""
     await up(world, TALKER)
     old, new = await up(world, LISTENER), await up(world, LISTENER)
-    real = world.node
-
-    async def node(api: str, call: Call, seconds: float) -> Answer:
-        await asyncio.sleep(0.3 if call.method == "publisherUpdate" else 0)
-        return await real(api, call, seconds)
-
-    world.node = node  # type: ignore[method-assign]
+    slow_down(world, "publisherUpdate", 0.3)
     handing = asyncio.ensure_future(world.hand_over(old))
     await asyncio.sleep(0.1)
     camera = await up(world, {"/camera": [CHATTER]})
@@ -230,13 +225,7 @@ async def test_a_list_does_not_overtake_another_hand_over(world: World) -> None:
     """The gate's list is slow; the publisher that takes over meanwhile is not dropped by it."""
     old_talker, new_talker = await up(world, TALKER), await up(world, TALKER)
     old, new = await up(world, LISTENER), await up(world, LISTENER)
-    real = world.node
-
-    async def node(api: str, call: Call, seconds: float) -> Answer:
-        await asyncio.sleep(0.3 if call.method == "publisherUpdate" else 0)
-        return await real(api, call, seconds)
-
-    world.node = node  # type: ignore[method-assign]
+    slow_down(world, "publisherUpdate", 0.3)
     await world.hand_over(old)
     await world.hand_over(old_talker)
     await asyncio.sleep(1)
@@ -250,13 +239,7 @@ async def test_a_list_that_is_sent_again_does_not_overtake_another_hand_over(wor
     old_talker, _ = await up(world, TALKER), await up(world, TALKER)
     cameras = [await up(world, {"/camera": [CHATTER]}) for _ in range(2)]
     old, new = await up(world, LISTENER), await up(world, LISTENER, warm=True)
-    real = world.node
-
-    async def node(api: str, call: Call, seconds: float) -> Answer:
-        await asyncio.sleep(0.2 if call.method == "publisherUpdate" else 0)
-        return await real(api, call, seconds)
-
-    world.node = node  # type: ignore[method-assign]
+    slow_down(world, "publisherUpdate", 0.2)
     for pod in (cameras[0], old, old_talker):
         await world.hand_over(pod)
     await asyncio.sleep(1)
@@ -268,13 +251,7 @@ async def test_a_list_does_not_bring_back_a_publisher(world: World) -> None:
     """The gate's list is slow; the publisher that unregisters meanwhile is not on the last one."""
     talker = await up(world, TALKER)
     old, new = await up(world, LISTENER), await up(world, LISTENER)
-    real = world.node
-
-    async def node(api: str, call: Call, seconds: float) -> Answer:
-        await asyncio.sleep(0.3 if call.method == "publisherUpdate" else 0)
-        return await real(api, call, seconds)
-
-    world.node = node  # type: ignore[method-assign]
+    slow_down(world, "publisherUpdate", 0.3)
     await world.hand_over(old)
     await talker.nodes[0].unregister(CHATTER)
     await asyncio.sleep(1)
@@ -286,13 +263,7 @@ async def test_a_list_that_is_on_its_way_is_followed_by_a_newer_one(world: World
     """A publisher ends with the master while the list with it is on its way to a slow node."""
     talker = await up(world, TALKER)
     old, new = await up(world, LISTENER), await up(world, LISTENER)
-    real = world.node
-
-    async def node(api: str, call: Call, seconds: float) -> Answer:
-        await asyncio.sleep(2 if call.method == "publisherUpdate" else 0)
-        return await real(api, call, seconds)
-
-    world.node = node  # type: ignore[method-assign]
+    slow_down(world, "publisherUpdate", 2)
     await world.hand_over(old)
     talker.nodes[0].end()
     world.kill_master()
@@ -493,13 +464,7 @@ async def test_a_late_value_of_the_gate_is_followed_by_the_newest(world: World) 
     """The master has sent a later value to a node that has just taken over."""
     await world.call(Call("setParam", ("/tool", "/rate", 1)))
     old, new = await up(world, LISTENER), await up(world, LISTENER)
-    real = world.node
-
-    async def node(api: str, call: Call, seconds: float) -> Answer:
-        await asyncio.sleep(1 if call.method == "paramUpdate" else 0)
-        return await real(api, call, seconds)
-
-    world.node = node  # type: ignore[method-assign]
+    slow_down(world, "paramUpdate", 1)
     await world.hand_over(old)
     await world.call(Call("setParam", ("/tool", "/rate", 2)))
     await asyncio.sleep(5)

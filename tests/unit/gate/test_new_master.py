@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 
-from rigel_k8s.gate.calls import Answer, Call
+from rigel_k8s.gate.calls import Call
 from rigel_k8s.gate.links import MasterGone
 from rigel_k8s.gate.registry import PUBLISHER
 from tests.support.gate_stage import (
@@ -15,6 +15,7 @@ from tests.support.gate_stage import (
     ROSOUT,
     TALKER,
     describe,
+    fail_once,
     look_up,
     note_calls,
     owner,
@@ -276,15 +277,7 @@ async def test_a_master_that_goes_again_gets_everything_as_well(world: World) ->
 async def test_a_call_whose_connection_ends_is_made_again(world: World) -> None:
     """The caller does not notice that the gate had to connect once more."""
     talker = await up(world, TALKER)
-    real = world.master
-
-    async def master(call: Call) -> Answer:
-        if call.method == "lookupService":
-            world.master = real  # type: ignore[method-assign]
-            raise MasterGone("reset")
-        return await real(call)
-
-    world.master = master  # type: ignore[method-assign]
+    fail_once(world, "lookupService", MasterGone("reset"))
     assert (await look_up(world)).result == talker.nodes[0].detail(*ASK)
     assert not [line for line in world.log if "away" in line], "for that, the master is not gone"
 
@@ -329,15 +322,7 @@ async def test_a_call_from_this_pod_waits_while_a_connection_is_looked_at(world:
 async def test_a_fault_while_a_master_is_completed_is_survived(world: World) -> None:
     """The gate logs it and tries again: else it would wait for the master for ever."""
     await up(world, TALKER)
-    real = world.master
-
-    async def master(call: Call) -> Answer:
-        if call.method == "getParamNames":
-            world.master = real  # type: ignore[method-assign]
-            raise RuntimeError("unexpected")
-        return await real(call)
-
-    world.master = master  # type: ignore[method-assign]
+    fail_once(world, "getParamNames", RuntimeError("unexpected"))
     world.kill_master()
     world.start_master()
     assert (await asyncio.wait_for(look_up(world), 60)).is_success

@@ -10,7 +10,7 @@ twenty times as long, and a release of a thousand nodes has 140,000 values.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache
 from io import StringIO
 from typing import Any
@@ -47,12 +47,12 @@ def documents(objects: Iterable[Mapping[str, Any]]) -> str:
     return write(objects, explicit=True)
 
 
-def document(content: Mapping[str, Any]) -> str:
-    """Return a mapping as YAML."""
+def document(content: Mapping[str, Any] | Sequence[Any]) -> str:
+    """Return a mapping or a list as YAML."""
     return write([content], explicit=False)
 
 
-def write(objects: Iterable[Mapping[str, Any]], *, explicit: bool) -> str:
+def write(objects: Iterable[Mapping[str, Any] | Sequence[Any]], *, explicit: bool) -> str:
     """Return objects as YAML; `explicit`: each begins with `---`."""
     stream = StringIO()
     dumper = Dumper(stream, width=WIDTH)

@@ -28,6 +28,7 @@ COMMANDS = {
     "run": ("runs", "Run a job or a sequence."),
     "render": ("releases", "Print the manifests that a job would apply."),
     "diff": ("releases", "Show what a job would change on the cluster."),
+    "list": ("listing", "List the releases of a namespace or of the cluster."),
     "status": ("releases", "Show what runs where, and why something is not ready."),
     "graph": ("rosgraph", "Show the ROS graph: nodes by machine, topics, what is wrong."),
     "logs": ("pods", "Print the logs of ROS nodes."),
@@ -59,7 +60,8 @@ class Commands(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module = import_module(f"rigel_k8s.cli.{COMMANDS[cmd_name][0]}")
-        command: click.Command = getattr(module, cmd_name.replace("exec", "exec_"))
+        known = vars(module)  # Python has words of its own for `exec` and `list`
+        command: click.Command = known.get(cmd_name) or known[f"{cmd_name}_"]
         return command
 
     def resolve_command(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rigel_k8s.cli.words import Timeout, complete_node, job_option, settings
+from rigel_k8s.cli.words import Timeout, complete_node, namespace_option, release_option, settings
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.logs.lines import LogLine
@@ -34,7 +34,8 @@ COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_cyan", "bright_g
 @click.option(
     "-o", "--output", type=click.Choice(["text", "json"]), default="text", help="The form."
 )
-@job_option
+@release_option
+@namespace_option
 @click.pass_context
 def logs(
     ctx: click.Context,
@@ -104,7 +105,7 @@ def line_json(line: LogLine) -> dict[str, str | None]:
 @click.argument("node", shell_complete=complete_node)
 @click.option("-i", "--stdin", is_flag=True, help="Pass standard input on.")
 @click.option("-t", "--tty", is_flag=True, help="Give the command a terminal.")
-@job_option
+@release_option
 @click.argument("command", nargs=-1, type=click.UNPROCESSED, metavar="-- [COMMAND]...")
 @click.pass_context
 def exec_(
@@ -158,7 +159,8 @@ def port_pair(text: str) -> tuple[int, int]:
 @click.command()
 @click.argument("node", shell_complete=complete_node)
 @click.argument("ports", nargs=-1, required=True, metavar="[LOCAL:]PORT...")
-@job_option
+@release_option
+@namespace_option
 @click.pass_context
 def forward(ctx: click.Context, /, node: str, ports: tuple[str, ...], job: str | None) -> None:
     """Forward local ports to a ROS node's pod until Ctrl-C."""

@@ -12,9 +12,11 @@ from rigel_k8s.cli.words import (
     choose_reporter,
     is_quiet,
     job_argument,
-    job_option,
     json_option,
+    namespace_option,
     print_json,
+    release_argument,
+    release_option,
     settings,
     warn,
 )
@@ -81,7 +83,8 @@ def summary(plan: Any) -> str:
 
 
 @click.command()
-@job_argument
+@release_argument
+@namespace_option
 @json_option
 @click.option("--no-graph", is_flag=True, help="Do not look into pods: no DDS discovery, no gate.")
 @click.pass_context
@@ -99,7 +102,8 @@ def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) 
 
 
 @click.command()
-@job_argument
+@release_argument
+@namespace_option
 @json_option
 @click.pass_context
 def history(ctx: click.Context, /, job: str | None, output: str) -> None:
@@ -121,7 +125,8 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
 
 @click.command()
 @click.argument("revision", required=False, type=click.IntRange(min=1))
-@job_option
+@release_option
+@namespace_option
 @click.option("--timeout", type=Timeout(), help="How long the roll-out may take, 5m say.")
 @click.option("--adopt", is_flag=True, help="As in `run`: take over other tools' fields.")
 @click.pass_context
@@ -143,7 +148,8 @@ def rollback(
 
 
 @click.command()
-@job_argument
+@release_argument
+@namespace_option
 @click.option("--volumes", is_flag=True, help="Delete claims and volumes too: their data is lost.")
 @click.option("-y", "--yes", is_flag=True, help="Do not ask.")
 @click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rigel_k8s.cli.words import Timeout, job_argument, settings
+from rigel_k8s.cli.words import Timeout, namespace_option, release_argument, settings
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.graph import LiveGraph
@@ -25,7 +25,8 @@ HOME = "\x1b[H\x1b[2J\x1b[3J"  # to the top left of an empty terminal
 
 
 @click.command()
-@job_argument
+@release_argument
+@namespace_option
 @click.option(
     "-o", "--output", type=click.Choice(FORMS), help="The form [text, or what --to's name means]."
 )

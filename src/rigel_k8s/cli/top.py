@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, TypeVar
 import attrs
 import click
 
-from rigel_k8s.cli.words import complete_node, job_option, json_option, print_json, settings
+from rigel_k8s.cli.words import (
+    complete_node,
+    json_option,
+    namespace_option,
+    print_json,
+    release_option,
+    settings,
+)
 from rigel_k8s.cli.words import is_quiet as is_quiet
 
 if TYPE_CHECKING:
@@ -26,7 +33,8 @@ NOT_TOLD = "-"
 @click.argument("nodes", nargs=-1, metavar="[NODE]...", shell_complete=complete_node)
 @click.option("--topics", is_flag=True, help="Show the topics instead: rates, ages, who is there.")
 @json_option
-@job_option
+@release_option
+@namespace_option
 @click.pass_context
 def top(
     ctx: click.Context,

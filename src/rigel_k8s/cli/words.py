@@ -116,10 +116,29 @@ def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: st
     return offer_names(ctx, incomplete, lambda s: rigelfiles.list_runnable(s, kind))
 
 
+def choose_namespace(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+    """Take a namespace that stands behind the command as if it stood before it."""
+    if value is not None:
+        ctx.find_root().obj["namespace"] = value
+
+
 job_argument = click.argument("job", required=False, shell_complete=complete_job)
-job_option = click.option(
+release_argument = click.argument(
+    "job", required=False, metavar="[JOB|RELEASE]", shell_complete=complete_job
+)
+release_option = click.option(
     "--job",
-    metavar="JOB",
-    help="The job whose release is meant, where there are several.",
+    "--release",
+    "job",
+    metavar="NAME",
+    help="The job whose release is meant, or a release of the cluster by its name.",
     shell_complete=complete_job,
+)
+namespace_option = click.option(
+    "-n",
+    "--namespace",
+    metavar="NAME",
+    expose_value=False,
+    callback=choose_namespace,
+    help="The Kubernetes namespace, as before the command.",
 )

@@ -1,4 +1,7 @@
-"""Which job, and so which release, a command is about."""
+"""Which job, and so which release, a command is about.
+
+A release on a cluster needs no Rigelfile: its revisions have all that is asked about it.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,13 @@ from rigel_k8s.app.desired import deploys_master
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.option_text import has_template
+from rigel_k8s.release import revisions
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.settings import Application, Settings
@@ -46,12 +50,20 @@ class Release:
     """A release on a cluster, connected.
 
     Attributes:
-        observability: the job's options of that name.
+        observability: the job's options of that name; None where it was not found by a job.
     """
 
     cluster: Cluster
     id: ReleaseId
     observability: Any = None
+
+
+class NoSuchJob(UserError):
+    """The Rigelfile has no job of that name."""
+
+    def __init__(self, name: str, message: str, *, hint: str) -> None:
+        super().__init__(message, hint=hint)
+        self.name = name
 
 
 def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = None) -> TargetJob:
@@ -74,15 +86,56 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
     return TargetJob(spec.name, made.options, made.raw, rigelfile.application, told)
 
 
-def release(settings: Settings, job: str | None = None) -> Release:
-    """Return the release of a job, connected; of its options only the two names must be known.
+def release(settings: Settings, name: str | None = None) -> Release:
+    """Return a release, connected.
+
+    Args:
+        name: a job of the Rigelfile, or a release of the cluster; the job, where both are called
+            so. None is the one release of the Rigelfile. Of a job's options only the release's
+            two names must be known.
 
     Raises: as job_of.
     """
+    if not settings.rigelfile.exists() and is_default(settings.rigelfile):
+        if name is None:
+            raise UserError(
+                f"there is no {settings.rigelfile}, and no release is named",
+                hint="`rigel list` shows the releases of a namespace, `rigel list -A` all of them",
+            )
+        return name_release(connect(settings), settings, name)
     rigelfile = load(settings, patient=True)
-    options = names_of(rigelfile, choose_job(rigelfile, settings, job))
+    try:
+        options = names_of(rigelfile, choose_job(rigelfile, settings, name))
+    except NoSuchJob as error:
+        return find_other(error, settings)
     cluster = connect(settings)
     return Release(cluster, release_of(options, settings, cluster), options.observability)
+
+
+def is_default(rigelfile: Path) -> bool:
+    """Whether no Rigelfile was named: `./Rigelfile` may be missing then."""
+    return rigelfile == Settings().rigelfile
+
+
+def name_release(cluster: Cluster, settings: Settings, name: str) -> Release:
+    """Return a release by its name; whether it is there shows when it is asked."""
+    return Release(cluster, ReleaseId(settings.namespace or cluster.namespace, name))
+
+
+def find_other(unknown: NoSuchJob, settings: Settings) -> Release:
+    """Return the release that is named as no job of the Rigelfile is.
+
+    Raises:
+        NoSuchJob: there is no such release either, or the cluster cannot be asked.
+    """
+    try:
+        cluster = connect(settings)
+        found = name_release(cluster, settings, unknown.name)
+        if revisions.records(cluster, found.id):
+            return found
+    except RigelK8sError as error:
+        raise unknown from error
+    raise unknown
 
 
 def names(settings: Settings) -> list[str]:
@@ -137,7 +190,7 @@ def find_job(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> Com
         raise UserError(f'the job "{name}" deploys nothing', hint=hint)
     close = grammar.find_nearest(name, ours)
     meant = f', did you mean "{close}"?' if close else ""
-    raise UserError(f'there is no job "{name}"{meant}', hint=hint)
+    raise NoSuchJob(name, f'there is no job "{name}"{meant}', hint=hint)
 
 
 def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:

@@ -6,9 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from rigel_k8s.commands import targets
 from rigel_k8s.commands.targets import job_of, names, node_names, release
 from rigel_k8s.errors import ProblemsError, UserError
+from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Settings
+from tests.support.fake_cluster import FakeCluster
+from tests.support.recorder import Recorder
 
 KUBECONFIG = """
 apiVersion: v1
@@ -155,3 +160,48 @@ def test_a_name_that_comes_from_nowhere_is_told(tmp_path: Path, kubeconfig: Path
     with pytest.raises(ProblemsError) as told:
         release(settings(tmp_path, job))
     assert "vars.NOWHERE_NAME is neither in vars nor in the environment" in str(told.value.details)
+
+
+def test_a_release_needs_no_rigelfile(
+    tmp_path: Path, kubeconfig: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its name says it all; without -n it is in the context's namespace."""
+    monkeypatch.chdir(tmp_path)
+    found = release(Settings(kubeconfig=kubeconfig), "arm")
+    assert (found.id.namespace, found.id.name) == ("from-context", "arm")
+    found = release(Settings(kubeconfig=kubeconfig, namespace="lab"), "arm")
+    assert (found.id.namespace, found.id.name) == ("lab", "arm")
+
+
+def test_without_a_rigelfile_a_release_must_be_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match="no release is named") as caught:
+        release(Settings())
+    assert "rigel list" in str(caught.value.hint)
+
+
+def test_a_rigelfile_that_was_named_and_is_missing_is_an_error(tmp_path: Path) -> None:
+    """`-f` says where the release's names are: another meaning of the word would surprise."""
+    with pytest.raises(UserError, match=r"there is no .*Robots"):
+        release(Settings(tmp_path / "Robots"), "arm")
+
+
+@pytest.mark.usefixtures("kubeconfig")
+def test_a_job_wins_over_a_release_of_its_name(tmp_path: Path) -> None:
+    """The job `other` deploys the release `other` of its own namespace, whatever runs elsewhere."""
+    found = release(settings(tmp_path, DEPLOY, OTHER), "deploy")
+    assert found.id.name == "rigel-k8s-application"
+
+
+def test_a_release_beside_a_rigelfile_is_found_by_its_name(
+    tmp_path: Path, fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is neither a job nor a release is told as a job that is not there."""
+    deploy(Desired(ReleaseId("lab", "arm"), (), create_namespace=True), fake, report=report)
+    monkeypatch.setattr(targets, "connect", lambda settings: fake)
+    words = settings(tmp_path, DEPLOY, namespace="lab")
+    assert release(words, "arm").id == ReleaseId("lab", "arm")
+    with pytest.raises(UserError, match='there is no job "amr"'):
+        release(words, "amr")

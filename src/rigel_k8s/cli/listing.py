@@ -1,0 +1,81 @@
+"""`rigel list`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime, timezone
+from typing import Any
+
+import click
+
+from rigel_k8s.cli.words import is_quiet, namespace_option, print_json, settings
+from rigel_k8s.release.listing import ReleaseSummary
+
+HEADS = ("NAME", "REVISION", "STATUS", "READY", "AGE", "JOB", "RIGEL")
+
+
+@click.command("list")
+@namespace_option
+@click.option("-A", "--all-namespaces", is_flag=True, help="Those of the whole cluster.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Choice(["table", "json", "yaml"]),
+    default="table",
+    help="The form.",
+)
+@click.pass_context
+def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # noqa: FBT001
+    """List the releases of a namespace or of the whole cluster; no Rigelfile is needed.
+
+    READY counts workloads, AGE is that of the newest revision, JOB is what made it.
+    """
+    from rigel_k8s.commands import listing
+
+    namespace, found = listing.releases(settings(ctx), everywhere=all_namespaces)
+    if output == "json":
+        print_json([summary_json(one) for one in found])
+    elif output == "yaml":
+        from rigel_k8s.yaml_text import document
+
+        click.echo(document([summary_json(one) for one in found]), nl=False)
+    elif found:
+        click.echo(summary_table(found, datetime.now(timezone.utc), everywhere=all_namespaces))
+    elif not is_quiet(ctx):
+        where = "the cluster" if namespace is None else f"the namespace {namespace}"
+        click.echo(f"no release is in {where}", err=True)
+
+
+def summary_table(found: Iterable[ReleaseSummary], now: datetime, *, everywhere: bool) -> str:
+    """Return releases as a table."""
+    from rigel_k8s.cli.tables import age, table
+
+    rows = [
+        [
+            *([one.release.namespace] if everywhere else []),
+            one.release.name,
+            str(one.revision),
+            one.status,
+            f"{one.ready}/{one.workloads}",
+            age(one.updated, now),
+            one.description or "-",
+            one.tool_version or "-",
+        ]
+        for one in found
+    ]
+    return table([*(["NAMESPACE"] if everywhere else []), *HEADS], rows)
+
+
+def summary_json(one: ReleaseSummary) -> dict[str, Any]:
+    """Return a release's line as scripts get it (docs/cli.md)."""
+    return {
+        "release": one.release.name,
+        "namespace": one.release.namespace,
+        "revision": one.revision,
+        "revision_status": one.status,
+        "ready": one.ready,
+        "workloads": one.workloads,
+        "updated": one.updated,
+        "description": one.description,
+        "tool_version": one.tool_version,
+    }

@@ -1,0 +1,118 @@
+"""The releases that a namespace or a whole cluster has, each in one line; it writes nothing.
+
+One LIST of the revisions, without their data, and one for each kind of workload, however many
+releases there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import attrs
+
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.release.ownership import is_applied
+from rigel_k8s.release.readiness import readiness
+from rigel_k8s.release.revisions import CREATED, DESCRIPTION, NUMBER, OF, STATUS, VERSION
+from rigel_k8s.release.types import ReleaseId
+
+Live = Mapping[str, Any]
+#: The workloads that releases have.
+KINDS = (
+    ("apps/v1", "Deployment"),
+    ("apps/v1", "DaemonSet"),
+    ("apps/v1", "StatefulSet"),
+    ("batch/v1", "Job"),
+)
+
+
+@attrs.frozen
+class ReleaseSummary:
+    """A release in one line.
+
+    Attributes:
+        status: of the newest revision: good, pending or failed.
+        ready: how many of its workloads are ready.
+        workloads: how many it has.
+        updated: when the newest revision was made, as Kubernetes writes times.
+        description: what made that revision: the job, or a rollback.
+        tool_version: the version of this tool that made it.
+    """
+
+    release: ReleaseId
+    revision: int
+    status: str
+    ready: int
+    workloads: int
+    updated: str
+    description: str
+    tool_version: str
+
+
+def list_releases(cluster: Cluster, namespace: str | None) -> list[ReleaseSummary]:
+    """Return the releases of a namespace, or of all namespaces where it is None, by name."""
+    secrets: list[Live] = []
+    workloads: list[Live] = []
+
+    def list_kind(api_version: str, kind: str) -> Callable[[], None]:
+        return lambda: workloads.extend(
+            cluster.list(api_version, kind, namespace, labels=RELEASE_LABEL)
+        )
+
+    def list_revisions() -> None:
+        secrets.extend(cluster.list("v1", "Secret", namespace, labels=OF, metadata_only=True))
+
+    work = [list_revisions, *(list_kind(*kind) for kind in KINDS)]
+    cluster.parallel(lambda call: call(), work)
+    return summarise(secrets, workloads)
+
+
+def summarise(secrets: Iterable[Live], workloads: Iterable[Live]) -> list[ReleaseSummary]:
+    """Return a line for each release that has a revision.
+
+    Args:
+        secrets: the Secrets of revisions; their data is not looked at.
+        workloads: those with a release's label, whoever made them.
+    """
+    newest: dict[ReleaseId, Live] = {}
+    for secret in secrets:
+        release = ReleaseId(secret["metadata"]["namespace"], secret["metadata"]["labels"][OF])
+        if release not in newest or number_of(secret) > number_of(newest[release]):
+            newest[release] = secret
+    own: dict[ReleaseId, list[bool]] = {}
+    for live in filter(is_applied, workloads):
+        meta = live["metadata"]
+        state = readiness(live)
+        there = own.setdefault(ReleaseId(meta["namespace"], meta["labels"][RELEASE_LABEL]), [])
+        there.append(state.done and state.ok)
+    return [
+        describe(release, newest[release], own.get(release, ()))
+        for release in sorted(newest, key=lambda one: (one.namespace, one.name))
+    ]
+
+
+def number_of(secret: Live) -> int:
+    """Return the number of a revision's Secret."""
+    return int(secret["metadata"]["labels"][NUMBER])
+
+
+def describe(release: ReleaseId, secret: Live, ready: Sequence[bool]) -> ReleaseSummary:
+    """Return a release's line.
+
+    Args:
+        secret: its newest revision.
+        ready: for each of its workloads whether it is ready.
+    """
+    notes = secret["metadata"].get("annotations") or {}
+    return ReleaseSummary(
+        release,
+        number_of(secret),
+        secret["metadata"]["labels"][STATUS],
+        sum(ready),
+        len(ready),
+        notes.get(CREATED, ""),
+        notes.get(DESCRIPTION, ""),
+        notes.get(VERSION, ""),
+    )

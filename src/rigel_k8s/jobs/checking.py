@@ -12,6 +12,7 @@ from typing import Any
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.matrix import combinations, label
 from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
+from rigel_k8s.jobs.waves import split_limits
 from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile import Finding
 from rigel_k8s.settings import Application, Settings
@@ -77,7 +78,8 @@ class JobPreview:
         self._findings.update(dict.fromkeys(findings))
         if matrix is None:
             return self._look(step.body, known, branch)
-        return _combine(self._look_at_each(step, combinations(matrix), known, branch))
+        chosen = combinations(split_limits(matrix)[0])
+        return _combine(self._look_at_each(step, chosen, known, branch))
 
     def _look_at_each(
         self, step: Branches, chosen: list[dict[str, Any]], known: Known, branch: str

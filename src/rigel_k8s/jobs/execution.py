@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import threading
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -21,6 +21,16 @@ from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.jobs.matrix import combinations, label
 from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Branches, Job, Jobs, Serving, Step
+from rigel_k8s.jobs.waves import (
+    Limits,
+    Outcome,
+    State,
+    count_failures,
+    failure,
+    list_outcomes,
+    split_limits,
+    summarise,
+)
 from rigel_k8s.settings import Application, Settings
 
 #: Seconds that a dependency may take to become ready, where --timeout says nothing.
@@ -47,7 +57,26 @@ class RunContext:
     grace: float = 30.0
 
 
-@attrs.frozen
+class Boundary:
+    """How far a failure reaches: the first one is kept, and stops all that runs within."""
+
+    def __init__(self, scope: CancelScope) -> None:
+        self.scope = scope
+        self.failure: JobFailed | None = None
+        self._lock = threading.Lock()
+
+    def take(self, failure: JobFailed) -> bool:
+        """Keep a failure; False where one was kept before, or all was stopped already."""
+        with self._lock:
+            first = self.failure is None and not self.scope.cancelled.is_set()
+            if first:
+                self.failure = failure
+        if first:
+            self.scope.cancel()
+        return first
+
+
+@attrs.frozen(eq=False)
 class Branch:
     """Where a step runs: its name ("" is the trunk), its own data, its reporter, what stops it."""
 
@@ -55,6 +84,7 @@ class Branch:
     data: dict[str, Any]
     report: JobReporter
     scope: CancelScope
+    boundary: Boundary
 
 
 class Stopped(Exception):
@@ -62,15 +92,20 @@ class Stopped(Exception):
 
 
 class Execution:
-    """One run, stopped by its scope. `failure` is the first job's; it cancels the scope."""
+    """One run, stopped by its scope."""
 
     def __init__(self, surroundings: RunContext, scope: CancelScope) -> None:
         self.scope = scope
-        self.failure: JobFailed | None = None
+        self._boundary = Boundary(scope)
         self._around = surroundings
         self._lock = threading.Lock()
         self._running: list[str] = []
         self._held: dict[str, str] = {}
+
+    @property
+    def failure(self) -> JobFailed | None:
+        """The first job's failure; it has cancelled the scope."""
+        return self._boundary.failure
 
     @property
     def running(self) -> tuple[str, ...]:
@@ -80,7 +115,7 @@ class Execution:
 
     def run(self, steps: Jobs, data: dict[str, Any]) -> None:
         """Run all steps; returns when all have ended, and leaves a failure in `failure`."""
-        trunk = Branch("", data, self._around.report, self.scope)
+        trunk = Branch("", data, self._around.report, self.scope, self._boundary)
         self._start_thread(partial(self._run_step, steps, trunk), trunk).join()
 
     def _run_step(self, step: Step, branch: Branch) -> None:
@@ -99,32 +134,71 @@ class Execution:
     # Branches
 
     def _run_branches(self, step: Branches, branch: Branch) -> None:
-        tasks = [
-            self._start_thread(partial(self._run_step, step.body, part), part)
-            for part in self._parts(step, branch)
-        ]
-        for task in tasks:
-            task.join()
+        parts, limits = self._parts(step, branch)
+        if limits is None:
+            self._run_side_by_side(step.body, parts)
+        else:
+            self._run_waves(step.body, parts, limits, branch)
         if branch.scope.cancelled.is_set():
             raise Stopped
 
-    def _parts(self, step: Branches, branch: Branch) -> list[Branch]:
+    def _run_side_by_side(self, body: Step, parts: Sequence[Branch]) -> Mapping[Branch, State]:
+        """Run branches to their end; return how each ended, apart from its failure."""
+        states: dict[Branch, State] = dict.fromkeys(parts, "not begun")
+
+        def run(part: Branch) -> None:
+            if not part.scope.cancelled.is_set():
+                states[part] = "stopped"
+                self._run_step(body, part)
+                if not part.scope.cancelled.is_set():
+                    states[part] = "done"
+
+        tasks = [self._start_thread(partial(run, part), part) for part in parts]
+        for task in tasks:
+            task.join()
+        return states
+
+    def _run_waves(
+        self, body: Step, parts: Sequence[Branch], limits: Limits, branch: Branch
+    ) -> None:
+        """Run one wave after the other; a branch that fails stops no other one of its wave."""
+        outcomes: list[Outcome] = []
+        waves = limits.waves(parts)
+        for number, wave in enumerate(waves, 1):
+            if branch.scope.cancelled.is_set() or count_failures(outcomes) >= limits.stop_after:
+                outcomes += [Outcome(part.name, "not begun") for part in wave]
+                continue
+            names = "; ".join(part.name for part in wave)
+            branch.report.line(f"wave {number} of {len(waves)}: {names}")
+            own = [attrs.evolve(part, boundary=Boundary(part.scope)) for part in wave]
+            states = self._run_side_by_side(body, own)
+            outcomes += (_find_outcome(part, state) for part, state in states.items())
+        if branch.scope.cancelled.is_set():
+            branch.report.warn("\n".join([summarise(outcomes), *list_outcomes(outcomes)]))
+        elif count_failures(outcomes):
+            branch.boundary.take(failure(outcomes))
+        else:
+            branch.report.line(summarise(outcomes))
+
+    def _parts(self, step: Branches, branch: Branch) -> tuple[list[Branch], Limits | None]:
         """Return a branch for each combination: a copy of the data, and the combination in it."""
         with self._note_failure(
             f"the matrix of a parallel stage{_describe_branch(branch)}", branch
         ):
-            chosen = combinations(self._around.matrix(step, branch.data))
+            matrix, limits = split_limits(self._around.matrix(step, branch.data))
+            chosen = combinations(matrix)
             if not chosen:
                 branch.report.warn("the matrix has no combination: its stages do not run")
-            return [self._part(branch, combination) for combination in chosen]
+            return [self._part(branch, combination) for combination in chosen], limits
 
     def _part(self, branch: Branch, combination: Mapping[str, Any]) -> Branch:
         data = {**copy.deepcopy(branch.data), **copy.deepcopy(dict(combination))}
         if not combination:
-            return Branch(branch.name, data, branch.report, branch.scope.part())
+            return attrs.evolve(branch, data=data, scope=branch.scope.part())
         name = label(combination)
         full = f"{branch.name}, {name}" if branch.name else name
-        return Branch(full, data, branch.report.child(name), branch.scope.part())
+        report, scope = branch.report.child(name), branch.scope.part()
+        return Branch(full, data, report, scope, branch.boundary)
 
     # Dependencies
 
@@ -262,13 +336,7 @@ class Execution:
             raise Stopped from error
 
     def _fail(self, where: str, error: BaseException, branch: Branch) -> None:
-        with self._lock:
-            first = self.failure is None and not self.scope.cancelled.is_set()
-            if first:
-                self.failure = _failure(where, error)
-        if first:
-            self.scope.cancel()
-        else:
+        if not branch.boundary.take(_failure(where, error)):
             branch.report.warn(f"{where}, while it was stopped: {_line(error)}")
 
     def _start_thread(self, work: Callable[[], None], branch: Branch) -> threading.Thread:
@@ -285,6 +353,12 @@ class Execution:
         thread = threading.Thread(target=run_guarded, daemon=True)
         thread.start()
         return thread
+
+
+def _find_outcome(part: Branch, state: State) -> Outcome:
+    """Return what became of a branch of a wave that has ended."""
+    failed = part.boundary.failure
+    return Outcome(part.name, "failed" if failed else state, failed)
 
 
 def _describe_branch(branch: Branch) -> str:

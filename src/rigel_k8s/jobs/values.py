@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rigel_k8s.jobs.steps import Branches, Job
+from rigel_k8s.jobs.waves import find_limit_fault
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
     Finding,
@@ -82,9 +83,13 @@ class Values:
 
 
 def _matrix_faults(matrix: YamlNode) -> Iterator[Finding]:
-    """Yield the keys whose value turned out to be no list."""
+    """Yield the keys whose value turned out to be no list, and limits that are none."""
     for key, node in matrix.value.items():
-        if not node.hole and not isinstance(node.value, list):
+        if node.hole:
+            continue
+        if fault := find_limit_fault(key, strip_places(node)):
+            yield place(node, Problem((), fault, "bad-matrix"))
+        elif not isinstance(node.value, list):
             kind = type(node.value).__name__
             message = f"{key} of a matrix must be a list, not {kind}"
             yield place(node, Problem((), message, "bad-matrix"))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from rigel_k8s.commands import rigelfiles
 from rigel_k8s.settings import Settings
 
@@ -28,3 +30,37 @@ def test_two_branches_that_deploy_one_release_are_told_with_the_sequence(tmp_pat
     result = rigelfiles.check(Settings(rigelfile=path))
     assert [(f.span.line, f.kind) for f in result.findings] == [(5, "side-by-side")]
     assert "deploy (robot=a) and job deploy (robot=b)" in result.findings[0].message
+
+
+FLEET = """\
+application: { distro: noetic }
+jobs:
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with: { namespace: "{{ data.robot }}", application_image: "app:1" }
+sequences:
+  fleet:
+    stages:
+      - parallel: [{ jobs: [deploy] }]
+        matrix:
+          robot: [r1]
+          max_parallel: LIMIT
+          stop_after_failures: [1]
+"""
+
+
+@pytest.mark.parametrize("limit", ["[0]", "[1, 2]", "[many]", "[true]", "[1.5]"])
+def test_limits_of_a_matrix_are_checked_before_anything_runs(tmp_path: Path, limit: str) -> None:
+    """Each is a list of one number above 0; what is wrong has its place."""
+    path = tmp_path / "Rigelfile"
+    path.write_text(FLEET.replace("LIMIT", limit))
+    found = rigelfiles.check(Settings(path)).findings
+    assert [(finding.span.line, finding.kind) for finding in found] == [(12, "bad-matrix")]
+
+
+def test_rigel03_reads_a_fleet_in_waves(tmp_path: Path) -> None:
+    """It refuses unknown keys of a stage, and not those of a matrix."""
+    path = tmp_path / "Rigelfile"
+    path.write_text(FLEET.replace("LIMIT", "[3]"))
+    assert rigelfiles.check(Settings(path)).findings == ()
+    assert rigelfiles.check_rigel03(Settings(path)).findings == ()

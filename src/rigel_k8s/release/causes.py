@@ -243,6 +243,19 @@ def find_events(pod: Manifest, events: Iterable[Manifest]) -> Iterator[Manifest]
     return (event for event in events if event["involvedObject"].get("uid") == uid)
 
 
+def index_events(events: Iterable[Manifest]) -> dict[str, list[Manifest]]:
+    """Return events by the UID of what each is about: a thousand pods must not read all of them."""
+    found: dict[str, list[Manifest]] = {}
+    for event in events:
+        found.setdefault(event["involvedObject"].get("uid", ""), []).append(event)
+    return found
+
+
+def choose_events(events: Mapping[str, Sequence[Manifest]], *objects: Manifest) -> list[Manifest]:
+    """Return the events about some objects, out of those that are indexed."""
+    return [event for live in objects for event in events.get(live["metadata"]["uid"], ())]
+
+
 def containers(status: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the states of all containers, those of init containers first."""
     return [*(status.get("initContainerStatuses") or []), *(status.get("containerStatuses") or [])]

@@ -52,11 +52,12 @@ class Seen:
 
 @attrs.define
 class Ledger:
-    """The causes that hold now, and since when."""
+    """The causes that hold now, and since when; `refs` are the workloads that have one."""
 
     patience: Patience
     seen: dict[tuple[ObjectRef, tuple[str, str]], Seen] = attrs.field(factory=dict)
     busy: float = 0.0
+    refs: frozenset[ObjectRef] = frozenset()
 
     def note(
         self,
@@ -88,6 +89,7 @@ class Ledger:
                 del self.seen[key]
             elif key not in found:
                 seen.cause = attrs.evolve(seen.cause, kind="restarted")
+        self.refs = frozenset(seen.ref for seen in self.seen.values())
         return fresh
 
     def find_hopeless(self, now: float) -> Iterator[Seen]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -14,7 +15,15 @@ from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
-from rigel_k8s.release.causes import causes, containers, owner, pods_of, probe_failure
+from rigel_k8s.release.causes import (
+    causes,
+    choose_events,
+    containers,
+    index_events,
+    owner,
+    pods_of,
+    probe_failure,
+)
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.readiness import readiness
@@ -99,7 +108,8 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
         UserError: nothing of it is on the cluster.
     """
     found, records = collect(cluster, release)
-    events = found.pop("Event", [])
+    surroundings = look_around(found)
+    found.pop("Event", None)
     owned = [live for kind in found.values() for live in kind if kind and is_applied(live)]
     workloads = [live for live in owned if belongs(live, release)]
     if not workloads and not records:
@@ -112,7 +122,7 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
         records[-1].number if records else 0,
         records[-1].status if records else "",
         tuple(
-            describe_workload(live, found, events)
+            describe_workload(live, surroundings)
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
             if live["kind"] in WORKLOADS or not readiness(live).done
         ),
@@ -144,19 +154,42 @@ def collect(
     return found, records
 
 
-def describe_workload(
-    live: Manifest, found: Mapping[str, Sequence[Live]], events: Iterable[Manifest]
-) -> WorkloadStatus:
+@attrs.frozen
+class Surroundings:
+    """What belongs to workloads, by the UID of what each belongs to; all is read only once.
+
+    Attributes:
+        sets: ReplicaSets by their owner.
+        pods: by their owner, and those without one by themselves.
+        events: warnings by what they are about.
+    """
+
+    sets: Mapping[str, Sequence[Live]]
+    pods: Mapping[str, Sequence[Live]]
+    events: Mapping[str, Sequence[Manifest]]
+
+
+def look_around(found: Mapping[str, Sequence[Live]]) -> Surroundings:
+    """Return what a namespace has beside workloads, in order."""
+    sets, pods = defaultdict(list), defaultdict(list)
+    for live in found.get("ReplicaSet", ()):
+        sets[owner(live)].append(live)
+    for live in found.get("Pod", ()):
+        pods[owner(live) or live["metadata"]["uid"]].append(live)
+    return Surroundings(sets, pods, index_events(found.get("Event", ())))
+
+
+def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
     """Return the state of one workload."""
-    warnings = list(events)
     uid = live["metadata"]["uid"]
-    sets = [rs for rs in found.get("ReplicaSet", []) if owner(rs) == uid]
-    owners = {uid, *(rs["metadata"]["uid"] for rs in sets)}
-    pods = [p for p in found.get("Pod", []) if owner(p) in owners or p["metadata"]["uid"] == uid]
+    sets = around.sets.get(uid, ())
+    owners = [uid, *(rs["metadata"]["uid"] for rs in sets)]
+    pods = [pod for one in owners for pod in around.pods.get(one, ())]
     state = readiness(live)
     told = state.message
     if not (state.done and state.ok):
-        wrong = causes(live, pods_of(live, sets, pods), warnings, sets)
+        events = choose_events(around.events, live, *sets, *pods)
+        wrong = causes(live, pods_of(live, sets, pods), events, sets)
         told = "; ".join([told, *(cause.message for cause in wrong)])
     return WorkloadStatus(
         live["kind"],
@@ -165,7 +198,10 @@ def describe_workload(
         state.wanted,
         state.done and state.ok,
         told,
-        tuple(describe_pod(pod, warnings) for pod in sorted(pods, key=newest_first)),
+        tuple(
+            describe_pod(pod, choose_events(around.events, pod))
+            for pod in sorted(pods, key=newest_first)
+        ),
         live["metadata"].get("annotations") or {},
     )
 

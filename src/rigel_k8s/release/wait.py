@@ -14,7 +14,15 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
-from rigel_k8s.release.causes import Cause, causes, containers, pods_of, probe_failure
+from rigel_k8s.release.causes import (
+    Cause,
+    causes,
+    choose_events,
+    containers,
+    index_events,
+    pods_of,
+    probe_failure,
+)
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.patience import Ledger, Patience, Seen
 from rigel_k8s.release.readiness import UNSEEN, ObjectReadiness, readiness, readiness_without
@@ -24,6 +32,8 @@ from rigel_k8s.release.view import EVENT, POD, REPLICA_SET, Kind, ReleaseView
 from rigel_k8s.report import Reporter
 
 LOOK = 0.25  # seconds between two looks at the clock
+BRIEF = 0.01  # seconds of a look after which the next one may follow at once
+REST = 3  # times as long as a look took nothing is done: a core is left for others
 EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none
 LOG_LINES = 12
@@ -88,9 +98,11 @@ class Waiter:
         with ReleaseView(self.cluster, where, self.timeout + 30) as view:
             self.watch(view, targets.values())
             started = time.monotonic()
-            while not (self.all_ready(view, targets) and self.all_run(view, targets)):
-                self.still_ours()
+            while True:
                 now = time.monotonic()
+                if self.all_ready(view, targets) and self.all_run(view, targets):
+                    return
+                self.still_ours()
                 if now - started > QUIET:
                     view.watch([EVENT], fields="type=Warning")
                 self.look_for_causes(view, targets, now)
@@ -102,7 +114,13 @@ class Waiter:
                         "the cluster goes on with it",
                         hint=f"run it again to see it through; {self.way_out}",
                     )
+                self.rest(time.monotonic() - now)
                 view.refresh(LOOK)
+
+    def rest(self, spent: float) -> None:
+        """Let news gather after a look that took long: all that came meanwhile is one look more."""
+        if spent > BRIEF:
+            self.cancel.wait(min(LOOK, REST * spent))
 
     def watch(self, view: ReleaseView, targets: Iterator[Manifest] | Any) -> None:
         """Watch the objects that we wait for, and their pods."""
@@ -189,8 +207,8 @@ class Waiter:
         self.states[ref] = state
         if not state.done:
             self.rolling.add(ref)
-        told = {seen.ref for seen in self.ledger.seen.values()}
-        if ref.kind in WORKLOADS and ref not in told and state.message != UNSEEN:
+        told = ref in self.ledger.refs
+        if ref.kind in WORKLOADS and not told and state.message != UNSEEN:
             self.show(ref, state.message, done=self.is_ready(ref))
         return self.is_ready(ref)
 
@@ -231,7 +249,7 @@ class Waiter:
     ) -> Iterator[tuple[ObjectRef, Cause]]:
         """Yield what is wrong now."""
         pods, sets = view.group_by_owner(POD), view.group_by_owner(REPLICA_SET)
-        warnings = view.warnings()
+        warnings = index_events(view.warnings())
         for ref in targets:
             live = view.find(ref)
             if live is None or self.is_ready(ref):
@@ -242,7 +260,9 @@ class Waiter:
                 yield from ((ref, cause) for cause in self.explain_claim(ref, live))
             elif ref.kind in WORKLOADS:
                 own = sets.get(live["metadata"]["uid"], [])
-                for cause in causes(live, find_newest_pods(live, own, pods), warnings, own):
+                newest = find_newest_pods(live, own, pods)
+                events = choose_events(warnings, live, *own, *newest)
+                for cause in causes(live, newest, events, own):
                     yield ref, cause
 
     def explain_claim(self, ref: ObjectRef, live: Manifest) -> Iterator[Cause]:
@@ -295,12 +315,12 @@ class Waiter:
     def timeout_error(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> RolloutFailed:
         """Return the error for the end of the time."""
         pods, sets = view.group_by_owner(POD), view.group_by_owner(REPLICA_SET)
-        warnings, lines, late = view.warnings(), [], self.find_late(targets)
+        warnings, lines, late = index_events(view.warnings()), [], self.find_late(targets)
         for ref in late:
             live = view.find(ref)
             own = sets.get(live["metadata"]["uid"], []) if live else []
             failures = [
-                probe_failure(p, warnings)
+                probe_failure(p, choose_events(warnings, p))
                 for p in (find_newest_pods(live, own, pods) if live else [])
             ]
             state = self.states[ref].message if ref in self.states else "not seen"

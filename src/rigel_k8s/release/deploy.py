@@ -192,6 +192,7 @@ def carry_out(run: Run) -> Revision:
         live = [step.live for step in plan.steps if step.action == "keep" and step.live]
         waiter(run, found, Held()).wait(live)
         return found.last
+    revisions.check_size(new_revision(run, found, plan))
     make_namespace(run, found)
     with hold(run.cluster, run.release, run.report, run.cancel) as lease:
         found, plan = look_again(run, found, plan)

@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import base64
 import gzip
+import hashlib
 import json
+import uuid
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.release.types import InventoryItem, ReleaseId, Revision
 
 LIMIT = 10
+#: Bytes that Kubernetes takes as the data of a Secret.
+MAX_SIZE = 1024 * 1024
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"
 OF, NUMBER, STATUS = "rigel-k8s/revision-of", "rigel-k8s/revision", "rigel-k8s/status"
@@ -108,14 +112,7 @@ def choose_recordable(manifests: Iterable[Manifest]) -> tuple[Manifest, ...]:
 def encode(revision: Revision) -> dict[str, Any]:
     """Return the Secret of a revision."""
     ref = secret_ref(revision.release, revision.number)
-    payload = {
-        "format": FORMAT,
-        "objects": choose_recordable(revision.objects),
-        "inventory": [[*attrs.astuple(item.ref), item.uid] for item in revision.inventory],
-        "options": revision.options,
-    }
-    text = json.dumps(payload, separators=(",", ":"), sort_keys=True)
-    data = base64.b64encode(gzip.compress(text.encode(), 6, mtime=0)).decode()
+    data = base64.b64encode(compress(write_content(revision))).decode()
     return {
         "apiVersion": "v1",
         "kind": "Secret",
@@ -136,6 +133,52 @@ def encode(revision: Revision) -> dict[str, Any]:
         },
         "data": {"release": data},
     }
+
+
+def write_content(revision: Revision) -> bytes:
+    """Return what a revision's Secret holds, before it is compressed."""
+    payload = {
+        "format": FORMAT,
+        "objects": choose_recordable(revision.objects),
+        "inventory": [[*attrs.astuple(item.ref), item.uid] for item in revision.inventory],
+        "options": revision.options,
+    }
+    return json.dumps(payload, separators=(",", ":"), sort_keys=True).encode()
+
+
+def compress(content: bytes) -> bytes:
+    """Return a revision's content as it is kept."""
+    return gzip.compress(content, 6, mtime=0)
+
+
+def check_size(revision: Revision) -> None:
+    """Refuse a revision that no Secret can hold, also when all its objects have their UIDs.
+
+    Raises:
+        UserError: it is too large.
+    """
+    complete = attrs.evolve(
+        revision,
+        inventory=tuple(
+            InventoryItem(item.ref, item.uid or fake_uid(item.ref)) for item in revision.inventory
+        ),
+    )
+    content = write_content(complete)
+    if len(content) <= MAX_SIZE:  # the usual case: it need not be compressed to be small enough
+        return
+    size = len(compress(content))
+    if size > MAX_SIZE:
+        raise UserError(
+            f"the record of {revision.release.name} would take {size // 1024} KiB, and a Secret of"
+            f" Kubernetes holds {MAX_SIZE // 1024} KiB; nothing was changed",
+            hint="divide it into several jobs with a deployment_name of their own, or put large"
+            " texts into the image instead of the Rigelfile",
+        )
+
+
+def fake_uid(ref: ObjectRef) -> str:
+    """Return what is as long as a UID and compresses as little."""
+    return str(uuid.UUID(bytes=hashlib.sha256(str(ref).encode()).digest()[:16]))
 
 
 def decode(record: Record) -> Revision:

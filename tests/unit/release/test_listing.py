@@ -18,7 +18,7 @@ from tests.support.recorder import Recorder
 def test_a_release_is_told_by_its_newest_revision(fake: Any, report: Recorder) -> None:
     """Revision 10 is newer than revision 9, and what is ready is counted."""
     for number in range(10):
-        made = desired(workload(), workload("listener"), config(data={"number": str(number)}))
+        made = desired(workload(), workload("listener"), config(number=str(number)))
         deploy(made, fake, report=report, description="deploy")
     (one,) = list_releases(fake, RELEASE.namespace)
     assert (one.release, one.revision, one.status) == (RELEASE, 10, "good")

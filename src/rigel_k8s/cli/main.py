@@ -9,9 +9,10 @@ import gc
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -140,7 +141,20 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
         # Threads that were told to end and have not would hold the terminal until they do.
         sys.stderr.flush()
         os._exit(code)
+    if arguments is None:
+        leave(code)
     sys.exit(code)
+
+
+def leave(code: int) -> NoReturn:
+    """End the process without freeing what it has, a tenth of the time of a short command."""
+    import atexit
+
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # closed by whoever read it
+            stream.flush()
+    os._exit(code)
 
 
 def run(words: list[str], name: str | None) -> int:

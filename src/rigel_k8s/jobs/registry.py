@@ -13,7 +13,6 @@ import importlib.util
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +45,8 @@ def provider_type(name: str, directory: Path | None = None) -> ProviderType[Any]
 
 def list_names(kind: Kind) -> dict[str, tuple[str, ...]]:
     """Return the short names that work here, each with the import paths that mean the same."""
+    from importlib import metadata  # slow to import, and needed only for the names of others
+
     names = {builtin.short: builtin.paths for builtin in BUILTIN[kind]}
     for entry in metadata.entry_points(group=ENTRY_POINT_GROUPS[kind]):
         names.setdefault(entry.name, ())
@@ -91,6 +92,8 @@ def _make_usable(kind: Kind, name: str, found: Any) -> Any:
 
 
 def _entry_point(kind: Kind, name: str) -> Any:
+    from importlib import metadata
+
     group = ENTRY_POINT_GROUPS[kind]
     found = {entry.value: entry for entry in metadata.entry_points(group=group, name=name)}
     if len(found) > 1:

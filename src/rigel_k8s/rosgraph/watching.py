@@ -3,8 +3,9 @@
 Why: a deploy is over when its pods are ready, and a topic may have lost its publisher all the same.
 The graph is read only when an update replaces pods, before its first write and after its
 roll-out. Nodes take a moment to register and to be discovered again, so what is worse after the
-roll-out is looked at again until it is better or the patience is over. It must not know application
-options; what to do about a worse graph is its caller's business.
+roll-out is looked at again until it is better or the patience is over. It must not know
+application options; what to do about a worse graph is its caller's business. What reads a graph is
+imported when one is read: a deploy that changes nothing reads none.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
 
 import attrs
 
@@ -25,11 +27,10 @@ from rigel_k8s.observability.names import EXPORTER_PORT
 from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.report import Reporter
-from rigel_k8s.rosgraph.comparison import Comparison, compare
-from rigel_k8s.rosgraph.inside import read_module, run_inside
-from rigel_k8s.rosgraph.pods import read_pods
-from rigel_k8s.rosgraph.reading import read_graph
-from rigel_k8s.rosgraph.types import RosGraph
+
+if TYPE_CHECKING:
+    from rigel_k8s.rosgraph.comparison import Comparison
+    from rigel_k8s.rosgraph.types import RosGraph
 
 PATIENCE = 20.0  # seconds that nodes have to be in the graph again after an update
 AGAIN = 1.0  # seconds between two looks
@@ -117,6 +118,8 @@ class GraphWatch:
         """
         if self._before is None:
             return None
+        from rigel_k8s.rosgraph.comparison import compare
+
         until = time.monotonic() + self.patience
         highest: dict[str, float] = {}
         while True:
@@ -165,6 +168,8 @@ def limit(lines: tuple[str, ...]) -> tuple[str, ...]:
 
 def read_with_rates(cluster: Cluster, release: ReleaseId) -> RosGraph:
     """Return a release's graph, with the rates that its exporter hears; raises as read_graph."""
+    from rigel_k8s.rosgraph.reading import read_graph
+
     with ThreadPoolExecutor(max_workers=1) as beside:
         heard = beside.submit(read_rates, cluster, release)
         graph = read_graph(cluster, release)
@@ -181,6 +186,9 @@ def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:
 
     The nodes of ROS 1 count for themselves, so that its exporter is not asked.
     """
+    from rigel_k8s.rosgraph.inside import read_module, run_inside
+    from rigel_k8s.rosgraph.pods import read_pods
+
     modules = [("heard", read_module("rigel_k8s.rosgraph.scripts.heard"))]
     try:
         own = {RELEASE_LABEL: release.name}

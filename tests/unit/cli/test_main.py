@@ -167,3 +167,20 @@ def test_a_pipe_that_was_closed_before_is_silent_too() -> None:
     line = f"{{ sleep 0.2; {sys.executable} -m rigel_k8s version; }} | true"
     done = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True)
     assert done.stderr == ""
+
+
+def test_the_program_ends_with_all_that_was_printed_and_cleaned_up(tmp_path: Path) -> None:
+    """It does not free its memory, but flushes its streams and calls what waits for its end."""
+    code = (
+        "import atexit, sys; atexit.register(print, 'cleaned up'); sys.argv = ['rigel', {!r}];"
+        "from rigel_k8s.cli.main import main; main()"
+    )
+    out = tmp_path / "out"
+    for word, exit_code in (("schema", 0), ("statsu", 2)):
+        with out.open("w") as file:
+            command = [sys.executable, "-c", code.format(word)]
+            done = subprocess.run(command, stdout=file, stderr=subprocess.PIPE, text=True)
+        assert done.returncode == exit_code
+        assert out.read_text().endswith("cleaned up\n")
+        assert (out.stat().st_size > 10_000) == (word == "schema")
+        assert ("There is no command" in done.stderr) == (word == "statsu")

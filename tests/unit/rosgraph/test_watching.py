@@ -112,7 +112,7 @@ def test_without_an_exporter_that_answers_there_are_no_rates(answer: object) -> 
 
 def test_rates_come_to_topics_that_have_none(monkeypatch: pytest.MonkeyPatch) -> None:
     read = RosGraph(topics=(GraphTopic("/a", rate=1.0), GraphTopic("/b"), GraphTopic("/c")))
-    monkeypatch.setattr(watching, "read_graph", lambda *_: read)
+    monkeypatch.setattr("rigel_k8s.rosgraph.reading.read_graph", lambda *_: read)
     cluster: Any = Cluster({"/a": 2.0, "/b": 3.0})
     found = watching.read_with_rates(cluster, RELEASE)
     assert [topic.rate for topic in found.topics] == [1.0, 3.0, None]

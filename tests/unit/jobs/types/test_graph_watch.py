@@ -104,7 +104,7 @@ def world(fake: FakeCluster, report: Recorder, monkeypatch: pytest.MonkeyPatch) 
     """A lidar and a planner that hears it, deployed."""
     made = World(fake, report, {"lidar": LIDAR, "planner": PLANNER})
     monkeypatch.setattr(kube, "connect", lambda settings: fake)
-    monkeypatch.setattr(watching, "read_graph", made.read_graph)
+    monkeypatch.setattr("rigel_k8s.rosgraph.reading.read_graph", made.read_graph)
     monkeypatch.setattr(watching, "PATIENCE", 0.5)
     monkeypatch.setattr(watching, "AGAIN", 0.02)
     monkeypatch.setattr(discovery, "check", lambda *_: None)

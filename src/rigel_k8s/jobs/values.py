@@ -83,7 +83,7 @@ class Values:
 
 
 def _matrix_faults(matrix: YamlNode) -> Iterator[Finding]:
-    """Yield the keys whose value turned out to be no list, and limits that are none."""
+    """Yield the keys whose value is not a list, and limits that are not one number above 0."""
     for key, node in matrix.value.items():
         if node.hole:
             continue

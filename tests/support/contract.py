@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ConflictError, NotFoundError
+from rigel_k8s.kube.conditions import NOTHING, this_object, this_state
 from rigel_k8s.kube.failures import Conflict, Refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.ownership import covers, find_owned_fields, managers, take_over
@@ -204,6 +205,50 @@ class ClusterContract:
     ) -> None:
         first = cluster.apply(config(namespace, a="1"))
         assert version(cluster.apply(config(namespace, a="1"))) == version(first)
+
+    def test_an_apply_onto_nothing_only_creates(self, cluster: Any, namespace: str) -> None:
+        """Not even by force does it change what is there."""
+        made = cluster.apply(config(namespace, a="1"), onto=NOTHING)
+        assert made["data"] == {"a": "1"}
+        for force in (False, True):
+            with pytest.raises(ConflictError) as caught:
+                cluster.apply(config(namespace, a="2"), onto=NOTHING, force=force)
+            assert (caught.value.status, caught.value.fields) == (409, ())
+        assert cluster.get(ref_of(made))["data"] == {"a": "1"}
+        cluster.delete(ref_of(made))
+        assert cluster.apply(config(namespace, a="2"), onto=NOTHING)["data"] == {"a": "2"}
+
+    def test_of_two_applies_onto_nothing_one_creates(self, cluster: Any, namespace: str) -> None:
+        """Though both write as one field manager."""
+        for number in range(5):
+
+            def create(said: str, name: str = f"c{number}") -> str:
+                try:
+                    cluster.apply(config(namespace, name, a=said), onto=NOTHING)
+                except ConflictError:
+                    return ""
+                return said
+
+            done = [said for said in cluster.parallel(create, "abcd") if said]
+            ref = ref_of(config(namespace, f"c{number}"))
+            assert [cluster.get(ref)["data"]["a"]] == done
+
+    def test_an_apply_onto_an_object_changes_no_other(self, cluster: Any, namespace: str) -> None:
+        """Neither one that was made anew nor, where its state counts, one that was changed."""
+        first = cluster.apply(config(namespace, a="1"))
+        second = cluster.apply(config(namespace, a="2"), onto=this_object(first))
+        third = cluster.apply(config(namespace, a="3"), onto=this_state(second))
+        with pytest.raises(ConflictError):
+            cluster.apply(config(namespace, a="4"), onto=this_state(second), force=True)
+        cluster.delete(ref_of(third))
+        for gone in (this_object(third), this_state(third)):
+            with pytest.raises(ConflictError):
+                cluster.apply(config(namespace, a="4"), onto=gone)
+        cluster.apply(config(namespace, a="5"))
+        for gone in (this_object(third), this_state(third)):
+            with pytest.raises(ConflictError):
+                cluster.apply(config(namespace, a="6"), onto=gone, force=True)
+        assert cluster.get(ref_of(third))["data"] == {"a": "5"}
 
     def test_what_is_said_no_more_goes_away(self, cluster: Any, other: Any, namespace: str) -> None:
         """Unless another manager says it too."""

@@ -17,6 +17,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.kube.conditions import ANYTHING, Onto
 from rigel_k8s.kube.failures import Missing, Refusal, refusal
 from rigel_k8s.kube.resources import Resource, built_in
 from rigel_k8s.kube.watching import WatchEvent, label_selector
@@ -221,12 +222,18 @@ class FakeCluster:
     # Writing.
 
     def apply(
-        self, manifest: Mapping[str, Any], *, force: bool = False, dry_run: bool = False
+        self,
+        manifest: Mapping[str, Any],
+        *,
+        force: bool = False,
+        dry_run: bool = False,
+        onto: Onto = ANYTHING,
     ) -> Live:
         ref, what = ref_of(manifest), f"apply {ref_of(manifest)}"
         with self.store.lock:
             self.note("try" if dry_run else "apply", ref)
             old = self.find(ref, what)
+            check_condition(what, ref, old, onto)
             said = ownership.leaves(manifest)
             base: Live = old or {**dict(manifest), "metadata": name_fields(ref)}
             others = ownership.conflicts(base, said, self.manager)
@@ -353,10 +360,7 @@ class FakeCluster:
         if meta.get("uid") not in (None, was["uid"]):
             raise wrong_uid(what, meta["uid"], old)
         if meta.get("resourceVersion") not in (None, was["resourceVersion"]):
-            text = "the object has been modified; please apply your changes to the latest version"
-            raise make_refusal(
-                what, 409, "Conflict", f'Operation cannot be fulfilled on "{ref.name}": {text}'
-            )
+            raise modified(what, ref)
         entries = meta.get("managedFields") or was.get("managedFields") or []
         for key in ("uid", "creationTimestamp", "generation", "deletionTimestamp"):
             meta.pop(key, None)
@@ -546,6 +550,25 @@ def field_conflict(what: str, others: Sequence[tuple[str, ownership.Path]]) -> R
     told = ", ".join(c["field"] for c in causes)
     text = f"Apply failed with {len(causes)} conflict(s): {told}"
     return make_refusal(what, 409, "Conflict", text, causes)
+
+
+def check_condition(what: str, ref: ObjectRef, old: Live | None, onto: Onto) -> None:
+    """Refuse an apply onto something else than it says."""
+    uid, version = (onto.metadata.get(key) for key in ("uid", "resourceVersion"))
+    if old is None:
+        if uid:
+            raise make_refusal(what, 409, "Conflict", f"uid mismatch: {uid}, and nothing is there")
+        return
+    if uid not in (None, old["metadata"]["uid"]):
+        raise wrong_uid(what, str(uid), old)
+    if version not in (None, old["metadata"]["resourceVersion"]):
+        raise modified(what, ref)
+
+
+def modified(what: str, ref: ObjectRef) -> Refusal:
+    text = "the object has been modified; please apply your changes to the latest version"
+    told = f'Operation cannot be fulfilled on "{ref.name}": {text}'
+    return make_refusal(what, 409, "Conflict", told)
 
 
 def wrong_uid(what: str, uid: str, live: Live) -> Refusal:

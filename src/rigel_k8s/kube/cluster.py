@@ -12,7 +12,8 @@ import attrs
 
 from rigel_k8s.kube import threads
 from rigel_k8s.kube.client import Client
-from rigel_k8s.kube.failures import Conflict, Missing
+from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
+from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
@@ -99,7 +100,12 @@ class Cluster:
                 return [{**item, "apiVersion": api_version, "kind": kind} for item in found]
 
     def apply(
-        self, manifest: Manifest, *, force: bool = False, dry_run: bool = False
+        self,
+        manifest: Manifest,
+        *,
+        force: bool = False,
+        dry_run: bool = False,
+        onto: Onto = ANYTHING,
     ) -> dict[str, Any]:
         """Apply a manifest server-side and return what the object is then.
 
@@ -108,26 +114,33 @@ class Cluster:
 
         Args:
             force: take fields over that another manager owns.
+            onto: what must be there for the apply to have an effect.
 
         Raises:
-            Conflict: another manager owns fields with other values (`fields` names them).
+            Conflict: another manager owns fields with other values (`fields` names them), or
+                something else is there than `onto` says (`fields` is empty).
         """
         ref = ref_of(manifest)
         what = f"apply {ref}"
+        meta = {**manifest["metadata"], **onto.metadata}
         query = {"fieldManager": MANAGER, "force": force and "true", "dryRun": dry_run and "All"}
         try:
             return self.client.call(
                 "PATCH",
                 self.path_of(ref, what, query=query),
                 what,
-                body=manifest,
+                body={**manifest, "metadata": meta},
                 media=PATCHES["apply"],
                 safe=True,
             )
         except Conflict as error:
             if force or {field.manager for field in error.fields} != {MANAGER}:
                 raise
-        return self.apply(manifest, force=True, dry_run=dry_run)
+        except Refusal as error:
+            if "metadata.uid" not in {cause.field for cause in error.causes}:
+                raise
+            raise another_object_error(error) from error
+        return self.apply(manifest, force=True, dry_run=dry_run, onto=onto)
 
     def create(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
         """Create an object; Conflict (reason AlreadyExists) where it is there."""

@@ -1,4 +1,4 @@
-"""The steps of a plan, done: the only module that writes a release's objects."""
+"""The steps of a plan, done; how one object is written is in writing.py."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import WORKLOADS, rank, wave
-from rigel_k8s.release.ownership import managers, take_over
 from rigel_k8s.release.plan import predecessors
-from rigel_k8s.release.types import Plan, Step
+from rigel_k8s.release.types import Plan, ReleaseId, Step
+from rigel_k8s.release.writing import write
 from rigel_k8s.report import Reporter
 
 Live = dict[str, Any]
 GONE_TIMEOUT = 120.0  # seconds that what is being deleted may take
 DEFINED_TIMEOUT = 30.0
 LOOK = 0.2
-TAKE_OVER_TRIES = 10
 SLICE = 2.0  # seconds of one watch for the end of pods
 CLAIMS = frozenset({"PersistentVolumeClaim", "PersistentVolume"})
 
@@ -39,6 +38,7 @@ class Applier:
     """
 
     cluster: Cluster
+    release: ReleaseId
     report: Reporter
     cancel: threading.Event
     adopt: bool = False
@@ -70,38 +70,18 @@ class Applier:
             self.wait_until_gone([step.ref])
             live = None
         if live is not None and keeps_rolling(step.manifest, live):
-            live = self.end_rolling(step.ref)
-        if live is not None and self.adopt and managers(live):
-            self.take_over(step.ref, live)
-        return self.cluster.apply(step.manifest, force=self.adopt)
+            live = self.end_rolling(dict(live))
+        return write(self.cluster, self.release, step.manifest, live, adopt=self.adopt)
 
-    def end_rolling(self, ref: ObjectRef) -> Live:
+    def end_rolling(self, live: Live) -> Live:
         """Make a rolling Deployment a Recreate one; its pods stay as they are.
 
         Server-side apply cannot: what Kubernetes had filled in of the old strategy would stay, and
         Kubernetes refuses it beside the new one.
         """
         strategy = {"type": "Recreate", "rollingUpdate": None}
-        return self.cluster.patch(ref, {"spec": {"strategy": strategy}})
-
-    def take_over(self, ref: ObjectRef, live: Manifest) -> None:
-        """Make what other tools had set ours, so that what nobody says any more goes away.
-
-        Controllers write an object's status at any time: who owns what is then read again.
-        """
-        for again in range(TAKE_OVER_TRIES):
-            meta = {
-                "managedFields": take_over(live),
-                "resourceVersion": live["metadata"]["resourceVersion"],
-            }
-            try:
-                self.cluster.patch(ref, {"metadata": meta})
-                return
-            except ConflictError:
-                newer = self.cluster.get(ref)
-                if newer is None or again == TAKE_OVER_TRIES - 1:
-                    raise
-                live = newer
+        meta = {"uid": live["metadata"]["uid"]}
+        return self.cluster.patch(ref_of(live), {"metadata": meta, "spec": {"strategy": strategy}})
 
     def prune(self, steps: Iterable[Step]) -> None:
         """Delete what the plan prunes: workloads first, then what they used, data last.

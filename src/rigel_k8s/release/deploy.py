@@ -245,6 +245,7 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
     revisions.create(run.cluster, pending)
     applier = Applier(
         run.cluster,
+        run.release,
         run.report,
         run.cancel,
         run.adopt,

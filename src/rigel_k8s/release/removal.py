@@ -65,7 +65,7 @@ def down(
         live = find(cluster, release)
         items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
         plan = Plan(release, tuple(prunes(items, live, (), release, volumes=volumes)))
-        applier = Applier(cluster, report, cancel, gone_timeout=timeout or GONE_TIMEOUT)
+        applier = Applier(cluster, release, report, cancel, gone_timeout=timeout or GONE_TIMEOUT)
         applier.prune(plan.steps)
         pruned = [step for step in plan.steps if step.action == "prune"]
         applier.wait_until_no_pods(pruned)

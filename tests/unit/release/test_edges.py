@@ -186,7 +186,7 @@ def test_an_object_that_is_ending_is_waited_for(fake: Any, report: Recorder) -> 
     deploy(desired(held), fake, report=report)
     fake.delete(ref("ConfigMap", "c"))
     plan = diff(desired(held), fake)
-    impatient = Applier(fake, report, threading.Event(), gone_timeout=0.05)
+    impatient = Applier(fake, RELEASE, report, threading.Event(), gone_timeout=0.05)
     with pytest.raises(ClusterError, match=r"1 object\(s\) not gone") as caught:
         impatient.apply(plan)
     assert caught.value.details == (f"ConfigMap n/c: {HOLD} holds it",)

@@ -11,7 +11,7 @@ from rigel_k8s.errors import ConflictError
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.deploy import deploy, diff
 from tests.support.fake_cluster import FakeCluster
-from tests.support.manifests import config, desired, ref, workload
+from tests.support.manifests import RELEASE, config, desired, ref, workload
 
 
 def test_fields_of_another_manager_are_refused(fake: FakeCluster, report: Any) -> None:
@@ -65,7 +65,7 @@ def test_who_owns_what_is_read_again_where_it_changed_meanwhile(
     fake.as_manager("kubectl").create(config(k="1", extra="theirs"))
     plan = diff(desired(config(k="1")), fake, adopt=True)
     fake.as_manager("kubectl").patch(ref("ConfigMap", "c"), {"data": {"more": "theirs"}})
-    Applier(fake, report, threading.Event(), adopt=True).apply(plan)
+    Applier(fake, RELEASE, report, threading.Event(), adopt=True).apply(plan)
     assert fake.objects[ref("ConfigMap", "c")]["data"] == {"k": "1"}
 
 
@@ -75,7 +75,7 @@ def test_an_object_made_anew_after_the_plan_is_not_pruned(fake: FakeCluster, rep
     plan = diff(desired(config("a")), fake)
     fake.delete(ref("ConfigMap", "b"))
     fake.as_manager("argo").create(config("b", theirs="1"))
-    Applier(fake, report, threading.Event()).prune(plan.steps)
+    Applier(fake, RELEASE, report, threading.Event()).prune(plan.steps)
     assert fake.objects[ref("ConfigMap", "b")]["data"] == {"theirs": "1"}
     assert report.warnings == ["ConfigMap n/b was made anew by somebody else meanwhile: left alone"]
 

@@ -1,0 +1,103 @@
+"""One object of a release, written only onto what the plan saw; else someone would lose theirs.
+
+All releases write as one field manager, so Kubernetes sees no conflict between two of them. That
+nothing is written onto another release's object is checked by the API server, together with the
+write: an object is created only where there is none, and changed only while it has the UID that
+the plan saw.
+"""
+
+from __future__ import annotations
+
+from rigel_k8s.errors import ConflictError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.conditions import ANYTHING, NOTHING, Onto, this_object, this_state
+from rigel_k8s.kube.failures import Conflict
+from rigel_k8s.objects.marks import RELEASE_LABEL
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.ownership import managers, take_over
+from rigel_k8s.release.survey import Live, belongs
+from rigel_k8s.release.types import ReleaseId
+
+TRIES = 10
+
+
+def write(
+    cluster: Cluster, release: ReleaseId, manifest: Manifest, live: Live | None, *, adopt: bool
+) -> Live:
+    """Apply a manifest and return what the object is then.
+
+    Args:
+        live: what the plan saw, None for nothing.
+        adopt: take over what other tools have set.
+
+    Raises:
+        ConflictError: another object is there by now, or other managers own fields.
+    """
+    ref = ref_of(manifest)
+    for again in range(TRIES):
+        try:
+            if live is not None and adopt and managers(live):
+                live = own_all(cluster, ref, live)
+            condition = choose_condition(ref, live, release)
+            return cluster.apply(manifest, force=adopt, onto=condition)
+        except Conflict as error:
+            if error.fields or again == TRIES - 1:
+                raise
+            live = look_again(cluster, ref, live, release)
+    raise AssertionError("the last try returns or raises")
+
+
+def choose_condition(ref: ObjectRef, live: Live | None, release: ReleaseId) -> Onto:
+    """Return what must be there when a manifest is applied.
+
+    Controllers write the status of an object at any time, so an object of ours may have changed.
+    One that belongs to no release may not: another release may be about to adopt it, too.
+    """
+    if ref.kind == "Namespace":  # releases share it
+        return ANYTHING
+    if live is None:
+        return NOTHING
+    return this_object(live) if belongs(live, release) else this_state(live)
+
+
+def own_all(cluster: Cluster, ref: ObjectRef, live: Live) -> Live:
+    """Make what other tools have set ours, so that what we leave out goes away."""
+    meta = {
+        "managedFields": take_over(live),
+        "resourceVersion": live["metadata"]["resourceVersion"],
+    }
+    return cluster.patch(ref, {"metadata": meta})
+
+
+def look_again(
+    cluster: Cluster, ref: ObjectRef, live: Live | None, release: ReleaseId
+) -> Live | None:
+    """Return what is there by now, where it is still ours to write.
+
+    It is, although something else was expected, where our own first request got through and only
+    its answer was lost, and where an object that is being adopted has a new status.
+
+    Raises:
+        ConflictError: it is not.
+    """
+    now = cluster.get(ref)
+    if now is None:
+        if live is None:
+            return None
+        raise ConflictError(
+            f"{ref} was deleted by another program during this deploy", hint="run it again"
+        )
+    if belongs(now, release):
+        return now
+    if owner := (now["metadata"].get("labels") or {}).get(RELEASE_LABEL):
+        raise ConflictError(
+            f"{ref} belongs to another release ({owner}), which made it during this deploy",
+            hint="choose another name for it, and run it again",
+        )
+    if live is not None and live["metadata"]["uid"] == now["metadata"]["uid"]:
+        return now
+    maker = ", ".join(managers(now)) or "another program"
+    raise ConflictError(
+        f"{ref} was made by {maker} during this deploy",
+        hint="choose another name for it, or take it over with --adopt, and run it again",
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import attrs
@@ -72,7 +73,7 @@ def test_two_releases_that_adopt_one_object_at_once_do_not_share_it(
 
 @pytest.mark.parametrize("adopt", [False, True])
 def test_what_another_tool_makes_meanwhile_is_not_overwritten(
-    fake: FakeCluster, report: Any, adopt: bool
+    fake: FakeCluster, report: Any, adopt: Any
 ) -> None:
     """Not even with --adopt: nobody has seen it in a plan."""
     cluster = Between(
@@ -93,7 +94,7 @@ def test_a_change_does_not_reach_an_object_that_was_made_anew(
         fake.delete(C)
         fake.as_manager("argo").create(config(k="theirs"))
 
-    cluster = Between(fake.store, about=C, act=remake)
+    cluster = Between(fake.store, act=remake)
     with pytest.raises(ConflictError, match="was made by argo during this deploy"):
         deploy(desired(config(k="2")), cluster, report=report)
     assert fake.objects[C]["data"] == {"k": "theirs"}
@@ -104,7 +105,7 @@ def test_an_object_that_is_deleted_meanwhile_is_not_made_anew(
 ) -> None:
     """Whoever deleted it wanted that; the next deploy creates it."""
     deploy(desired(config(k="1")), fake, report=report)
-    cluster = Between(fake.store, about=C, act=lambda: fake.delete(C))
+    cluster = Between(fake.store, act=lambda: fake.delete(C))
     with pytest.raises(ConflictError, match="was deleted by another program"):
         deploy(desired(config(k="2")), cluster, report=report)
     assert C not in fake.objects

@@ -26,6 +26,7 @@ class Settings:
         namespace: wins over the Rigelfile's and the context's; None leaves it to them.
         timeout: seconds that a roll-out may take; None is the job's own or the default.
         adopt: take over fields that another field manager owns.
+        lock_timeout: seconds to wait for another deploy of the release; None is as `timeout`.
     """
 
     rigelfile: Path = Path("Rigelfile")
@@ -34,3 +35,4 @@ class Settings:
     namespace: str | None = None
     timeout: float | None = None
     adopt: bool = False
+    lock_timeout: float | None = None

@@ -22,6 +22,7 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import removal
+from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release import status as states
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.prepare import manifests_to_apply
@@ -148,7 +149,7 @@ def rollback(
     """Deploy an earlier revision's objects again; None is the good one before the present."""
     found = release(settings, job)
     with found.cluster as cluster, interruptible() as cancel:
-        return deploys.rollback(
+        return rollbacks.rollback(
             cluster,
             found.id,
             number,
@@ -156,6 +157,7 @@ def rollback(
             cancel=cancel,
             timeout=settings.timeout,
             adopt=settings.adopt,
+            lock_timeout=settings.lock_timeout,
         )
 
 
@@ -176,8 +178,9 @@ def down(
             report=report,
             cancel=cancel,
             timeout=settings.timeout,
+            lock_timeout=settings.lock_timeout,
         )
-    if not plan.steps:
+    if not plan.steps and not plan.records:
         raise UserError(
             f"there is no release {found.id.name} in the namespace {found.id.namespace}",
             hint="-n NAMESPACE or --context NAME, if it is elsewhere",

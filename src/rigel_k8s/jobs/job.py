@@ -62,6 +62,7 @@ class JobContext:
             timeout=self.settings.timeout,
             adopt=self.settings.adopt,
             description=self.name,
+            lock_timeout=self.settings.lock_timeout,
         )
 
 

@@ -116,6 +116,7 @@ def _install(
         timeout=options.timeout or PATIENT,
         adopt=options.adopt,
         description=options.description,
+        lock_timeout=options.lock_timeout,
         away=away,
     )
     return StackResult(asked, revision, changed=True, away=away)

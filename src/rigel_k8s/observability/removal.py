@@ -57,7 +57,7 @@ def remove(
     )
     if volumes:
         cluster.delete(administrator_ref(where))
-    if not plan.steps:
+    if not plan.steps and not plan.records:
         raise UserError(
             f"there is no observability stack in the namespace {where}",
             hint="-n NAMESPACE, if its data are elsewhere; --context NAME, if it is",

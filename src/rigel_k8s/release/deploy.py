@@ -1,4 +1,4 @@
-"""A release's life: deploy, diff, rollback, history (and down, in removal.py).
+"""A release's life: deploy, diff, history (rollback.py and removal.py have the rest).
 
 Look (survey), refuse what cannot be, take the Lease, write a *pending* revision that names old and
 new objects together, apply, wait, prune, mark the revision good. Whoever finds a pending revision
@@ -17,12 +17,12 @@ from typing import Any
 import attrs
 
 from rigel_k8s import __version__
-from rigel_k8s.errors import ClusterError, ConflictError, RigelK8sError, UserError
+from rigel_k8s.errors import ClusterError, ConflictError, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import refusals, revisions
 from rigel_k8s.release.apply import Applier
-from rigel_k8s.release.lease import Held, hold
+from rigel_k8s.release.lease import Held, bury, hold
 from rigel_k8s.release.patience import Patience
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
@@ -46,6 +46,8 @@ class Run:
     adopt: bool
     description: str
     patience: Patience
+    lock_timeout: float | None = None
+    back_to: int | None = None
     keep: frozenset[ObjectRef] = frozenset()
     away: frozenset[str] = frozenset()
     before: Callable[[Plan], None] | None = None
@@ -67,6 +69,7 @@ def deploy(
     adopt: bool = False,
     description: str = "",
     patience: Patience | None = None,
+    lock_timeout: float | None = None,
     away: Collection[str] = (),
     before: Callable[[Plan], None] | None = None,
     verify: Callable[[], None] | None = None,
@@ -80,6 +83,7 @@ def deploy(
         cancel: ends the deploy soon after it is set.
         timeout: seconds that the roll-out may take; None is DEFAULT_TIMEOUT.
         adopt: take over what other field managers own.
+        lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
         away: the names of nodes whose pods are not waited for.
         before: called with the plan when the Lease is held and nothing is written yet.
         verify: called when all is ready and pruned; what it raises makes the revision a failed one.
@@ -101,6 +105,7 @@ def deploy(
             adopt,
             description,
             patience or Patience(),
+            lock_timeout,
             away=frozenset(away),
             before=before,
             verify=verify,
@@ -131,72 +136,30 @@ def find_last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
     return good[-1].revision() if good else None
 
 
-def rollback(
-    cluster: Cluster,
-    release: ReleaseId,
-    number: int | None = None,
-    *,
-    report: Reporter,
-    cancel: threading.Event | None = None,
-    timeout: float | None = None,
-    adopt: bool = False,
-    patience: Patience | None = None,
-) -> Revision:
-    """Deploy an older revision's objects again, as a new revision.
-
-    Args:
-        number: None is the last good one before the present.
-
-    Raises:
-        UserError: there is no such revision.
-    """
-    target = choose_record(revisions.records(cluster, release), release, number).revision()
-    keep = frozenset(item.ref for item in target.inventory if item.ref.kind == "Secret")
-    desired = Desired(release, target.objects, options=target.options)
-    return carry_out(
-        Run(
-            cluster,
-            desired,
-            report,
-            cancel or threading.Event(),
-            DEFAULT_TIMEOUT if timeout is None else timeout,
-            adopt,
-            f"rollback to revision {target.number}",
-            patience or Patience(),
-            keep,
-        )
-    )
-
-
-def choose_record(
-    records: list[revisions.Record], release: ReleaseId, number: int | None
-) -> revisions.Record:
-    """Return the record to roll back to."""
-    good = [record for record in records[:-1] if record.status == "good"]
-    if number is None and good:
-        return good[-1]
-    found = [record for record in records if record.number == number]
-    if found:
-        return found[0]
-    numbers = ", ".join(str(record.number) for record in records) or "none"
-    what = f"no revision {number}" if number is not None else "no good revision before the last"
-    raise UserError(f"{release.name} has {what}", hint=f"`rigel history` tells; kept: {numbers}")
-
-
 def carry_out(run: Run) -> Revision:
     """Deploy."""
     found = survey(run.cluster, run.desired, adopt=run.adopt)
     refusals.check(found, adopt=run.adopt)
     plan = compare(found, keep=run.keep)
     if found.last is not None and is_settled(found, plan):
-        live = [step.live for step in plan.steps if step.action == "keep" and step.live]
-        waiter(run, found, Held()).wait(live)
-        return found.last
+        if found.lease is not None:
+            bury(run.cluster, found.lease, run.report)
+        return wait_settled(run, found, found.last, plan)
     revisions.check_size(new_revision(run, found, plan))
     make_namespace(run, found)
-    with hold(run.cluster, run.release, run.report, run.cancel) as lease:
+    limit = run.timeout if run.lock_timeout is None else run.lock_timeout
+    with hold(run.cluster, run.release, run.report, run.cancel, patience=limit) as lease:
         found, plan = look_again(run, found, plan)
+        if found.last is not None and is_settled(found, plan):  # we waited for one that did it
+            return wait_settled(run, found, found.last, plan)
         return apply_and_record(run, found, plan, lease)
+
+
+def wait_settled(run: Run, found: Survey, last: Revision, plan: Plan) -> Revision:
+    """Return the last revision, which is what is wanted, when all of it is ready."""
+    live = [step.live for step in plan.steps if step.action == "keep" and step.live]
+    waiter(run, found, Held()).wait(live)
+    return last
 
 
 def is_settled(found: Survey, plan: Plan) -> bool:
@@ -289,6 +252,7 @@ def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
         options=run.desired.options,
         description=run.description,
         tool_version=__version__,
+        back_to=run.back_to,
     )
 
 

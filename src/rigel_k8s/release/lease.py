@@ -49,15 +49,24 @@ class Held:
 
 @contextmanager
 def hold(
-    cluster: Cluster, release: ReleaseId, report: Reporter, cancel: threading.Event
+    cluster: Cluster,
+    release: ReleaseId,
+    report: Reporter,
+    cancel: threading.Event,
+    *,
+    patience: float,
 ) -> Iterator[Held]:
     """Hold a release's Lease.
 
+    Args:
+        patience: seconds to wait for another deploy of the release; 0 fails at once.
+
     Raises:
-        ClusterError: another deploy of the release is under way; tells whose it is.
+        ClusterError: another deploy of the release is under way; names its holder.
+        Interrupted: `cancel` was set while we waited.
     """
     ref = lease_ref(release)
-    lease = acquire(cluster, ref, report, cancel)
+    lease = acquire(cluster, ref, report, cancel, patience)
     mine, over = Held(), threading.Event()
     thread = threading.Thread(target=renew, args=(cluster, lease, mine, over), daemon=True)
     thread.start()
@@ -78,60 +87,91 @@ def lease_ref(release: ReleaseId) -> ObjectRef:
 
 
 def acquire(
-    cluster: Cluster, ref: ObjectRef, report: Reporter, cancel: threading.Event
+    cluster: Cluster, ref: ObjectRef, report: Reporter, cancel: threading.Event, patience: float
 ) -> dict[str, Any]:
     """Return the Lease when it is ours."""
+    deadline = time.monotonic() + patience
     while not cancel.is_set():
         try:
             return cluster.create(manifest(ref))
         except ConflictError:
             other = cluster.get(ref)
-        if other is None:
+        dead = None if other is None else outlive(cluster, ref, other, report, cancel, deadline)
+        if dead is None:
             continue
-        if not is_dead(cluster, ref, other, report, cancel):
-            raise taken_error(ref, other)
-        with suppress(ConflictError, NotFoundError):  # somebody else was quicker: look again
-            version = {"resourceVersion": other["metadata"]["resourceVersion"]}
+        with suppress(ConflictError, NotFoundError):  # another one was quicker: look again
+            version = {"resourceVersion": dead["metadata"]["resourceVersion"]}
             return cluster.replace(manifest(ref, version))
-    raise Interrupted("interrupted before anything was changed")
+    raise Interrupted("interrupted before anything was changed", hint="run the same command again")
 
 
-def is_dead(
+def outlive(
     cluster: Cluster,
     ref: ObjectRef,
     other: dict[str, Any],
     report: Reporter,
     cancel: threading.Event,
-) -> bool:
-    """Whether the holder of a Lease is gone; may take as long as a Lease lasts to find out."""
-    alive = is_alive(other)
-    if alive is not None:
-        return not alive
-    report.line(f"waiting up to {DURATION} s for the Lease of {holder(other)} to expire")
-    version = other["metadata"]["resourceVersion"]
-    end = time.monotonic() + DURATION
-    while time.monotonic() < end and not cancel.wait(LOOK):
-        now = cluster.get(ref)
-        if now is None or now["metadata"]["uid"] != other["metadata"]["uid"]:
-            return now is None
+    deadline: float,
+) -> dict[str, Any] | None:
+    """Wait for the end of another holder; return the Lease that a dead one has left, or None.
+
+    Raises:
+        ClusterError: the deadline is over before.
+    """
+    uid = other["metadata"]["uid"]
+    now: dict[str, Any] | None = other
+    version, seen, told = "", 0.0, False
+    while now is not None and now["metadata"]["uid"] == uid and not cancel.is_set():
         if now["metadata"]["resourceVersion"] != version:
-            return False
-    return True
+            version, seen = now["metadata"]["resourceVersion"], time.monotonic()
+        alive = is_alive(now)
+        if alive is False or (alive is None and time.monotonic() - seen >= DURATION):
+            return now
+        left = deadline - time.monotonic()
+        if left <= 0:
+            raise taken_error(ref, now)
+        if not told:
+            report.line(f"{describe(ref, now)}; waiting for its end, {left:.0f} s at most")
+            told = True
+        cancel.wait(min(LOOK, left))
+        now = cluster.get(ref)
+    return None
 
 
 def taken_error(ref: ObjectRef, other: dict[str, Any]) -> ClusterError:
-    """Return the error for a Lease that somebody else holds."""
-    release = ref.name.removeprefix("rigel.")
-    since = other["spec"].get("acquireTime", "an unknown time")
+    """Return the error for a Lease that another deploy still holds."""
     return ClusterError(
-        f"release {release} is being deployed by {holder(other)} since {since}",
-        hint="wait until that has ended, then run it again",
+        f"{describe(ref, other)}, and has not ended in time",
+        hint="run it again later; --lock-timeout 30m waits longer",
     )
+
+
+def describe(ref: ObjectRef, lease: dict[str, Any]) -> str:
+    """Return who works on a release since when."""
+    release = ref.name.removeprefix("rigel.")
+    since = lease["spec"].get("acquireTime", "an unknown time")
+    return f"release {release} is being changed by {holder(lease)} since {since}"
+
+
+def bury(cluster: Cluster, lease: dict[str, Any], report: Reporter) -> bool:
+    """Remove a Lease whose holder was a process of this machine and is gone; return whether it was.
+
+    Why: an interrupted deploy that had nothing left to do but this takes no Lease when it is run
+    again, and so would leave it for ever.
+    """
+    if is_alive(lease) is not False:
+        return False
+    meta = lease["metadata"]
+    ref = ObjectRef(lease["apiVersion"], lease["kind"], meta["namespace"], meta["name"])
+    with suppress(ConflictError):  # someone else has taken it meanwhile
+        if cluster.delete(ref, uid=meta["uid"]):
+            report.line(f"removed the Lease of {holder(lease)}, which was interrupted")
+    return True
 
 
 def holder(lease: dict[str, Any]) -> str:
     """Return who holds a Lease."""
-    return str(lease["spec"].get("holderIdentity") or "nobody")
+    return str(lease["spec"].get("holderIdentity") or "an unknown process")
 
 
 def manifest(ref: ObjectRef, meta: dict[str, str] | None = None) -> dict[str, Any]:

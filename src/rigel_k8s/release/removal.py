@@ -16,7 +16,8 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import CLAIMS, GONE_TIMEOUT, Applier
-from rigel_k8s.release.lease import hold
+from rigel_k8s.release.deploy import DEFAULT_TIMEOUT
+from rigel_k8s.release.lease import hold, lease_ref
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.plan import prunes
 from rigel_k8s.release.survey import belongs, namespace_ref
@@ -46,33 +47,40 @@ def down(
     report: Reporter,
     cancel: threading.Event | None = None,
     timeout: float | None = None,
+    lock_timeout: float | None = None,
 ) -> Plan:
     """Delete a release's objects and its history; its namespace stays.
 
     Args:
         volumes: claims and volumes go too, with their data.
         timeout: seconds that the end of the pods may take; None is GONE_TIMEOUT.
+        lock_timeout: seconds to wait for a deploy that is under way; None: as `timeout`.
 
     Returns:
-        What was deleted and what was left; without steps where there was nothing.
+        What was deleted and what was left; neither steps nor records where there was nothing.
     """
     if cluster.get(namespace_ref(release)) is None:
         return Plan(release, ())
     cancel = cancel or threading.Event()
-    if not find(cluster, release) and not revisions.records(cluster, release):
+    records = [record.ref for record in revisions.records(cluster, release)]
+    lease = lease_ref(release)
+    if cluster.get(lease) is not None:
+        records.append(lease)  # of a deploy that is under way or was killed
+    if not records and not find(cluster, release):
         return Plan(release, ())
-    with hold(cluster, release, report, cancel):
+    limit = timeout or DEFAULT_TIMEOUT if lock_timeout is None else lock_timeout
+    with hold(cluster, release, report, cancel, patience=limit):
         live = find(cluster, release)
         items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
-        plan = Plan(release, tuple(prunes(items, live, (), release, volumes=volumes)))
+        steps = tuple(prunes(items, live, (), release, volumes=volumes))
         applier = Applier(cluster, release, report, cancel, gone_timeout=timeout or GONE_TIMEOUT)
-        applier.prune(plan.steps)
-        pruned = [step for step in plan.steps if step.action == "prune"]
+        applier.prune(steps)
+        pruned = [step for step in steps if step.action == "prune"]
         applier.wait_until_no_pods(pruned)
-        # Who deploys anew at once must not meet the old data.
+        # Who deploys again at once must not meet the old data.
         applier.wait_until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
         revisions.forget(cluster, revisions.records(cluster, release))
-    return plan
+    return Plan(release, steps, tuple(records))
 
 
 def find(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:

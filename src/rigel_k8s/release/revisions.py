@@ -27,10 +27,11 @@ MAX_SIZE = 1024 * 1024
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"
 OF, NUMBER, STATUS = "rigel-k8s/revision-of", "rigel-k8s/revision", "rigel-k8s/status"
-CREATED, DESCRIPTION, VERSION = (
+CREATED, DESCRIPTION, VERSION, BACK_TO = (
     "rigel-k8s/created",
     "rigel-k8s/description",
     "rigel-k8s/tool-version",
+    "rigel-k8s/back-to",
 )
 
 
@@ -50,6 +51,12 @@ class Record:
     def status(self) -> str:
         """The revision's status."""
         return str(self.secret["metadata"]["labels"][STATUS])
+
+    @property
+    def back_to(self) -> int | None:
+        """The revision that this rollback deploys again; None for a deploy."""
+        number = (self.secret["metadata"].get("annotations") or {}).get(BACK_TO)
+        return int(number) if number else None
 
     @property
     def ref(self) -> ObjectRef:
@@ -113,6 +120,13 @@ def encode(revision: Revision) -> dict[str, Any]:
     """Return the Secret of a revision."""
     ref = secret_ref(revision.release, revision.number)
     data = base64.b64encode(compress(write_content(revision))).decode()
+    notes = {
+        CREATED: revision.created,
+        DESCRIPTION: revision.description,
+        VERSION: revision.tool_version,
+    }
+    if revision.back_to is not None:
+        notes[BACK_TO] = str(revision.back_to)
     return {
         "apiVersion": "v1",
         "kind": "Secret",
@@ -125,11 +139,7 @@ def encode(revision: Revision) -> dict[str, Any]:
                 NUMBER: str(revision.number),
                 STATUS: revision.status,
             },
-            "annotations": {
-                CREATED: revision.created,
-                DESCRIPTION: revision.description,
-                VERSION: revision.tool_version,
-            },
+            "annotations": notes,
         },
         "data": {"release": data},
     }
@@ -203,6 +213,7 @@ def decode(record: Record) -> Revision:
         options=payload["options"],
         description=notes.get(DESCRIPTION, ""),
         tool_version=notes.get(VERSION, ""),
+        back_to=record.back_to,
     )
 
 

@@ -18,6 +18,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden, Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.ownership import covers
 from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION, hash_of, manifests_to_apply
 from rigel_k8s.release.revisions import Record, records
@@ -37,6 +38,7 @@ class Survey:
         namespace: the release's namespace, None where it is not there.
         history: the records of the release, the oldest first.
         last: the newest revision, None where there is none.
+        lease: the Lease of a deploy that is under way or was killed, None where there is none.
     """
 
     desired: Desired
@@ -46,6 +48,7 @@ class Survey:
     namespace: Live | None
     history: Sequence[Record]
     last: Revision | None
+    lease: Live | None = None
 
     @property
     def inventory(self) -> tuple[InventoryItem, ...]:
@@ -73,7 +76,7 @@ def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
         ClusterError: the namespace is missing (and is not to be created) or is being deleted.
     """
     manifests = manifests_to_apply(desired)
-    namespace, history, live = list_objects(cluster, desired, manifests)
+    namespace, history, live, lease = list_objects(cluster, desired, manifests)
     check_namespace(desired, namespace)
     last = history[-1].revision() if history else None
     live |= find_left_over(cluster, live, manifests, last)
@@ -82,15 +85,16 @@ def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
         candidates = [m for m in candidates if not m["metadata"].get("namespace")]
     results = try_candidates(cluster, candidates, desired, adopt=adopt)
     live |= find_strangers(cluster, live, results)
-    return Survey(desired, manifests, live, results, namespace, history, last)
+    return Survey(desired, manifests, live, results, namespace, history, last, lease)
 
 
 def list_objects(
     cluster: Cluster, desired: Desired, manifests: Iterable[Manifest]
-) -> tuple[Live | None, list[Record], dict[ObjectRef, Live]]:
-    """Return the namespace, the history, and what of the release is there of the wanted kinds."""
+) -> tuple[Live | None, list[Record], dict[ObjectRef, Live], Live | None]:
+    """Return the namespace, the history, the release's objects of the wanted kinds, the Lease."""
     release = desired.release
     namespace: list[Live | None] = []
+    lease: list[Live | None] = []
     history: list[Record] = []
     found: dict[ObjectRef, Live] = {}
 
@@ -103,11 +107,12 @@ def list_objects(
     kinds = {(m["apiVersion"], m["kind"], m["metadata"].get("namespace", "")) for m in manifests}
     work: list[Callable[[], None]] = [
         lambda: namespace.append(cluster.get(namespace_ref(release))),
+        lambda: lease.append(cluster.get(lease_ref(release))),
         lambda: history.extend(records(cluster, release)),
         *(lambda kind=kind: objects(*kind) for kind in sorted(kinds)),
     ]
     cluster.parallel(lambda call: call(), work)
-    return namespace[0], history, found
+    return namespace[0], history, found, lease[0]
 
 
 @contextmanager

@@ -63,10 +63,15 @@ class Step:
 
 @attrs.frozen
 class Plan:
-    """All steps of a deploy, in the order of apply."""
+    """All steps of a deploy, in the order of apply.
+
+    Attributes:
+        records: what the release kept about itself, and a `down` has removed: revisions, a Lease.
+    """
 
     release: ReleaseId
     steps: tuple[Step, ...]
+    records: tuple[ObjectRef, ...] = ()
 
     @property
     def changes(self) -> tuple[Step, ...]:
@@ -84,7 +89,11 @@ class InventoryItem:
 
 @attrs.frozen
 class Revision:
-    """One record of a release; kept as a compressed Secret."""
+    """One record of a release; kept as a compressed Secret.
+
+    Attributes:
+        back_to: the revision that this rollback deploys again; None for a deploy.
+    """
 
     release: ReleaseId
     number: int
@@ -95,6 +104,7 @@ class Revision:
     options: Mapping[str, Any] = attrs.field(factory=dict)
     description: str = ""
     tool_version: str = ""
+    back_to: int | None = None
 
 
 @attrs.frozen(kw_only=True)
@@ -106,6 +116,7 @@ class DeployOptions:
         timeout: seconds that the roll-out may take; None: the default of what is deployed.
         adopt: take over objects of other owners.
         description: what the revision is called in the history.
+        lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
     """
 
     report: Reporter
@@ -113,3 +124,4 @@ class DeployOptions:
     timeout: float | None = None
     adopt: bool = False
     description: str = ""
+    lock_timeout: float | None = None

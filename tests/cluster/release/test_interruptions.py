@@ -115,7 +115,7 @@ def test_a_second_deploy_is_told_who_holds_the_release(
     deploy(make.desired(make.config(a="1")), cluster, report=report)
     wanted = make.desired(make.config(a="2"))
     with (
-        hold(cluster, make.release, report, threading.Event()),
+        hold(cluster, make.release, report, threading.Event(), patience=0),
         pytest.raises(ClusterError, match=f"process {os.getpid()}") as caught,
     ):
         deploy(wanted, cluster, report=report)

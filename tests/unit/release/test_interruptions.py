@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import deploy, diff, history, rollback
+from rigel_k8s.release.deploy import deploy, diff, history
 from rigel_k8s.release.lease import PROCESS, lease_ref, process
 from rigel_k8s.release.removal import down
-from rigel_k8s.release.types import Desired
+from rigel_k8s.release.rollback import rollback
+from rigel_k8s.release.types import Desired, Plan, Revision
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Killed, Store
 from tests.support.manifests import RELEASE, claim, config, desired, workload
@@ -57,23 +58,36 @@ PROTECTED = ("PersistentVolumeClaim", "PersistentVolume")
 
 def killed(old: Desired, new: Desired) -> Iterator[tuple[FakeCluster, int]]:
     """Yield clusters on which a deploy of `new` was killed after its first, second, ... write."""
+    before = prepared(*([old] if old.objects else []), create=not new.create_namespace)
+    yield from killed_in(before, lambda fake: deploy(new, fake, report=Recorder()))
+
+
+def prepared(*releases: Desired, create: bool = True) -> FakeCluster:
+    """Return a cluster on which releases were deployed, one after the other."""
     before = FakeCluster(Store(controllers=Controllers()))
-    if not new.create_namespace:
+    if create:
         before.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": "n"}})
-    if old.objects:
-        deploy(old, before, report=Recorder())
+    for wanted in releases:
+        deploy(wanted, before, report=Recorder())
+    return before
+
+
+def killed_in(
+    before: FakeCluster, command: Callable[[FakeCluster], object]
+) -> Iterator[tuple[FakeCluster, int]]:
+    """Yield clusters on which a command was killed after its first, second, ... write."""
     for limit in range(1, 40):
         fake = FakeCluster(before.store.clone())
         fake.store.die_after = limit
         try:
-            deploy(new, fake, report=Recorder())
+            command(fake)
         except Killed:
             fake.revive()
             bury(fake)
             yield fake, limit
         else:
             return
-    raise AssertionError("a deploy of so many writes")
+    raise AssertionError("a command of so many writes")
 
 
 def bury(fake: FakeCluster) -> None:
@@ -85,13 +99,10 @@ def bury(fake: FakeCluster) -> None:
 
 
 def left(fake: FakeCluster) -> set[ObjectRef]:
-    """Return all objects that are there, without what Kubernetes makes of them.
-
-    A dead Lease stays where nothing was left to write: it holds up nobody.
-    """
+    """Return all objects that are there, without what Kubernetes makes of them."""
     fake.settle(10)
     made = ("Namespace", "ReplicaSet", "Pod")
-    return {ref for ref in fake.objects if ref.kind not in made} - {LEASE}
+    return {ref for ref in fake.objects if ref.kind not in made}
 
 
 def without_records(fake: FakeCluster) -> set[ObjectRef]:
@@ -142,7 +153,9 @@ def test_another_deploy_ends_what_was_begun(shape: tuple[Desired, Desired]) -> N
 
 def test_down_leaves_nothing(shape: tuple[Desired, Desired]) -> None:
     for fake, limit in killed(*shape):
-        down(fake, RELEASE, volumes=True, report=Recorder())
+        seen = bool(left(fake))
+        plan = down(fake, RELEASE, volumes=True, report=Recorder())
+        assert bool(plan.steps or plan.records) == seen, f"killed after write {limit}"
         assert left(fake) == set(), f"killed after write {limit}"
 
 
@@ -156,3 +169,52 @@ def test_a_rollback_goes_back_to_what_was_good(name: str) -> None:
         rollback(fake, RELEASE, report=Recorder())
         kept = without_records(fake) - data(new)
         assert kept == refs(old) - data(new), f"killed after write {limit}"
+
+
+@pytest.mark.parametrize("number", [None, 1])
+def test_a_killed_rollback_is_finished_by_the_next_one(number: int | None) -> None:
+    """Also where its own revision is good already, and only its Lease is left."""
+    made = [
+        desired(config("a", k=k), config(f"only-{k}"), workload(f"w{k}", **IDLE)) for k in "123"
+    ]
+    target = refs(made[(number or 2) - 1])
+
+    def go_back(fake: FakeCluster) -> Revision:
+        return rollback(fake, RELEASE, number, report=Recorder())
+
+    kills = 0
+    for fake, limit in killed_in(prepared(*made), go_back):
+        begun = len(history(fake, RELEASE)) == 4
+        if begun and LEASE in fake.objects:
+            kills += 1
+            report = Recorder()
+            assert rollback(fake, RELEASE, report=report).status == "good"
+            assert "was interrupted (revision 4); finishing it" in report.lines[0]
+        elif not begun:
+            go_back(fake)
+        assert without_records(fake) == target, f"killed after write {limit}"
+    assert kills >= 6, "its revision, three applies, two prunes, its revision again"
+
+
+def test_after_a_finished_rollback_the_next_one_goes_further_back() -> None:
+    """A rollback that was not interrupted is not taken for one that was."""
+    fake = prepared(desired(config("a")), desired(config("b")))
+    rollback(fake, RELEASE, report=Recorder())
+    rollback(fake, RELEASE, report=Recorder())
+    assert without_records(fake) == refs(desired(config("b")))
+
+
+@pytest.mark.parametrize("volumes", [False, True])
+def test_a_killed_down_is_finished_by_the_next_one(volumes: Any) -> None:
+    """It says that there is something as long as there is."""
+    old = desired(config("a"), claim(), workload(**IDLE))
+    before = prepared(desired(config("b")), old)
+
+    def take_down(fake: FakeCluster) -> Plan:
+        return down(fake, RELEASE, volumes=volumes, report=Recorder())
+
+    for fake, limit in killed_in(before, take_down):
+        seen = bool(left(fake) - data(old))
+        plan = take_down(fake)
+        assert bool(plan.steps or plan.records) >= seen, f"killed after write {limit}"
+        assert left(fake) == (set() if volumes else data(old)), f"killed after write {limit}"

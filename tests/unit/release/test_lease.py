@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,15 +10,17 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import deploy as release
 from rigel_k8s.release import lease
 from rigel_k8s.release.deploy import deploy, history
 from rigel_k8s.release.lease import PROCESS, Held, hold, lease_ref, process
+from rigel_k8s.release.types import Plan
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
+from tests.support.recorder import Recorder
 from tests.support.until import until
 
 LEASE = lease_ref(RELEASE)
@@ -38,7 +41,7 @@ def mine(monkeypatch: pytest.MonkeyPatch) -> Held:
     made = Held()
 
     @contextmanager
-    def hold(*_: Any) -> Iterator[Held]:
+    def hold(*_: Any, **__: Any) -> Iterator[Held]:
         yield made
 
     monkeypatch.setattr(release, "hold", hold)
@@ -82,7 +85,7 @@ def test_a_lease_that_is_anothers_is_lost_and_left_alone(
     """The renewal finds another version, or none."""
     monkeypatch.setattr(lease, "RENEW", 0.01)
     other = fake.as_manager("other")
-    with hold(fake, RELEASE, report, threading.Event()) as mine:
+    with hold(fake, RELEASE, report, threading.Event(), patience=0) as mine:
         assert not mine.lost.is_set()
         fake.store.objects.pop(LEASE)
         if how == "taken over":
@@ -97,7 +100,7 @@ def test_a_lease_is_renewed_and_given_back(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lease, "RENEW", 0.01)
-    with hold(fake, RELEASE, report, threading.Event()) as mine:
+    with hold(fake, RELEASE, report, threading.Event(), patience=0) as mine:
         first = fake.objects[LEASE]["metadata"]["resourceVersion"]
         until(
             lambda: fake.objects[LEASE]["metadata"]["resourceVersion"] != first,
@@ -125,10 +128,10 @@ def test_a_lease_that_is_renewed_is_not_taken(
 ) -> None:
     """However old it is: only whether it changes counts."""
     monkeypatch.setattr(lease, "LOOK", 0.01)
-    monkeypatch.setattr(lease, "DURATION", 1)
+    monkeypatch.setattr(lease, "DURATION", 0.1)
     fake.create(manifest("ann@far"))
-    with pytest.raises(ClusterError, match="being deployed by ann@far"):
-        deploy(desired(config()), Beating(fake.store), report=report)
+    with pytest.raises(ClusterError, match="being changed by ann@far"):
+        deploy(desired(config()), Beating(fake.store), report=report, lock_timeout=0.3)
     assert fake.objects[LEASE]["spec"]["holderIdentity"] == "ann@far"
     assert ref("ConfigMap", "c") not in fake.objects
 
@@ -140,7 +143,8 @@ def test_a_lease_that_nobody_renews_is_taken_over_when_it_has_expired(
     monkeypatch.setattr(lease, "DURATION", 0.1)
     fake.create(manifest("ann@far"))
     assert deploy(desired(config()), fake, report=report).status == "good"
-    assert report.lines[0].startswith("waiting up to 0.1 s for the Lease of ann@far")
+    assert "being changed by ann@far" in report.lines[0]
+    assert report.lines[0].endswith("waiting for its end, 300 s at most")
     assert LEASE not in fake.objects
 
 
@@ -156,7 +160,75 @@ def test_a_dead_process_of_this_machine_holds_nothing(
     assert not [line for line in report.lines if "waiting" in line]
 
 
-def test_a_living_process_of_this_machine_keeps_its_lease(fake: FakeCluster, report: Any) -> None:
+def test_a_deploy_that_shall_not_wait_fails_at_once(fake: FakeCluster, report: Any) -> None:
+    """With --lock-timeout 0 it names the other deploy and writes nothing."""
     fake.create(manifest("me@here", **{PROCESS: process()}))
-    with pytest.raises(ClusterError, match="being deployed by me@here"):
-        deploy(desired(config()), fake, report=report)
+    with pytest.raises(ClusterError, match="being changed by me@here since"):
+        deploy(desired(config()), fake, report=report, lock_timeout=0)
+    assert report.lines == []
+    assert ref("ConfigMap", "c") not in fake.objects
+
+
+def test_a_deploy_waits_for_the_one_before_it_and_does_nothing_twice(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It reports for whom it waits; what the other one has done meanwhile is not done again."""
+    monkeypatch.setattr(lease, "LOOK", 0.01)
+    started, go_on = threading.Event(), threading.Event()
+
+    def pause(_: Plan) -> None:
+        started.set()
+        assert go_on.wait(20)
+
+    first = threading.Thread(
+        target=deploy,
+        args=(desired(config(k="1")), fake),
+        kwargs={"report": Recorder(), "before": pause},
+    )
+    first.start()
+    assert started.wait(20)
+
+    class Waiting(Recorder):
+        def line(self, text: str) -> None:
+            super().line(text)
+            go_on.set()
+
+    waiting = Waiting()
+    assert deploy(desired(config(k="1")), fake, report=waiting).number == 1
+    first.join()
+    assert waiting.lines == [waiting.lines[0]]
+    assert f"process {os.getpid()} since" in waiting.lines[0]
+    assert [r.status for r in history(fake, RELEASE)] == ["good"]
+    assert LEASE not in fake.objects
+
+
+def test_a_wait_for_another_deploy_can_be_interrupted(fake: FakeCluster, report: Any) -> None:
+    fake.create(manifest("me@here", **{PROCESS: process()}))
+    cancel = threading.Event()
+    threading.Timer(0.1, cancel.set).start()
+    with pytest.raises(Interrupted, match="before anything was changed"):
+        deploy(desired(config()), fake, report=report, cancel=cancel)
+
+
+def test_an_unchanged_deploy_removes_the_lease_of_one_that_was_killed(
+    fake: FakeCluster, report: Any
+) -> None:
+    """It takes none itself, so without that the Lease would stay until the next change."""
+    wanted = desired(config())
+    deploy(wanted, fake, report=report)
+    boot, space, pid, _ = process().split()
+    fake.create(manifest("me@here", **{PROCESS: f"{boot} {space} {pid} 0"}))
+    report.entries.clear()
+    assert deploy(wanted, fake, report=report).number == 1
+    assert report.lines == ["removed the Lease of me@here, which was interrupted"]
+    assert LEASE not in fake.objects
+
+
+def test_an_unchanged_deploy_leaves_the_lease_of_one_that_is_under_way(
+    fake: FakeCluster, report: Any
+) -> None:
+    wanted = desired(config())
+    deploy(wanted, fake, report=report)
+    fake.create(manifest("me@here", **{PROCESS: process()}))
+    deploy(wanted, fake, report=report)
+    assert LEASE in fake.objects

@@ -12,9 +12,10 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed, UserError
 from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import deploy, diff, find_last_good, history, rollback
+from rigel_k8s.release.deploy import deploy, diff, find_last_good, history
 from rigel_k8s.release.refusals import Refused
 from rigel_k8s.release.removal import down
+from rigel_k8s.release.rollback import rollback
 from rigel_k8s.release.types import Desired
 from tests.support.controllers import unready
 from tests.support.fake_cluster import FakeCluster
@@ -35,12 +36,12 @@ def test_the_order_of_writes(fake: Any, report: Any) -> None:
 
 
 def test_an_unchanged_deploy_costs_one_list_for_each_kind(fake: Any, report: Any) -> None:
-    """And one for the revisions, and the namespace: nothing else."""
+    """And one for the revisions, the namespace and the Lease: nothing else."""
     wanted = Desired(RELEASE, (workload(), config("c"), config("d")))
     deploy(wanted, fake, report=report)
     fake.calls.clear()
     deploy(wanted, fake, report=report)
-    assert sorted(verb for verb, _ in fake.calls) == ["get", "list", "list", "list"]
+    assert sorted(verb for verb, _ in fake.calls) == ["get", "get", "list", "list", "list"]
 
 
 def test_all_refusals_are_told_before_any_write(fake: Any, report: Any) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.release.deploy import deploy, find_last_good, history, rollback
+from rigel_k8s.release.deploy import deploy, find_last_good, history
+from rigel_k8s.release.rollback import rollback
 from rigel_k8s.release.types import Plan
 from tests.support.manifests import RELEASE, config, desired, workload
 

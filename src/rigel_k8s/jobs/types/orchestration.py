@@ -106,6 +106,7 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
             timeout=timeout_of(options, job.settings),
             adopt=job.settings.adopt,
             description=job.name,
+            lock_timeout=job.settings.lock_timeout,
             before=watch.begin if readable else None,
             verify=watch.insist if within else None,
         )
@@ -128,7 +129,7 @@ def _roll_back(
     worse: GraphWorse, watch: GraphWatch, prepared: Preparation, job: JobContext
 ) -> GraphWorse:
     """Roll an update back, and return the error that says why, and what became of it."""
-    from rigel_k8s.release.deploy import rollback
+    from rigel_k8s.release.rollback import rollback
     from rigel_k8s.rosgraph.watching import GraphWorse
 
     target = f"revision {watch.last_good}"

@@ -15,6 +15,7 @@ from rigel_k8s.graph import check as discovery
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release import deploy as deploys
+from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import watching
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
@@ -252,7 +253,7 @@ def test_a_rollback_that_fails_says_both(world: World, monkeypatch: pytest.Monke
     def fail(*_: Any, **__: Any) -> None:
         raise ClusterError("no route to host", details=["10.0.0.1"])
 
-    monkeypatch.setattr(deploys, "rollback", fail)
+    monkeypatch.setattr(rollbacks, "rollback", fail)
     world.nodes = {"lidar": DUMB, "planner": PLANNER}
     with pytest.raises(GraphWorse, match="cannot be rolled back to revision 1: no route") as caught:
         world.deploy(rollback_on={"graph_worse": True, "within": "0.1s"})

@@ -1,0 +1,105 @@
+"""Going back: an older revision's objects, deployed again as a new revision.
+
+A rollback that was interrupted is finished by the next one, which therefore must not take the
+interrupted one's target for the present state.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release import revisions
+from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, Run, carry_out
+from rigel_k8s.release.lease import is_alive, lease_ref
+from rigel_k8s.release.patience import Patience
+from rigel_k8s.release.types import Desired, ReleaseId, Revision
+from rigel_k8s.report import Reporter
+
+
+def rollback(
+    cluster: Cluster,
+    release: ReleaseId,
+    number: int | None = None,
+    *,
+    report: Reporter,
+    cancel: threading.Event | None = None,
+    timeout: float | None = None,
+    adopt: bool = False,
+    patience: Patience | None = None,
+    lock_timeout: float | None = None,
+) -> Revision:
+    """Deploy an older revision's objects again, as a new revision.
+
+    Args:
+        number: None is the target of a rollback that was interrupted, else the last good revision
+            before the present.
+
+    Raises:
+        UserError: there is no such revision.
+    """
+    records = revisions.records(cluster, release)
+    unfinished = None if number is not None else find_unfinished(cluster, release, records)
+    if unfinished is not None:
+        report.line(
+            f"{release.namespace}/{release.name}: the rollback to revision {unfinished.back_to} was"
+            f" interrupted (revision {unfinished.number}); finishing it"
+        )
+        done = unfinished.status == "good"
+        number = unfinished.number if done else unfinished.back_to
+    target = choose_record(records, release, number).revision()
+    return carry_out(
+        Run(
+            cluster,
+            Desired(release, target.objects, options=target.options),
+            report,
+            cancel or threading.Event(),
+            DEFAULT_TIMEOUT if timeout is None else timeout,
+            adopt,
+            f"rollback to revision {target.number}",
+            patience or Patience(),
+            lock_timeout,
+            target.number,
+            list_secrets(target),
+        )
+    )
+
+
+def find_unfinished(
+    cluster: Cluster, release: ReleaseId, records: Sequence[revisions.Record]
+) -> revisions.Record | None:
+    """Return the record of a rollback that was interrupted, None where none was.
+
+    It is the last one and pending; or good, and the process that wrote it was killed before it
+    could give its Lease back: its user has not seen that it was done.
+    """
+    last = records[-1] if records else None
+    if last is None or last.back_to is None:
+        return None
+    if last.status == "pending":
+        return last
+    lease = cluster.get(lease_ref(release)) if last.status == "good" else None
+    return last if lease is not None and is_alive(lease) is not True else None
+
+
+def choose_record(
+    records: Sequence[revisions.Record], release: ReleaseId, number: int | None
+) -> revisions.Record:
+    """Return the record to roll back to."""
+    good = [record for record in records[:-1] if record.status == "good"]
+    if number is None and good:
+        return good[-1]
+    found = [record for record in records if record.number == number]
+    if found:
+        return found[0]
+    numbers = ", ".join(str(record.number) for record in records) or "none"
+    what = f"no revision {number}" if number is not None else "no good revision before the last"
+    raise UserError(f"{release.name} has {what}", hint=f"see `rigel history`; kept: {numbers}")
+
+
+def list_secrets(target: Revision) -> frozenset[ObjectRef]:
+    """Return the Secrets that stay as they are: no revision has their data."""
+    return frozenset(item.ref for item in target.inventory if item.ref.kind == "Secret")

@@ -27,6 +27,7 @@ class Settings:
         timeout: seconds that a roll-out may take; None is the job's own or the default.
         adopt: take over fields that another field manager owns.
         lock_timeout: seconds to wait for another deploy of the release; None is as `timeout`.
+        rollback_on_failure: go back to the last good revision where a roll-out fails.
     """
 
     rigelfile: Path = Path("Rigelfile")
@@ -36,3 +37,4 @@ class Settings:
     timeout: float | None = None
     adopt: bool = False
     lock_timeout: float | None = None
+    rollback_on_failure: bool = False

@@ -13,6 +13,7 @@ from rigel_k8s.cli.words import (
     is_quiet,
     job_argument,
     json_option,
+    lock_timeout_option,
     namespace_option,
     print_json,
     release_argument,
@@ -128,6 +129,7 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
 @release_option
 @namespace_option
 @click.option("--timeout", type=Timeout(), help="How long the roll-out may take, 5m say.")
+@lock_timeout_option
 @click.option("--adopt", is_flag=True, help="As in `run`: take over other tools' fields.")
 @click.pass_context
 def rollback(
@@ -136,12 +138,16 @@ def rollback(
     revision: int | None,
     job: str | None,
     timeout: float | None,
+    lock_timeout: float | None,
     adopt: bool,  # noqa: FBT001 - click passes it by name
 ) -> None:
-    """Deploy an earlier revision again; without a number, the good one before the present."""
+    """Deploy an earlier revision again; without a number, the good one before the present.
+
+    A rollback that was interrupted is finished first.
+    """
     from rigel_k8s.commands import releases
 
-    words = settings(ctx, timeout=timeout, adopt=adopt)
+    words = settings(ctx, timeout=timeout, adopt=adopt, lock_timeout=lock_timeout)
     with choose_reporter(ctx) as report:
         new = releases.rollback(words, job, revision, report)
     click.echo(f"revision {new.number}: {new.description}")
@@ -153,6 +159,7 @@ def rollback(
 @click.option("--volumes", is_flag=True, help="Delete claims and volumes too: their data is lost.")
 @click.option("-y", "--yes", is_flag=True, help="Do not ask.")
 @click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
+@lock_timeout_option
 @click.pass_context
 def down(
     ctx: click.Context,
@@ -161,6 +168,7 @@ def down(
     volumes: bool,  # noqa: FBT001 - click passes them by name
     yes: bool,  # noqa: FBT001
     timeout: float | None,
+    lock_timeout: float | None,
 ) -> None:
     """Take a release away. Claims and volumes stay unless --volumes."""
     from rigel_k8s.commands import releases
@@ -168,7 +176,12 @@ def down(
     if volumes and not yes:
         confirm("Delete claims and volumes with all their data?")
     with choose_reporter(ctx) as report:
-        found, plan = releases.down(settings(ctx, timeout=timeout), job, report, volumes=volumes)
+        words = settings(ctx, timeout=timeout, lock_timeout=lock_timeout)
+        found, plan = releases.down(words, job, report, volumes=volumes)
+    if not plan.steps:
+        records = ", ".join(map(str, plan.records))
+        click.echo(f"{found.name} was gone from {found.namespace} but for its records: {records}")
+        return
     counts = dict.fromkeys(("prune", "forget"), 0)
     for step in plan.steps:
         counts[step.action] = counts.get(step.action, 0) + 1

@@ -6,13 +6,25 @@ from typing import Literal
 
 import click
 
-from rigel_k8s.cli.words import Timeout, choose_reporter, complete_runnable, settings
+from rigel_k8s.cli.words import (
+    Timeout,
+    choose_reporter,
+    complete_runnable,
+    lock_timeout_option,
+    settings,
+)
 
 
 @click.command()
 @click.argument("kind", type=click.Choice(["job", "sequence"]))
 @click.argument("name", shell_complete=complete_runnable)
 @click.option("--timeout", type=Timeout(), help="How long a roll-out may take, 5m say.")
+@lock_timeout_option
+@click.option(
+    "--rollback-on-failure",
+    is_flag=True,
+    help="Go back to the last good revision where a roll-out fails.",
+)
 @click.option(
     "--adopt", is_flag=True, help="Take over what kubectl, helm or another tool had made."
 )
@@ -23,10 +35,19 @@ def run(
     kind: Literal["job", "sequence"],
     name: str,
     timeout: float | None,
-    adopt: bool,  # noqa: FBT001 - click passes it by name
+    lock_timeout: float | None,
+    rollback_on_failure: bool,  # noqa: FBT001 - click passes them by name
+    adopt: bool,  # noqa: FBT001
 ) -> None:
     """Run a job or a sequence of the Rigelfile."""
     from rigel_k8s.commands import run as runs
 
     with choose_reporter(ctx) as report:
-        runs.run(kind, name, settings(ctx, timeout=timeout, adopt=adopt), report)
+        said = settings(
+            ctx,
+            timeout=timeout,
+            adopt=adopt,
+            lock_timeout=lock_timeout,
+            rollback_on_failure=rollback_on_failure,
+        )
+        runs.run(kind, name, said, report)

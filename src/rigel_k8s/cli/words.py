@@ -16,7 +16,14 @@ if TYPE_CHECKING:
     from rigel_k8s.jobs.job import JobReporter
 
 
-def settings(ctx: click.Context, *, timeout: float | None = None, adopt: bool = False) -> Settings:
+def settings(
+    ctx: click.Context,
+    *,
+    timeout: float | None = None,
+    adopt: bool = False,
+    lock_timeout: float | None = None,
+    rollback_on_failure: bool = False,
+) -> Settings:
     """Return the global options as Settings."""
     words = ctx.find_root().obj
     return Settings(
@@ -26,6 +33,8 @@ def settings(ctx: click.Context, *, timeout: float | None = None, adopt: bool = 
         namespace=words["namespace"],
         timeout=timeout,
         adopt=adopt,
+        lock_timeout=lock_timeout,
+        rollback_on_failure=rollback_on_failure,
     )
 
 
@@ -54,6 +63,9 @@ class Timeout(click.ParamType):  # type: ignore[type-arg]  # generic from click 
 
     name = "duration"
 
+    def __init__(self, *, least: float = 1e-9) -> None:
+        self.least = least
+
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
@@ -66,7 +78,7 @@ class Timeout(click.ParamType):  # type: ignore[type-arg]  # generic from click 
             seconds = float(number) * units[unit]
         except ValueError:
             seconds = -1.0
-        if not 0 < seconds < 1e9:
+        if not self.least <= seconds < 1e9:
             self.fail(f'"{value}" is no duration: write 90s, 5m, 1h or 7d', param, ctx)
         return seconds
 
@@ -122,6 +134,11 @@ def choose_namespace(ctx: click.Context, param: click.Parameter, value: str | No
         ctx.find_root().obj["namespace"] = value
 
 
+lock_timeout_option = click.option(
+    "--lock-timeout",
+    type=Timeout(least=0.0),
+    help="How long to wait for another deploy of the release [as --timeout]; 0 fails at once.",
+)
 job_argument = click.argument("job", required=False, shell_complete=complete_job)
 release_argument = click.argument(
     "job", required=False, metavar="[JOB|RELEASE]", shell_complete=complete_job

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 
-from rigel_k8s.errors import UserError
+from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
@@ -65,6 +65,51 @@ def rollback(
             target.number,
             list_secrets(target),
         )
+    )
+
+
+def undo(
+    cluster: Cluster,
+    release: ReleaseId,
+    failure: RolloutFailed,
+    *,
+    report: Reporter,
+    cancel: threading.Event,
+    timeout: float | None,
+    adopt: bool,
+) -> RolloutFailed:
+    """Go back to the last good revision; return the failure with what became of it.
+
+    Where there is none (a first deploy), everything stays as it was applied, to be looked at.
+
+    Raises:
+        Interrupted: `cancel` was set.
+    """
+    records = revisions.records(cluster, release)
+    good = [record.number for record in records if record.status == "good"]
+    if not good or records[-1].status == "good":
+        left = "there is no earlier good revision to go back to, so it is left as it is"
+        return RolloutFailed(
+            f"{failure.message}; {left}", hint=failure.hint, details=failure.details
+        )
+    target = f"revision {good[-1]}"
+    report.warn(f"{failure.message}; rolling back to {target}")
+    try:
+        made = rollback(
+            cluster, release, good[-1], report=report, cancel=cancel, timeout=timeout, adopt=adopt
+        )
+    except Interrupted:
+        raise
+    except RigelK8sError as error:
+        return RolloutFailed(
+            f"{failure.message}, and it cannot be rolled back to {target}: {error.message}",
+            hint="see `rigel status` for what runs; `rigel rollback` tries again",
+            details=[*failure.details, *error.details],
+        )
+    return RolloutFailed(
+        f"{failure.message}: rolled back to {target}, as revision {made.number}",
+        hint="correct the cause, then run it again",
+        details=failure.details,
     )
 
 

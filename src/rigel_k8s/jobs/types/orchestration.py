@@ -110,6 +110,20 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
             before=watch.begin if readable else None,
             verify=watch.insist if within else None,
         )
+    except RolloutFailed as failure:
+        if not job.settings.rollback_on_failure:
+            raise
+        from rigel_k8s.release.rollback import undo
+
+        raise undo(
+            cluster,
+            release,
+            failure,
+            report=job.report,
+            cancel=job.cancel,
+            timeout=timeout_of(options, job.settings),
+            adopt=job.settings.adopt,
+        ) from failure
     except GraphWorse as worse:
         raise _roll_back(worse, watch, prepared, job) from worse
     job.report.line(f"{release.name} in {release.namespace} is at revision {revision.number}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -19,8 +20,9 @@ from rigel_k8s.network.preflight import examine as preflight
 from rigel_k8s.observability import install as observability_install
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release.types import ReleaseId, Revision
+from rigel_k8s.rosgraph import watching
 from rigel_k8s.settings import Application, Settings
-from tests.support.controllers import Controllers, unready
+from tests.support.controllers import Controllers, running, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.options import options
 from tests.support.recorder import Recorder
@@ -156,6 +158,47 @@ def test_the_timeout_reaches_the_roll_out(
         run(raw, distro="noetic", timeout=0.2)
     with pytest.raises(RolloutFailed, match=r"not ready within 1 s: talker"):
         run({**raw, "timeout": "1s"}, distro="noetic")
+
+
+def only_args(args: str) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return a kubelet that gets pods ready whose container has one argument."""
+
+    def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
+        fits = args in json.dumps(pod["spec"]["containers"])
+        return running(pod) if fits else unready(pod)
+
+    return kubelet
+
+
+def test_a_failed_roll_out_is_rolled_back_where_that_is_asked_for(
+    run: Any, fake: FakeCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stays a failure, with its own cause first; what was good before runs again."""
+    monkeypatch.setattr(watching.GraphWatch, "begin", lambda *_: None)  # no pod can be asked
+    fake.store.controllers = Controllers(only_args("sleep 11"))
+    raw = {"image": IMAGE, "deploy_ros_master": False}
+
+    def deploy(argument: str, **words: Any) -> None:
+        run({**raw, "nodes": {"talker": {"args": [argument]}}}, distro="noetic", **words)
+
+    deploy("sleep 11")
+    with pytest.raises(RolloutFailed) as caught:
+        deploy("sleep 12", timeout=0.3, rollback_on_failure=True)
+    assert "not ready within 0.3 s: talker" in caught.value.message
+    assert caught.value.message.endswith(": rolled back to revision 1, as revision 3")
+    release = ReleaseId("n", "rigel-k8s-application")
+    assert [r.status for r in deploys.history(fake, release)] == ["superseded", "failed", "good"]
+    [live] = [o for ref, o in fake.objects.items() if ref.kind == "Deployment"]
+    assert "sleep 11" in json.dumps(live["spec"])
+
+
+def test_a_first_deploy_that_fails_has_nothing_to_go_back_to(run: Any, fake: FakeCluster) -> None:
+    """It stays as it was applied, to be looked at."""
+    fake.store.controllers = Controllers(unready)
+    raw = {"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}
+    with pytest.raises(RolloutFailed, match=r"there is no earlier good revision to go back to"):
+        run(raw, distro="noetic", timeout=0.2, rollback_on_failure=True)
+    assert "talker" in fake.names("Deployment")
 
 
 def test_a_cancelled_job_ends_its_deploy(

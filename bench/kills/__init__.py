@@ -1,0 +1,1 @@
+"""Commands that are killed at every write, and run again: `python -m bench.kills`."""

@@ -5,6 +5,7 @@ Nothing here knows how a process dies; a test runs the same scenarios on a clust
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -22,6 +23,7 @@ from rigel_k8s.release.removal import down
 from rigel_k8s.release.rollback import rollback
 from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
 
+GONE_TIMEOUT = 180.0
 #: Kinds that are compared.
 KINDS = (
     ("v1", "ConfigMap"),
@@ -244,8 +246,18 @@ def clear(cluster: Cluster, scenario: Scenario, namespace: str) -> None:
 
 
 def delete_namespace(cluster: Cluster, namespace: str) -> None:
-    """Delete the namespace of the scenarios."""
-    cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+    """Delete the namespace of the scenarios, and wait for its end.
+
+    Raises:
+        RuntimeError: it is not gone in time.
+    """
+    ref = ObjectRef("v1", "Namespace", "", namespace)
+    cluster.delete(ref)
+    end = time.monotonic() + GONE_TIMEOUT
+    while cluster.get(ref) is not None:
+        if time.monotonic() > end:
+            raise RuntimeError(f"{ref} is not gone after {GONE_TIMEOUT:g} s")
+        time.sleep(1)
 
 
 def run_again(scenario: Scenario, cluster: Cluster, namespace: str, wanted: Snapshot) -> str:

@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 import click
 
-from rigel_k8s import __version__
+from rigel_k8s import __version__, signals
 from rigel_k8s.errors import RigelK8sError
 
 INTERRUPTED = 130
@@ -120,8 +120,9 @@ def cli(ctx: click.Context, /, **options: Any) -> None:
 def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> None:
     """Run the command line and end the process.
 
-    Exit codes: 0, 1 something went wrong, 2 what the user wrote is wrong, 130 interrupted; `exec`
-    passes on its command's, `diff --exit-code` says 1 where there are differences.
+    Exit codes: 0, 1 something went wrong, 2 what the user wrote is wrong, 130 interrupted by
+    Ctrl-C, 143 by SIGTERM; `exec` passes on its command's, `diff --exit-code` says 1 where there
+    are differences.
 
     Args:
         name: the program's name where it was not called by it; never handed over to Rigel then.
@@ -138,6 +139,7 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
             sys.exit(entry())
     code = run(words, name)
     if code == INTERRUPTED:
+        code = signals.exit_code()
         # Threads that were told to end and have not would hold the terminal until they do.
         sys.stderr.flush()
         os._exit(code)

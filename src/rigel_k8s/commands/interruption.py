@@ -7,18 +7,21 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from rigel_k8s import signals
 from rigel_k8s.jobs.interruption import interruptions
+
+TWICE = "interrupted twice, nothing was waited for; run the same command again to complete its work"
 
 
 @contextmanager
 def interruptible() -> Iterator[threading.Event]:
-    """Give an event that Ctrl-C or SIGTERM sets; the second one raises KeyboardInterrupt."""
+    """Give an event that Ctrl-C or SIGTERM sets; the second one ends the process."""
     cancel = threading.Event()
     calls = itertools.count()
 
     def tell() -> None:
         if next(calls):
-            raise KeyboardInterrupt
+            signals.end_at_once(TWICE)
         # Event.set takes a lock that the interrupted main thread may hold in this very moment.
         threading.Thread(target=cancel.set).start()
 

@@ -92,10 +92,14 @@ class Stopped(Exception):
 
 
 class Execution:
-    """One run, stopped by its scope."""
+    """One run, stopped by its scope.
+
+    `interruption` is what the first job that was interrupted says of the state that it left.
+    """
 
     def __init__(self, surroundings: RunContext, scope: CancelScope) -> None:
         self.scope = scope
+        self.interruption: Interrupted | None = None
         self._boundary = Boundary(scope)
         self._around = surroundings
         self._lock = threading.Lock()
@@ -333,6 +337,8 @@ class Execution:
         except BaseException as error:
             if not (isinstance(error, Interrupted) and branch.scope.cancelled.is_set()):
                 self._fail(where, error, branch)
+            elif isinstance(error, Interrupted) and self.interruption is None:
+                self.interruption = error
             raise Stopped from error
 
     def _fail(self, where: str, error: BaseException, branch: Branch) -> None:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
-#: The handlers that nobody has set on purpose; others are left alone.
-USUAL: Mapping[signal.Signals, Any] = {
-    signal.SIGINT: signal.default_int_handler,
-    signal.SIGTERM: signal.SIG_DFL,
-}
+from rigel_k8s import signals
+
+#: The handlers that no program has set on purpose; others are left alone.
+USUAL = (signal.default_int_handler, signal.SIG_DFL, signals.raise_interrupt)
 
 
 @contextmanager
@@ -23,11 +21,17 @@ def interruptions(tell: Callable[[], None]) -> Iterator[None]:
     and outside the main thread nothing is changed.
     """
     in_main = threading.current_thread() is threading.main_thread()
-    ours = [n for n, usual in USUAL.items() if in_main and signal.getsignal(n) is usual]
+    before = {n: signal.getsignal(n) for n in signals.NUMBERS if in_main}
+    ours = {number: usual for number, usual in before.items() if usual in USUAL}
+
+    def handle(number: int, _: object) -> None:
+        signals.note(number)
+        tell()
+
     for number in ours:
-        signal.signal(number, lambda *_: tell())
+        signal.signal(number, handle)
     try:
         yield
     finally:
-        for number in ours:
-            signal.signal(number, USUAL[number])
+        for number, usual in ours.items():
+            signal.signal(number, usual)

@@ -113,7 +113,9 @@ class _Live:
 
     def _interrupt(self) -> None:
         if self._interrupted:
-            raise self._interruption("interrupted twice: nothing was waited for")
+            raise self._interruption(
+                "interrupted twice: nothing was waited for", "run the same command again"
+            )
         self._interrupted = True
         running = ", ".join(self._execution.running) or "no job"
         self._around.report.warn(f"stopping {running}; Ctrl-C again ends at once")
@@ -123,10 +125,12 @@ class _Live:
         if self._execution.failure:
             raise self._execution.failure
         if self._interrupted or (self._execution.scope.cancelled.is_set() and not self._error):
-            raise self._interruption("interrupted") from self._error
+            said = self._execution.interruption
+            message = said.message if said else "interrupted"
+            raise self._interruption(message, said.hint if said else None) from self._error
         if self._error:
             raise self._error
 
-    def _interruption(self, message: str) -> Interrupted:
+    def _interruption(self, message: str, hint: str | None = None) -> Interrupted:
         details = [f"still running: {name}" for name in self._execution.running]
-        return Interrupted(message, details=details)
+        return Interrupted(message, hint=hint, details=details)

@@ -35,6 +35,8 @@ class Applier:
         adopt: take over what other managers own.
         until_ready: waits for live objects; called between those that come first and the rest.
         gone_timeout: seconds that the end of what is deleted may take.
+        state: what an interruption leaves, for people.
+        way_out: what to do after one.
     """
 
     cluster: Cluster
@@ -44,6 +46,8 @@ class Applier:
     adopt: bool = False
     until_ready: Callable[[Sequence[Manifest]], None] = lambda _: None
     gone_timeout: float = GONE_TIMEOUT
+    state: str = "interrupted while objects were being applied: some are new, some old"
+    way_out: str = "the same command again completes it"
 
     def apply(self, plan: Plan) -> dict[ObjectRef, Live]:
         """Create and change what the plan says; return the live objects, also of what is kept."""
@@ -190,10 +194,7 @@ class Applier:
     def go_on(self) -> None:
         """Raise Interrupted where the user asked to stop."""
         if self.cancel.is_set():
-            raise Interrupted(
-                "interrupted while objects were being applied: some are new, some old",
-                hint="run it again to see it through, or `rigel rollback`",
-            )
+            raise Interrupted(self.state, hint=self.way_out)
 
 
 def holders(live: Manifest) -> str:

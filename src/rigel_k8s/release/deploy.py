@@ -213,6 +213,7 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
         run.cancel,
         run.adopt,
         until_ready=lambda live: waiter(run, found, lease).wait(live),
+        way_out=f"the same command again completes it; {choose_way_out(run, found)}",
     )
     try:
         applied = applier.apply(plan)
@@ -307,12 +308,6 @@ def tell_plan(run: Run, plan: Plan) -> None:
 
 def waiter(run: Run, found: Survey, lease: Held) -> Waiter:
     """Return what waits for the release."""
-    good = [record.number for record in found.history if record.status == "good"]
-    way_out = (
-        f"`rigel rollback` goes back to revision {good[-1]}"
-        if good
-        else "`rigel status` tells how far it is"
-    )
     return Waiter(
         run.cluster,
         run.release,
@@ -320,7 +315,15 @@ def waiter(run: Run, found: Survey, lease: Held) -> Waiter:
         run.cancel,
         run.timeout,
         run.patience,
-        way_out,
+        choose_way_out(run, found),
         lease.check,
         run.away,
     )
+
+
+def choose_way_out(run: Run, found: Survey) -> str:
+    """Return what else to do after a deploy that failed or was interrupted."""
+    good = [record.number for record in found.history if record.status == "good"]
+    if run.back_to is None and good:
+        return f"`rigel rollback` goes back to revision {good[-1]}"
+    return "`rigel status` shows how far it is"

@@ -73,7 +73,15 @@ def down(
         live = find(cluster, release)
         items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
         steps = tuple(prunes(items, live, (), release, volumes=volumes))
-        applier = Applier(cluster, release, report, cancel, gone_timeout=timeout or GONE_TIMEOUT)
+        applier = Applier(
+            cluster,
+            release,
+            report,
+            cancel,
+            gone_timeout=timeout or GONE_TIMEOUT,
+            state=f"interrupted while {release.name} was being deleted: some of it is gone",
+            way_out="the same command again deletes the rest",
+        )
         applier.prune(steps)
         pruned = [step for step in steps if step.action == "prune"]
         applier.wait_until_no_pods(pruned)

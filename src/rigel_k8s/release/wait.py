@@ -112,7 +112,7 @@ class Waiter:
                     raise Interrupted(
                         f"interrupted while {self.release.name} was rolling out: "
                         "the cluster goes on with it",
-                        hint=f"run it again to see it through; {self.way_out}",
+                        hint=f"the same command again waits for it; {self.way_out}",
                     )
                 self.rest(time.monotonic() - now)
                 view.refresh(LOOK)

@@ -239,7 +239,7 @@ def test_no_signal_has_to_wait_for_the_jobs_end(
 def test_an_interrupted_run_stops_its_jobs_and_disconnects(
     start: Start, number: signal.Signals
 ) -> None:
-    """Ctrl-C and SIGTERM: the job cleans up, then the provider is let go, exit code 130."""
+    """Ctrl-C and SIGTERM: the job cleans up, then the provider is let go."""
     process = start("listens", "20")
     process.send_signal(number)
     output, _ = process.communicate(timeout=20)

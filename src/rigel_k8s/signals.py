@@ -1,0 +1,54 @@
+"""SIGINT and SIGTERM of the command line; imports next to nothing, as it comes before all else.
+
+The first signal lets work end in good order, the second ends the process. Which of the two signals
+came first decides the exit code, so it is noted here.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from types import FrameType
+
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
+Handler = Callable[[int, FrameType | None], None]
+
+_received: list[int] = []
+
+
+def note(number: int) -> None:
+    """Remember a signal."""
+    _received.append(number)
+
+
+def exit_code() -> int:
+    """Return the exit code of a process that was interrupted: 130, or 143 after SIGTERM."""
+    return 128 + (_received[0] if _received else signal.SIGINT)
+
+
+def end_at_once(text: str) -> None:
+    """End the process without waiting for anything; one line says what that means."""
+    show_cursor = "\n\x1b[?25h" if sys.stderr.isatty() else ""
+    os.write(2, f"{show_cursor}error: {text}\n".encode())
+    os._exit(exit_code())
+
+
+def leave_early(number: int, _: FrameType | None) -> None:
+    """End a process that has only imported modules."""
+    note(number)
+    end_at_once("interrupted before anything was done")
+
+
+def raise_interrupt(number: int, _: FrameType | None) -> None:
+    """Interrupt whatever the main thread does: no work has asked to end in good order."""
+    note(number)
+    raise KeyboardInterrupt
+
+
+def handle(handler: Handler) -> None:
+    """Handle both signals so, except one that the process's parent wants ignored (nohup)."""
+    for number in NUMBERS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)

@@ -12,6 +12,7 @@ import re
 import signal
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal
 
 import attrs
@@ -19,6 +20,7 @@ from urllib3.connection import HTTPConnection
 
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.threads import parallel
 from rigel_k8s.settings import Settings
 
 Moment = Literal["before", "sent", "after"]
@@ -74,6 +76,7 @@ class Fuse:
             return receive(connection, *words, **options)
 
         vars(transport)["request"] = request
+        vars(cluster)["parallel"] = partial(parallel, width=1)  # so that a number names one write
         HTTPConnection.getresponse = getresponse  # type: ignore[method-assign]
 
     def die(self, what: str) -> None:

@@ -118,8 +118,8 @@ def test_a_second_deploy_is_told_who_holds_the_release(
         hold(cluster, make.release, report, threading.Event(), patience=0),
         pytest.raises(ClusterError, match=f"process {os.getpid()}") as caught,
     ):
-        deploy(wanted, cluster, report=report)
-    assert "is being deployed by" in caught.value.message
+        deploy(wanted, cluster, report=report, lock_timeout=0)
+    assert "is being changed by" in caught.value.message
     assert len(history(cluster, make.release)) == 1
     deploy(wanted, cluster, report=report)
 
@@ -146,8 +146,8 @@ def test_a_lease_of_another_machine_is_taken_over_when_it_expires(
     renewing = threading.Thread(target=renew)
     renewing.start()
     try:
-        with pytest.raises(ClusterError, match="being deployed by ann@far"):
-            deploy(make.desired(make.config(a="1")), cluster, report=report)
+        with pytest.raises(ClusterError, match="being changed by ann@far"):
+            deploy(make.desired(make.config(a="1")), cluster, report=report, lock_timeout=5)
     finally:
         over.set()
         renewing.join()

@@ -14,6 +14,7 @@ from rigel_k8s.observability.manifests.operator import GROUP_VERSION, KINDS
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release.deploy import deploy, diff, find_last_good
+from rigel_k8s.release.lease import bury_left
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 
@@ -104,6 +105,7 @@ def _install(
         _make_namespace(cluster, asked.release)
         ensure_administrator(cluster, asked.release.namespace, password)
     if last is not None and not plan.changes and last.options == asked.desired.options:
+        bury_left(cluster, asked.release, options.report)
         return StackResult(asked, last, changed=False)
     away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_ready(n))
     for name in away:

@@ -153,20 +153,26 @@ def describe(ref: ObjectRef, lease: dict[str, Any]) -> str:
     return f"release {release} is being changed by {holder(lease)} since {since}"
 
 
-def bury(cluster: Cluster, lease: dict[str, Any], report: Reporter) -> bool:
-    """Remove a Lease whose holder was a process of this machine and is gone; return whether it was.
+def bury(cluster: Cluster, lease: dict[str, Any], report: Reporter) -> None:
+    """Remove a Lease whose holder was a process of this machine and is gone; leave any other.
 
     Why: an interrupted deploy that had nothing left to do but this takes no Lease when it is run
     again, and so would leave it for ever.
     """
     if is_alive(lease) is not False:
-        return False
+        return
     meta = lease["metadata"]
     ref = ObjectRef(lease["apiVersion"], lease["kind"], meta["namespace"], meta["name"])
     with suppress(ConflictError):  # someone else has taken it meanwhile
         if cluster.delete(ref, uid=meta["uid"]):
             report.line(f"removed the Lease of {holder(lease)}, which was interrupted")
-    return True
+
+
+def bury_left(cluster: Cluster, release: ReleaseId, report: Reporter) -> None:
+    """Remove the Lease that a process of this machine left when it was killed, if there is one."""
+    lease = cluster.get(lease_ref(release))
+    if lease is not None:
+        bury(cluster, lease, report)
 
 
 def holder(lease: dict[str, Any]) -> str:

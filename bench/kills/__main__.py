@@ -1,6 +1,7 @@
 """Kill each command at each of its writes, run it again, and print a table of what came of it.
 
-usage: python -m bench.kills --context NAME [--namespace bench-kills] [--only "first deploy"]
+usage: python -m bench.kills --context NAME [--only "first deploy"]
+       [--namespace bench-kills] [--document docs/reliability.md]
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import argparse
 import sys
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 from bench.kills.killing import MOMENTS, Moment, describe, in_child
 from bench.kills.scenarios import (
@@ -20,7 +22,7 @@ from bench.kills.scenarios import (
     run_again,
     take_snapshot,
 )
-from bench.kills.table import Kill, draw
+from bench.kills.table import Kill, draw, renew
 from rigel_k8s.kube.cluster import Cluster
 
 MOST = 200  # writes of one command
@@ -37,6 +39,9 @@ def main() -> int:
                 kills.append(kill)
     in_child(words.context, lambda cluster: delete_namespace(cluster, words.namespace))
     wrong = sum(kill.result.startswith("WRONG") for kill in kills)
+    if words.document:
+        text = words.document.read_text()
+        words.document.write_text(renew(text, list(draw(kills))))
     print(*draw(kills), "", f"{len(kills)} kills, {wrong} wrong", sep="\n")
     return int(wrong > 0)
 
@@ -47,6 +52,7 @@ def parse_words() -> argparse.Namespace:
     parser.add_argument("--context", required=True, help="a cluster where stacks may be installed")
     parser.add_argument("--namespace", default="bench-kills", help="is made and deleted")
     parser.add_argument("--only", help="one command of the table")
+    parser.add_argument("--document", type=Path, help="puts the rows into docs/reliability.md")
     return parser.parse_args()
 
 

@@ -11,6 +11,8 @@ from bench.kills.killing import MOMENTS, Moment
 
 HEAD = "| command | write | before | sent | after | kills |"
 RULE = "|---|---|---|---|---|---|"
+#: Around the table in the document.
+BEGIN, END = "<!-- kills -->", "<!-- /kills -->"
 
 
 @attrs.frozen
@@ -48,3 +50,14 @@ def read_steps(document: str) -> Mapping[str, set[str]]:
     for scenario, step in re.findall(r"^\| ([^|]+) \| (\w+ \w+ [^|]+) \|", document, re.MULTILINE):
         found.setdefault(scenario, set()).add(step.strip())
     return found
+
+
+def renew(document: str, drawn: Sequence[str]) -> str:
+    """Return a document with new rows; those of commands that were not run stay."""
+    start, end = document.index(BEGIN) + len(BEGIN), document.index(END)
+    rows = [line for line in drawn if line.startswith("| ") and line != HEAD]
+    run = {row.split(" | ")[0] for row in rows}
+    old = [line for line in document[start:end].splitlines() if re.search(r"\| \d+ \|$", line)]
+    kept = [line for line in old if line.split(" | ")[0] not in run]
+    table = "\n".join((HEAD, RULE, *kept, *rows))
+    return f"{document[:start]}\n{table}\n{document[end:]}"

@@ -74,10 +74,10 @@ class Applier:
             self.wait_until_gone([step.ref])
             live = None
         if live is not None and keeps_rolling(step.manifest, live):
-            live = self.end_rolling(dict(live))
+            live = self.end_rolling(live)
         return write(self.cluster, self.release, step.manifest, live, adopt=self.adopt)
 
-    def end_rolling(self, live: Live) -> Live:
+    def end_rolling(self, live: Manifest) -> Live:
         """Make a rolling Deployment a Recreate one; its pods stay as they are.
 
         Server-side apply cannot: what Kubernetes had filled in of the old strategy would stay, and

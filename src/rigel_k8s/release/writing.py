@@ -22,7 +22,7 @@ TRIES = 10
 
 
 def write(
-    cluster: Cluster, release: ReleaseId, manifest: Manifest, live: Live | None, *, adopt: bool
+    cluster: Cluster, release: ReleaseId, manifest: Manifest, live: Manifest | None, *, adopt: bool
 ) -> Live:
     """Apply a manifest and return what the object is then.
 
@@ -47,7 +47,7 @@ def write(
     raise AssertionError("the last try returns or raises")
 
 
-def choose_condition(ref: ObjectRef, live: Live | None, release: ReleaseId) -> Onto:
+def choose_condition(ref: ObjectRef, live: Manifest | None, release: ReleaseId) -> Onto:
     """Return what must be there when a manifest is applied.
 
     Controllers write the status of an object at any time, so an object of ours may have changed.
@@ -60,7 +60,7 @@ def choose_condition(ref: ObjectRef, live: Live | None, release: ReleaseId) -> O
     return this_object(live) if belongs(live, release) else this_state(live)
 
 
-def own_all(cluster: Cluster, ref: ObjectRef, live: Live) -> Live:
+def own_all(cluster: Cluster, ref: ObjectRef, live: Manifest) -> Live:
     """Make what other tools have set ours, so that what we leave out goes away."""
     meta = {
         "managedFields": take_over(live),
@@ -70,7 +70,7 @@ def own_all(cluster: Cluster, ref: ObjectRef, live: Live) -> Live:
 
 
 def look_again(
-    cluster: Cluster, ref: ObjectRef, live: Live | None, release: ReleaseId
+    cluster: Cluster, ref: ObjectRef, live: Manifest | None, release: ReleaseId
 ) -> Live | None:
     """Return what is there by now, where it is still ours to write.
 

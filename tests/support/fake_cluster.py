@@ -129,6 +129,9 @@ class FakeCluster:
     def __exit__(self, *_: object) -> None:
         """Nothing is kept open."""
 
+    def endure(self, tell: Callable[[str], None], cancel: threading.Event) -> None:
+        """It is never away."""
+
     def as_manager(self, manager: str) -> FakeCluster:
         """Return a client that writes as another field manager."""
         return attrs.evolve(self, manager=manager)

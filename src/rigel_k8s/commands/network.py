@@ -17,6 +17,7 @@ from rigel_k8s.settings import Settings
 def install(settings: Settings, options: Install, report: Reporter) -> MultusResult:
     """Install or update both, until every node attaches pods."""
     with connect(settings) as cluster, interruptible() as cancel:
+        cluster.endure(report.line, cancel)
         return network_install.install(
             cluster, options, report, cancel, timeout=settings.timeout, adopt=settings.adopt
         )
@@ -33,6 +34,7 @@ def remove(
 ) -> Removed:
     """Take both away, so that every node goes on starting pods."""
     with connect(settings) as cluster, interruptible() as cancel:
+        cluster.endure(report.line, cancel)
         return network_removal.remove(
             cluster,
             options,

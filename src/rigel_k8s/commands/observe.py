@@ -115,6 +115,7 @@ def remove(settings: Settings, report: Reporter, *, volumes: bool) -> tuple[Rele
         NoStack: there is none, nor data of one.
     """
     with connect(settings) as cluster, interruptible() as cancel:
+        cluster.endure(report.line, cancel)
         namespace = settings.namespace
         with suppress(NoStack):  # its data may still be there
             namespace = find_stack(cluster, namespace).namespace

@@ -149,6 +149,7 @@ def rollback(
     """Deploy an earlier revision's objects again; None is the good one before the present."""
     found = release(settings, job)
     with found.cluster as cluster, interruptible() as cancel:
+        cluster.endure(report.line, cancel)
         return rollbacks.rollback(
             cluster,
             found.id,
@@ -171,6 +172,7 @@ def down(
     """
     found = release(settings, job)
     with found.cluster as cluster, interruptible() as cancel:
+        cluster.endure(report.line, cancel)
         plan = removal.down(
             cluster,
             found.id,

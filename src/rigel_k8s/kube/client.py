@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
 from urllib.parse import quote
 
-from rigel_k8s.kube.failures import Missing, refusal
+from rigel_k8s.kube.answers import parse, read_kinds, read_object
+from rigel_k8s.kube.failures import Conflict, Missing, garbled_error, refusal
 from rigel_k8s.kube.resources import ApiResources, Resource
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.transport import Answer, Stream, Transport
+
+T = TypeVar("T")
 
 
 class Client:
@@ -26,24 +29,71 @@ class Client:
         method: str,
         path: str,
         what: str,
+        read: Callable[[Any], T],
         *,
         body: object = None,
         media: str = "application/json",
         accept: str = "application/json",
         safe: bool | None = None,
-    ) -> dict[str, Any]:
+    ) -> T:
         """Send a request and return its JSON answer.
 
+        An answer that cannot be understood counts as lost: the request is sent a second time where
+        that is harmless.
+
+        Args:
+            read: checks the answer's shape; one of kube/answers.py.
+            safe: as for `Transport.request`.
+
         Raises:
-            ClusterError: the server refused (Missing, Conflict, Refusal) or did not answer.
+            ClusterError: the server refused (Missing, Conflict, Refusal), did not answer, or
+                answered what cannot be understood (Garbled).
         """
         data = None if body is None else json.dumps(body, separators=(",", ":")).encode()
-        answer = self.transport.request(
-            method, path, what, body=data, media=media if data else "", accept=accept, safe=safe
-        )
-        self.raise_for(answer, what)
-        content: dict[str, Any] = json.loads(answer.body)
-        return content
+        again = method == "GET" if safe is None else safe
+        doubtful = False
+        while True:
+            answer = self.transport.request(
+                method, path, what, body=data, media=media if data else "", accept=accept, safe=safe
+            )
+            self.raise_for(answer, what, doubtful=doubtful)
+            try:
+                return read(parse(answer.body))
+            except ValueError as error:
+                if doubtful or not again:
+                    url = self.target.server + path
+                    raise garbled_error(what, url, answer.body, str(error)) from error
+            doubtful = True
+
+    def write(
+        self,
+        method: str,
+        url: str,
+        what: str,
+        body: Any,
+        media: str = "application/json",
+        *,
+        safe: bool = True,
+    ) -> dict[str, Any]:
+        """Send a write, again where its answer is lost, and return what the object is then.
+
+        A create or a conditional write that was carried out is refused the second time: what is
+        there and has all that we sent is our own.
+
+        Raises: as `call`.
+        """
+        try:
+            return self.call(method, url, what, read_object, body=body, media=media, safe=safe)
+        except Conflict as error:
+            if not error.doubtful:
+                raise
+            place = url.partition("?")[0]
+            if method == "POST":
+                place += f"/{quote(body['metadata']['name'], safe='')}"
+            live = self.call("GET", place, what, read_object)
+            if not has_all(live, body):
+                raise
+            return live
 
     def stream(self, path: str, what: str, *, timeout: float | None = None) -> Stream:
         """Open a stream; raises like `call`."""
@@ -53,11 +103,17 @@ class Client:
             raise AssertionError("an answer that is no stream is an error")
         return opened
 
-    def raise_for(self, answer: Answer, what: str) -> None:
-        """Raise where the server refused."""
+    def raise_for(self, answer: Answer, what: str, *, doubtful: bool = False) -> None:
+        """Raise where the server refused.
+
+        Args:
+            doubtful: the request may have been carried out before.
+        """
         if answer.status >= 400:
             context, server = self.target.context, self.target.server
-            raise refusal(answer.status, answer.body, what, context=context, server=server)
+            error = refusal(answer.status, answer.body, what, context=context, server=server)
+            error.doubtful = doubtful or answer.doubtful
+            raise error
 
     def resource(self, api_version: str, kind: str, what: str) -> Resource:
         """Return how the API calls a kind.
@@ -78,6 +134,18 @@ class Client:
         """Return the resource list of an API version, None where the server has none."""
         root = "api" if "/" not in api_version else "apis"
         try:
-            return self.call("GET", f"/{root}/{quote(api_version)}", f"look up {api_version}")
+            url = f"/{root}/{quote(api_version)}"
+            return self.call("GET", url, f"look up {api_version}", read_kinds)
         except Missing:
             return None
+
+
+def has_all(live: Any, sent: Any) -> bool:
+    """Whether an object has all that was sent of it; the version that a write relied on is over."""
+    if isinstance(sent, dict) and isinstance(live, dict):
+        return all(
+            has_all(live.get(key), value) for key, value in sent.items() if key != "resourceVersion"
+        )
+    if isinstance(sent, list) and isinstance(live, list):
+        return len(sent) == len(live) and all(map(has_all, live, sent))
+    return bool(live == sent)

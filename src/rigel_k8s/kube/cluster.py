@@ -11,9 +11,11 @@ from urllib.parse import quote
 import attrs
 
 from rigel_k8s.kube import threads
+from rigel_k8s.kube.answers import read_list, read_mapping, read_object, read_version
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
+from rigel_k8s.kube.resending import Endurance
 from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.target import Target
 from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
@@ -55,12 +57,22 @@ class Cluster:
         """Close all connections that are kept open."""
         self.client.transport.close()
 
+    def endure(self, tell: Callable[[str], None], cancel: threading.Event) -> None:
+        """Wait from now on for an API server that has answered and goes away, up to two minutes.
+
+        Args:
+            tell: takes a line that says what is waited for, and one when it is over.
+            cancel: ends such a wait.
+        """
+        self.client.transport.endurance = Endurance(tell, cancel)
+
     # Objects.
 
     def get(self, ref: ObjectRef) -> dict[str, Any] | None:
         """Return an object, None where it or its kind is not there."""
         try:
-            return self.client.call("GET", self.path_of(ref, f"read {ref}"), f"read {ref}")
+            what = f"read {ref}"
+            return self.client.call("GET", self.path_of(ref, what), what, read_object)
         except Missing:
             return None
 
@@ -93,7 +105,7 @@ class Cluster:
         found: list[dict[str, Any]] = []
         while True:
             url = path(api_version, resource, namespace or "", query=query)
-            page = self.client.call("GET", url, f"list {kind}s", accept=accept)
+            page = self.client.call("GET", url, f"list {kind}s", read_list, accept=accept)
             found += page.get("items") or []
             query["continue"] = page["metadata"].get("continue")
             if not query["continue"]:
@@ -122,17 +134,11 @@ class Cluster:
         """
         ref = ref_of(manifest)
         what = f"apply {ref}"
-        meta = {**manifest["metadata"], **onto.metadata}
         query = {"fieldManager": MANAGER, "force": force and "true", "dryRun": dry_run and "All"}
+        url = self.path_of(ref, what, query=query)
+        body = {**manifest, "metadata": {**manifest["metadata"], **onto.metadata}}
         try:
-            return self.client.call(
-                "PATCH",
-                self.path_of(ref, what, query=query),
-                what,
-                body={**manifest, "metadata": meta},
-                media=PATCHES["apply"],
-                safe=True,
-            )
+            return self.client.write("PATCH", url, what, body, PATCHES["apply"])
         except Conflict as error:
             if force or {field.manager for field in error.fields} != {MANAGER}:
                 raise
@@ -149,14 +155,14 @@ class Cluster:
         resource = self.client.resource(ref.api_version, ref.kind, what)
         query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
         url = path(ref.api_version, resource, ref.namespace, query=query)
-        return self.client.call("POST", url, what, body=manifest)
+        return self.client.write("POST", url, what, manifest)
 
     def replace(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
         """Replace an object; Conflict where its resourceVersion is said and no longer true."""
         ref = ref_of(manifest)
         what = f"replace {ref}"
         query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
-        return self.client.call("PUT", self.path_of(ref, what, query=query), what, body=manifest)
+        return self.client.write("PUT", self.path_of(ref, what, query=query), what, manifest)
 
     def patch(
         self,
@@ -171,7 +177,8 @@ class Cluster:
         what = f"patch {ref}"
         query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
         url = self.path_of(ref, what, subresource=subresource, query=query)
-        return self.client.call("PATCH", url, what, body=body, media=PATCHES[style])
+        safe = style != "json"  # its steps may depend on what was there
+        return self.client.write("PATCH", url, what, body, PATCHES[style], safe=safe)
 
     def delete(
         self,
@@ -200,9 +207,10 @@ class Cluster:
             options["dryRun"] = ["All"]
         what = f"delete {ref}"
         try:
-            self.client.call("DELETE", self.path_of(ref, what), what, body=options, safe=True)
-        except Missing:
-            return False
+            url = self.path_of(ref, what)
+            self.client.call("DELETE", url, what, read_mapping, body=options, safe=True)
+        except Missing as error:
+            return error.doubtful
         return True
 
     def watch(
@@ -237,7 +245,7 @@ class Cluster:
 
     def server_version(self) -> str:
         """Return the API server's version: v1.34.4."""
-        return str(self.client.call("GET", "/version", "ask for the version")["gitVersion"])
+        return self.client.call("GET", "/version", "ask for the version", read_version)
 
     def serves(self, api_version: str, kind: str) -> bool:
         """Whether the cluster has a kind (now; it may be defined later)."""
@@ -282,7 +290,8 @@ class Cluster:
         what = f"ask {ref}"
         address = ref if port is None else attrs.evolve(ref, name=f"{ref.name}:{port}")
         url = f"{self.path_of(address, what, subresource='proxy')}/{quote(inner)}"
-        answer = self.client.transport.request("GET", with_query(url, query), what)
+        # 503 says that nothing is ready behind it.
+        answer = self.client.transport.request("GET", with_query(url, query), what, endures=False)
         self.client.raise_for(answer, what)
         return answer.body
 

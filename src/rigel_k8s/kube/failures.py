@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
+from rigel_k8s.errors import ClusterError, ConflictError, Interrupted, NotFoundError
+from rigel_k8s.kube.answers import find_mapping, find_mappings, parse
 
 CONFLICT = 'conflict with "'
 LOGIN = "the credentials of context {context} are missing or have expired: log in again"
+#: What an API server answers where it does not know the path: a kind that is not there.
+NO_PATH = b"404 page not found"
+SHOWN = 100  # first bytes of an answer that an error shows
 RIGHTS = "ask for the right, or use other credentials: `kubectl auth can-i --list` shows yours"
 
 
@@ -39,11 +42,25 @@ class Refusal(ClusterError):
         status: the HTTP code, 0 where there was no answer.
         reason: Kubernetes' own word for it (`Invalid`, `AlreadyExists`), "" if it gave none.
         causes: its reasons, one for each field.
+        doubtful: the request was sent more than once, and an earlier one may have been carried out.
     """
 
     status: int = 0
     reason: str = ""
     causes: tuple[Cause, ...] = ()
+    doubtful: bool = False
+
+
+class Garbled(Refusal):
+    """What came cannot be understood: it is not from an API server, or was damaged on its way."""
+
+    reason = "Garbled"
+
+
+class Cancelled(Refusal, Interrupted):
+    """The user asked to stop while we waited for an API server that was away."""
+
+    reason = "Cancelled"
 
 
 class Missing(Refusal, NotFoundError):
@@ -75,7 +92,8 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
     """
     answer = kubernetes_status(body)
     message = str(answer.get("message") or f"HTTP status {status}")
-    kind = {403: Forbidden, 404: Missing, 409: Conflict}.get(status, Refusal)
+    kinds: Mapping[int, type[Refusal]] = {403: Forbidden, 404: Missing, 409: Conflict}
+    kind = kinds.get(status, Refusal) if is_of_kubernetes(body) else Refusal
     error = kind(f"cannot {what}: {message}", hint=hint(status, context, server))
     error.status, error.reason = status, str(answer.get("reason") or "")
     error.causes = tuple(causes(answer))
@@ -88,21 +106,46 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
     return error
 
 
+def is_of_kubernetes(body: bytes) -> bool:
+    """Whether an error comes from an API server: a proxy's 404 does not say what is not there."""
+    try:
+        return isinstance(parse(body), dict)
+    except ValueError:
+        return body.strip() == NO_PATH
+
+
 def kubernetes_status(body: bytes) -> Mapping[str, Any]:
     """Return an answer's `Status` object; text that is none becomes its message."""
     try:
-        answer = json.loads(body)
+        answer = parse(body)
     except ValueError:
         answer = None
     if isinstance(answer, dict):
         return answer
-    return {"message": body.decode("utf-8", "replace").strip()[:500]}
+    return {"message": " ".join(body.decode("utf-8", "replace").split())[:500]}
 
 
 def causes(answer: Mapping[str, Any]) -> list[Cause]:
     """Return the causes of a `Status` object."""
-    found = (answer.get("details") or {}).get("causes") or []
-    return [Cause(c.get("reason", ""), c.get("message", ""), c.get("field", "")) for c in found]
+    found = find_mappings(find_mapping(answer, "details"), "causes")
+    words = [[str(cause.get(key, "")) for key in ("reason", "message", "field")] for cause in found]
+    return [Cause(*three) for three in words]
+
+
+def garbled_error(what: str, url: str, body: bytes, reason: str) -> Garbled:
+    """Return the error for an answer that cannot be understood.
+
+    Args:
+        reason: what is wrong with it: `it is not JSON`.
+    """
+    shown = body[:SHOWN].decode("utf-8", "backslashreplace")
+    if "/secrets" in url:
+        shown = "not shown, since it may hold a secret"
+    return Garbled(
+        f"cannot {what}: the answer of {url} cannot be understood: {reason}",
+        hint="is that the API server? A proxy or a login page in between may answer in its place",
+        details=[f"the answer has {len(body)} bytes: {shown}"] if body else [],
+    )
 
 
 def hint(status: int, context: str, server: str) -> str | None:

@@ -73,7 +73,7 @@ class ApiResources:
         """Add one API version's kinds; a kind that is not there now may be later."""
         for entry in (self.fetch(api_version) or {}).get("resources") or []:
             if "/" not in entry["name"]:
-                resource = Resource(entry["name"], bool(entry["namespaced"]))
+                resource = Resource(entry["name"], bool(entry.get("namespaced")))
                 self.table[api_version, entry["kind"]] = resource
 
 

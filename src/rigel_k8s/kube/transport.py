@@ -25,15 +25,16 @@ from urllib3.connection import HTTPConnection, HTTPSConnection
 from urllib3.exceptions import HTTPError, InsecureRequestWarning
 
 from rigel_k8s.errors import ClusterError, UserError
-from rigel_k8s.kube.failures import unreachable_error
+from rigel_k8s.kube.failures import Cancelled, unreachable_error
+from rigel_k8s.kube.losses import is_sent, is_untrusted, reason_of
+from rigel_k8s.kube.resending import Endurance, Resending
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.proxy import proxy_for
 from rigel_k8s.tls import trust
 
 CONNECT_TIMEOUT = 10.0
 READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds
-RETRIES = 5  # of what the server asks to send again
-RETRY_BUDGET = 30.0  # seconds that one request may spend waiting to be sent again
+WHOLE_TIMEOUT = 300.0  # seconds until an answer is whole, however slowly it comes
 BLOCK = 32 * 1024
 BROKEN = (HTTPError, http.client.HTTPException, OSError)
 # The kernel notices a peer that is gone while a stream is silent.
@@ -47,11 +48,16 @@ if hasattr(socket, "TCP_KEEPIDLE"):
 
 @attrs.frozen
 class Answer:
-    """A whole answer."""
+    """A whole answer.
+
+    Attributes:
+        doubtful: the request was sent more than once, and an earlier one may have been carried out.
+    """
 
     status: int
     headers: Mapping[str, str]
     body: bytes
+    doubtful: bool = False
 
 
 class Stream:
@@ -107,6 +113,8 @@ class Transport:
         self.known: Credentials | None = None
         self.tls: ssl.SSLContext | None = None
         self.kept: urllib3.PoolManager | None = None
+        self.endurance: Endurance | None = None
+        self.answered = False
         if target.insecure:
             urllib3.disable_warnings(InsecureRequestWarning)  # the kubeconfig asks for it
 
@@ -120,41 +128,91 @@ class Transport:
         media: str = "",
         accept: str = "application/json",
         safe: bool | None = None,
+        endures: bool = True,
     ) -> Answer:
         """Send a request and return the whole answer, whatever its status is.
+
+        A server that has answered before and is away is waited for where there is an `endurance`.
 
         Args:
             what: what is asked, for people.
             safe: whether sending it twice is harmless; None is: where the method only reads.
+            endures: whether an answer such as 503 means that the server is away.
 
         Raises:
             ClusterError: there is no answer.
         """
         own = {"Accept": accept, **({"Content-Type": media} if media else {})}
-        # A request whose answer is lost goes out a second time only where that is harmless.
-        losses = urllib3.Retry(
-            int(method == "GET" if safe is None else safe),
-            allowed_methods=None,
-            respect_retry_after_header=False,
-        )
-        deadline, attempt, fresh = time.monotonic() + RETRY_BUDGET, 0, False
+        safe = method == "GET" if safe is None else safe
+        again, fresh = Resending(safe, self.is_enduring()), False
         while True:
-            headers, url = self.headers(own, fresh=fresh), self.target.server + path
             try:
-                response = self.pool().urlopen(
-                    method, url, body=body, headers=headers, retries=losses, redirect=False
-                )
+                answer = self.exchange(method, path, self.headers(own, fresh=fresh), body)
             except BROKEN as error:
-                raise self.unreachable_error(what, error) from error
-            answer = Answer(response.status, response.headers, response.data)
-            pause = retry_after(answer, attempt)
+                failure = self.unreachable_error(what, error)
+                pause = again.after_loss(sent=is_sent(error))
+                if pause is None or is_untrusted(error):
+                    raise failure from error
+                self.pause(pause, again, what, f"does not answer ({reason_of(error)})")
+                continue
             if answer.status == 401 and not fresh:
                 fresh = True
-            elif pause is None or time.monotonic() + pause > deadline:
-                return answer
-            else:
-                time.sleep(pause)
-            attempt += 1
+                continue
+            again.endures = again.endures and endures
+            pause = again.after_answer(answer.status, answer.headers)
+            if pause is None:
+                if answer.status < 500 and self.endurance:
+                    self.endurance.end()
+                return attrs.evolve(answer, doubtful=again.doubtful)
+            self.pause(pause, again, what, f"is not available (HTTP status {answer.status})")
+
+    def exchange(
+        self, method: str, path: str, headers: urllib3.HTTPHeaderDict, body: bytes | None
+    ) -> Answer:
+        """Send a request once and return the answer; raises one of BROKEN."""
+        end = time.monotonic() + WHOLE_TIMEOUT
+        response = self.pool().urlopen(
+            method,
+            self.target.server + path,
+            body=body,
+            headers=headers,
+            retries=False,
+            redirect=False,
+            preload_content=False,
+        )
+        blocks = []
+        try:
+            while block := response.read1(BLOCK):
+                blocks.append(block)
+                if time.monotonic() > end:
+                    raise TimeoutError(f"the answer was not whole after {WHOLE_TIMEOUT:g} s")
+        except BaseException:
+            response.close()
+            raise
+        response.release_conn()
+        self.answered = True
+        return Answer(response.status, response.headers, b"".join(blocks))
+
+    def is_enduring(self) -> bool:
+        """Whether a server that is away is waited for: not at first, and not when interrupted."""
+        return self.answered and self.endurance is not None and not self.endurance.cancel.is_set()
+
+    def pause(self, seconds: float, again: Resending, what: str, reason: str) -> None:
+        """Wait before a request is sent again.
+
+        Raises:
+            Cancelled: the user asked to stop meanwhile.
+        """
+        if self.endurance is None or not again.endures:
+            time.sleep(seconds)
+            return
+        if again.is_noticeable(seconds):
+            self.endurance.begin(self.target.server, reason)
+        if self.endurance.cancel.wait(seconds):
+            raise Cancelled(
+                f"interrupted: cannot {what}: the cluster at {self.target.server} {reason}",
+                hint="run it again when the cluster answers",
+            )
 
     def stream(
         self, path: str, what: str, *, timeout: float | None, patience: float = READ_TIMEOUT
@@ -282,19 +340,9 @@ class Transport:
 
     def unreachable_error(self, what: str, error: BaseException) -> Exception:
         """Return the error for a server that gave no answer."""
-        cause = cause_of(error)
-        reason = getattr(cause, "strerror", None) or str(cause) or type(cause).__name__
-        if isinstance(cause, ssl.SSLCertVerificationError):
-            reason = f"its certificate is not trusted: {cause.verify_message}"
+        reason = reason_of(error)
         target = self.target
         return unreachable_error(what, reason, context=target.context, server=target.server)
-
-
-def cause_of(error: BaseException) -> BaseException:
-    """Return the innermost error: urllib3 wraps it in words about its own pools and retries."""
-    inner = (getattr(error, "reason", None), *reversed(error.args), error.__cause__)
-    found = next((one for one in inner if isinstance(one, BaseException)), None)
-    return error if found is None else cause_of(found)
 
 
 def tls_context(target: Target, credentials: Credentials) -> ssl.SSLContext:
@@ -320,14 +368,6 @@ def load_certificate(context: ssl.SSLContext, credentials: Credentials) -> None:
         pem = Path(directory) / "client.pem"
         pem.write_text(f"{credentials.certificate.rstrip()}\n{credentials.key}")
         context.load_cert_chain(pem)
-
-
-def retry_after(answer: Answer, attempt: int) -> float | None:
-    """Return the seconds after which the server wants the request again, None where it does not."""
-    header = answer.headers.get("Retry-After")
-    if attempt >= RETRIES or header is None or answer.status not in (429, 500, 502, 503, 504):
-        return None
-    return float(header) if header.isdigit() else 1.0
 
 
 def proxy_headers(proxy: SplitResult) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -10,12 +9,14 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.kube.answers import parse, read_event, read_start
 from rigel_k8s.kube.client import Client
-from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.kube.failures import Garbled, Refusal, garbled_error
 from rigel_k8s.kube.resources import path
 from rigel_k8s.kube.threads import aborting
 
 PAUSE = 1.0  # seconds before a lost watch is opened again
+LIVES = 5  # connections in a row that may end with an event that cannot be understood
 SILENCE = 15.0  # seconds beyond the server's own limit after which a stream counts as dead
 
 
@@ -29,15 +30,23 @@ class WatchEvent:
 
 @attrs.define
 class Watched:
-    """What a watch has seen: the newest version, "" for none, and the objects that are there."""
+    """What a watch has seen: the newest version, "" for none, and the objects that are there.
+
+    Attributes:
+        garbled: how many connections in a row brought nothing but what cannot be understood.
+        forgotten: how many versions in a row the server has forgotten, though it had listed them.
+    """
 
     kind: str
     version: str = ""
+    garbled: int = 0
+    forgotten: int = 0
     seen: dict[str, dict[str, Any]] = attrs.field(factory=dict)
 
     def remember(self, event: WatchEvent) -> None:
         """Take in one event."""
         meta = event.object["metadata"]
+        self.garbled = self.forgotten = 0
         if event.type == "DELETED":
             self.seen.pop(meta["uid"], None)
         elif event.type != "BOOKMARK":
@@ -85,9 +94,15 @@ def watch(
         except Refusal as error:
             if not state.version or error.status in (401, 403, 404):
                 raise
+            if isinstance(error, Garbled):
+                state.garbled += 1
+                if state.garbled == LIVES:
+                    raise
             if error.status == 410:
                 state.version = ""
-                continue
+                state.forgotten += 1
+                if state.forgotten == 1:
+                    continue
         pause(deadline, cancel)
 
 
@@ -121,26 +136,27 @@ def events(
     with aborting(stream, cancel):
         for line in stream.lines():
             try:
-                event = json.loads(line)
-            except ValueError:
-                return  # cut off in the middle of a line
-            if event["type"] == "ERROR":
-                error = Refusal(f"cannot {what}: {event['object'].get('message')}")
-                error.status = event["object"].get("code", 0)
-                raise error
-            yield WatchEvent(event["type"], event["object"])
+                kind, found = read_event(parse(line))
+            except ValueError as error:
+                raise garbled_error(what, client.target.server + url, line, str(error)) from error
+            if kind == "ERROR":
+                refused = Refusal(f"cannot {what}: {found.get('message')}")
+                code = found.get("code")
+                refused.status = code if isinstance(code, int) else 0
+                raise refused
+            yield WatchEvent(kind, found)
 
 
 def relist(client: Client, url: str, state: Watched) -> list[WatchEvent]:
     """Return what has happened since `state`, which becomes the present."""
-    page = client.call("GET", url, f"list {state.kind}s")
+    page = client.call("GET", url, f"list {state.kind}s", read_start)
     there = {item["metadata"]["uid"]: item for item in page.get("items") or []}
     gone = [WatchEvent("DELETED", old) for uid, old in state.seen.items() if uid not in there]
     now = [
         WatchEvent("MODIFIED" if uid in state.seen else "ADDED", item)
         for uid, item in there.items()
     ]
-    state.seen, state.version = there, str(page["metadata"]["resourceVersion"])
+    state.seen, state.version = there, page["metadata"]["resourceVersion"]
     return gone + now
 
 

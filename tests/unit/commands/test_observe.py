@@ -82,7 +82,9 @@ def test_what_the_api_server_cannot_pass_on_is_told(more: dict[str, str], words:
 )
 def test_why_a_part_is_not_asked_is_told_in_few_words(status: int, words: str) -> None:
     """What is refused, what is not ready, and what it says itself."""
-    error = refusal(status, b"parse error", "ask Service m/loki", context="c", server="s")
+    error = refusal(
+        status, b'{"message": "parse error"}', "ask Service m/loki", context="c", server="s"
+    )
     assert explain("Loki", error).startswith(words)
 
 

@@ -36,6 +36,7 @@ class NetworkJob:
         from rigel_k8s.network.multus.install import describe, install
 
         with connect(job.settings) as cluster:
+            cluster.endure(job.report.line, job.cancel)
             done = install(
                 cluster,
                 options,

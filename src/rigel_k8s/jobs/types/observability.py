@@ -48,5 +48,6 @@ def run(request: StackRequest, job: JobContext) -> None:
     from rigel_k8s.observability.install import describe, install
 
     with connect(job.settings) as cluster:
+        cluster.endure(job.report.line, job.cancel)
         done = install(cluster, request, job.deploy_options)
     job.report.line(describe(done))

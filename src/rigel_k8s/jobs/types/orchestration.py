@@ -67,6 +67,7 @@ class OrchestrationJob:
             run_stack(request_of(flat(job.raw).get("observability") or {}), job)
             return
         with connect(job.settings) as cluster:
+            cluster.endure(job.report.line, job.cancel)
             prepared = prepare(
                 options,
                 job.raw,

@@ -1,0 +1,121 @@
+"""When a request goes out again: after a lost answer, a busy server, a server that is away.
+
+Alone, a request is patient for seconds. Long work (a deploy) endures more: `Endurance` waits for
+an API server that restarts, says so once, and ends when the user asks for it.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable, Mapping
+
+import attrs
+
+RETRIES = 5  # of what the server asks to send again
+RETRY_BUDGET = 30.0  # seconds that one request may spend waiting to be sent again
+AWAY = 120.0  # seconds that long work waits for a server that is away
+FIRST_PAUSE, LONGEST_PAUSE = 0.25, 5.0
+SILENT = 1.0  # seconds of waiting that are not worth a line
+BUSY = frozenset({429, 500, 502, 503, 504})
+GATEWAY = frozenset({502, 503, 504})  # a proxy's words for a server that is away
+
+
+@attrs.define
+class Endurance:
+    """How long work waits for an API server that is away.
+
+    Attributes:
+        tell: takes a line when the wait begins, and one when it is over.
+        cancel: ends the wait soon after it is set.
+    """
+
+    tell: Callable[[str], None]
+    cancel: threading.Event
+    since: float | None = None
+    lock: threading.Lock = attrs.field(factory=threading.Lock)
+
+    def begin(self, server: str, reason: str) -> None:
+        """Note that the server is away; the first of all threads says so."""
+        with self.lock:
+            first, self.since = self.since is None, self.since or time.monotonic()
+        if first:
+            self.tell(f"the cluster at {server} {reason}: waiting up to {AWAY:g} s for it")
+
+    def end(self) -> None:
+        """Note that the server answers."""
+        with self.lock:
+            since, self.since = self.since, None
+        if since is not None:
+            self.tell(f"the cluster answers again, after {time.monotonic() - since:.0f} s")
+
+
+@attrs.define
+class Resending:
+    """One request: what became of it so far, and whether it goes out again.
+
+    Attributes:
+        safe: sending it twice is harmless.
+        endures: it belongs to work that waits for a server that is away.
+        doubtful: it was sent, and no one knows whether it was carried out.
+    """
+
+    safe: bool
+    endures: bool
+    started: float = attrs.field(factory=time.monotonic)
+    losses: int = 0
+    refusals: int = 0
+    doubtful: bool = False
+
+    def after_loss(self, *, sent: bool) -> float | None:
+        """Return the seconds to wait after a lost answer, None to give up.
+
+        Args:
+            sent: the server may have got the request.
+        """
+        self.losses += 1
+        self.doubtful = self.doubtful or sent
+        if sent and not self.safe:
+            return None
+        if self.losses == 1 and self.safe:
+            return 0.0
+        return self.within(backoff(self.losses), AWAY) if self.endures else None
+
+    def after_answer(self, status: int, headers: Mapping[str, str]) -> float | None:
+        """Return the seconds to wait after a busy server's answer, None where the answer stands."""
+        if status not in BUSY:
+            return None
+        self.refusals += 1
+        asked = retry_after(headers)
+        if not self.endures:
+            short = asked is not None and self.refusals <= RETRIES
+            return self.within(asked or 0.0, RETRY_BUDGET) if short else None
+        if asked is None and status != 429:
+            if not self.safe:
+                return None
+            self.doubtful = True
+        pause = max(asked or 0.0, backoff(self.refusals))
+        # An API server that says 500 each time will go on with it: a webhook fails, say.
+        return self.within(pause, RETRY_BUDGET if status == 500 else AWAY)
+
+    def within(self, pause: float, budget: float) -> float | None:
+        """Return a pause where there is time for it."""
+        return pause if time.monotonic() - self.started + pause <= budget else None
+
+    def is_noticeable(self, pause: float) -> bool:
+        """Whether the waits take so long that the user should know why."""
+        return time.monotonic() - self.started + pause > SILENT
+
+
+def retry_after(headers: Mapping[str, str]) -> float | None:
+    """Return the seconds that a server asks for, None where it does not; a date counts as one."""
+    header = headers.get("Retry-After")
+    if header is None:
+        return None
+    return float(header) if re.fullmatch(r"[0-9]{1,9}", header) else 1.0
+
+
+def backoff(number: int) -> float:
+    """Return the pause before another try, from 1."""
+    return min(FIRST_PAUSE * 2.0 ** min(number - 1, 10), LONGEST_PAUSE)

@@ -1,0 +1,251 @@
+"""An API server that is busy or away, and writes whose answer is lost."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from typing import Any
+
+import pytest
+
+from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
+from rigel_k8s.kube import resending
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.resending import Resending, retry_after
+from rigel_k8s.kube.target import Target
+from rigel_k8s.objects.refs import ObjectRef
+from tests.support.http_server import Exchange, serving
+
+REF = ObjectRef("v1", "ConfigMap", "robot", "c")
+META = {"name": "c", "namespace": "robot"}
+MANIFEST = {"apiVersion": "v1", "kind": "ConfigMap", "metadata": META, "data": {"a": "1"}}
+EXISTS = {"kind": "Status", "reason": "AlreadyExists", "message": "it is there"}
+WRITES = {
+    "create": lambda cluster: cluster.create(MANIFEST),
+    "replace": lambda cluster: cluster.replace(MANIFEST),
+    "patch": lambda cluster: cluster.patch(
+        REF, {"metadata": {"resourceVersion": "1"}, "data": {"a": "1", "gone": None}}
+    ),
+    "apply": lambda cluster: cluster.apply(MANIFEST),
+}
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pauses are short."""
+    monkeypatch.setattr(resending, "FIRST_PAUSE", 0.01)
+    monkeypatch.setattr(resending, "LONGEST_PAUSE", 0.05)
+    monkeypatch.setattr(resending, "SILENT", 0.0)
+
+
+def fine(exchange: Exchange) -> None:
+    exchange.say(200, MANIFEST)
+
+
+def away(exchange: Exchange) -> None:
+    exchange.hang_up()
+
+
+def endure(cluster: Cluster) -> tuple[list[str], threading.Event]:
+    """Let a cluster wait; return the lines that it tells, and what ends it."""
+    lines: list[str] = []
+    cancel = threading.Event()
+    cluster.endure(lines.append, cancel)
+    return lines, cancel
+
+
+def warm(serve: Any, answers: list[Any], last: Any = fine) -> tuple[Cluster, Any]:
+    """Return a cluster that has answered once, and goes on with these answers."""
+    script = iter([fine, *answers])
+    cluster, server = serve(lambda exchange: next(script, last)(exchange))
+    cluster.get(REF)
+    return cluster, server
+
+
+def say(status: int, body: object = b"", **headers: str) -> Any:
+    return lambda exchange: exchange.say(status, body, **headers)
+
+
+@pytest.mark.parametrize("write", WRITES)
+@pytest.mark.parametrize("lost", [away, say(200, b"<html>")])
+def test_a_write_whose_answer_was_lost_is_found_to_be_ours(
+    serve: Any, write: str, lost: Any
+) -> None:
+    """The second one is refused, since the first was carried out: what is there is what we sent."""
+    live = {**MANIFEST, "metadata": {**META, "uid": "u", "resourceVersion": "2"}}
+    cluster, server = warm(serve, [lost, say(409, EXISTS), say(200, live)])
+    assert WRITES[write](cluster) == live
+    assert len(server.requests) == 4
+
+
+@pytest.mark.parametrize("write", WRITES)
+def test_what_another_wrote_is_not_ours(serve: Any, write: str) -> None:
+    """The first one was never carried out, and someone else came before the second."""
+    other = {**MANIFEST, "data": {"a": "2"}}
+    cluster, _ = warm(serve, [away, say(409, EXISTS), say(200, other)])
+    with pytest.raises(ConflictError, match="it is there"):
+        WRITES[write](cluster)
+
+
+@pytest.mark.parametrize("write", WRITES)
+def test_a_conflict_at_once_is_a_conflict(serve: Any, write: str) -> None:
+    """Even where the object looks the same: no write of ours can have made it so."""
+    cluster, server = warm(serve, [say(409, EXISTS)])
+    with pytest.raises(ConflictError):
+        WRITES[write](cluster)
+    assert len(server.requests) == 2
+
+
+def test_what_a_lost_delete_has_deleted_was_there(serve: Any) -> None:
+    """The second one finds nothing."""
+    cluster, _ = warm(serve, [away, say(404, {"kind": "Status"})])
+    assert cluster.delete(REF) is True
+
+
+def test_steps_on_what_was_there_are_not_sent_twice(serve: Any) -> None:
+    """A JSON patch may add an item to a list."""
+    cluster, server = warm(serve, [], last=away)
+    with pytest.raises(ClusterError, match="does not answer"):
+        cluster.patch(REF, [], style="json")
+    assert len(server.requests) == 2
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        away,
+        say(429),
+        say(429, b"", Retry_After="0"),
+        say(500),
+        say(502),
+        say(503),
+        say(503, b"<html>", Retry_After="Wed, 21 Oct 2026 07:28:00 GMT"),
+        say(504),
+    ],
+)
+@pytest.mark.parametrize("write", [*WRITES, "get"])
+def test_long_work_waits_for_a_server_that_is_away(
+    serve: Any, monkeypatch: pytest.MonkeyPatch, write: str, trouble: Any
+) -> None:
+    """For each method, longer than a single request would, with one line before and one after."""
+    monkeypatch.setattr(resending, "retry_after", lambda headers: 0.0 if headers else None)
+    cluster, server = warm(serve, [trouble] * 8)
+    lines, _ = endure(cluster)
+    assert {**WRITES, "get": lambda c: c.get(REF)}[write](cluster) == MANIFEST
+    assert len(server.requests) == 10
+    before, after = lines
+    assert before.startswith(f"the cluster at {server.url} ")
+    assert before.endswith("waiting up to 120 s for it")
+    assert after.startswith("the cluster answers again")
+
+
+def test_a_server_that_listens_again_is_found(serve: Any) -> None:
+    """Refused connections are waited for too; a create that never arrived is sent then."""
+    with serving(fine) as first:
+        port = first.server_port
+        cluster = Cluster(Target(first.url))
+        cluster.get(REF)
+    lines, _ = endure(cluster)
+    cluster.client.transport.close()
+    results: list[Any] = []
+    thread = threading.Thread(target=lambda: results.append(cluster.create(MANIFEST)))
+    thread.start()
+    while not lines:
+        time.sleep(0.01)
+    listener = socket.create_server(("127.0.0.1", port))
+    connection, _ = listener.accept()
+    connection.recv(65536)
+    body = b'{"metadata": {"name": "c"}}'
+    connection.sendall(b"HTTP/1.1 201 Created\r\nContent-Length: %d\r\n\r\n%s" % (len(body), body))
+    thread.join(20)
+    connection.close()
+    listener.close()
+    cluster.close()
+    assert results == [{"metadata": {"name": "c"}}]
+    assert "refused" in lines[0]
+
+
+def test_a_server_that_never_answered_is_not_waited_for(serve: Any) -> None:
+    """The context may be the wrong one."""
+    cluster, server = serve(away)
+    lines, _ = endure(cluster)
+    with pytest.raises(ClusterError, match="does not answer"):
+        cluster.get(REF)
+    assert (len(server.requests), lines) == (2, [])
+
+
+def test_waiting_ends(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After its time, with the error of the last try."""
+    monkeypatch.setattr(resending, "AWAY", 0.3)
+    cluster, _ = warm(serve, [], last=away)
+    endure(cluster)
+    with pytest.raises(ClusterError, match="does not answer"):
+        cluster.get(REF)
+
+
+def test_waiting_ends_when_the_user_asks_for_it(serve: Any) -> None:
+    """As an interruption; a request after that (the Lease is given back) does not wait."""
+    cluster, _ = warm(serve, [], last=away)
+    lines: list[str] = []
+    cancel = threading.Event()
+    cluster.endure(lambda line: (lines.append(line), cancel.set())[0], cancel)
+    with pytest.raises(Interrupted, match="does not answer") as caught:
+        cluster.get(REF)
+    assert isinstance(caught.value, ClusterError)
+    assert caught.value.exit_code == 130
+    with pytest.raises(ClusterError) as caught:
+        cluster.get(REF)
+    assert not isinstance(caught.value, Interrupted)
+
+
+def test_nothing_behind_a_service_is_an_answer(serve: Any) -> None:
+    """503 comes from the API server itself there, and is not waited out."""
+    cluster, server = warm(serve, [], last=say(503, {"message": "no endpoints available"}))
+    endure(cluster)
+    with pytest.raises(ClusterError, match="no endpoints"):
+        cluster.get_through_proxy(ObjectRef("v1", "Service", "n", "s"), "x", port=80)
+    assert len(server.requests) == 2
+
+
+@pytest.mark.parametrize(
+    ("header", "seconds"),
+    [("7", 7), ("0", 0), ("", 1), ("-1", 1), ("1e9", 1), ("²", 1), ("٣", 1), ("9" * 400, 1)]
+    + [("Wed, 21 Oct 2026 07:28:00 GMT", 1), ("nan", 1), (None, None)],
+)
+def test_retry_after_may_say_anything(header: str | None, seconds: float | None) -> None:
+    """What is not a number of seconds counts as one second."""
+    assert retry_after({} if header is None else {"Retry-After": header}) == seconds
+
+
+def test_an_error_that_stays_is_not_waited_for_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A server that says 500 for half a minute has a reason; one that is away may come back."""
+    clock = [0.0]
+    monkeypatch.setattr(resending.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(resending, "FIRST_PAUSE", 0.25)
+    monkeypatch.setattr(resending, "LONGEST_PAUSE", 5.0)
+
+    def waited(status: int) -> float:
+        clock[0] = 0.0
+        again = Resending(safe=True, endures=True, started=0.0)
+        while (pause := again.after_answer(status, {})) is not None:
+            clock[0] += pause
+        return clock[0]
+
+    assert 20 < waited(500) <= 30
+    assert 110 < waited(503) <= 120
+
+
+def test_slow_bytes_have_a_limit(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each byte comes in time, the answer does not."""
+    monkeypatch.setattr("rigel_k8s.kube.transport.WHOLE_TIMEOUT", 0.2)
+
+    def drip(exchange: Exchange) -> None:
+        exchange.stream()
+        while True:
+            exchange.chunk(b" ")
+            time.sleep(0.02)
+
+    cluster, _ = serve(drip)
+    with pytest.raises(ClusterError, match="not whole after"):
+        cluster.get(REF)

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping
-from datetime import datetime
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -21,12 +21,19 @@ from urllib.parse import quote
 import attrs
 
 from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube.answers import describe, parse, read_mapping
 from rigel_k8s.kube.target import Credentials, Headers
 
 RENEW = 60.0  # seconds after which a token file is read again, as client-go does
 EARLY = 30.0  # seconds before its expiry that a credential counts as expired
 PLUGIN_TIMEOUT = 120.0
 HEADER_LETTERS = "!#$&'*+^`|"  # what a header's name may have besides letters, digits and -._~
+
+#: What a credential program prints, by the interface of Kubernetes.
+EXPECTED = (
+    'an ExecCredential as JSON: {"status": {"token": TEXT, "expirationTimestamp": RFC 3339 time}}, '
+    "or clientCertificateData and clientKeyData in place of the token"
+)
 
 InlineOrFile = Callable[[Mapping[str, Any], str], str]
 
@@ -55,6 +62,8 @@ def own_credentials(
 ) -> Credentials:
     """Return who the user is before any impersonation."""
     if user.get("exec"):
+        if not isinstance(user["exec"], dict):
+            raise bad_plugin_error(context)
         return plugin_credentials(user["exec"], cluster, context)
     if user.get("auth-provider"):
         raise UserError(
@@ -118,25 +127,33 @@ def plugin_credentials(
             state = run_plugin(plugin, cluster, context)
         return bearer(state["token"]) if state.get("token") else ()
 
-    certificate = state.get("clientCertificateData", "")
-    return Credentials(certificate, state.get("clientKeyData", ""), headers)
+    certificate, key = state.get("clientCertificateData"), state.get("clientKeyData")
+    return Credentials(certificate or "", key or "", headers)
 
 
 def is_expired(status: Mapping[str, Any]) -> bool:
     """Whether a program's answer is at its end, or nearly."""
     stamp = status.get("expirationTimestamp")
-    if not stamp:
-        return False
-    plain = re.sub(r"\.\d+", "", str(stamp))  # Python 3.10 reads no nanoseconds
-    end = datetime.fromisoformat(plain.replace("Z", "+00:00"))
-    return end.timestamp() - EARLY < time.time()
+    return bool(stamp) and read_time(stamp).timestamp() - EARLY < time.time()
+
+
+def read_time(stamp: str) -> datetime:
+    """Return an RFC 3339 time, in UTC where it has no zone; raises ValueError."""
+    plain = re.sub(r"\.\d+", "", stamp)  # Python 3.10 reads no nanoseconds
+    found = datetime.fromisoformat(plain.replace("Z", "+00:00"))
+    return found if found.tzinfo else found.replace(tzinfo=timezone.utc)
 
 
 def run_plugin(
     plugin: Mapping[str, Any], cluster: Mapping[str, Any], context: str
 ) -> Mapping[str, Any]:
-    """Run a credential program and return its answer's status."""
-    command = [plugin.get("command", ""), *(plugin.get("args") or [])]
+    """Run a credential program and return its answer's status.
+
+    Raises:
+        UserError: the kubeconfig does not say how to run it.
+        ClusterError: it gave no credentials.
+    """
+    command = command_of(plugin, context)
     try:
         done = subprocess.run(
             command,
@@ -145,13 +162,64 @@ def run_plugin(
             timeout=PLUGIN_TIMEOUT,
             check=False,
         )
-        answer = json.loads(done.stdout) if done.returncode == 0 else {}
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
         reason = f"{type(error).__name__}: {getattr(error, 'strerror', None) or 'see below'}"
         raise plugin_failed(command[0], context, reason, plugin) from error
-    status = answer.get("status") if isinstance(answer, dict) else None
-    if not isinstance(status, dict) or not status:
-        raise plugin_failed(command[0], context, done.stderr.decode("utf-8", "replace"), plugin)
+    output = done.stderr.decode("utf-8", "replace")
+    if done.returncode != 0:
+        raise plugin_failed(command[0], context, output, plugin)
+    try:
+        return read_status(parse(done.stdout))
+    except ValueError as error:
+        wrong = f"{error}; it must print {EXPECTED}"
+        # Not chained: what it printed is the token, and a traceback may show it.
+        raise plugin_failed(command[0], context, f"{output}\n{wrong}", plugin) from None
+
+
+def command_of(plugin: Mapping[str, Any], context: str) -> list[str]:
+    """Return a program's command line from the kubeconfig."""
+    command, words, env = plugin.get("command"), plugin.get("args"), plugin.get("env")
+    right = isinstance(words or [], list) and isinstance(env or [], list)
+    if not isinstance(command, str) or not command or not right:
+        raise bad_plugin_error(context)
+    if not all(isinstance(one, dict) and {"name", "value"} <= one.keys() for one in env or []):
+        raise bad_plugin_error(context)
+    return [command, *map(str, words or [])]
+
+
+def bad_plugin_error(context: str) -> UserError:
+    """Return the error for a credential program that the kubeconfig describes wrongly."""
+    return UserError(
+        f"context {context}: the kubeconfig does not say how to run the credential program of its "
+        "user",
+        hint="`exec` needs `command` (text), and may have `args` (a list) and `env` (a list of "
+        "`name` and `value`)",
+    )
+
+
+def read_status(answer: Any) -> Mapping[str, Any]:
+    """Return the status of a program's answer, whose parts are what they must be.
+
+    Raises:
+        ValueError: what is wrong with it, without any of its values.
+    """
+    status = read_mapping(answer).get("status")
+    if not isinstance(status, dict):
+        raise ValueError(f"its status is {describe(status)}")
+    for key in ("token", "clientCertificateData", "clientKeyData", "expirationTimestamp"):
+        if not isinstance(status.get(key) or "", str):
+            raise ValueError(f"its status.{key} is {describe(status[key])}")
+    if bool(status.get("clientCertificateData")) != bool(status.get("clientKeyData")):
+        raise ValueError("its status has a certificate or a key without the other")
+    token = status.get("token") or ""
+    if not token and not status.get("clientCertificateData"):
+        raise ValueError("its status has neither a token nor a certificate")
+    if not (token.isascii() and token.isprintable()):
+        raise ValueError("its status.token has letters that a header cannot carry")
+    try:
+        read_time(status.get("expirationTimestamp") or "2999-01-01T00:00:00Z").timestamp()
+    except (ValueError, OverflowError):
+        raise ValueError("its status.expirationTimestamp is not an RFC 3339 time") from None
     return status
 
 

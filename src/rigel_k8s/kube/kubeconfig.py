@@ -96,8 +96,9 @@ def absolute(entry: dict[str, Any], base: Path) -> dict[str, Any]:
     """Return an entry whose paths are told from the directory of its file."""
     paths: dict[str, Any] = {key: str(base / entry[key]) for key in PATHS if entry.get(key)}
     plugin = entry.get("exec")
-    if plugin and os.sep in plugin.get("command", ""):
-        paths["exec"] = {**plugin, "command": str(base / plugin["command"])}
+    command = plugin.get("command") if isinstance(plugin, dict) else None
+    if isinstance(command, str) and os.sep in command:
+        paths["exec"] = {**entry["exec"], "command": str(base / command)}
     return {**entry, **paths}
 
 
@@ -141,7 +142,7 @@ def inline_or_file(entry: Mapping[str, Any], key: str) -> str:
     """Return a PEM text that stands in the entry, or in the file that it names."""
     try:
         if data := entry.get(f"{key}-data"):
-            return base64.b64decode(data).decode()
+            return base64.b64decode("".join(str(data).split()), validate=True).decode()
         return Path(entry[key]).read_text() if entry.get(key) else ""
     except (OSError, ValueError, binascii.Error) as error:
         raise UserError(f"kubeconfig: cannot read the {key}: {error}") from error

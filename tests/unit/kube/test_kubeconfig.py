@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.kubeconfig import load
 
 
@@ -313,6 +314,83 @@ def test_a_credential_program_that_fails_is_named(tmp_path: Path) -> None:
     with pytest.raises(ClusterError) as caught:
         load(path).credentials()
     assert caught.value.details == ("log in first",)
+
+
+TELL = 'import json; print(json.dumps({"status": %s}))'
+
+
+@pytest.mark.parametrize(
+    ("status", "wrong"),
+    [
+        ("['TOKEN']", "its status is a list"),
+        ("None", "its status is null"),
+        ("'TOKEN'", "its status is text"),
+        ("{}", "neither a token nor a certificate"),
+        ("{'token': ['TOKEN']}", "its status.token is a list"),
+        ("{'token': 7}", "its status.token is a number"),
+        ("{'token': {'TOKEN': 1}}", "its status.token is an object"),
+        ("{'token': 'TOKEN\\nX: y'}", "letters that a header cannot carry"),
+        ("{'token': 'TOKEN\\u2028'}", "letters that a header cannot carry"),
+        ("{'token': 'TOKEN', 'expirationTimestamp': 'soon'}", "not an RFC 3339 time"),
+        ("{'token': 'TOKEN', 'expirationTimestamp': 17}", "expirationTimestamp is a number"),
+        ("{'clientCertificateData': 'TOKEN'}", "a certificate or a key without the other"),
+        ("{'clientCertificateData': 1, 'clientKeyData': 'TOKEN'}", "is a number"),
+    ],
+)
+def test_an_odd_credential_program_is_told_what_it_must_print(
+    tmp_path: Path, status: str, wrong: str
+) -> None:
+    """One error that names it, whatever it prints, and never the token."""
+    path = plugin(tmp_path, "", args=["-c", TELL % status])
+    with pytest.raises(ClusterError, match="gave no credentials") as caught:
+        load(path).credentials()
+    error = caught.value
+    assert sys.executable in error.message
+    text = "\n".join(error.details)
+    assert wrong in text
+    assert "it must print an ExecCredential" in text
+    assert "TOKEN" not in "".join(format_exception(error)) + text
+
+
+@pytest.mark.parametrize("stamp", ["2999-01-01T00:00:00", "2999-01-01T00:00:00+02:00", ""])
+def test_an_expiry_may_have_no_zone(tmp_path: Path, stamp: str) -> None:
+    """Then it is one of UTC; and there may be none."""
+    status = f"{{'token': 'good', 'expirationTimestamp': '{stamp}'}}"
+    credentials = load(plugin(tmp_path, "", args=["-c", TELL % status])).credentials()
+    assert list(credentials.headers(fresh=False)) == [("Authorization", "Bearer good")]
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {"command": ["x"]},
+        {"command": 7},
+        {"args": "x"},
+        {"env": {"a": "b"}},
+        {"env": ["a"]},
+        ["x"],
+        "x",
+    ],
+)
+def test_a_credential_program_that_is_described_wrongly_is_the_users(
+    tmp_path: Path, odd: Any
+) -> None:
+    """The kubeconfig is what the user wrote."""
+    program = {"command": "login", **odd} if isinstance(odd, dict) else odd
+    path = write(tmp_path / "config", **whole({"exec": program}))
+    with pytest.raises(UserError, match="does not say how to run"):
+        load(path).credentials()
+
+
+@pytest.mark.parametrize(
+    "data", ["%%%%", "Z2FyYmFnZQ==", "Z2FyYmFnZ", "/////w==", "LS0tLS1CRUdJTiBDRVJU"]
+)
+def test_an_authority_that_is_none_is_the_users(tmp_path: Path, data: str) -> None:
+    """Not base64, or no certificate: exit code 2, and no other authority is trusted instead."""
+    path = write(tmp_path / "config", **whole({}, **{"certificate-authority-data": data}))
+    with pytest.raises(UserError, match="certificate") as caught:
+        Cluster(load(path)).server_version()
+    assert caught.value.exit_code == 2
 
 
 @pytest.mark.parametrize(

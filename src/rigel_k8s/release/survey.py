@@ -15,7 +15,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.failures import Forbidden, Missing, Refusal
+from rigel_k8s.kube.failures import Conflict, Forbidden, Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.lease import lease_ref
@@ -197,7 +197,7 @@ def try_candidates(
                 return assume_result(cluster, manifest)
             if error.status == 422 and "spec.strategy.rollingUpdate" in error.message:
                 return assume_result(cluster, manifest)  # apply ends the old strategy before
-            if error.status not in (409, 422) and not is_about_object(error):
+            if not is_about_object(error):
                 raise
             return error
 
@@ -214,8 +214,14 @@ def assume_result(cluster: Cluster, manifest: Manifest) -> Live:
 
 
 def is_about_object(error: Refusal) -> bool:
-    """Whether a 403 is about what the object asks for, not about who we are."""
-    return "quota" in error.message or "can be resized" in error.message
+    """Whether a refusal is about what the object asks for, not about us or the moment.
+
+    A conflict that names no field is about the moment: someone else wrote the object just then.
+    """
+    if isinstance(error, Conflict):
+        return bool(error.fields)
+    told = "quota" in error.message or "can be resized" in error.message
+    return error.status == 422 or told
 
 
 def find_strangers(

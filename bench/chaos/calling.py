@@ -1,7 +1,7 @@
 """Runs commands of `rigel` in forks of a warm process: a start costs milliseconds, not a second.
 
-The process that forks has no thread besides its own. Waits of the client are shorter there, in
-proportion: an outage of a second stands for one of twenty.
+The process that forks has no thread besides its own. With faults the client's waits are shorter,
+in proportion: an outage of a second stands for one of twenty.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 import time
 import traceback
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -51,9 +52,14 @@ class Caller:
         os.close(up)
         self.answers = os.fdopen(answers)
 
-    def call(self, words: Sequence[str], output: Path, seconds: float) -> int:
-        """Run `rigel` and return its exit code, HUNG where it did not end in time."""
-        request = {"words": list(words), "output": str(output), "seconds": seconds}
+    def call(self, words: Sequence[str], output: Path, seconds: float, *, impatient: bool) -> int:
+        """Run `rigel` and return its exit code, HUNG where it did not end in time.
+
+        Args:
+            impatient: with the shorter waits.
+        """
+        request = {"words": words, "output": str(output), "impatient": impatient}
+        request["seconds"] = seconds
         os.write(self.requests, json.dumps(request).encode() + b"\n")
         answer: int = json.loads(self.answers.readline())
         return answer
@@ -72,17 +78,19 @@ def serve(requests: TextIO, answers: TextIO) -> None:
         request = json.loads(line)
         child = os.fork()
         if not child:
-            run(request["words"], request["output"])
+            run(request["words"], request["output"], impatient=request["impatient"])
         answers.write(f"{wait(child, request['seconds'])}\n")
         answers.flush()
 
 
 def warm_up() -> None:
-    """Import what commands need, and shorten the waits."""
-    from importlib import import_module
-
+    """Import what commands need."""
     for name in WARM:
         import_module(f"rigel_k8s.{name}")
+
+
+def shorten_waits() -> None:
+    """Make a client that gives up early."""
     for module, name, seconds in SCALE:
         found = import_module(f"rigel_k8s.{module}")
         if not hasattr(found, name):
@@ -90,7 +98,7 @@ def warm_up() -> None:
         setattr(found, name, seconds)
 
 
-def run(words: Sequence[str], output: str) -> None:
+def run(words: Sequence[str], output: str, *, impatient: bool) -> None:
     """Be `rigel`; does not return."""
     code: Any = 70
     try:
@@ -100,6 +108,8 @@ def run(words: Sequence[str], output: str) -> None:
         os.dup2(target, 2)
         from rigel_k8s.cli.main import main
 
+        if impatient:
+            shorten_waits()
         main(words, name="rigel")
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0

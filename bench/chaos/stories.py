@@ -105,9 +105,11 @@ class Story:
         if self.content is None or (name == "rollback" and not numbers):
             name = "deploy"
         if name == "deploy":
-            content: Content | None = draw_content(dice, step, self.content)
-            self.write("Rigelfile", rigelfile(self.namespace, content))
-            words = ["run", "job", "deploy", "--timeout", choose_timeout(content)]
+            wanted = draw_content(dice, step, self.content)
+            self.write("Rigelfile", rigelfile(self.namespace, wanted))
+            content: Content | None = wanted
+            patience = ROLL_OUT if wanted.works else HOPELESS
+            words = ["run", "job", "deploy", "--timeout", patience]
         elif name == "rollback":
             number = dice.choice(numbers)
             content, words = self.good[number], ["rollback", str(number), "--timeout", ROLL_OUT]
@@ -116,7 +118,7 @@ class Story:
         for faults in (True, False):
             weather = draw_weather(f"{self.seed} {step}") if faults else None
             self.proxy.begin(weather)
-            code, output = self.call(words)
+            code, output = self.call(words, faults=faults)
             self.proxy.begin(None)
             wrong = self.find_wrong(content, code, output, faults=faults)
             command = f"{' '.join(words)}{' with faults' if faults else ''}"
@@ -125,12 +127,12 @@ class Story:
                 return
         self.note(content)
 
-    def call(self, words: Sequence[str]) -> tuple[int, str]:
+    def call(self, words: Sequence[str], *, faults: bool) -> tuple[int, str]:
         """Run a command and return its exit code and output."""
         output = self.directory / "output"
         config, file = (str(self.directory / name) for name in ("config", "Rigelfile"))
         head = ["--kubeconfig", config, "-f", file]
-        code = self.caller.call([*head, *words], output, HANG)
+        code = self.caller.call([*head, *words], output, HANG, impatient=faults)
         return code, output.read_text(errors="replace")
 
     def find_wrong(self, content: Content | None, code: int, text: str, *, faults: bool) -> str:
@@ -200,11 +202,6 @@ def draw_content(dice: Random, step: int, before: Content | None) -> Content:
     if kind == "same":
         return before
     return Content(step, before.nodes, image)
-
-
-def choose_timeout(content: Content | None) -> str:
-    """Return how long a roll-out may take."""
-    return ROLL_OUT if content is None or content.works else HOPELESS
 
 
 def rigelfile(namespace: str, content: Content) -> dict[str, Any]:

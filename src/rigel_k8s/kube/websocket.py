@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.kube.client import Client
+from rigel_k8s.kube.failures import garbled_error
 from rigel_k8s.kube.transport import Answer
 
 if TYPE_CHECKING:
@@ -99,9 +100,11 @@ def connect(client: Client, path: str, what: str, protocols: Sequence[str]) -> W
         )
     except websocket.WebSocketBadStatusException as error:
         connection.close()
-        client.raise_for(read_refusal(error), what)
-        raise
-    except (websocket.WebSocketException, OSError, ssl.SSLError) as error:
+        answer = read_refusal(error)
+        client.raise_for(answer, what)
+        place = client.target.server + path
+        raise garbled_error(what, place, answer.body, "it is not a websocket") from error
+    except (websocket.WebSocketException, OSError, ssl.SSLError, ValueError) as error:
         connection.close()
         raise transport.unreachable_error(what, error) from error
     return Websocket(inner)

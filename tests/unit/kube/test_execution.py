@@ -20,7 +20,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, NotFoundError, UserError
 from rigel_k8s.kube import websocket
-from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.kube.failures import Forbidden, Garbled
 from rigel_k8s.kube.target import Credentials
 from tests.support.http_server import Exchange
 from tests.support.websocket import Channels
@@ -144,6 +144,28 @@ def test_a_refused_websocket_is_the_servers_own_error(serve: Any, status: int, e
     with pytest.raises(error, match="cannot run true in Pod robot/talker: no such right"):
         cluster.run(*POD, ["true"])
     assert server.requests[0].headers["Impersonate-User"] == "ann"
+
+
+@pytest.mark.parametrize("body", [b"", b"7", b"<html>", b"\xff"])
+def test_what_is_no_websocket_is_an_answer_that_cannot_be_understood(
+    serve: Any, body: bytes
+) -> None:
+    """A login page says 200."""
+    client, _ = serve(lambda exchange: exchange.say(200, body))
+    with pytest.raises(Garbled, match="it is not a websocket"):
+        client.run("n", "p", ["x"])
+
+
+def test_a_head_that_is_no_text_is_no_websocket(serve: Any) -> None:
+    """Bytes that are not UTF-8."""
+
+    def answer(exchange: Exchange) -> None:
+        exchange.wfile.write(b"HTTP/1.1 \xff\xfe\r\n\r\n")
+        exchange.hang_up()
+
+    client, _ = serve(answer)
+    with pytest.raises(ClusterError):
+        client.run("n", "p", ["x"])
 
 
 def test_no_server_is_told() -> None:

@@ -31,8 +31,10 @@ SCALE = (
     ("kube.watching", "SILENCE", 2.0),
 )
 #: Modules that commands import late; imported once, before the forks.
-WARM = ("cli.runs", "cli.releases", "kube.cluster", "release.deploy", "release.removal")
-WARM += ("jobs.types.orchestration", "rosgraph.watching", "app.deploying.prepare")
+WARM = (
+    *("cli.runs", "cli.releases", "kube.cluster", "release.deploy", "release.removal"),
+    *("jobs.types.orchestration", "rosgraph.watching", "app.deploying.prepare"),
+)
 HUNG = 124  # the exit code of a command that did not end
 
 

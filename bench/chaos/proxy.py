@@ -31,6 +31,7 @@ class FaultProxy(ThreadingHTTPServer):
     Attributes:
         weather: the faults of the command that runs; None: there are none.
         injected: how often each fault was injected so far.
+        met: the request at which the server went away, "" where it did not.
     """
 
     daemon_threads = True
@@ -59,6 +60,7 @@ class FaultProxy(ThreadingHTTPServer):
             self.seen: Counter[tuple[str, str]] = Counter()
             self.number = 0
             self.away_until = 0.0
+            self.met = ""
 
     def next_fault(self, method: str, path: str, *, stream: bool) -> Fault | None:
         """Return what happens to the next request."""
@@ -70,6 +72,7 @@ class FaultProxy(ThreadingHTTPServer):
             self.seen[method, path] += 1
             if weather.is_away(number) and not self.away_until:
                 self.away_until = time.monotonic() + weather.seconds
+                self.met = f"{method} {path}"
             fault = weather.fault(method, path, time_, stream=stream)
             if time.monotonic() < self.away_until and weather.outage:
                 fault = Fault(weather.outage, False)

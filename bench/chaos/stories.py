@@ -87,7 +87,7 @@ class Story:
     def play(self) -> Iterator[Outcome]:
         """Play all commands; ends with the first that goes wrong."""
         dice = Random(f"story {self.seed}")
-        self.write("config", kubeconfig(self.proxy.url, self.token))
+        self.configure()
         try:
             for step in range(5):
                 for outcome in self.play_step(step, dice):
@@ -97,6 +97,10 @@ class Story:
         finally:
             self.proxy.begin(None)
             self.cluster.delete(ObjectRef("v1", "Namespace", "", self.namespace))
+
+    def configure(self) -> None:
+        """Write the kubeconfig of the proxy."""
+        self.write("config", kubeconfig(self.proxy.url, self.token))
 
     def play_step(self, step: int, dice: Random) -> Iterator[Outcome]:
         """Play one command with faults and again without."""
@@ -127,12 +131,12 @@ class Story:
                 return
         self.note(content)
 
-    def call(self, words: Sequence[str], *, faults: bool) -> tuple[int, str]:
+    def call(self, words: Sequence[str], *, faults: bool, hang: float = HANG) -> tuple[int, str]:
         """Run a command and return its exit code and output."""
         output = self.directory / "output"
         config, file = (str(self.directory / name) for name in ("config", "Rigelfile"))
         head = ["--kubeconfig", config, "-f", file]
-        code = self.caller.call([*head, *words], output, HANG, impatient=faults)
+        code = self.caller.call([*head, *words], output, hang, impatient=faults)
         return code, output.read_text(errors="replace")
 
     def find_wrong(self, content: Content | None, code: int, text: str, *, faults: bool) -> str:

@@ -134,7 +134,7 @@ def plugin_credentials(
 def is_expired(status: Mapping[str, Any]) -> bool:
     """Whether a program's answer is at its end, or nearly."""
     stamp = status.get("expirationTimestamp")
-    return bool(stamp) and read_time(stamp).timestamp() - EARLY < time.time()
+    return bool(stamp) and read_time(str(stamp)).timestamp() - EARLY < time.time()
 
 
 def read_time(stamp: str) -> datetime:

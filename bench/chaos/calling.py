@@ -6,6 +6,7 @@ in proportion: an outage of a second stands for one of twenty.
 
 from __future__ import annotations
 
+import faulthandler
 import json
 import os
 import signal
@@ -108,6 +109,7 @@ def run(words: Sequence[str], output: str, *, impatient: bool) -> None:
         target = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         os.dup2(target, 1)
         os.dup2(target, 2)
+        faulthandler.register(signal.SIGUSR1, file=2)  # says where it hangs
         from rigel_k8s.cli.main import main
 
         if impatient:
@@ -131,6 +133,8 @@ def wait(child: int, seconds: float) -> int:
         if pid:
             return os.waitstatus_to_exitcode(status)
         time.sleep(0.005)
+    os.kill(child, signal.SIGUSR1)
+    time.sleep(0.5)
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     return HUNG

@@ -26,7 +26,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.revisions import NUMBER, OF, STATUS
 
 RELEASE = "rigel-k8s-application"
-HANG = 60.0  # seconds after which a command counts as hanging
+HANG = 120.0  # seconds after which a command counts as hanging; a busy machine takes its time
 ROLL_OUT, HOPELESS = "15s", "3s"
 KINDS = (("apps/v1", "Deployment"), ("v1", "ConfigMap"), ("v1", "Service"))
 

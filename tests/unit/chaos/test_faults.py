@@ -110,7 +110,7 @@ ERROR = "error: cannot list Pods\n"
         (2, ERROR, True, "exit code 2 with 1 errors"),
         (1, f"{ERROR}Traceback (most recent call last)", True, "a traceback"),
         (0, "Exception ignored in thread", True, "a traceback"),
-        (HUNG, "", True, "it did not end within 60 s"),
+        (HUNG, "", True, "it did not end within 120 s"),
         (0, "", True, "Deployments [], not ['talker']"),
     ],
 )

@@ -8,18 +8,20 @@ import socket
 import subprocess
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import attrs
+import urllib3
+from urllib3.exceptions import InsecureRequestWarning
 
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_lab.cluster import components
 from rigel_lab.cluster.certificates import service_account_key
 
-START = 90.0  # seconds that the API server may take
+START = 180.0  # seconds that the API server may take
 CONTROLLERS = ("deployment", "replicaset", "garbage-collector", "namespace")
 
 
@@ -40,6 +42,7 @@ class Server:
 @contextmanager
 def control_plane(directory: Path) -> Iterator[Server]:
     """Run an API server while the context is open; its data and logs are in the directory."""
+    urllib3.disable_warnings(InsecureRequestWarning)
     found = components.obtain(print)
     client, peer, api, manager = free_ports(4)
     server = Server(f"https://127.0.0.1:{api}", secrets.token_hex(16))
@@ -50,9 +53,10 @@ def control_plane(directory: Path) -> Iterator[Server]:
             api_command(found.program("kube-apiserver"), directory, etcd, api, server.token),
         ):
             stack.enter_context(running(command, directory))
-        wait_until_ready(server)
+        wait_until_healthy(server.url)
         command = manager_command(found.program("kube-controller-manager"), directory, server)
         stack.enter_context(running([*command, f"--secure-port={manager}"], directory))
+        wait_until_healthy(f"https://127.0.0.1:{manager}")
         yield server
 
 
@@ -149,15 +153,18 @@ def running(command: Sequence[str], directory: Path) -> Iterator[None]:
                 process.kill()
 
 
-def wait_until_ready(server: Server) -> None:
-    """Wait until the API server answers and its default namespace is there."""
+def wait_until_healthy(url: str) -> None:
+    """Wait until a program says that all of its parts work.
+
+    Raises:
+        LocalClusterError: it does not in time.
+    """
     end = time.monotonic() + START
-    with server.connect() as cluster:
+    with urllib3.PoolManager(cert_reqs="CERT_NONE", retries=False, timeout=10) as http:
         while True:
-            try:
-                if any(n["metadata"]["name"] == "default" for n in cluster.list("v1", "Namespace")):
+            with suppress(urllib3.exceptions.HTTPError):
+                if http.request("GET", f"{url}/healthz").status == 200:
                     return
-            except ClusterError:
-                if time.monotonic() > end:
-                    raise
+            if time.monotonic() > end:
+                raise LocalClusterError(f"{url} was not healthy after {START:g} s")
             time.sleep(0.3)

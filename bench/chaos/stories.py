@@ -27,7 +27,8 @@ from rigel_k8s.release.revisions import NUMBER, OF, STATUS
 
 RELEASE = "rigel-k8s-application"
 HANG = 120.0  # seconds after which a command counts as hanging; a busy machine takes its time
-ROLL_OUT, HOPELESS = "15s", "3s"
+ROLL_OUT, HOPELESS = "20s", "3s"
+UNHURRIED = "100s"  # of commands without faults: a busy machine takes its time
 KINDS = (("apps/v1", "Deployment"), ("v1", "ConfigMap"), ("v1", "Service"))
 
 
@@ -120,6 +121,8 @@ class Story:
         else:
             content, words = None, ["down", "-y"]
         for faults in (True, False):
+            if not faults:
+                words = [UNHURRIED if word == ROLL_OUT else word for word in words]
             weather = draw_weather(f"{self.seed} {step}") if faults else None
             self.proxy.begin(weather)
             code, output = self.call(words, faults=faults)

@@ -122,6 +122,7 @@ class FakeCluster:
     namespace: str = "default"
     server: str = "https://fake"
     context_name: str = "fake"
+    outages: Callable[[], float] = float
 
     def __enter__(self) -> FakeCluster:
         return self
@@ -130,7 +131,10 @@ class FakeCluster:
         """Nothing is kept open."""
 
     def endure(self, tell: Callable[[str], None], cancel: threading.Event) -> None:
-        """It is never away."""
+        """It is away as long as `outages` says, and answers all the same."""
+
+    def sum_outages(self) -> float:
+        return self.outages()
 
     def as_manager(self, manager: str) -> FakeCluster:
         """Return a client that writes as another field manager."""

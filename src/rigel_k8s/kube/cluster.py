@@ -66,6 +66,11 @@ class Cluster:
         """
         self.client.transport.endurance = Endurance(tell, cancel)
 
+    def sum_outages(self) -> float:
+        """Return for how many seconds the API server was away since `endure`."""
+        endurance = self.client.transport.endurance
+        return 0.0 if endurance is None else endurance.sum_outages()
+
     # Objects.
 
     def get(self, ref: ObjectRef) -> dict[str, Any] | None:

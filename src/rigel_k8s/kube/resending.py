@@ -29,11 +29,14 @@ class Endurance:
     Attributes:
         tell: takes a line when the wait begins, and one when it is over.
         cancel: ends the wait soon after it is set.
+        since: when the server went away, None while it answers.
+        total: the seconds of all outages that are over.
     """
 
     tell: Callable[[str], None]
     cancel: threading.Event
     since: float | None = None
+    total: float = 0.0
     lock: threading.Lock = attrs.field(factory=threading.Lock)
 
     def begin(self, server: str, reason: str) -> None:
@@ -46,9 +49,16 @@ class Endurance:
     def end(self) -> None:
         """Note that the server answers."""
         with self.lock:
-            since, self.since = self.since, None
-        if since is not None:
-            self.tell(f"the cluster answers again, after {time.monotonic() - since:.0f} s")
+            if self.since is None:
+                return
+            lasted = time.monotonic() - self.since
+            self.since, self.total = None, self.total + lasted
+        self.tell(f"the cluster answers again, after {lasted:.0f} s")
+
+    def sum_outages(self) -> float:
+        """Return for how many seconds the server was away in all."""
+        with self.lock:
+            return self.total + (time.monotonic() - self.since if self.since else 0.0)
 
 
 @attrs.define

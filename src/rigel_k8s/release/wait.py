@@ -36,6 +36,7 @@ BRIEF = 0.01  # seconds of a look after which the next one may follow at once
 REST = 3  # times as long as a look took nothing is done: a core is left for others
 EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none
+SPARE = 600.0  # seconds that outages of the API server may prolong a wait
 LOG_LINES = 12
 STEADY = 12.0  # seconds that a workload must stay up after its last crash to count as ready
 GRACE = 30.0  # seconds that what a release can do without has when all else is ready
@@ -92,10 +93,11 @@ class Waiter:
         self.optional = {ref: remedy(live) for ref, live in targets.items() if is_optional(live)}
         if all(self.take_in(ref, readiness(live)) for ref, live in targets.items()):
             return
-        deadline = time.monotonic() + self.timeout
+        # What is away cannot become ready: that time does not count.
+        deadline = time.monotonic() + self.timeout - self.cluster.sum_outages()
         spaces = {ref.namespace for ref in targets if ref.namespace}
         where = spaces.pop() if len(spaces) == 1 else ""
-        with ReleaseView(self.cluster, where, self.timeout + 30) as view:
+        with ReleaseView(self.cluster, where, self.timeout + SPARE) as view:
             self.watch(view, targets.values())
             started = time.monotonic()
             while True:
@@ -106,7 +108,7 @@ class Waiter:
                 if now - started > QUIET:
                     view.watch([EVENT], fields="type=Warning")
                 self.look_for_causes(view, targets, now)
-                if now > deadline and self.enough_since is None:
+                if now > deadline + self.cluster.sum_outages() and self.enough_since is None:
                     raise self.timeout_error(view, targets)
                 if self.cancel.is_set():
                     raise Interrupted(

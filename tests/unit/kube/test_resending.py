@@ -134,6 +134,7 @@ def test_long_work_waits_for_a_server_that_is_away(
     lines, _ = endure(cluster)
     assert {**WRITES, "get": lambda c: c.get(REF)}[write](cluster) == MANIFEST
     assert len(server.requests) == 10
+    assert cluster.sum_outages() > 0
     before, after = lines
     assert before.startswith(f"the cluster at {server.url} ")
     assert before.endswith("waiting up to 120 s for it")

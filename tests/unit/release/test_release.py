@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 import attrs
@@ -124,6 +125,16 @@ def test_a_namespace_that_is_being_deleted_is_told(fake: Any, report: Any) -> No
     with pytest.raises(ClusterError, match="is being deleted") as caught:
         diff(Desired(RELEASE, (config("a"),)), fake)
     assert "kubectl wait" in (caught.value.hint or "")
+
+
+def test_while_the_api_server_is_away_nothing_can_become_ready(fake: Any, report: Any) -> None:
+    """That time does not count as the roll-out's."""
+    fake.store.controllers.kubelet = unready
+    fake.outages = time.monotonic  # away from now on
+    cancel = threading.Event()
+    threading.Timer(0.6, cancel.set).start()
+    with pytest.raises(Interrupted):
+        deploy(Desired(RELEASE, (workload(),)), fake, report=report, cancel=cancel, timeout=0.1)
 
 
 def test_a_failure_marks_the_revision_and_prunes_nothing(fake: Any, report: Any) -> None:

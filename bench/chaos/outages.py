@@ -21,17 +21,17 @@ from bench.chaos.control_plane import Server, control_plane
 from bench.chaos.faults import Outage, Weather
 from bench.chaos.kubelet import kubelet
 from bench.chaos.proxy import fault_proxy
-from bench.chaos.stories import ROLL_OUT, Content, Story, rigelfile
+from bench.chaos.stories import UNHURRIED, Content, Story, rigelfile
 
 IMAGE = f"reg.invalid/ros@sha256:{'a' * 64}"
 OLD, NEW = Content(1, ("camera", "talker"), IMAGE), Content(2, ("camera", "driver"), IMAGE)
-DEPLOY = ["run", "job", "deploy", "--timeout", ROLL_OUT]
+DEPLOY = ["run", "job", "deploy", "--timeout", UNHURRIED]
 DOWN = ["down", "-y"]
 #: Command -> what there is before, the words, what there is after, how many requests it makes.
 COMMANDS = {
     "first deploy": (None, DEPLOY, OLD, 30),
     "update that renames a node": (OLD, DEPLOY, NEW, 36),
-    "rollback": (NEW, ["rollback", "1", "--timeout", ROLL_OUT], OLD, 36),
+    "rollback": (NEW, ["rollback", "1", "--timeout", UNHURRIED], OLD, 36),
     "down": (OLD, DOWN, None, 40),
 }
 MODES: tuple[Outage, ...] = ("reset", "503 page", "503")
@@ -123,7 +123,7 @@ def print_table(results: list[Result]) -> None:
     """Print what happened by command and phase, and what went wrong."""
     groups: dict[tuple[str, str], list[Result]] = defaultdict(list)
     for result in results:
-        phase = "first request" if result.case.first == 0 else phase_of(result.met)
+        phase = "first request" if not result.case.first else phase_of(result.met)
         groups[result.case.command, phase].append(result)
     print("\n| command | phase | outages | ended well | ended with an error | wrong | seconds |")
     print("|---|---|---|---|---|---|---|")

@@ -109,10 +109,22 @@ def file_credentials(path: Path) -> Credentials:
 
     def headers(*, fresh: bool) -> Headers:
         if fresh or not state["token"] or time.monotonic() - state["read"] > RENEW:
-            state["token"], state["read"] = path.read_text().strip(), time.monotonic()
+            state["token"], state["read"] = read_token(path), time.monotonic()
         return bearer(state["token"])
 
     return Credentials(headers=headers)
+
+
+def read_token(path: Path) -> str:
+    """Return a file's token; raises UserError."""
+    try:
+        return path.read_text().strip()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is not text"
+        raise UserError(
+            f"cannot read the token file {path}: {reason}",
+            hint="correct `tokenFile` in the kubeconfig",
+        ) from None
 
 
 def plugin_credentials(

@@ -191,6 +191,16 @@ def test_a_token_file_is_read_again(tmp_path: Path) -> None:
     assert list(credentials.headers(fresh=True)) == [("Authorization", "Bearer new")]
 
 
+@pytest.mark.parametrize("content", [None, b"\xff"])
+def test_a_token_file_that_cannot_be_read_is_named(tmp_path: Path, content: bytes | None) -> None:
+    """It is not taken for a cluster that does not answer."""
+    if content is not None:
+        (tmp_path / "token").write_bytes(content)
+    path = write(tmp_path / "config", **whole({"tokenFile": "token"}))
+    with pytest.raises(UserError, match="cannot read the token file"):
+        Cluster(load(path)).server_version()
+
+
 def test_a_token_file_is_read_again_by_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

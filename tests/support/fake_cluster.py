@@ -22,13 +22,15 @@ from rigel_k8s.kube.failures import Missing, Refusal, refusal
 from rigel_k8s.kube.resources import Resource, built_in
 from rigel_k8s.kube.watching import WatchEvent, label_selector
 from rigel_k8s.objects.refs import ObjectRef, ref_of
+from rigel_k8s.objects.rights import Right
 
 from . import fields as ownership
 from .controllers import Controllers
 from .fields import clone
 
 Live = dict[str, Any]
-READS = ("get", "list", "try")
+READS = ("get", "list", "try", "review")
+ALL = {"apiGroups": ["*"], "resources": ["*"], "verbs": ["*"]}
 #: Kinds whose `generation` counts the changes of their spec.
 GENERATIONS = ("Deployment", "DaemonSet", "StatefulSet", "ReplicaSet", "Job")
 
@@ -47,6 +49,7 @@ class Store:
         controllers: what runs beside the API server; None: nothing happens by itself.
         before: called before each write with (verb, object), to see what is there by then.
         refuse: an admission: (object, whether it is a dry run) -> the error, or None.
+        rules: what clients may do, as a Role has it; dry runs and writes are not kept from them.
         die_after: the client is killed right after so many writes.
     """
 
@@ -57,6 +60,7 @@ class Store:
     controllers: Controllers | None = None
     before: Callable[[str, ObjectRef], None] = lambda verb, ref: None
     refuse: Callable[[Live, bool], Refusal | None] = lambda live, dry_run: None
+    rules: list[Mapping[str, Any]] = attrs.field(factory=lambda: [dict(ALL)])
     die_after: int | None = None
     dead: bool = False
     version: int = 100
@@ -259,6 +263,8 @@ class FakeCluster:
 
     def create(self, manifest: Mapping[str, Any], *, dry_run: bool = False) -> Live:
         ref, what = ref_of(manifest), f"create {ref_of(manifest)}"
+        if ref.kind.startswith("SelfSubject"):
+            return self.review(manifest)
         with self.store.lock:
             self.note("try" if dry_run else "create", ref)
             if self.find(ref, what) is not None:
@@ -268,6 +274,18 @@ class FakeCluster:
                 [], self.manager, "Update", ownership.leaves(new), (), ref.api_version
             )
             return self.write(what, ref, None, new, dry_run=dry_run)
+
+    def review(self, manifest: Mapping[str, Any]) -> Live:
+        """Answer what we may do."""
+        kind, spec = manifest["kind"], manifest["spec"]
+        with self.store.lock:
+            self.note("review", kind)
+        if kind == "SelfSubjectRulesReview":
+            return {"status": {"resourceRules": self.store.rules, "incomplete": False}}
+        asked = spec["resourceAttributes"]
+        resource = "/".join(filter(None, (asked["resource"], asked["subresource"])))
+        right = Right(asked["group"], resource, asked["verb"])
+        return {"status": {"allowed": any(map(right.is_granted_by, self.store.rules))}}
 
     def replace(self, manifest: Mapping[str, Any], *, dry_run: bool = False) -> Live:
         ref, what = ref_of(manifest), f"replace {ref_of(manifest)}"

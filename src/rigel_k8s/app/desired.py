@@ -51,6 +51,16 @@ MASTER_ANNOTATION = "rigel-k8s/master"
 #: The node that each roscore has.
 ROSOUT = "/rosout"
 
+#: What to do where the cluster refuses pods, by the ground of the refusal.
+REMEDIES = {
+    "pod-security": "`security: restricted` makes pods that every namespace takes; see what they"
+    " ask for with `rigel render`",
+    "quota": "ask for less (`resources`, `replicas`), or have the quota raised",
+    "no-resources": "give each node `resources`: the quota counts only what is said",
+    "limit-range": "set `resources` within the limits of the namespace: `kubectl describe limits`",
+    "policy": "change what the policy names, or ask who has made it",
+}
+
 #: The texts of parameter files, by the names that the Rigelfile gives them.
 Files = Mapping[str, str]
 Traced = Iterator[tuple[Path, Object]]
@@ -159,7 +169,7 @@ class Draft:
             options=options_to_keep(raw or {}),
             create_namespace=create_namespace,
             protected=frozenset(list_protected(self.objects)),
-            remedies=remedies_of(self.objects),
+            remedies={**REMEDIES, **remedies_of(self.objects)},
         )
 
 

@@ -15,12 +15,11 @@ from rigel_k8s.commands.pods import Pod
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import Cluster, ObjectRef
 from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.objects.quantities import parse_quantity
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.observability.reading.stack import NoStack, explain
 
 METRICS = "metrics.k8s.io/v1beta1"
-UNITS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12}
-BINARY = {"Ki": 2.0**10, "Mi": 2.0**20, "Gi": 2.0**30, "Ti": 2.0**40}
 #: The last two samples of each container, whatever the time between two scrapes is.
 CPU = (
     "sum by (pod) (max by (pod, container)"
@@ -121,8 +120,8 @@ def ask_metrics_server(cluster: Cluster, namespace: str) -> Mapping[str, Usage]:
         raise ClusterError("the cluster has no metrics-server")
     return {
         item["metadata"]["name"]: Usage(
-            sum(amount(c["usage"]["cpu"]) for c in item["containers"]),
-            sum(amount(c["usage"]["memory"]) for c in item["containers"]),
+            sum(float(parse_quantity(c["usage"]["cpu"])) for c in item["containers"]),
+            sum(float(parse_quantity(c["usage"]["memory"])) for c in item["containers"]),
         )
         for item in cluster.list(METRICS, "PodMetrics", namespace)
     }
@@ -155,12 +154,3 @@ def read_summary(summary: Mapping[str, Any], namespace: str) -> dict[str, Usage]
         if pod["podRef"]["namespace"] == namespace and containers and None not in (*cpu, *memory):
             found[pod["podRef"]["name"]] = Usage(sum(cpu) / 1e9, float(sum(memory)))
     return found
-
-
-def amount(quantity: str) -> float:
-    """Return a quantity of Kubernetes' as a number: 250m is 0.25, 64Ki is 65536."""
-    for units in (BINARY, UNITS):
-        for unit, size in units.items():
-            if quantity.endswith(unit):
-                return float(quantity.removesuffix(unit)) * size
-    return float(quantity)

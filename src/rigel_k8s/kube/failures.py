@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import attrs
 
@@ -15,6 +16,20 @@ LOGIN = "the credentials of context {context} are missing or have expired: log i
 #: What an API server answers where it does not know the path: a kind that is not there.
 NO_PATH = b"404 page not found"
 SHOWN = 100  # first bytes of an answer that an error shows
+#: What an answer of 403 is about: who asks ("right"), or what the object asks for.
+Ground: TypeAlias = Literal[
+    "right", "pod-security", "quota", "no-resources", "limit-range", "policy", "other"
+]
+#: The words by which Kubernetes' authorizers and admission plugins begin their reasons. The first
+#: that is found counts.
+GROUNDS: tuple[tuple[Ground, str], ...] = (
+    ("policy", r"admission webhook \"|ValidatingAdmissionPolicy '"),
+    ("pod-security", r"violates PodSecurity"),
+    ("quota", r"exceeded quota: "),
+    ("no-resources", r"failed quota: "),
+    ("limit-range", r"(maximum|minimum) [\w./-]+ usage per|limit to request ratio per"),
+    ("right", r"[Uu]ser \".*\" .*?(cannot \w+ (resource|path)|is attempting to grant)"),
+)
 RIGHTS = "ask for the right, or use other credentials: `kubectl auth can-i --list` shows yours"
 
 
@@ -41,12 +56,14 @@ class Refusal(ClusterError):
     Attributes:
         status: the HTTP code, 0 where there was no answer.
         reason: Kubernetes' own word for it (`Invalid`, `AlreadyExists`), "" if it gave none.
+        words: its message, "" if it gave none.
         causes: its reasons, one for each field.
         doubtful: the request was sent more than once, and an earlier one may have been carried out.
     """
 
     status: int = 0
     reason: str = ""
+    words: str = ""
     causes: tuple[Cause, ...] = ()
     doubtful: bool = False
 
@@ -68,9 +85,14 @@ class Missing(Refusal, NotFoundError):
 
 
 class Forbidden(Refusal):
-    """We lack the right, or what an object asks for is not allowed (a quota, say)."""
+    """We lack the right, or what an object asks for is not allowed (a quota, say).
+
+    Attributes:
+        ground: which of them.
+    """
 
     status = 403
+    ground: Ground = "right"
 
 
 class Conflict(Refusal, ConflictError):
@@ -95,8 +117,11 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
     kinds: Mapping[int, type[Refusal]] = {403: Forbidden, 404: Missing, 409: Conflict}
     kind = kinds.get(status, Refusal) if is_of_kubernetes(body) else Refusal
     error = kind(f"cannot {what}: {message}", hint=hint(status, context, server))
+    error.words = message
     error.status, error.reason = status, str(answer.get("reason") or "")
     error.causes = tuple(causes(answer))
+    if isinstance(error, Forbidden):
+        error.ground = find_ground(message)
     if isinstance(error, Conflict):
         error.fields = tuple(
             FieldConflict(cause.message.removeprefix(CONFLICT).partition('"')[0], cause.field)
@@ -112,6 +137,11 @@ def is_of_kubernetes(body: bytes) -> bool:
         return isinstance(parse(body), dict)
     except ValueError:
         return body.strip() == NO_PATH
+
+
+def find_ground(message: str) -> Ground:
+    """Return what a message of status 403 is about."""
+    return next((ground for ground, words in GROUNDS if re.search(words, message)), "other")
 
 
 def kubernetes_status(body: bytes) -> Mapping[str, Any]:

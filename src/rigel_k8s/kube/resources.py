@@ -29,6 +29,10 @@ BUILT_IN: Mapping[str, str] = {
         "daemonsets:DaemonSet deployments:Deployment replicasets:ReplicaSet "
         "statefulsets:StatefulSet"
     ),
+    "authorization.k8s.io/v1": (
+        "selfsubjectaccessreviews:SelfSubjectAccessReview! "
+        "selfsubjectrulesreviews:SelfSubjectRulesReview!"
+    ),
     "batch/v1": "cronjobs:CronJob jobs:Job",
     "coordination.k8s.io/v1": "leases:Lease",
     "networking.k8s.io/v1": "ingresses:Ingress networkpolicies:NetworkPolicy",

@@ -14,6 +14,8 @@ from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.problems import Problem
+from rigel_k8s.release.admission import find_exceeded, find_refused_pods
+from rigel_k8s.release.foresight import explain_missing
 from rigel_k8s.release.ownership import managers
 from rigel_k8s.release.survey import Survey, belongs
 
@@ -52,10 +54,18 @@ def check(survey: Survey, *, adopt: bool) -> None:
     """Raise where a deploy cannot go on.
 
     Raises:
-        Refused: immutable fields, or objects of another release.
+        Forbidden: rights are missing; all of them are listed.
+        Refused: immutable fields, objects of another release, pods that the cluster would refuse.
         ConflictError: objects or fields of another manager, and nobody said to adopt them.
     """
-    problems = [*find_foreign(survey), *find_invalid(survey)]
+    if survey.foreseen.missing:
+        raise explain_missing(survey.desired, survey.foreseen.missing)
+    problems = [
+        *find_foreign(survey),
+        *find_invalid(survey),
+        *find_refused_pods(survey),
+        *find_exceeded(survey),
+    ]
     if problems:
         error = Refused(
             f"{survey.desired.release.name} cannot become what the Rigelfile says; "

@@ -1,24 +1,32 @@
 """What is on the cluster before a deploy, in as few requests as possible; it writes nothing.
 
 One LIST for each kind of object, one for the revisions. Only what is new, or what the hash and the
-owned fields do not tell unchanged, is sent as a server-side dry run. Whatever the cluster would
-refuse is thus known before anything is applied.
+owned fields do not tell unchanged, is sent as a server-side dry run, with the pods that it would
+make; quotas and our rights are asked for at the same time. Whatever the cluster would refuse is
+thus known before anything is applied, and an unchanged release costs nothing for it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import attrs
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.failures import Conflict, Forbidden, Missing, Refusal
+from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.foresight import (
+    Foreseen,
+    Work,
+    foresee,
+    listing_missing_rights,
+    naming_remedy,
+)
 from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.order import PROTECTED
 from rigel_k8s.release.ownership import covers
 from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION, hash_of, manifests_to_apply
 from rigel_k8s.release.revisions import Record, records
@@ -34,7 +42,7 @@ class Survey:
     Attributes:
         manifests: what shall be, prepared, in the order of apply.
         live: what is there of it, and of what the last revision had.
-        results: what the dry runs answered: an object, or why not.
+        foreseen: what dry runs, quotas and rights say of it.
         namespace: the release's namespace, None where it is not there.
         history: the records of the release, the oldest first.
         last: the newest revision, None where there is none.
@@ -44,11 +52,16 @@ class Survey:
     desired: Desired
     manifests: tuple[Manifest, ...]
     live: Mapping[ObjectRef, Live]
-    results: Mapping[ObjectRef, Live | Refusal]
+    foreseen: Foreseen
     namespace: Live | None
     history: Sequence[Record]
     last: Revision | None
     lease: Live | None = None
+
+    @property
+    def results(self) -> Mapping[ObjectRef, Live | Refusal]:
+        """What the dry runs of its objects answered: an object, or why not."""
+        return self.foreseen.results
 
     @property
     def inventory(self) -> tuple[InventoryItem, ...]:
@@ -76,16 +89,19 @@ def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
         ClusterError: the namespace is missing (and is not to be created) or is being deleted.
     """
     manifests = manifests_to_apply(desired)
-    namespace, history, live, lease = list_objects(cluster, desired, manifests)
-    check_namespace(desired, namespace)
-    last = history[-1].revision() if history else None
-    live |= find_left_over(cluster, live, manifests, last)
-    candidates = [m for m in manifests if not is_unchanged(m, live.get(ref_of(m)))]
-    if namespace is None:
-        candidates = [m for m in candidates if not m["metadata"].get("namespace")]
-    results = try_candidates(cluster, candidates, desired, adopt=adopt)
-    live |= find_strangers(cluster, live, results)
-    return Survey(desired, manifests, live, results, namespace, history, last, lease)
+    with listing_missing_rights(cluster, desired, manifests):
+        namespace, history, live, lease = list_objects(cluster, desired, manifests)
+        check_namespace(desired, namespace)
+        last = history[-1].revision() if history else None
+        live |= find_left_over(cluster, live, manifests, last)
+        gone = choose_gone(live, manifests, last)
+        candidates = [m for m in manifests if not is_unchanged(m, live.get(ref_of(m)))]
+        foreseen = Foreseen()
+        if candidates or gone or last is None or last.status != "good":
+            work = Work(desired, manifests, candidates, live, gone, namespace)
+            foreseen = foresee(cluster, work, adopt=adopt)
+        live |= find_strangers(cluster, live, foreseen.results)
+    return Survey(desired, manifests, live, foreseen, namespace, history, last, lease)
 
 
 def list_objects(
@@ -113,16 +129,6 @@ def list_objects(
     ]
     cluster.parallel(lambda call: call(), work)
     return namespace[0], history, found, lease[0]
-
-
-@contextmanager
-def naming_remedy(desired: Desired, kind: str) -> Iterator[None]:
-    """Give the error of a missing right for a kind of object the way out that is known for it."""
-    try:
-        yield
-    except Forbidden as error:
-        error.hint = desired.remedies.get(kind, error.hint)
-        raise
 
 
 def belongs(live: Manifest, release: ReleaseId) -> bool:
@@ -163,65 +169,20 @@ def find_left_over(
     return {ref: there for ref, there in found if there is not None}
 
 
+def choose_gone(
+    live: Mapping[ObjectRef, Live], manifests: Iterable[Manifest], last: Revision | None
+) -> list[Live]:
+    """Return what of the last revision is there and goes, but for what holds data."""
+    owned = {item.ref for item in (last.inventory if last else ())}
+    going = owned - {ref_of(manifest) for manifest in manifests}
+    return [o for ref, o in live.items() if ref in going and ref.kind not in PROTECTED]
+
+
 def is_unchanged(manifest: Manifest, live: Manifest | None) -> bool:
     """Whether a live object is what a manifest says, by its hash and the fields that we own."""
     if live is None or live["metadata"].get("deletionTimestamp"):
         return False
     return hash_of(live) == hash_of(manifest) and covers(manifest, live)
-
-
-def try_candidates(
-    cluster: Cluster, candidates: Sequence[Manifest], desired: Desired, *, adopt: bool
-) -> dict[ObjectRef, Live | Refusal]:
-    """Return what applying each candidate would make of it, or why it would be refused.
-
-    An object whose kind this very deploy defines cannot be tried, and is taken for a new one.
-    """
-    defined = {
-        (m["spec"]["group"], m["spec"]["names"]["kind"])
-        for m in desired.objects
-        if m["kind"] == "CustomResourceDefinition"
-    }
-
-    def try_one(manifest: Manifest) -> Live | Refusal:
-        try:
-            with naming_remedy(desired, manifest["kind"]):
-                return cluster.apply(manifest, force=adopt, dry_run=True)
-        except Missing as error:
-            group = manifest["apiVersion"].partition("/")[0]
-            if (group, manifest["kind"]) in defined:
-                return dict(manifest)
-            return error
-        except Refusal as error:
-            if error.status == 400 and "dry run" in error.message:
-                return assume_result(cluster, manifest)
-            if error.status == 422 and "spec.strategy.rollingUpdate" in error.message:
-                return assume_result(cluster, manifest)  # apply ends the old strategy before
-            if not is_about_object(error):
-                raise
-            return error
-
-    refs = [ref_of(m) for m in candidates]
-    return dict(zip(refs, cluster.parallel(try_one, candidates), strict=True))
-
-
-def assume_result(cluster: Cluster, manifest: Manifest) -> Live:
-    """Return what stands for a dry run that says nothing of the deploy."""
-    live = cluster.get(ref_of(manifest))
-    version = live["metadata"]["resourceVersion"] if live else ""
-    meta: dict[str, Any] = {**manifest["metadata"], "resourceVersion": version}
-    return {**manifest, "metadata": meta}
-
-
-def is_about_object(error: Refusal) -> bool:
-    """Whether a refusal is about what the object asks for, not about us or the moment.
-
-    A conflict that names no field is about the moment: someone else wrote the object just then.
-    """
-    if isinstance(error, Conflict):
-        return bool(error.fields)
-    told = "quota" in error.message or "can be resized" in error.message
-    return error.status == 422 or told
 
 
 def find_strangers(

@@ -10,7 +10,7 @@ import pytest
 from rigel_k8s.cli.top import cells, rate, show, size_of, topic_cells
 from rigel_k8s.commands.pods import Pod
 from rigel_k8s.commands.top import TOPICS, Ros, Top, row_of, topics_of
-from rigel_k8s.commands.top_usage import Usage, amount, read_summary
+from rigel_k8s.commands.top_usage import Usage, read_summary
 from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample, matchers
 from rigel_k8s.release.types import ReleaseId
 
@@ -30,15 +30,6 @@ SUMMARY = {
         {"podRef": {"name": "talker-1", "namespace": "other"}, "containers": []},
     ]
 }
-
-
-@pytest.mark.parametrize(
-    ("text", "number"),
-    [("250m", 0.25), ("6264841n", 0.006264841), ("64Ki", 65536), ("2", 2), ("1G", 1e9)],
-)
-def test_quantities_are_numbers(text: str, number: float) -> None:
-    """As the metrics-server writes them."""
-    assert amount(text) == pytest.approx(number)
 
 
 def test_a_kubelets_summary_tells_of_a_namespace() -> None:

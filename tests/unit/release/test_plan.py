@@ -15,6 +15,7 @@ from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.difference import difference
+from rigel_k8s.release.foresight import Foreseen
 from rigel_k8s.release.order import rank
 from rigel_k8s.release.ownership import covers, managers, take_over
 from rigel_k8s.release.plan import compare, predecessors
@@ -65,7 +66,9 @@ def looked(
 ) -> Survey:
     last = Revision(RELEASE, 1, "good", "", (), inventory)
     there = {ref_of(o): o for o in live}
-    return Survey(desired, manifests_to_apply(desired), there, results or {}, namespace, [], last)
+    return Survey(
+        desired, manifests_to_apply(desired), there, Foreseen(results or {}), namespace, [], last
+    )
 
 
 def test_what_is_sent_is_labelled_hashed_and_in_order() -> None:

@@ -1,0 +1,150 @@
+"""The rights that a deploy needs, as data, and which of them are missing, before any write.
+
+One SelfSubjectRulesReview tells all rights in a namespace, for the price of one question about one
+right. It may be incomplete (an authorizer that is not RBAC does not list its rules), so what seems
+to be missing is asked for one by one before anything is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.kube.resources import Resource, built_in
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.rights import Right, describe, find_missing, grant
+from rigel_k8s.release.order import WORKLOADS
+
+#: What is done with the objects of a release, by the moment.
+LOOK, WRITE, PRUNE = "list", "create patch", "get delete"
+#: Kinds that are watched until they are ready.
+WATCHED = (*WORKLOADS, "PersistentVolumeClaim")
+#: Kinds that Kubernetes does not bring, and that a release may have: those have no table.
+OTHERS = {
+    ("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"): Resource(
+        "network-attachment-definitions", namespaced=True
+    ),
+}
+API = "authorization.k8s.io/v1"
+
+
+def need_to_record(namespace: str) -> Iterator[Right]:
+    """Yield what every deploy needs: its Lease, its revisions, and to see its namespace."""
+    yield from grant("", "namespaces", "get", namespace)
+    yield from grant("", "secrets", "list create patch delete", namespace)
+    yield from grant("coordination.k8s.io", "leases", "get create update patch delete", namespace)
+
+
+def need_to_wait(namespace: str) -> Iterator[Right]:
+    """Yield what it takes to wait for pods."""
+    yield from grant("", "pods", "list watch", namespace)
+
+
+def need_to_explain(namespace: str) -> Iterator[Right]:
+    """Yield what a deploy goes on without: it then explains less, and tries fewer things before.
+
+    A right to create pods gives nothing to a user who may create Deployments: those create pods.
+    """
+    yield from grant("", "pods", "create", namespace)
+    yield from grant("", "pods/log", "get", namespace)
+    yield from grant("", "events", "list watch", namespace)
+    yield from grant("", "resourcequotas", "list", namespace)
+    yield from grant("apps", "replicasets", "list watch", namespace)
+
+
+def need_for_kind(
+    api_version: str, kind: str, namespace: str | None, verbs: str
+) -> Iterator[Right]:
+    """Yield what some verbs on a kind of object need; nothing for a kind that is not known here."""
+    resource = find_resource(api_version, kind)
+    if resource is None:
+        return
+    group = api_version.rpartition("/")[0]
+    watch = " watch" if kind in WATCHED and LOOK in verbs else ""
+    yield from grant(group, resource.plural, verbs + watch, namespace or "")
+
+
+def find_resource(api_version: str, kind: str) -> Resource | None:
+    """Return how the API calls a kind; None: nothing here knows it."""
+    key = api_version, kind
+    return built_in().get(key) or OTHERS.get(key)
+
+
+def need_for(
+    manifests: Iterable[Manifest],
+    changing: Iterable[Manifest],
+    gone: Iterable[Manifest],
+    namespace: str,
+    *,
+    create_namespace: bool = False,
+) -> set[Right]:
+    """Return all rights that one deploy needs.
+
+    Args:
+        manifests: all of the release.
+        changing: those that are written.
+        gone: objects that are deleted.
+        create_namespace: whether the namespace is created too.
+    """
+    made = list(manifests)
+    needed = {*need_to_record(namespace)}
+    if any(manifest["kind"] in WORKLOADS for manifest in made):
+        needed |= {*need_to_wait(namespace)}
+    for verbs, objects in ((LOOK, made), (WRITE, changing), (PRUNE, gone)):
+        for kind in {(m["apiVersion"], m["kind"], m["metadata"].get("namespace")) for m in objects}:
+            needed |= {*need_for_kind(*kind, verbs)}
+    if create_namespace:
+        needed |= {*grant("", "namespaces", "create")}
+    return needed
+
+
+def ask_missing(cluster: Cluster, needed: Iterable[Right], namespace: str) -> list[Right]:
+    """Return the rights that we lack; none where the cluster does not say what we may do."""
+    review = {
+        "apiVersion": API,
+        "kind": "SelfSubjectRulesReview",
+        "metadata": {},
+        "spec": {"namespace": namespace},
+    }
+    try:
+        rules = cluster.create(review)["status"]["resourceRules"]
+        missing = find_missing(needed, rules)
+        answers = cluster.parallel(lambda right: is_allowed(cluster, right), missing)
+    except (ClusterError, KeyError):
+        return []
+    return [right for right, allowed in zip(missing, answers, strict=True) if not allowed]
+
+
+def is_allowed(cluster: Cluster, right: Right) -> bool:
+    """Whether we have one right."""
+    resource, _, sub = right.resource.partition("/")
+    attributes = {
+        "namespace": right.namespace,
+        "verb": right.verb,
+        "group": right.group,
+        "resource": resource,
+        "subresource": sub,
+    }
+    review: dict[str, Any] = cluster.create(
+        {
+            "apiVersion": API,
+            "kind": "SelfSubjectAccessReview",
+            "metadata": {},
+            "spec": {"resourceAttributes": attributes},
+        }
+    )
+    return bool(review["status"]["allowed"])
+
+
+def missing_error(missing: Sequence[Right], what: str, hint: str) -> Forbidden:
+    """Return the error for rights that are missing, as one list."""
+    error = Forbidden(
+        f"cannot {what}: {len(missing)} right(s) are missing; nothing was changed",
+        hint=hint,
+        details=describe(missing),
+    )
+    error.reason = "Forbidden"
+    return error

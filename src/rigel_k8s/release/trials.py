@@ -1,0 +1,118 @@
+"""The pods that a deploy's workloads would make, tried by server-side dry runs before any write.
+
+A dry run of a Deployment does not show what keeps its pods away: Pod Security, LimitRanges,
+admission policies and webhooks judge pods, and the Deployment's controller meets them only after
+it was applied. Each distinct template costs one request, and a template that stays as it is none.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import Forbidden, Refusal
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+
+#: What of a 403 is about the object; every other one is about who asks, or not understood.
+ABOUT_OBJECTS = ("pod-security", "quota", "no-resources", "limit-range", "policy")
+
+
+@attrs.frozen
+class Trial:
+    """A pod that is tried, and the workloads whose template it is made from."""
+
+    pod: Manifest
+    workloads: tuple[ObjectRef, ...]
+
+
+def choose_trials(
+    candidates: Iterable[Manifest],
+    live: Mapping[ObjectRef, Manifest],
+    manifests: Iterable[Manifest],
+) -> list[Trial]:
+    """Return the pods to try: one for each template that the cluster does not have yet.
+
+    Args:
+        candidates: the manifests that may change something.
+        manifests: all of the release. A service account that is among them may not be there yet,
+            and a pod of an unknown account is always refused: it is tried without.
+    """
+    accounts = {m["metadata"]["name"] for m in manifests if m["kind"] == "ServiceAccount"}
+    chosen: dict[str, list[Manifest]] = {}
+    for manifest in candidates:
+        template = find_template(manifest)
+        there = find_template(live.get(ref_of(manifest), {}))
+        if template is not None and not (there and contains(there, template)):
+            key = json.dumps([manifest["metadata"].get("namespace"), template], sort_keys=True)
+            chosen.setdefault(key, []).append(manifest)
+    return [
+        Trial(make_pod(same[0], accounts), tuple(ref_of(manifest) for manifest in same))
+        for same in chosen.values()
+    ]
+
+
+def find_template(workload: Manifest) -> Manifest | None:
+    """Return a workload's pod template, None where the object is no workload with pods for ever.
+
+    A Job is left out: its pods are made once, and its own dry run has their template checked.
+    """
+    if workload.get("kind") not in ("Deployment", "DaemonSet", "StatefulSet"):
+        return None
+    template: Manifest = workload["spec"]["template"]
+    return template
+
+
+def contains(live: object, wanted: object) -> bool:
+    """Whether a live value has all of what is wanted; Kubernetes adds its defaults to it."""
+    if isinstance(wanted, Mapping):
+        return isinstance(live, Mapping) and all(
+            contains(live.get(key), part) for key, part in wanted.items() if part is not None
+        )
+    if isinstance(wanted, list):
+        return (
+            isinstance(live, list)
+            and len(live) == len(wanted)
+            and all(contains(*pair) for pair in zip(live, wanted, strict=True))
+        )
+    return live == wanted
+
+
+def make_pod(workload: Manifest, accounts: Collection[str]) -> dict[str, Any]:
+    """Return the pod that a workload's controller would make."""
+    template, name = workload["spec"]["template"], workload["metadata"]["name"]
+    spec = dict(template["spec"])
+    if spec.get("serviceAccountName") in accounts:
+        spec.pop("serviceAccountName")
+        spec.pop("serviceAccount", None)
+    meta = {key: template["metadata"].get(key) or {} for key in ("labels", "annotations")}
+    return {
+        "apiVersion": "v1",
+        "kind": "Pod",
+        "metadata": {
+            **meta,
+            "generateName": f"{name}-",
+            "namespace": workload["metadata"].get("namespace"),
+        },
+        "spec": spec,
+    }
+
+
+def try_pod(cluster: Cluster, trial: Trial) -> Manifest | Refusal | None:
+    """Return the pod as the cluster would store it, why it would refuse it, or None: unknown.
+
+    It is unknown where we may not create pods, where a webhook takes no dry runs, and where the
+    cluster does not answer: none of them keeps a deploy from working.
+    """
+    try:
+        return cluster.create(trial.pod, dry_run=True)
+    except Forbidden as error:
+        return error if error.ground in ABOUT_OBJECTS else None
+    except Refusal as error:
+        return error if error.status == 422 else None
+    except ClusterError:
+        return None

@@ -1,0 +1,242 @@
+"""What a deploy refuses before its first write: pods, quotas and rights."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import attrs
+import pytest
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.failures import Forbidden, Refusal, refusal
+from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.release.deploy import deploy, diff
+from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.types import Desired
+from tests.support.manifests import RELEASE, config, workload
+
+POD_SECURITY = (
+    'pods "talker-x7k" is forbidden: violates PodSecurity "restricted:latest": runAsNonRoot != true'
+    ' (pod or container "talker" must set securityContext.runAsNonRoot=true)'
+)
+DEPLOYMENTS = {"apiGroups": ["apps"], "resources": ["deployments"], "verbs": ["list", "watch"]}
+
+
+def refuse_pods(message: str, status: int = 403) -> Callable[[Any, bool], Refusal | None]:
+    """Return an admission that refuses pods and nothing else."""
+
+    def refuse(live: Any, dry_run: Any) -> Refusal | None:
+        if live["kind"] != "Pod":
+            return None
+        answer = json.dumps({"message": message}).encode()
+        return refusal(status, answer, "create Pod n/", context="c", server="s")
+
+    return refuse
+
+
+def put_quota(fake: Any, **pairs: tuple[str, str]) -> None:
+    fake.create(
+        {
+            "apiVersion": "v1",
+            "kind": "ResourceQuota",
+            "metadata": {"name": "small", "namespace": "n"},
+            "status": {
+                "hard": {key: hard for key, (hard, _) in pairs.items()},
+                "used": {key: used for key, (_, used) in pairs.items()},
+            },
+        }
+    )
+    fake.calls.clear()
+
+
+@pytest.mark.parametrize(
+    ("message", "kind"),
+    [
+        (POD_SECURITY, "pod-security"),
+        ('pods "talker-x" is forbidden: failed quota: small: must specify cpu', "no-resources"),
+        (
+            'pods "t-1" is forbidden: maximum cpu usage per Container is 1, but limit is 2',
+            "limit-range",
+        ),
+        ('admission webhook "policy.example.org" denied the request: no', "policy"),
+        ('pods "talker-x" is forbidden: exceeded quota: small, requested: pods=1', "quota"),
+    ],
+)
+def test_refused_pods_are_known_before_any_write(
+    fake: Any, report: Any, message: str, kind: str
+) -> None:
+    """With the ground, the place of the workload, and the way out that is known for it."""
+    fake.store.refuse = refuse_pods(message)
+    talker = workload()
+    wanted = Desired(
+        RELEASE,
+        (talker, config("c")),
+        origins={ref_of(talker): ("nodes", "talker")},
+        remedies={kind: "do this"},
+    )
+    with pytest.raises(Refused) as caught:
+        deploy(wanted, fake, report=report)
+    [problem] = caught.value.problems
+    assert (problem.path, problem.kind) == (("nodes", "talker"), kind)
+    assert problem.message.startswith("Deployment n/talker: the cluster refuses its pods: ")
+    assert problem.message.endswith("; do this")
+    assert fake.writes == []
+    with pytest.raises(Refused):
+        diff(wanted, fake)
+
+
+def test_one_reason_for_many_workloads_is_one_problem(fake: Any, report: Any) -> None:
+    """The reason names each workload's own container: that is no difference."""
+
+    def refuse(live: Any, dry_run: Any) -> Refusal | None:
+        name = live["metadata"].get("generateName", "").rstrip("-")
+        return refuse_pods(POD_SECURITY.replace("talker", name))(live, dry_run)
+
+    fake.store.refuse = refuse
+    with pytest.raises(Refused) as caught:
+        deploy(Desired(RELEASE, tuple(workload(f"w{i}") for i in range(5))), fake, report=report)
+    [problem] = caught.value.problems
+    assert problem.message.startswith("Deployment n/w0, w1, w2 and 2 more: ")
+
+
+@pytest.mark.parametrize("status", [403, 500, 503])
+def test_what_cannot_be_tried_is_not_refused(fake: Any, report: Any, status: int) -> None:
+    """Neither without the right to create pods, nor where a webhook takes no dry run."""
+    text = 'pods is forbidden: User "ada" cannot create resource "pods" in API group ""'
+    fake.store.refuse = lambda live, dry_run: (
+        refuse_pods(text, status)(live, dry_run) if dry_run else None
+    )
+    assert deploy(Desired(RELEASE, (workload(),)), fake, report=report).status == "good"
+
+
+def test_a_template_that_stays_is_not_tried_again(fake: Any, report: Any) -> None:
+    """Neither in an unchanged deploy nor where something else of the workload changes."""
+    wanted = workload()
+    deploy(Desired(RELEASE, (wanted,)), fake, report=report)
+    fake.calls.clear()
+    more = {**wanted, "metadata": {**wanted["metadata"], "annotations": {"a": "b"}}}
+    deploy(Desired(RELEASE, (more,)), fake, report=report)
+    assert [ref.kind for verb, ref in fake.calls if verb == "try"] == ["Deployment"]
+    fake.calls.clear()
+    deploy(Desired(RELEASE, (more,)), fake, report=report)
+    assert {verb for verb, _ in fake.calls} == {"get", "list"}
+
+
+def test_the_same_template_is_tried_once(fake: Any, report: Any) -> None:
+    """However many workloads have it."""
+    one = workload("a")
+    two = {**one, "metadata": {**one["metadata"], "name": "b"}}
+    diff(Desired(RELEASE, (one, two)), fake)
+    assert [ref.kind for verb, ref in fake.calls if verb == "try"].count("Pod") == 1
+
+
+def test_an_account_that_is_to_come_does_not_refuse_its_pods(fake: Any) -> None:
+    """A service account of the release itself is not there when its pods are tried."""
+    meta = {"name": "robot", "namespace": "n"}
+    account = {"apiVersion": "v1", "kind": "ServiceAccount", "metadata": meta}
+    user = workload(pod={"serviceAccountName": "robot"})
+    seen = []
+    fake.store.refuse = lambda live, dry_run: seen.append(live)
+    diff(Desired(RELEASE, (user, account)), fake)
+    [pod] = [live for live in seen if live["kind"] == "Pod"]
+    assert "serviceAccountName" not in pod["spec"]
+
+
+def test_a_release_that_exceeds_a_quota_is_refused(fake: Any, report: Any) -> None:
+    """Each pod alone would fit, so that a dry run of one says nothing."""
+    put_quota(fake, pods=("2", "1"))
+    wanted = Desired(RELEASE, (workload("a"), workload("b")), remedies={"quota": "ask for less"})
+    with pytest.raises(Refused) as caught:
+        deploy(wanted, fake, report=report)
+    assert caught.value.details == (
+        "Deployment n/a, b: the quota small does not suffice: 2 more of pods, of which 1 of 2 are"
+        " used; ask for less",
+    )
+    assert fake.writes == []
+
+
+def test_an_update_fits_where_its_predecessor_was(fake: Any, report: Any) -> None:
+    """The dry run of the new pod says that the quota is exceeded: the old one ends before."""
+    deploy(Desired(RELEASE, (workload(),)), fake, report=report)
+    put_quota(fake, pods=("1", "1"))
+    exceeded = refuse_pods('pods "talker-x" is forbidden: exceeded quota: small')
+    fake.store.refuse = lambda live, dry_run: exceeded(live, dry_run) if dry_run else None
+    newer = workload(image="r/app:2")
+    newer["spec"]["strategy"] = {"type": "Recreate"}
+    assert deploy(Desired(RELEASE, (newer,)), fake, report=report).number == 2
+
+
+def test_the_record_of_a_deploy_counts_too(fake: Any, report: Any) -> None:
+    """A quota of Secrets that is used up lets no revision be written."""
+    put_quota(fake, secrets=("1", "1"))
+    with pytest.raises(Refused, match="cannot become"):
+        deploy(Desired(RELEASE, (config("c"),)), fake, report=report)
+    assert fake.writes == []
+
+
+def test_all_missing_rights_are_one_list_before_any_write(fake: Any, report: Any) -> None:
+    """Not one at a time, in the middle."""
+    fake.store.rules = [DEPLOYMENTS]
+    with pytest.raises(Forbidden) as caught:
+        deploy(Desired(RELEASE, (workload(),)), fake, report=report)
+    assert caught.value.details == (
+        "namespaces: get",
+        "pods: list, watch",
+        "secrets: create, delete, list, patch",
+        "deployments.apps: create, patch",
+        "leases.coordination.k8s.io: create, delete, get, patch, update",
+    )
+    assert "rigel -n n rbac deployer" in (caught.value.hint or "")
+    assert fake.writes == []
+
+
+def test_a_refused_look_lists_all_missing_rights_too(fake: Any, report: Any) -> None:
+    """The first request that is refused would name one right alone."""
+    fake.store.rules = []
+    wanted = Desired(RELEASE, (workload(),), remedies={"Deployment": "leave it out"})
+    broken = attrs.evolve(fake)
+    text = b'{"message": "User \\"a\\" cannot list resource \\"deployments\\""}'
+    error = refusal(403, text, "list Deployments", context="c", server="s")
+
+    class Blind:
+        def __getattr__(self, name: str) -> Any:
+            return getattr(broken, name)
+
+        def list(self, *_: Any, **__: Any) -> Any:
+            raise error
+
+    with pytest.raises(Forbidden, match="right") as caught:
+        deploy(wanted, Blind(), report=report)  # type: ignore[arg-type]
+    assert "deployments.apps: create, list, patch, watch" in caught.value.details
+    assert caught.value.hint == "leave it out"
+
+
+def test_rights_that_cannot_be_asked_for_are_not_missing(fake: Any, report: Any) -> None:
+    """A cluster that does not say what we may do gets the deploy as it is."""
+
+    class Silent:
+        def __getattr__(self, name: str) -> Any:
+            return getattr(fake, name)
+
+        def create(self, manifest: Any, **options: Any) -> Any:
+            if manifest["kind"].startswith("SelfSubject"):
+                raise ClusterError("no review")
+            return fake.create(manifest, **options)
+
+    done = deploy(Desired(RELEASE, (config("c"),)), Silent(), report=report)  # type: ignore[arg-type]
+    assert done.status == "good"
+
+
+def test_a_deletion_needs_its_right_only_where_something_is_deleted(fake: Any, report: Any) -> None:
+    """Who never renames a node needs no right to delete Deployments."""
+    deploy(Desired(RELEASE, (config("c"), config("d"))), fake, report=report)
+    fake.store.rules = [
+        {"apiGroups": ["*"], "resources": ["*"], "verbs": ["get", "list", "create", "patch"]},
+        {"apiGroups": ["*"], "resources": ["secrets", "leases"], "verbs": ["*"]},
+    ]
+    deploy(Desired(RELEASE, (config("c", k="1"), config("d"))), fake, report=report)
+    with pytest.raises(Forbidden) as caught:
+        deploy(Desired(RELEASE, (config("c", k="1"),)), fake, report=report)
+    assert caught.value.details == ("configmaps: delete",)

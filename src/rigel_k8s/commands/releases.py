@@ -26,6 +26,7 @@ from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release import status as states
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.prepare import manifests_to_apply
+from rigel_k8s.release.refusals import Refused
 from rigel_k8s.release.types import Plan, ReleaseId, Revision
 from rigel_k8s.rosgraph.gate import GateStatus, read_gate
 from rigel_k8s.settings import Settings
@@ -101,7 +102,11 @@ def diff(settings: Settings, job: str | None) -> Difference:
             stack = stack_request_of(found.raw)
             return describe(stacks.plan(stack, cluster, adopt=settings.adopt), found.warnings)
         made = prepare(found.options, found.raw, found.application, settings, cluster)
-        plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
+        try:
+            plan = deploys.diff(made.desired, cluster, adopt=settings.adopt)
+        except Refused as refused:
+            refused.details = tuple(found.place(refused.problems))
+            raise
         if made.stack is not None:
             first = stacks.plan(made.stack, cluster, adopt=settings.adopt)
             plan = attrs.evolve(plan, steps=(*first.steps, *plan.steps))

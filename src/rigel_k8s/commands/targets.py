@@ -5,7 +5,7 @@ A release on a cluster needs no Rigelfile: its revisions have all that is asked 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.option_text import has_template
+from rigel_k8s.problems import Problem
 from rigel_k8s.release import revisions
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
@@ -36,6 +37,7 @@ class TargetJob:
 
     Attributes:
         warnings: what its options' check has to say, rendered.
+        place: problems with the options to texts with their lines in the Rigelfile.
     """
 
     name: str
@@ -43,6 +45,7 @@ class TargetJob:
     raw: Mapping[str, Any]
     application: Application
     warnings: tuple[str, ...]
+    place: Callable[[Sequence[Problem]], Sequence[str]] = lambda found: list(map(str, found))
 
 
 @attrs.frozen
@@ -82,8 +85,18 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
     findings = made.place_problems(OrchestrationJob().check(made.options, rigelfile.application))
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)
-    told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
-    return TargetJob(spec.name, made.options, made.raw, rigelfile.application, told)
+
+    def render(found: Sequence[grammar.Finding]) -> tuple[str, ...]:
+        return tuple(grammar.render(rigelfile.source, finding) for finding in found)
+
+    return TargetJob(
+        spec.name,
+        made.options,
+        made.raw,
+        rigelfile.application,
+        render(findings),
+        lambda problems: render(made.place_problems(problems)),
+    )
 
 
 def release(settings: Settings, name: str | None = None) -> Release:

@@ -31,6 +31,7 @@ from rigel_k8s.jobs.waves import (
     split_limits,
     summarise,
 )
+from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
 #: Seconds that a dependency may take to become ready, where --timeout says nothing.
@@ -44,6 +45,7 @@ class RunContext:
     Attributes:
         realise: a job and the shared data to its options and raw `with`; raises UserErrors.
         matrix: a Branches' matrix and the shared data to {key: values}; raises UserErrors.
+        place: a job, the shared data and problems with its options to texts with their places.
         grace: seconds that a job may take to end after it was told to.
     """
 
@@ -52,6 +54,9 @@ class RunContext:
     report: JobReporter
     realise: Callable[[Job, Mapping[str, Any]], tuple[Any, Mapping[str, Any]]]
     matrix: Callable[[Branches, Mapping[str, Any]], Mapping[str, list[Any]]]
+    place: Callable[[Job, Mapping[str, Any], Sequence[Problem]], Sequence[str]] = (
+        lambda job, data, problems: list(map(str, problems))
+    )
     vars: Mapping[str, Any] = attrs.field(factory=dict)
     providers: Mapping[str, Any] = attrs.field(factory=dict)
     grace: float = 30.0
@@ -288,6 +293,7 @@ class Execution:
             raw=raw,
             serving=ready is not None,
             ready=ready or threading.Event(),
+            place=partial(around.place, job, branch.data),
         )
         with self._hold_alone(job, options, where):
             job.type.run(options, context)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import attrs
@@ -39,6 +39,7 @@ class JobContext:
         raw: the job's `with` as plain data, templates rendered, before it became options.
         serving: the job is a dependency of a concurrent stage: it serves until `cancel` is set.
         ready: what a serving job sets when others may use it (one that returns need not).
+        place: problems with the options to texts with their lines in the Rigelfile.
     """
 
     name: str
@@ -52,6 +53,7 @@ class JobContext:
     raw: Mapping[str, Any] = attrs.field(factory=dict)
     serving: bool = False
     ready: threading.Event = attrs.field(factory=threading.Event)
+    place: Callable[[Sequence[Problem]], Sequence[str]] = lambda found: list(map(str, found))
 
     @property
     def deploy_options(self) -> DeployOptions:

@@ -148,6 +148,7 @@ def run(
         report=report,
         realise=values.realise,
         matrix=values.matrix,
+        place=values.place,
         vars=values.vars(),
         providers=connected or {},
         grace=GRACE,

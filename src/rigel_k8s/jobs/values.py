@@ -5,7 +5,7 @@ Here rigelfile/ and job types meet: it finds places, they know what is wrong.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.jobs.steps import Branches, Job
@@ -19,6 +19,7 @@ from rigel_k8s.rigelfile import (
     preview,
     problems_error,
     realise,
+    render,
     render_node,
     strip_places,
 )
@@ -54,6 +55,13 @@ class Values:
         if any(finding.severity == "error" for finding in findings):
             raise problems_error(self._rigelfile.source, findings)
         return real.options, real.raw
+
+    def place(
+        self, job: Job, data: Mapping[str, Any], problems: Sequence[Problem]
+    ) -> Sequence[str]:
+        """Return problems that were found while a job ran as texts, each with its place."""
+        real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
+        return [render(self._rigelfile.source, one) for one in real.place_problems(problems)]
 
     def preview_matrix(
         self, step: Branches, known: Mapping[str, Any]

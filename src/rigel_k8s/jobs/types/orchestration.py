@@ -92,6 +92,7 @@ class OrchestrationJob:
 def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     """Deploy, and report what an update did to the ROS graph; roll back where that is asked for."""
     from rigel_k8s.release.deploy import deploy
+    from rigel_k8s.release.refusals import Refused
     from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
 
     release, options = prepared.desired.release, prepared.options
@@ -111,6 +112,9 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
             before=watch.begin if readable else None,
             verify=watch.insist if within else None,
         )
+    except Refused as refused:
+        refused.details = tuple(job.place(refused.problems))
+        raise
     except RolloutFailed as failure:
         if not job.settings.rollback_on_failure:
             raise

@@ -37,8 +37,8 @@ ACCOUNT_PATH = "/var/run/secrets/kubernetes.io/serviceaccount"
 #: What of the objects the role `edit` may not write.
 KINDS = ("Role", "RoleBinding")
 RIGHTS = (
-    "roscore's gate takes the rights of the role `admin` in the namespace: ask for them, or leave"
-    " the gate out with `gate: false`; `rigel doctor` shows what you may do"
+    "roscore's gate has a Role of its own, which the role `edit` may not write: ask for the rights"
+    " that `rigel rbac deployer` prints, or leave the gate out with `gate: false`"
 )
 #: The ROS distributions whose images have the Python that the gate needs, 3.8.
 DISTROS = ("noetic",)

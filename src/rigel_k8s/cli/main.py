@@ -40,6 +40,7 @@ COMMANDS = {
     "rollback": ("releases", "Go back to an earlier revision."),
     "down": ("releases", "Take a release away; volumes stay unless --volumes."),
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
+    "rbac": ("rbac", "Print the Roles that deploying, looking or installing takes."),
     "observe": ("observe", "Open Grafana, Prometheus and Loki here; status, remove."),
     "network": ("network", "Second networks for pods: install, status, remove Multus."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),

@@ -6,26 +6,14 @@ from collections.abc import Iterable, Iterator
 
 import attrs
 
+from rigel_k8s.app.rights import OBJECTS, OF_GATE, need_always, need_to_deploy, need_to_have
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_default_class, is_ready
+from rigel_k8s.objects.rights import Right, describe
+from rigel_k8s.release.rights import ask_missing
 from rigel_k8s.settings import Settings
-
-NEEDED = (
-    ("apps", "deployments"),
-    ("", "services"),
-    ("", "configmaps"),
-    ("", "secrets"),
-    ("", "persistentvolumeclaims"),
-    ("coordination.k8s.io", "leases"),
-)
-#: What ROS 1 needs besides, for the gate in front of roscore; the role `edit` does not have it.
-NEEDED_BY_GATE = (
-    ("", "serviceaccounts"),
-    ("rbac.authorization.k8s.io", "roles"),
-    ("rbac.authorization.k8s.io", "rolebindings"),
-)
 
 #: A deploy needs no right to see them.
 UNSEEN = "not to be seen with your rights, which a deploy does not need"
@@ -58,40 +46,31 @@ def examine(settings: Settings) -> list[DoctorFinding]:
 
 
 def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
-    """Ask the API server whether we may write what a release is made of."""
-
-    def list_refused(needed: Iterable[tuple[str, str]]) -> str:
-        names = (name for group, name in needed if not may_patch(cluster, namespace, group, name))
-        return ", ".join(names)
-
-    refused = list_refused(NEEDED)
+    """Report what we may not do of all that a deploy needs, then what it can go on without."""
+    missing = set(ask_missing(cluster, need_to_deploy(namespace), namespace))
+    of_gate = missing & {*need_to_have(OF_GATE, namespace)}
+    needed = missing & {*need_to_have(OBJECTS, namespace), *need_always(namespace)}
     yield DoctorFinding(
         f"rights in {namespace}",
-        ok=not refused,
-        found=f"none to write {refused}" if refused else "all that a release needs",
-        hint="ask for the role `edit` in this namespace",
+        ok=not needed,
+        found=f"missing: {list_all(needed)}" if needed else "all that a release needs",
+        hint=f"`rigel -n {namespace} rbac deployer --user YOU` prints the Role to ask for",
     )
-    lacking = list_refused(NEEDED_BY_GATE)
-    without = f"none to write {lacking}: ROS 1 needs `gate: false`, or the role `admin` here"
     yield DoctorFinding(
         f"rights for a gate in {namespace}",
         ok=True,
-        found=without if lacking else "all that ROS 1's gate needs",
+        found=f"missing: {list_all(of_gate)}; ROS 1 needs `gate: false`, or these rights"
+        if of_gate
+        else "all that ROS 1's gate needs",
     )
+    if rest := missing - needed - of_gate:
+        found = f"missing: {list_all(rest)}; a deploy works without, and explains less"
+        yield DoctorFinding(f"more rights in {namespace}", ok=True, found=found)
 
 
-def may_patch(cluster: Cluster, namespace: str, group: str, resource: str) -> bool:
-    """Return whether we may patch a resource in a namespace."""
-    attributes = {"namespace": namespace, "verb": "patch", "group": group, "resource": resource}
-    review = cluster.create(
-        {
-            "apiVersion": "authorization.k8s.io/v1",
-            "kind": "SelfSubjectAccessReview",
-            "metadata": {},
-            "spec": {"resourceAttributes": attributes},
-        }
-    )
-    return bool(review["status"]["allowed"])
+def list_all(rights: Iterable[Right]) -> str:
+    """Return rights as one line."""
+    return "; ".join(describe(rights))
 
 
 def nodes(cluster: Cluster) -> DoctorFinding:

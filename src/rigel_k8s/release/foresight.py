@@ -5,7 +5,7 @@ All of it is asked at once, and only where something is to be written.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -19,7 +19,7 @@ from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.rights import Right
 from rigel_k8s.release.rights import ask_missing, find_resource, missing_error, need_for
 from rigel_k8s.release.trials import ABOUT_OBJECTS, Trial, choose_trials, try_pod
-from rigel_k8s.release.types import Desired
+from rigel_k8s.release.types import Desired, ReleaseId
 
 Live = dict[str, Any]
 
@@ -90,15 +90,16 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
 
     trials = choose_trials(work.in_reach, work.live, work.manifests)
     calls: list[Callable[[], None]] = [
-        lambda: missing.extend(ask_missing(cluster, list_needed(work), release.namespace)),
+        lambda: missing.extend(look_for_missing(cluster, list_needed(work), release)),
         *(partial(try_one, manifest) for manifest in work.in_reach),
         *(partial(try_its_pod, trial) for trial in trials),
     ]
     if there and work.candidates:
         calls.append(lambda: quotas.extend(list_quotas(cluster, release.namespace)))
     cluster.parallel(lambda call: call(), calls)
-    in_order = {ref: results[ref] for ref in map(ref_of, work.in_reach)}
-    return Foreseen(in_order, pods, quotas, missing)
+    refs = [ref_of(manifest) for manifest in work.in_reach]
+    in_order = {ref: results[ref] for ref in refs}
+    return Foreseen(in_order, {ref: pods[ref] for ref in refs if ref in pods}, quotas, missing)
 
 
 def list_needed(work: Work) -> set[Right]:
@@ -131,10 +132,20 @@ def listing_missing_rights(
         if error.ground != "right":
             raise
         needed = need_for(manifests, manifests, (), desired.release.namespace)
-        missing = ask_missing(cluster, needed, desired.release.namespace)
+        missing = look_for_missing(cluster, needed, desired.release)
         if not missing:
             raise
         raise explain_missing(desired, missing) from error
+
+
+def look_for_missing(
+    cluster: Cluster, needed: Iterable[Right], release: ReleaseId
+) -> Sequence[Right]:
+    """Return the rights that we lack; none where the cluster does not say what we may do."""
+    try:
+        return ask_missing(cluster, needed, release.namespace)
+    except ClusterError:
+        return []
 
 
 def explain_missing(desired: Desired, missing: Sequence[Right]) -> Forbidden:

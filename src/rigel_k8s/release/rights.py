@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
-from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.kube.resources import Resource, built_in
@@ -102,19 +101,20 @@ def need_for(
 
 
 def ask_missing(cluster: Cluster, needed: Iterable[Right], namespace: str) -> list[Right]:
-    """Return the rights that we lack; none where the cluster does not say what we may do."""
+    """Return the rights that we lack.
+
+    Raises:
+        ClusterError: the cluster does not say what we may do.
+    """
     review = {
         "apiVersion": API,
         "kind": "SelfSubjectRulesReview",
         "metadata": {},
         "spec": {"namespace": namespace},
     }
-    try:
-        rules = cluster.create(review)["status"]["resourceRules"]
-        missing = find_missing(needed, rules)
-        answers = cluster.parallel(lambda right: is_allowed(cluster, right), missing)
-    except (ClusterError, KeyError):
-        return []
+    rules = cluster.create(review)["status"]["resourceRules"]
+    missing = find_missing(needed, rules)
+    answers = cluster.parallel(lambda right: is_allowed(cluster, right), missing)
     return [right for right, allowed in zip(missing, answers, strict=True) if not allowed]
 
 

@@ -1,0 +1,67 @@
+"""What people need to be allowed: to deploy applications in a namespace, or only to look at them.
+
+`rigel rbac` prints it as Roles. A deploy's own check (`release/rights.py`) asks for the part that
+this deploy needs, from the same declarations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import TypeAlias
+
+from rigel_k8s.objects.rights import Right, grant
+from rigel_k8s.release.rights import (
+    need_for_kind,
+    need_to_explain,
+    need_to_record,
+    need_to_wait,
+)
+from rigel_k8s.release.status import KINDS as SHOWN
+
+RBAC = "rbac.authorization.k8s.io/v1"
+Kind: TypeAlias = tuple[str, str]
+#: The kinds of objects that an application has in its namespace.
+OBJECTS: tuple[Kind, ...] = (
+    ("v1", "ConfigMap"),
+    ("v1", "Secret"),
+    ("v1", "Service"),
+    ("v1", "PersistentVolumeClaim"),
+    ("apps/v1", "Deployment"),
+)
+#: Those that roscore's gate has besides.
+OF_GATE: tuple[Kind, ...] = (("v1", "ServiceAccount"), (RBAC, "Role"), (RBAC, "RoleBinding"))
+#: Those of a second network.
+OF_NETWORK: tuple[Kind, ...] = (("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"),)
+
+
+def need_to_deploy(namespace: str) -> Iterator[Right]:
+    """Yield what it takes to deploy applications in a namespace, to look at them and end them.
+
+    Commands run in pods (`pods/exec`) show what the nodes know of each other, and forward ports.
+    """
+    yield from need_always(namespace)
+    yield from need_to_explain(namespace)
+    yield from need_to_have((*OBJECTS, *OF_GATE, *OF_NETWORK), namespace)
+    yield from need_to_look(namespace)
+    yield from grant("", "pods/exec pods/portforward", "get create", namespace)
+
+
+def need_always(namespace: str) -> Iterator[Right]:
+    """Yield what every deploy needs, whatever is in it."""
+    yield from need_to_record(namespace)
+    yield from need_to_wait(namespace)
+
+
+def need_to_have(kinds: Iterable[Kind], namespace: str) -> Iterator[Right]:
+    """Yield what it takes to create, update and delete objects of some kinds."""
+    for api_version, kind in kinds:
+        yield from need_for_kind(api_version, kind, namespace, "get list create patch delete")
+
+
+def need_to_look(namespace: str) -> Iterator[Right]:
+    """Yield what it takes to see what runs and why not, and to read logs: no Secret, no command."""
+    yield from grant("", "namespaces pods/log", "get", namespace)
+    yield from grant("", "pods events services configmaps", "get list watch", namespace)
+    yield from grant("metrics.k8s.io", "pods", "list", namespace)
+    for api_version, kind in SHOWN:
+        yield from need_for_kind(api_version, kind, namespace, "get list watch")

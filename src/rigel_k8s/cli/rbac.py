@@ -1,0 +1,48 @@
+"""`rigel rbac`."""
+
+from __future__ import annotations
+
+import click
+
+from rigel_k8s.cli.words import settings
+
+
+@click.command()
+@click.argument("purpose", type=click.Choice(["deployer", "viewer", "installer"]))
+@click.option("-n", "--namespace", metavar="NAME", help="The namespace of the Role [context's].")
+@click.option("--user", "users", metavar="NAME", multiple=True, help="A user to bind.")
+@click.option("--group", "groups", metavar="NAME", multiple=True, help="A group to bind.")
+@click.option(
+    "--serviceaccount",
+    "accounts",
+    metavar="NAMESPACE:NAME",
+    multiple=True,
+    help="A service account to bind.",
+)
+@click.pass_context
+def rbac(
+    ctx: click.Context,
+    /,
+    purpose: str,
+    namespace: str | None,
+    users: tuple[str, ...],
+    groups: tuple[str, ...],
+    accounts: tuple[str, ...],
+) -> None:
+    """Print the least rights that a purpose takes, as YAML for `kubectl apply -f -`.
+
+    deployer: deploys applications in one namespace, looks at them and deletes them. viewer: sees
+    what runs in a namespace and reads logs; no Secrets, and no commands in pods. installer:
+    installs Multus, whereabouts and the observability stack, which is as much as an administrator.
+    """
+    from rigel_k8s.commands import rbac as roles
+    from rigel_k8s.commands.rbac import Subject
+    from rigel_k8s.yaml_text import documents
+
+    subjects = [
+        *(Subject("User", name) for name in users),
+        *(Subject("Group", name) for name in groups),
+        *map(roles.account, accounts),
+    ]
+    found = roles.roles(settings(ctx), purpose, subjects, namespace=namespace)
+    click.echo(documents(found), nl=False)

@@ -1,0 +1,101 @@
+"""Roles for people who deploy, look, or install: as manifests, from the declared rights."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Literal
+
+import attrs
+
+from rigel_k8s.app.rights import need_to_deploy, need_to_look
+from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.kube import connect
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.rights import make_rules
+from rigel_k8s.settings import Settings
+
+RBAC = "rbac.authorization.k8s.io"
+
+
+@attrs.frozen
+class Subject:
+    """Who gets a role: a user, a group, or a service account with its namespace."""
+
+    kind: Literal["User", "Group", "ServiceAccount"]
+    name: str
+    namespace: str = ""
+
+    @property
+    def manifest(self) -> dict[str, str]:
+        """The subject as a binding has it."""
+        if self.kind == "ServiceAccount":
+            return {"kind": self.kind, "name": self.name, "namespace": self.namespace}
+        return {"apiGroup": RBAC, "kind": self.kind, "name": self.name}
+
+
+def account(text: str) -> Subject:
+    """Return the service account of NAMESPACE:NAME.
+
+    Raises:
+        UserError: the text is something else.
+    """
+    namespace, colon, name = text.partition(":")
+    if not (namespace and colon and name):
+        raise UserError(
+            f'"{text}" is not a service account', hint="write NAMESPACE:NAME, as kubectl does"
+        )
+    return Subject("ServiceAccount", name, namespace)
+
+
+def roles(
+    settings: Settings, purpose: str, subjects: Sequence[Subject], *, namespace: str | None = None
+) -> list[Manifest]:
+    """Return a role, and its bindings where somebody is to have it.
+
+    Args:
+        purpose: deployer, viewer or installer.
+        namespace: the role's; None: that of the settings, or of the context.
+    """
+    if purpose == "installer":
+        from rigel_k8s.commands.installing import list_rules
+
+        return list(bind("ClusterRole", f"rigel-{purpose}", "", list_rules(), subjects))
+    where = namespace or settings.namespace or find_namespace(settings)
+    needed = need_to_deploy(where) if purpose == "deployer" else need_to_look(where)
+    return list(bind("Role", f"rigel-{purpose}", where, make_rules(needed), subjects))
+
+
+def find_namespace(settings: Settings) -> str:
+    """Return the namespace of the kubeconfig's context; without one it is `default`."""
+    try:
+        with connect(settings) as cluster:
+            return cluster.namespace
+    except RigelK8sError:
+        return "default"
+
+
+def bind(
+    kind: str,
+    name: str,
+    namespace: str,
+    rules: Sequence[Manifest],
+    subjects: Sequence[Subject],
+) -> Iterator[Manifest]:
+    """Yield a role, and a binding of its own for each subject, so that no apply ends another's."""
+    place = {"namespace": namespace} if namespace else {}
+    api = f"{RBAC}/v1"
+    yield {
+        "apiVersion": api,
+        "kind": kind,
+        "metadata": {"name": name, **place},
+        "rules": list(rules),
+    }
+    for subject in subjects:
+        full = ":".join(filter(None, (name, subject.kind.lower(), subject.namespace, subject.name)))
+        yield {
+            "apiVersion": api,
+            "kind": f"{kind}Binding",
+            "metadata": {"name": full.replace("/", "-").replace("%", "-"), **place},
+            "roleRef": {"apiGroup": RBAC, "kind": kind, "name": name},
+            "subjects": [subject.manifest],
+        }

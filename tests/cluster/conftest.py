@@ -17,6 +17,7 @@ import yaml
 from rigel_k8s.settings import Settings
 
 from ..support import shared
+from .rights import DEPLOYER, grant_role, write_impersonation
 
 Rigel = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -74,29 +75,54 @@ def context() -> str:
 
 
 @pytest.fixture(scope="session")
-def cluster(context: str) -> Iterator[Any]:
-    """A connection to the cluster of `context`."""
+def admin(context: str) -> Iterator[Any]:
+    """A connection to the cluster of `context`, as its administrator."""
     from rigel_k8s.kube import connect
 
     with connect(Settings(context=context)) as connected:
         yield connected
 
 
+@pytest.fixture(scope="session")
+def cluster(admin: Any) -> Any:
+    """The same; where a folder's tests work with fewer rights, they have them here."""
+    return admin
+
+
+@pytest.fixture(scope="session")
+def deployer_config(context: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A kubeconfig of a user who has the Role that `rigel rbac deployer` prints, and nothing else.
+
+    It is the administrator who asks in that user's name.
+    """
+    return write_impersonation(context, DEPLOYER, tmp_path_factory.mktemp("deployer"))
+
+
+@pytest.fixture(scope="session")
+def deployer(context: str, deployer_config: Path) -> Iterator[Any]:
+    """The cluster as that user sees it."""
+    from rigel_k8s.kube import connect
+
+    with connect(Settings(context=context, kubeconfig=deployer_config)) as connected:
+        yield connected
+
+
 @pytest.fixture
-def namespace(cluster: Any, request: pytest.FixtureRequest) -> Iterator[str]:
-    """A namespace for one test, deleted after it."""
+def namespace(admin: Any, request: pytest.FixtureRequest) -> Iterator[str]:
+    """A namespace for one test, deleted after it; the user of `deployer` may deploy into it."""
     from rigel_k8s.objects.refs import ObjectRef
 
     name = f"t-{uuid.uuid4().hex[:8]}"
-    cluster.create(
+    admin.create(
         {
             "apiVersion": "v1",
             "kind": "Namespace",
             "metadata": {"name": name, "annotations": {"test": request.node.name}},
         }
     )
+    grant_role(admin, name, "deployer", DEPLOYER)
     yield name
-    cluster.delete(ObjectRef("v1", "Namespace", "", name))
+    admin.delete(ObjectRef("v1", "Namespace", "", name))
 
 
 @pytest.fixture(scope="session")
@@ -110,13 +136,13 @@ def rigel(context: str) -> Rigel:
 
 
 @pytest.fixture(scope="session")
-def registry(cluster: Any) -> str:
+def registry(admin: Any) -> str:
     """HOST:PORT of a registry that we can push to and the nodes pull from."""
     from rigel_k8s.objects.refs import ObjectRef
 
     if given := os.environ.get("RIGEL_TEST_REGISTRY"):
         return given
-    note = cluster.get(ObjectRef("v1", "ConfigMap", "kube-public", "local-registry-hosting"))
+    note = admin.get(ObjectRef("v1", "ConfigMap", "kube-public", "local-registry-hosting"))
     if not note:
         pytest.skip("this cluster tells no registry: name one with RIGEL_TEST_REGISTRY")
     return str(json.loads(note["data"]["localRegistryHosting.v1"])["host"])

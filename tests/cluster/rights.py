@@ -4,10 +4,41 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 from pathlib import Path
 from typing import Any
 
+import yaml
+
+from rigel_k8s.commands.rbac import Subject, roles
 from rigel_k8s.kube.kubeconfig import load
+from rigel_k8s.settings import Settings
+
+DEPLOYER = "rigel-test-deployer"
+
+
+def grant_role(admin: Any, namespace: str, purpose: str, user: str) -> None:
+    """Give a user what `rigel rbac` prints for a purpose."""
+    for manifest in roles(Settings(namespace=namespace), purpose, [Subject("User", user)]):
+        admin.create(manifest)
+
+
+def write_impersonation(context: str, user: str, directory: Path) -> Path:
+    """Write a kubeconfig with which a context's user asks in another user's name."""
+    named = os.environ.get("KUBECONFIG") or str(Path.home() / ".kube/config")
+    for file in map(Path, named.split(os.pathsep)):
+        config = yaml.safe_load(file.read_text("utf-8")) if file.exists() else {}
+        found = [c["context"] for c in config.get("contexts") or [] if c["name"] == context]
+        if found:
+            break
+    else:
+        raise AssertionError(f"no kubeconfig has the context {context}")
+    for entry in config["users"]:
+        if entry["name"] == found[0]["user"]:
+            entry["user"]["as"] = user
+    made = directory / "kubeconfig"
+    made.write_text(yaml.safe_dump(config), "utf-8")
+    return made
 
 
 def write_kubeconfig(

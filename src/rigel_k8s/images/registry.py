@@ -1,4 +1,4 @@
-"""Asks image registries two things over HTTP: are these credentials good, what digest has this tag.
+"""Asks image registries over HTTP: are these credentials good, what digest and machines has a tag.
 
 The protocol is the OCI distribution specification, with Docker's token authentication.
 """
@@ -12,13 +12,14 @@ import os
 import re
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode, urlsplit
 
 import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
+from rigel_k8s.image_reference import DOCKER_HUB, Reference, parse_reference
 from rigel_k8s.images.credentials import RegistryCredentials, is_loopback, is_private
 from rigel_k8s.proxy import environment_proxy
 
@@ -66,13 +67,37 @@ def resolve_digest(
         return None
     if reference.digest:
         return reference.digest
-    if credentials is None:
-        credentials = RegistryCredentials(reference.registry)
-    registry = _Registry(reference.registry, credentials, timeout, insecure=insecure)
+    registry = _registry_of(reference, credentials, timeout, insecure=insecure)
     try:
         return registry.digest(reference.repository, reference.version)
     except _Unclear:
         return None
+
+
+def find_architectures(
+    image: str, credentials: RegistryCredentials | None = None, *, timeout: float = 3.0
+) -> frozenset[str]:
+    """Return the kinds of Linux machines that an image runs on; empty: the registry does not say.
+
+    They are named as Kubernetes names them: amd64, arm64. Arguments are those of resolve_digest.
+    """
+    try:
+        reference = parse_reference(image)
+        registry = _registry_of(reference, credentials, timeout)
+        return registry.architectures(reference.repository, reference.digest or reference.version)
+    except (UserError, _Unclear):
+        return frozenset()
+
+
+def _registry_of(
+    reference: Reference,
+    credentials: RegistryCredentials | None,
+    timeout: float,
+    *,
+    insecure: bool = False,
+) -> _Registry:
+    user = credentials or RegistryCredentials(reference.registry)
+    return _Registry(reference.registry, user, timeout, insecure=insecure)
 
 
 def log_in(credentials: RegistryCredentials, *, timeout: float = 10.0) -> bool:
@@ -126,18 +151,46 @@ class _Registry:
     def digest(self, repository: str, version: str) -> str | None:
         """Return the digest of a tag, None where the repository or tag is not to be seen."""
         path = f"/v2/{repository}/manifests/{version}"
-        base, answer = self._ask_bases(path)
-        if answer.status == 401:
-            scope = f"repository:{repository}:pull"
-            try:
-                self._authorize(base, answer.headers.get("WWW-Authenticate", ""), scope=scope)
-            except RigelK8sError:
-                return None
-            answer = self._ask("HEAD", base + path)
+        base, answer = self._open(path, repository)
         if answer.status != 200:
             return None
         found = answer.headers.get("Docker-Content-Digest")
         return found or self._compute_digest(base + path)
+
+    def architectures(self, repository: str, version: str) -> frozenset[str]:
+        """Return the architectures of an index, or of an image's configuration."""
+        path = f"/v2/{repository}/manifests/{version}"
+        base, answer = self._open(path, repository)
+        if answer.status != 200:
+            return frozenset()
+        manifest = self._read_json(base + path)
+        if "manifests" in manifest:
+            platforms = [one.get("platform") or {} for one in manifest["manifests"]]
+        else:
+            config = (manifest.get("config") or {}).get("digest", "")
+            platforms = [self._read_json(f"{base}/v2/{repository}/blobs/{config}")]
+        found = {
+            str(one.get("architecture") or "") for one in platforms if one.get("os") == "linux"
+        }
+        return frozenset(found - {"", "unknown"})
+
+    def _read_json(self, url: str) -> dict[str, Any]:
+        answer = self._ask("GET", url)
+        try:
+            content = json.loads(answer.data) if answer.status == 200 else {}
+        except ValueError:
+            content = {}
+        return content if isinstance(content, dict) else {}
+
+    def _open(self, path: str, repository: str) -> tuple[str, urllib3.BaseHTTPResponse]:
+        """Ask for a manifest's headers, logged in where that is wanted; also return the base."""
+        base, answer = self._ask_bases(path)
+        if answer.status == 401:
+            scope = f"repository:{repository}:pull"
+            with suppress(RigelK8sError):
+                self._authorize(base, answer.headers.get("WWW-Authenticate", ""), scope=scope)
+                answer = self._ask("HEAD", base + path)
+        return base, answer
 
     def _compute_digest(self, url: str) -> str | None:
         answer = self._ask("GET", url)

@@ -46,6 +46,12 @@ def find_refused_pods(survey: Survey) -> Iterator[Problem]:
         yield make_problem(survey, refs, f"the cluster refuses its pods: {reason}", ground)
 
 
+def find_unfit(survey: Survey) -> Iterator[Problem]:
+    """Yield a problem for each workload that no machine can run."""
+    for ref, reason in survey.foreseen.unfit.items():
+        yield make_problem(survey, [ref], reason, "architecture")
+
+
 def describe_reason(error: Refusal, ref: ObjectRef) -> str:
     """Return Kubernetes' reason without the name of what was tried."""
     causes = [f"{cause.field}: {cause.message}" for cause in error.causes if cause.field]

@@ -18,7 +18,7 @@ from rigel_k8s.kube.failures import Conflict, Forbidden, Missing, Refusal
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.rights import Right
 from rigel_k8s.release.rights import ask_missing, find_resource, missing_error, need_for
-from rigel_k8s.release.trials import ABOUT_OBJECTS, Trial, choose_trials, try_pod
+from rigel_k8s.release.trials import ABOUT_OBJECTS, Trial, changes_template, choose_trials, try_pod
 from rigel_k8s.release.types import Desired, ReleaseId
 
 Live = dict[str, Any]
@@ -60,12 +60,14 @@ class Foreseen:
         pods: by workload: its pod as the cluster would store it, or why it would be refused.
         quotas: the namespace's ResourceQuotas.
         missing: the rights that we lack.
+        unfit: why workloads cannot run, as those say who know what is in the release.
     """
 
     results: Mapping[ObjectRef, Live | Refusal] = attrs.field(factory=dict)
     pods: Mapping[ObjectRef, Manifest | Refusal] = attrs.field(factory=dict)
     quotas: Sequence[Live] = ()
     missing: Sequence[Right] = ()
+    unfit: Mapping[ObjectRef, str] = attrs.field(factory=dict)
 
 
 def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
@@ -79,6 +81,7 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
     pods: dict[ObjectRef, Manifest | Refusal] = {}
     quotas: list[Live] = []
     missing: list[Right] = []
+    unfit: dict[ObjectRef, str] = {}
     release, there = work.desired.release, work.namespace is not None
 
     def try_one(manifest: Manifest) -> None:
@@ -94,12 +97,15 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
         *(partial(try_one, manifest) for manifest in work.in_reach),
         *(partial(try_its_pod, trial) for trial in trials),
     ]
+    if changed := [m for m in work.candidates if changes_template(m, work.live)]:
+        calls.append(lambda: unfit.update(work.desired.inspect(changed)))
     if there and work.candidates:
         calls.append(lambda: quotas.extend(list_quotas(cluster, release.namespace)))
     cluster.parallel(lambda call: call(), calls)
     refs = [ref_of(manifest) for manifest in work.in_reach]
     in_order = {ref: results[ref] for ref in refs}
-    return Foreseen(in_order, {ref: pods[ref] for ref in refs if ref in pods}, quotas, missing)
+    tried = {ref: pods[ref] for ref in refs if ref in pods}
+    return Foreseen(in_order, tried, quotas, missing, unfit)
 
 
 def list_needed(work: Work) -> set[Right]:

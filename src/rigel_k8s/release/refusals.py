@@ -14,7 +14,7 @@ from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.admission import find_exceeded, find_refused_pods
+from rigel_k8s.release.admission import find_exceeded, find_refused_pods, find_unfit
 from rigel_k8s.release.foresight import explain_missing
 from rigel_k8s.release.ownership import managers
 from rigel_k8s.release.survey import Survey, belongs
@@ -65,6 +65,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
         *find_invalid(survey),
         *find_refused_pods(survey),
         *find_exceeded(survey),
+        *find_unfit(survey),
     ]
     if problems:
         error = Refused(

@@ -45,15 +45,21 @@ def choose_trials(
     accounts = {m["metadata"]["name"] for m in manifests if m["kind"] == "ServiceAccount"}
     chosen: dict[str, list[Manifest]] = {}
     for manifest in candidates:
-        template = find_template(manifest)
-        there = find_template(live.get(ref_of(manifest), {}))
-        if template is not None and not (there and contains(there, template)):
+        if changes_template(manifest, live):
+            template = manifest["spec"]["template"]
             key = json.dumps([manifest["metadata"].get("namespace"), template], sort_keys=True)
             chosen.setdefault(key, []).append(manifest)
     return [
         Trial(make_pod(same[0], accounts), tuple(ref_of(manifest) for manifest in same))
         for same in chosen.values()
     ]
+
+
+def changes_template(manifest: Manifest, live: Mapping[ObjectRef, Manifest]) -> bool:
+    """Whether a workload gets a pod template that the cluster does not have yet."""
+    template = find_template(manifest)
+    there = find_template(live.get(ref_of(manifest), {}))
+    return template is not None and not (there and contains(there, template))
 
 
 def find_template(workload: Manifest) -> Manifest | None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, TypeAlias
 
 import attrs
 
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.problems import Path
 from rigel_k8s.report import Reporter
+
+Inspect: TypeAlias = Callable[[Sequence[Manifest]], Mapping[ObjectRef, str]]
 
 
 @attrs.frozen
@@ -31,7 +33,11 @@ class Desired:
         options: the options as plain data, kept in the revision: a partial job is laid over them.
         create_namespace: whether a missing namespace is created (the Rigelfile names it).
         protected: objects that outlive `down` unless volumes are asked for (claims and volumes).
-        remedies: by kind of object: what to do where we lack the right to write one.
+        remedies: by kind of object: what to do where we lack the right to write one; by ground of
+            a refusal (`quota`): what to do about it.
+        inspect: finds why workloads that are new or changed cannot run, by workload; called with
+            their manifests before the first write. The only part that is not data: only who knows
+            what is in a release knows whom to ask.
     """
 
     release: ReleaseId
@@ -41,6 +47,7 @@ class Desired:
     create_namespace: bool = False
     protected: frozenset[ObjectRef] = frozenset()
     remedies: Mapping[str, str] = attrs.field(factory=dict)
+    inspect: Inspect = attrs.field(default=lambda _: {}, eq=False, repr=False)
 
 
 @attrs.frozen

@@ -104,6 +104,12 @@ class Maker:
         }
 
 
+@pytest.fixture(scope="session")
+def cluster(deployer: Any) -> Any:
+    """The cluster as a user sees it who has no more rights than the Role for deployers."""
+    return deployer
+
+
 @pytest.fixture
 def report() -> Recorder:
     """A reporter that remembers."""
@@ -111,8 +117,8 @@ def report() -> Recorder:
 
 
 @pytest.fixture
-def make(cluster: Any, namespace: str, registry: str) -> Iterator[Maker]:
+def make(admin: Any, namespace: str, registry: str) -> Iterator[Maker]:
     """A maker of manifests in the test's namespace; what is cluster-wide goes after the test."""
     maker = Maker(namespace, f"{registry}/rigel-k8s/busybox:1")
     yield maker
-    down(cluster, maker.release, volumes=True, report=Recorder())
+    down(admin, maker.release, volumes=True, report=Recorder())

@@ -85,16 +85,6 @@ def test_an_unbound_claim_is_told(cluster: Any, make: Any, report: Any) -> None:
     assert 'storageclass.storage.k8s.io "nowhere" not found' in told
 
 
-def test_a_quota_is_told(cluster: Any, make: Any, report: Any) -> None:
-    """A pod that may not be made never shows up; its controller says why."""
-    meta = {"name": "few", "namespace": make.namespace}
-    quota = {"apiVersion": "v1", "kind": "ResourceQuota", "metadata": meta}
-    cluster.create({**quota, "spec": {"hard": {"pods": "0"}}})
-    told = failure(cluster, make, report, make.deployment())
-    assert "no pod can be made" in told
-    assert "exceeded quota: few" in told
-
-
 def test_a_failed_mount_is_told(cluster: Any, make: Any, report: Any) -> None:
     """A volume that the kubelet cannot mount."""
     host = {"name": "dev", "hostPath": {"path": "/no/such/device", "type": "CharDevice"}}

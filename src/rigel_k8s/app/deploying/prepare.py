@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import attrs
 import yaml
 
 from rigel_k8s.app.checks import check
+from rigel_k8s.app.deploying.architectures import find_unfit_machines
 from rigel_k8s.app.deploying.digests import pins
 from rigel_k8s.app.deploying.secrets import choose_credentials, has_pull_secret, secret_name
 from rigel_k8s.app.desired import draft, has_workloads
@@ -95,9 +97,13 @@ def prepare(
     known = [one for one in (providers or {}).values() if isinstance(one, RegistryCredentials)]
     believed = providers is None and cluster is not None and has_pull_secret(release, cluster)
     eyes = cluster if preflight and is_settled(options) else None
-    return _finish(
+    prepared = _finish(
         options, raw, application, release, last, data or {}, known, eyes, secret_is_there=believed
     )
+    if cluster is None:
+        return prepared
+    inspect = partial(find_unfit_machines, cluster=cluster, known=known)
+    return attrs.evolve(prepared, desired=attrs.evolve(prepared.desired, inspect=inspect))
 
 
 def is_settled(options: OrchestrationOptions) -> bool:

@@ -24,12 +24,14 @@ from rigel_k8s.images.registry import (
     _Registry,
     _Unclear,
     challenge,
+    find_architectures,
     log_in,
     resolve_digest,
 )
 
 MANIFEST = b'{"schemaVersion": 2}'
 DIGEST = f"sha256:{hashlib.sha256(MANIFEST).hexdigest()}"
+INDEX, IMAGE, CONFIG = (f"sha256:{digit * 64}" for digit in "123")
 BASIC = "Basic " + base64.b64encode(b"me:secret").decode()
 Request = tuple[str, str, str]
 
@@ -62,6 +64,8 @@ class Handler(BaseHTTPRequestHandler):
         elif self.path in ("/v2/", "/v2/team/app/manifests/1"):
             headers = {"Docker-Content-Digest": DIGEST} if self.server.tells else {}
             self.send(200, MANIFEST, headers)
+        elif self.path in self.server.blobs:
+            self.send(200, json.dumps(self.server.blobs[self.path]).encode())
         else:
             self.send(404, b"")
 
@@ -85,6 +89,7 @@ class Registry(ThreadingHTTPServer):
         self.name = f"127.0.0.1:{self.server_address[1]}"
         self.realm = f"http://{self.name}/token?a=b"
         self.seen: list[Request] = []
+        self.blobs: dict[str, object] = {}
 
 
 @pytest.fixture
@@ -105,6 +110,31 @@ def test_a_token_is_fetched_for_the_repository(registry: Registry) -> None:
     (_, path, given), (*_, last) = registry.seen[-2:]
     assert path == "/token?a=b&service=here&scope=repository%3Ateam%2Fapp%3Apull"
     assert (given, last) == (BASIC, f"Bearer for {BASIC}")
+
+
+def test_an_index_names_the_machines_that_an_image_runs_on(registry: Registry) -> None:
+    """Attestations, which are listed beside the images, are for no machine."""
+    platforms = [("linux", "amd64"), ("linux", "arm64"), ("unknown", "unknown"), ("windows", "x")]
+    listed = [{"platform": {"os": os, "architecture": name}} for os, name in platforms]
+    registry.blobs[f"/v2/team/app/manifests/{INDEX}"] = {"manifests": listed}
+    image = f"{registry.name}/team/app:1@{INDEX}"
+    assert find_architectures(image) == {"amd64", "arm64"}
+
+
+def test_an_image_by_itself_names_its_machine_in_its_configuration(registry: Registry) -> None:
+    """That costs one request more."""
+    registry.blobs[f"/v2/team/app/manifests/{IMAGE}"] = {"config": {"digest": CONFIG}}
+    registry.blobs[f"/v2/team/app/blobs/{CONFIG}"] = {"os": "linux", "architecture": "arm64"}
+    me = RegistryCredentials(registry.name, "me", "secret")
+    assert find_architectures(f"{registry.name}/team/app@{IMAGE}", me) == {"arm64"}
+
+
+@pytest.mark.parametrize("manifest", [None, [], {}, {"manifests": []}, {"config": {}}])
+def test_what_a_registry_does_not_say_is_unknown(registry: Registry, manifest: object) -> None:
+    """Nothing is refused for it."""
+    registry.blobs[f"/v2/team/app/manifests/{IMAGE}"] = manifest
+    assert find_architectures(f"{registry.name}/team/app@{IMAGE}") == frozenset()
+    assert find_architectures(f"{registry.name}/team/other@{IMAGE}") == frozenset()
 
 
 def test_public_images_need_no_credentials(registry: Registry) -> None:

@@ -1,0 +1,81 @@
+"""Which workloads have no machine of the kind that their images run on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rigel_k8s.app.deploying.architectures import explain
+from rigel_k8s.errors import UserError
+from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.types import Desired
+from tests.support.manifests import RELEASE, workload
+
+IMAGE = "r/app:1@sha256:a"
+
+
+def node(architecture: str | None, **labels: str) -> dict[str, Any]:
+    known = {"kubernetes.io/arch": architecture} if architecture else {}
+    return {"metadata": {"labels": {**known, **labels}}}
+
+
+def pinned(**selector: str) -> dict[str, Any]:
+    made = workload(image=IMAGE)
+    made["spec"]["template"]["spec"]["nodeSelector"] = selector
+    return made
+
+
+@pytest.mark.parametrize(
+    ("selector", "nodes", "runs_on", "refused"),
+    [
+        ({}, [node("amd64")], {"amd64"}, False),
+        ({}, [node("amd64")], {"arm64"}, True),
+        ({}, [node("amd64"), node("arm64")], {"arm64"}, False),
+        ({"robot": "r1"}, [node("amd64"), node("arm64", robot="r1")], {"amd64"}, True),
+        ({"robot": "r1"}, [node("amd64")], {"arm64"}, False),  # check_places reports that
+        ({}, [node("amd64"), node(None)], {"arm64"}, False),
+        ({}, [node("amd64")], set(), False),
+        ({}, [], {"arm64"}, False),
+    ],
+)
+def test_only_what_no_chosen_machine_runs_is_refused(
+    selector: dict[str, str], nodes: list[Any], runs_on: set[str], *, refused: bool
+) -> None:
+    """What a machine or a registry does not say is no refusal."""
+    found = dict(explain([pinned(**selector)], nodes, {IMAGE: frozenset(runs_on)}))
+    assert bool(found) is refused
+
+
+def test_the_reason_names_both_sides_and_the_way_out() -> None:
+    """The image as the user writes it."""
+    [(ref, text)] = explain([pinned()], [node("amd64")], {IMAGE: frozenset({"arm64"})})
+    assert ref.name == "talker"
+    assert text.startswith("r/app:1 runs on arm64, and the cluster's machines are amd64; ")
+    assert "`platforms`" in text
+
+
+def test_a_deploy_asks_for_changed_workloads_alone_and_refuses(fake: Any, report: Any) -> None:
+    """Before the first write, and never for a release that stays as it is."""
+    asked: list[str] = []
+
+    def inspect(workloads: Any) -> dict[Any, str]:
+        asked.extend(one["metadata"]["name"] for one in workloads)
+        return {}
+
+    deploy(Desired(RELEASE, (workload(),), inspect=inspect), fake, report=report)
+    deploy(Desired(RELEASE, (workload(),), inspect=inspect), fake, report=report)
+    assert asked == ["talker"]
+    newer = workload(image="app:2")
+    fake.calls.clear()
+    wanted = Desired(RELEASE, (newer,), inspect=lambda found: dict(explain_all(found)))
+    with pytest.raises(UserError) as caught:
+        deploy(wanted, fake, report=report)
+    assert caught.value.details == ("Deployment n/talker: no machine",)
+    assert fake.writes == []
+
+
+def explain_all(workloads: Any) -> Any:
+    from rigel_k8s.objects.refs import ref_of
+
+    return ((ref_of(one), "no machine") for one in workloads)

@@ -56,7 +56,7 @@ def test_an_editor_is_told_to_leave_the_gate_out(
 
     refused = call("run", "job", "deploy")
     assert refused.returncode == 1
-    assert "cannot list Role" in refused.stderr
+    assert "roles.rbac.authorization.k8s.io: create, list, patch" in refused.stderr
     assert "`gate: false`" in refused.stderr
     asked = call("doctor")
     assert "ROS 1 needs `gate: false`" in asked.stdout

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.image_reference import parse_reference
@@ -59,17 +59,27 @@ def secret_of(release: ReleaseId, credentials: Sequence[RegistryCredentials]) ->
 
 
 def write_pull_secret(
-    desired: Desired, credentials: Sequence[RegistryCredentials], cluster: Cluster
+    desired: Desired,
+    credentials: Sequence[RegistryCredentials],
+    cluster: Cluster,
+    *,
+    before: Callable[[], object],
 ) -> None:
-    """Have the pull secret on the cluster before the first pod wants it; unchanged: no write."""
+    """Have the pull secret on the cluster before the first pod wants it; unchanged: no write.
+
+    Args:
+        before: called before it is written; raises where the release itself will be refused.
+    """
     if not credentials:
         return
+    wanted = secret_of(desired.release, credentials)
+    live = cluster.get(ref_of(wanted))
+    if live is not None and live.get("data") == wanted["data"]:
+        return
+    before()
     namespace = ObjectRef("v1", "Namespace", "", desired.release.namespace)
     if desired.create_namespace and cluster.get(namespace) is None:
         cluster.apply(
             {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace.name}}
         )
-    wanted = secret_of(desired.release, credentials)
-    live = cluster.get(ref_of(wanted))
-    if live is None or live.get("data") != wanted["data"]:
-        cluster.apply(wanted)
+    cluster.apply(wanted)

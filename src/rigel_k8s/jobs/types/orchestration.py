@@ -6,7 +6,8 @@ apart.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, ClassVar
 
 from rigel_k8s.app.checks import check as check_options
@@ -81,7 +82,12 @@ class OrchestrationJob:
             check_places(prepared.desired.objects, cluster)
             _ready_the_network(prepared, cluster, job)
             late = _observe(prepared, cluster, job)
-            write_pull_secret(prepared.desired, prepared.credentials, cluster)
+            write_pull_secret(
+                prepared.desired,
+                prepared.credentials,
+                cluster,
+                before=lambda: _refuse(prepared, cluster, job),
+            )
             _deploy(prepared, cluster, job)
             _check_graph(prepared, cluster, job)
             _copy_results(prepared, cluster, job)
@@ -92,7 +98,6 @@ class OrchestrationJob:
 def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     """Deploy, and report what an update did to the ROS graph; roll back where that is asked for."""
     from rigel_k8s.release.deploy import deploy
-    from rigel_k8s.release.refusals import Refused
     from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
 
     release, options = prepared.desired.release, prepared.options
@@ -100,21 +105,19 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     watch = GraphWatch(cluster, release, job.report, job.cancel, within or PATIENCE)
     readable = not speaks_zenoh(options, ros_of(job.application.distro, options.ros))
     try:
-        revision = deploy(
-            prepared.desired,
-            cluster,
-            report=job.report,
-            cancel=job.cancel,
-            timeout=timeout_of(options, job.settings),
-            adopt=job.settings.adopt,
-            description=job.name,
-            lock_timeout=job.settings.lock_timeout,
-            before=watch.begin if readable else None,
-            verify=watch.insist if within else None,
-        )
-    except Refused as refused:
-        refused.details = tuple(job.place(refused.problems))
-        raise
+        with _placing_refusals(job):
+            revision = deploy(
+                prepared.desired,
+                cluster,
+                report=job.report,
+                cancel=job.cancel,
+                timeout=timeout_of(options, job.settings),
+                adopt=job.settings.adopt,
+                description=job.name,
+                lock_timeout=job.settings.lock_timeout,
+                before=watch.begin if readable else None,
+                verify=watch.insist if within else None,
+            )
     except RolloutFailed as failure:
         if not job.settings.rollback_on_failure:
             raise
@@ -134,6 +137,26 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     job.report.line(f"{release.name} in {release.namespace} is at revision {revision.number}")
     if not within:
         watch.report()
+
+
+def _refuse(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
+    """Raise where the deploy to come is refused: something is to be written before it."""
+    from rigel_k8s.release.deploy import diff
+
+    with _placing_refusals(job):
+        diff(prepared.desired, cluster, adopt=job.settings.adopt)
+
+
+@contextmanager
+def _placing_refusals(job: JobContext) -> Iterator[None]:
+    """Give a refusal the places of its problems in the Rigelfile."""
+    from rigel_k8s.release.refusals import Refused
+
+    try:
+        yield
+    except Refused as refused:
+        refused.details = tuple(job.place(refused.problems))
+        raise
 
 
 def _find_limit(options: OrchestrationOptions) -> float | None:

@@ -265,11 +265,25 @@ def test_an_unchanged_pull_secret_is_not_written(fake: FakeCluster) -> None:
     wanted = Desired(ReleaseId("robots", "demo"), (), create_namespace=True)
     for password, writes in (("one", 2), ("one", 0), ("two", 1)):
         fake.calls.clear()
-        write_pull_secret(wanted, [RegistryCredentials("localhost:1", "me", password)], fake)  # type: ignore[arg-type]
+        me = [RegistryCredentials("localhost:1", "me", password)]
+        write_pull_secret(wanted, me, fake, before=lambda: None)  # type: ignore[arg-type]
         assert len(fake.writes) == writes
     fake.calls.clear()
-    write_pull_secret(wanted, [], fake)  # type: ignore[arg-type]
+    write_pull_secret(wanted, [], fake, before=lambda: None)  # type: ignore[arg-type]
     assert fake.calls == []
+
+
+def test_a_refused_release_gets_no_pull_secret(fake: FakeCluster) -> None:
+    """Neither the Secret nor the namespace is written for what is refused."""
+
+    def refuse() -> None:
+        raise UserError("no")
+
+    wanted = Desired(ReleaseId("robots", "demo"), (), create_namespace=True)
+    me = [RegistryCredentials("localhost:1", "me", "one")]
+    with pytest.raises(UserError):
+        write_pull_secret(wanted, me, fake, before=refuse)  # type: ignore[arg-type]
+    assert fake.writes == []
 
 
 # Places

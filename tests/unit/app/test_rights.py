@@ -1,0 +1,46 @@
+"""The declared rights are enough for what applications are made of, and no more."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rigel_k8s.app.rights import need_to_deploy, need_to_look
+from rigel_k8s.objects.rights import find_missing, make_rules
+from rigel_k8s.release.rights import find_resource, need_for
+
+GOLDEN = Path(__file__).parent / "golden"
+
+
+def read_shapes() -> list[Any]:
+    texts = (f.read_text() for f in GOLDEN.glob("*.yaml") if not f.name.endswith(".with.yaml"))
+    return [item for text in texts for item in yaml.safe_load_all(text) if item]
+
+
+def test_a_deployer_may_do_all_that_any_application_needs() -> None:
+    """Of every shape in the golden files; volumes of machines belong to the whole cluster."""
+    shapes = read_shapes()
+    assert len({item["kind"] for item in shapes}) > 6
+    for item in shapes:
+        assert find_resource(item["apiVersion"], item["kind"]), item["kind"]
+        item["metadata"]["namespace"] = "n"
+    own = [item for item in shapes if item["kind"] != "PersistentVolume"]
+    needed = need_for(own, own, own, "n")
+    assert find_missing(needed, make_rules(need_to_deploy("n"))) == []
+
+
+def test_who_looks_sees_no_secret_and_changes_nothing() -> None:
+    """And runs no command in a pod."""
+    rights = set(need_to_look("n"))
+    assert {right.verb for right in rights} == {"get", "list", "watch"}
+    assert not {"secrets", "pods/exec"} & {right.resource for right in rights}
+    assert rights < set(need_to_deploy("n"))
+
+
+def test_no_right_is_for_all_verbs_or_kinds() -> None:
+    """A Role without a star says what it grants; all of it is in the namespace."""
+    for right in need_to_deploy("n"):
+        assert "*" not in (right.group, right.resource, right.verb)
+        assert right.namespace == "n"

@@ -38,3 +38,19 @@ def parse_names(line: str) -> list[str]:
     """Return the names that an ARG instruction declares."""
     found = re.match(r"(?i)\s*ARG\s+(.+)", line)
     return re.findall(r"(?:^|\s)(\w+)(?==|\s|$)", found.group(1)) if found else []
+
+
+def pass_on(
+    buildargs: Mapping[str, str], env: Mapping[str, str]
+) -> tuple[list[str], dict[str, str]]:
+    """Return the words of a build for its arguments, and the environment that has their values.
+
+    Every user of a machine can read the arguments of its processes, and a build argument may be a
+    token. A name that the environment has with another value keeps its value in the words: the
+    program itself may need the other one (PATH, say).
+    """
+    hidden = {name: value for name, value in buildargs.items() if env.get(name, value) == value}
+    words = []
+    for name, value in buildargs.items():
+        words += ["--build-arg", name if name in hidden else f"{name}={value}"]
+    return words, {**env, **hidden}

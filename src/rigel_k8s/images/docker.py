@@ -12,6 +12,7 @@ import attrs
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.image_reference import DOCKER_HUB
+from rigel_k8s.images.buildargs import pass_on
 from rigel_k8s.images.credentials import docker_config
 from rigel_k8s.images.engine import Build, Session
 from rigel_k8s.images.process import build as run_build
@@ -83,8 +84,8 @@ class Docker:
             words += ["--tag", name]
         if build.platforms:
             words += ["--platform", ",".join(build.platforms)]
-        for name, value in build.buildargs.items():
-            words += ["--build-arg", f"{name}={value}"]
+        arguments, env = pass_on(build.buildargs, env)
+        words += arguments
         run_build(
             [*words, str(build.context)],
             what=f"docker build of {build.names[0]}",

@@ -16,7 +16,7 @@ from pathlib import Path
 import attrs
 
 from rigel_k8s.image_reference import DOCKER_HUB, parse_reference
-from rigel_k8s.images.buildargs import mark
+from rigel_k8s.images.buildargs import mark, pass_on
 from rigel_k8s.images.credentials import docker_config, is_loopback
 from rigel_k8s.images.engine import Build, Session
 from rigel_k8s.images.process import build as run_build
@@ -135,12 +135,12 @@ class _Run:
         words = ["build", "--file", str(self.dockerfile(build)), *target]
         if build.platforms:
             words += ["--platform", ",".join(build.platforms)]
-        for name, value in build.buildargs.items():
-            words += ["--build-arg", f"{name}={value}"]
+        arguments, env = pass_on(build.buildargs, self.env)
+        words += arguments
         run_build(
             [self.program, *words, str(build.context)],
             what=f"podman build of {build.names[0]}",
-            env=self.env,
+            env=env,
             cancel=self.session.cancel,
             on_line=Steps(self.session.tell),
         )

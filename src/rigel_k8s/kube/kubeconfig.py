@@ -127,7 +127,7 @@ def from_context(config: Mapping[str, Any], name: str) -> Target:
             hint="mend the kubeconfig, or choose another context with --context",
         )
     return Target(
-        server=str(cluster["server"]).rstrip("/"),
+        server=without_user(str(cluster["server"]).rstrip("/")),
         context=name,
         namespace=context.get("namespace") or "default",
         authority=inline_or_file(cluster, "certificate-authority"),
@@ -136,6 +136,13 @@ def from_context(config: Mapping[str, Any], name: str) -> Target:
         proxy=cluster.get("proxy-url") or "",
         credentials=partial(user_credentials, user, cluster, name, inline_or_file),
     )
+
+
+def without_user(url: str) -> str:
+    """Return a URL without a user and password in it: no one logs in by them, and errors show it."""
+    scheme, separator, rest = url.partition("://")
+    host, slash, path = rest.partition("/")
+    return f"{scheme}{separator}{host.rpartition('@')[2]}{slash}{path}" if separator else url
 
 
 def inline_or_file(entry: Mapping[str, Any], key: str) -> str:

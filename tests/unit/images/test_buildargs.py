@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.images.buildargs import mark
+from rigel_k8s.images.buildargs import mark, pass_on
 
 DIGEST = "d4735e3a265e"  # of "2"
 
@@ -39,3 +39,12 @@ def test_all_else_stays_as_it_is(text: str) -> None:
 def test_the_value_itself_is_not_written() -> None:
     """It may be a secret."""
     assert "hunter2" not in mark("FROM a\nARG PASSWORD\n", {"PASSWORD": "hunter2"})
+
+
+def test_values_are_in_the_environment_and_not_among_the_words() -> None:
+    """Other users of the machine see the words; a name that is taken keeps its value there."""
+    words, env = pass_on(
+        {"TOKEN": "planted", "PATH": "/own", "LANG": "C"}, {"PATH": "/", "LANG": "C"}
+    )
+    assert words == ["--build-arg", "TOKEN", "--build-arg", "PATH=/own", "--build-arg", "LANG"]
+    assert env == {"TOKEN": "planted", "PATH": "/", "LANG": "C"}

@@ -101,7 +101,7 @@ def test_a_push_is_one_build_and_its_digest_is_for_every_name(fake: Fake) -> Non
     assert words == [
         *("buildx", "build", "--progress", "plain", "--push", "--metadata-file", metadata),
         *("--file", str(build.dockerfile), "--tag", build.names[0], "--tag", build.names[1]),
-        *("--platform", "linux/amd64,linux/arm64", "--build-arg", "A=b c", str(build.context)),
+        *("--platform", "linux/amd64,linux/arm64", "--build-arg", "A", str(build.context)),
     ]
     assert told == ["1/2 FROM scratch"]
     assert "BUILDX_NO_DEFAULT_ATTESTATIONS=1" in fake.environment()

@@ -132,7 +132,7 @@ def test_a_push_of_every_name_tells_its_digest(fake: Fake) -> None:
     digests = fake.podman.build(build, fake.session, load=False, push=True)
     assert digests == {"h:5/app:1": "sha256:1", "me/app:2": "sha256:1"}
     words, *pushes = fake.calls
-    named = ["--tag", "h:5/app:1", "--tag", "docker.io/me/app:2", "--build-arg", "A=b"]
+    named = ["--tag", "h:5/app:1", "--tag", "docker.io/me/app:2", "--build-arg", "A"]
     assert words == ["build", "--file", str(build.dockerfile), *named, str(build.context)]
     assert [(call[0], *call[3:]) for call in pushes] == [
         ("push", name, f"docker://{name}") for name in ("h:5/app:1", "docker.io/me/app:2")

@@ -20,7 +20,7 @@ DEPLOYER = "rigel-test-deployer"
 def grant_role(admin: Any, namespace: str, purpose: str, user: str) -> None:
     """Give a user what `rigel rbac` prints for a purpose."""
     for manifest in roles(Settings(namespace=namespace), purpose, [Subject("User", user)]):
-        admin.create(manifest)
+        admin.apply(manifest)
 
 
 def write_impersonation(context: str, user: str, directory: Path) -> Path:

@@ -139,7 +139,7 @@ def from_context(config: Mapping[str, Any], name: str) -> Target:
 
 
 def without_user(url: str) -> str:
-    """Return a URL without a user and password in it: no one logs in by them, and errors show it."""
+    """Return a URL without its user and password: errors show it, and no one logs in by them."""
     scheme, separator, rest = url.partition("://")
     host, slash, path = rest.partition("/")
     return f"{scheme}{separator}{host.rpartition('@')[2]}{slash}{path}" if separator else url

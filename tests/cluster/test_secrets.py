@@ -93,7 +93,11 @@ def token(cluster: Any, namespace: str, context: str, tmp_path: Path) -> str:
 
 
 def write_rigelfile(path: Path, registry: str) -> None:
-    node = {"ros": "none", "command": ["sh", "-c", "while true; do sleep 0.1; done"], "readiness": "none"}
+    node = {
+        "ros": "none",
+        "command": ["sh", "-c", "while true; do sleep 0.1; done"],
+        "readiness": "none",
+    }
     job = {
         "image": f"{registry}/rigel-k8s/busybox:1",
         "nodes": {"talker": node},

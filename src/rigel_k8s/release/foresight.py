@@ -97,8 +97,10 @@ def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
         *(partial(try_one, manifest) for manifest in work.in_reach),
         *(partial(try_its_pod, trial) for trial in trials),
     ]
-    if changed := [m for m in work.candidates if changes_template(m, work.live)]:
-        calls.append(lambda: unfit.update(work.desired.inspect(changed)))
+    inspect = work.desired.inspect
+    changed = [m for m in work.candidates if changes_template(m, work.live)]
+    if inspect is not None and changed:
+        calls.append(lambda: unfit.update(inspect(changed)))
     if there and work.candidates:
         calls.append(lambda: quotas.extend(list_quotas(cluster, release.namespace)))
     cluster.parallel(lambda call: call(), calls)

@@ -47,7 +47,7 @@ class Desired:
     create_namespace: bool = False
     protected: frozenset[ObjectRef] = frozenset()
     remedies: Mapping[str, str] = attrs.field(factory=dict)
-    inspect: Inspect = attrs.field(default=lambda _: {}, eq=False, repr=False)
+    inspect: Inspect | None = attrs.field(default=None, eq=False, repr=False)
 
 
 @attrs.frozen

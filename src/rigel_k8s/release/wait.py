@@ -269,16 +269,28 @@ class Waiter:
 
     def explain_claim(self, ref: ObjectRef, live: Manifest) -> Iterator[Cause]:
         """Yield why a claim is not bound; one that waits for its first pod is as it shall be."""
-        name = (live.get("spec") or {}).get("storageClassName")
         with suppress(ClusterError):
-            for known in self.cluster.list("storage.k8s.io/v1", "StorageClass"):
-                waits = known.get("volumeBindingMode") == "WaitForFirstConsumer"
-                if known["metadata"]["name"] == name and waits:
-                    self.claims_that_wait.add(ref)
-                    return
-            told = [event.get("message", "") for event in self.cluster.events(live)]
+            events = self.cluster.events(live)
+            if self.waits_for_pod(live, events):
+                self.claims_that_wait.add(ref)
+                return
+            told = [event.get("message", "") for event in events]
             message = f": {told[-1]}" if told else ""
             yield Cause("claim", f"claim {ref.name} has no volume{message}")
+
+    def waits_for_pod(self, claim: Manifest, events: Sequence[Manifest]) -> bool:
+        """Whether a claim gets its volume only when a pod uses it.
+
+        Its storage class says so; who may not see classes finds it among the claim's events.
+        """
+        name = (claim.get("spec") or {}).get("storageClassName")
+        waits = "WaitForFirstConsumer"
+        try:
+            classes = self.cluster.list("storage.k8s.io/v1", "StorageClass")
+        except ClusterError:
+            return any(event.get("reason") == waits for event in events)
+        modes = {known["metadata"]["name"]: known.get("volumeBindingMode") for known in classes}
+        return modes.get(name) == waits
 
     def tell(self, seen: Seen) -> None:
         """Tell a cause that has just been seen."""

@@ -110,14 +110,14 @@ def test_another_releases_object_is_refused_even_with_adopt(
 
 
 def test_a_cluster_wide_volume_of_a_namesake_in_another_namespace_is_refused(
-    cluster: Any, make: Any, report: Any
+    admin: Any, make: Any, report: Any
 ) -> None:
     """The same release name in two namespaces: a volume belongs to one of them."""
     volume = make.volume(f"v-{make.namespace}", "/tmp/rigel-k8s-test")
-    deploy(make.desired(volume), cluster, report=report)
+    deploy(make.desired(volume), admin, report=report)
     other = Desired(ReleaseId("default", "demo"), (volume,))
     with pytest.raises(Refused, match="nothing was changed"):
-        deploy(other, cluster, report=report)
+        deploy(other, admin, report=report)
 
 
 def test_a_rolling_deployment_of_another_tool_is_taken_over_as_recreate(

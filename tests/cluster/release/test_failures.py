@@ -105,7 +105,7 @@ def test_a_node_that_is_never_ready_is_told_with_the_probes_words(
     assert "Readiness probe failed: no master" in told
 
 
-def test_a_failed_job_is_told(cluster: Any, make: Any, report: Any) -> None:
+def test_a_failed_job_is_told(admin: Any, make: Any, report: Any) -> None:
     """A Job at its end does not get better."""
     job = {
         "apiVersion": "batch/v1",
@@ -123,7 +123,7 @@ def test_a_failed_job_is_told(cluster: Any, make: Any, report: Any) -> None:
             },
         },
     }
-    assert "calibrate did not become ready" in failure(cluster, make, report, job)
+    assert "calibrate did not become ready" in failure(admin, make, report, job)
 
 
 def test_what_looks_ready_between_two_crashes_is_not_ready(

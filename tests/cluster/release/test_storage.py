@@ -106,7 +106,7 @@ def test_what_cannot_change_of_a_claim_is_refused_before_anything_is_applied(
 
 
 def test_other_immutable_fields_are_explained_all_at_once(
-    cluster: Any, make: Any, report: Any
+    admin: Any, make: Any, report: Any
 ) -> None:
     """Selector, volume source and Job template: each with what it means, in one refusal."""
     name = f"v-{make.namespace}"
@@ -125,7 +125,7 @@ def test_other_immutable_fields_are_explained_all_at_once(
         },
     }
     deployment = make.deployment(replicas=0)
-    deploy(make.desired(make.volume(name, "/tmp/one"), job, deployment), cluster, report=report)
+    deploy(make.desired(make.volume(name, "/tmp/one"), job, deployment), admin, report=report)
     job = {
         **job,
         "spec": {
@@ -142,7 +142,7 @@ def test_other_immutable_fields_are_explained_all_at_once(
     deployment["spec"]["selector"]["matchLabels"]["more"] = "x"
     deployment["spec"]["template"]["metadata"]["labels"]["more"] = "x"
     with pytest.raises(Refused) as caught:
-        deploy(make.desired(make.volume(name, "/tmp/two"), job, deployment), cluster, report=report)
+        deploy(make.desired(make.volume(name, "/tmp/two"), job, deployment), admin, report=report)
     told = "\n".join(caught.value.details)
     assert "never changes where a volume's data are" in told
     assert "never changes a Job's pods" in told

@@ -83,7 +83,7 @@ def there(cluster: Any, make: Any) -> set[tuple[str, str]]:
 
 @pytest.mark.parametrize("then", ["deploy", "down"])
 def test_a_kill_after_any_write_orphans_nothing(
-    cluster: Any, make: Any, report: Any, context: str, tmp_path: Path, then: str
+    cluster: Any, admin: Any, make: Any, report: Any, context: str, tmp_path: Path, then: str
 ) -> None:
     """After a kill -9 at each write in turn, the next deploy or down leaves just what it shall."""
     old = make.desired(make.config("a", k="1"), make.config("b"), make.deployment("x", replicas=0))
@@ -99,10 +99,10 @@ def test_a_kill_after_any_write_orphans_nothing(
         assert code == -9
         if then == "down":
             down(cluster, make.release, volumes=True, report=report)
-            assert there(cluster, make) == set(), f"killed after write {limit}"
+            assert there(admin, make) == set(), f"killed after write {limit}"
         else:
             deploy(third, cluster, report=report)
-            left = {found for found in there(cluster, make) if found[0] != "Secret"}
+            left = {found for found in there(admin, make) if found[0] != "Secret"}
             assert left == {("ConfigMap", "d")}, f"killed after write {limit}"
             assert "pending" not in {r.status for r in history(cluster, make.release)}
     assert killed >= 8, "Lease, revision, three objects, two prunes, the revision again"

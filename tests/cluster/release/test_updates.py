@@ -40,13 +40,15 @@ def test_a_deploy_makes_what_is_wanted_and_waits_until_it_is_ready(
     assert ("talker", "1 of 1 ready", True) in report.states
 
 
-def test_an_unchanged_deploy_writes_nothing(cluster: Any, make: Any, report: Any) -> None:
+def test_an_unchanged_deploy_writes_nothing(
+    cluster: Any, admin: Any, make: Any, report: Any
+) -> None:
     """The same release again: no object, no revision and no Lease is written."""
     wanted = make.desired(make.config(a="1"), make.secret(p="x"), make.deployment())
     first = deploy(wanted, cluster, report=report)
-    before = versions(cluster, make)
+    before = versions(admin, make)
     assert deploy(wanted, cluster, report=report) == first
-    assert versions(cluster, make) == before
+    assert versions(admin, make) == before
 
 
 def versions(cluster: Any, make: Any) -> dict[tuple[str, str], str]:
@@ -78,13 +80,13 @@ def test_an_update_changes_prunes_and_leaves_the_rest_alone(
     assert {item.ref.name for item in revision.inventory} == {"a", "talker"}
 
 
-def test_a_diff_writes_nothing(cluster: Any, make: Any, report: Any) -> None:
+def test_a_diff_writes_nothing(cluster: Any, admin: Any, make: Any, report: Any) -> None:
     """A diff of a first deploy shows everything and leaves the cluster as it was."""
-    before = versions(cluster, make)
+    before = versions(admin, make)
     plan = diff(make.desired(make.config(a="1"), make.secret(p="hunter2")), cluster)
     assert [step.action for step in plan.steps] == ["create", "create"]
     assert "hunter2" not in difference(plan)
-    assert versions(cluster, make) == before
+    assert versions(admin, make) == before
 
 
 def test_a_field_that_the_rigelfile_drops_is_gone(cluster: Any, make: Any, report: Any) -> None:

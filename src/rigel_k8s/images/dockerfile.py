@@ -203,6 +203,8 @@ def _user(recipe: Recipe) -> Iterator[str]:
         made = f"useradd --create-home --user-group --shell /bin/bash {user}"
         steps.insert(0, f"{{ id -u {user} >/dev/null 2>&1 || {made}; }}")
         steps.append(f"chown -R {user}: {recipe.workspace}")
+    # Kubernetes may run the image as any user, and Ubuntu closes homes to others.
+    steps.append(f"chmod a+rx {recipe.home}")
     steps.append(f"printf '%s\\n'{setup} \\\n        >> /etc/bash.bashrc")
     about = "Interactive shells (kubectl exec -it POD -- bash) know ROS as well."
     yield f"# {about}\n{_run(_chain(steps))}"

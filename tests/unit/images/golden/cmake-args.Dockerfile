@@ -5,6 +5,7 @@ USER root
 RUN { id -u rigeluser >/dev/null 2>&1 || useradd --create-home --user-group --shell /bin/bash rigeluser; } \
     && mkdir -p /home/rigeluser/ros_workspace/src \
     && chown -R rigeluser: /home/rigeluser/ros_workspace \
+    && chmod a+rx /home/rigeluser \
     && printf '%s\n' \
         'source /opt/ros/noetic/setup.bash' \
         'source /home/rigeluser/ros_workspace/devel/setup.bash' \

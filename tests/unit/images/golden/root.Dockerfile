@@ -3,6 +3,7 @@ USER root
 
 # Interactive shells (kubectl exec -it POD -- bash) know ROS as well.
 RUN mkdir -p /root/ros_workspace/src \
+    && chmod a+rx /root \
     && printf '%s\n' \
         'source /opt/ros/noetic/setup.bash' \
         'source /root/ros_workspace/devel/setup.bash' \

@@ -24,9 +24,11 @@ from rigel_k8s.app.distros import guess_distro, ros_of
 from rigel_k8s.app.exporterchecks import check_exporter, speaks_zenoh
 from rigel_k8s.app.gate import has_gate
 from rigel_k8s.app.networkchecks import check_network
+from rigel_k8s.app.networkpolicy.checks import check_network_policy
 from rigel_k8s.app.nodechecks import check_node
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.security.checks import check_security
 from rigel_k8s.app.updating import (
     asks_hand_over,
     find_application_obstacle,
@@ -63,6 +65,8 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
         yield from check_distro(distro)
     yield from check_master(options, ros)
     yield from check_network(options, ros, distro)
+    yield from check_security(options)
+    yield from check_network_policy(options)
     yield from check_names(options, ros)
     yield from check_volumes(options)
     yield from check_hand_over(options, ros, distro)

@@ -14,11 +14,13 @@ from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.exporterchecks import can_be_seen
 from rigel_k8s.app.gate import gate_objects, has_gate, remedies_of
 from rigel_k8s.app.master import master_deployment, master_service
+from rigel_k8s.app.networkpolicy.objects import policy_objects
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
 from rigel_k8s.app.placing import node_selector, remote_selector, tolerations
 from rigel_k8s.app.programs import program, takes_ros_arguments
+from rigel_k8s.app.security.restricted import restrict
 from rigel_k8s.app.storage import storage
 from rigel_k8s.network.modes import network_objects, wire_pod
 from rigel_k8s.network.plan import network_plan
@@ -119,7 +121,7 @@ def draft(
         gate=gate,
     )
     own = Parts(options, around, files or {})
-    made = objects(own, own.plan(previous), scripts, program or {})
+    made = secure(objects(own, own.plan(previous), scripts, program or {}), own)
     return Draft(release, tuple((path, steady(item)) for path, item in made))
 
 
@@ -275,6 +277,10 @@ def objects(
         name = scripts_config(around.release)
         yield (), config_map(around, name, scripts, part_of=around.release)
         yield from network_objects(plan)
+    if options.network_policy and has_workloads(options):
+        watched = own.exporter is not None
+        for item in policy_objects(around, options.network_policy, exporter=watched):
+            yield ("network_policy",), item
     volumes = options.persistent_storage.volumes
     for index, item in storage(volumes, around.namespace, around.release):
         yield ("persistent_storage", "volumes", index), item
@@ -296,6 +302,16 @@ def objects(
     if own.exporter:
         for item in exporter_objects(around, own.exporter, graph_of(own, plan), plan):
             yield ("observability",), item
+
+
+def secure(made: Traced, own: Parts) -> Traced:
+    """Yield the objects with what `security` adds to their pods; the exporter's has all of it."""
+    security = own.options.security
+    for path, item in made:
+        if security is None or item["metadata"]["name"] == EXPORTER:
+            yield path, item
+        else:
+            yield path, restrict(item, security, own.around.ros)
 
 
 def graph_of(own: Parts, plan: NetworkPlan) -> WatchedGraph:

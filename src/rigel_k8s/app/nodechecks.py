@@ -41,7 +41,7 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     yield from check_labels(node)
     yield from check_env(node)
     yield from check_volumes(node, {str(v.name) for v in options.persistent_storage.volumes})
-    yield from check_devices(node)
+    yield from check_devices(node, restricted=options.security is not None)
     yield from check_ports(node)
     yield from check_placement(key, node, options.nodes)
 
@@ -215,13 +215,17 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
         places.add(place)
 
 
-def check_devices(node: NodeOptions) -> Iterator[Problem]:
-    """Yield devices that are none, and those that the container may not open."""
+def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:
+    """Yield devices that are none, and those that the container may not open.
+
+    Args:
+        restricted: device files are refused already, so no remedy is given for them.
+    """
     for index, device in enumerate(map(device_of, node.devices)):
         path = ("devices", index)
         if (device.path is None) == (device.resource is None):
             yield Problem(path, "give either path or resource", "bad-device")
-        elif device.path and not node.security_context.get("privileged"):
+        elif device.path and not restricted and not node.security_context.get("privileged"):
             message = (
                 f"the container sees {device.path} but may not open it: add security_context:"
                 " {privileged: true}, or use a device plugin and `resource: squat.ai/NAME`"

@@ -12,8 +12,10 @@ from typing import Any, ClassVar, Literal
 
 import attrs
 
+from rigel_k8s.app.networkpolicy.options import NetworkPolicy
+from rigel_k8s.app.security.options import Level, Security, security_of
 from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
-from rigel_k8s.objects.fields import option, required_field
+from rigel_k8s.objects.fields import option, required_field, true_is_default
 from rigel_k8s.objects.podoptions import (
     Device,
     EnvVar,
@@ -183,6 +185,18 @@ class OrchestrationOptions:
         "how pods find each other; a word is short for its `mode`",
         accepts=Network | ModeName | None,
         converter=network_of,
+    )
+    security: Security | None = option(
+        "how little containers may do; `restricted` is short for its `level`",
+        accepts=Security | Level | None,
+        converter=security_of,
+    )
+    network_policy: NetworkPolicy | None = option(
+        "let only pods of this release connect to its pods, where the cluster's network enforces"
+        " NetworkPolicies; true is the mapping with its defaults",
+        default=False,
+        accepts=bool | NetworkPolicy,
+        converter=true_is_default(NetworkPolicy),
     )
     readiness: Readiness | Literal["ros", "dds", "none"] | None = option(
         "when the application is ready (default: ros; a plain DDS application: none)"

@@ -142,7 +142,7 @@ def find_lifecycle_obstacle(
     if network is not None:
         mode = mode_of(network)
         middleware = mode.middleware or middleware
-        if mode.on_machines and not mode.attached:
+        if mode.in_machine_network:
             return "it uses the machine's own network"
         if network.ipam == "static":
             return "with `ipam: static` two pods would have one address"

@@ -77,6 +77,11 @@ class Mode:
     one_pod: str | None = None
     participants: int | None = None
 
+    @property
+    def in_machine_network(self) -> bool:
+        """Whether its pods have the machine's own network instead of one of their own."""
+        return self.on_machines and not self.attached
+
 
 def mode_path(network: Network) -> tuple[str, ...]:
     """Return where the mode stands in the options: a word alone is the network itself."""

@@ -44,6 +44,8 @@ $deploys  deploy:
     plugin: rigel_k8s.OrchestrationPlugin
     with:
       namespace: my-robot
+      # An unprivileged user, read-only images; remove it for device files (docs/security.md).
+      security: restricted
 $network      image: "{{ vars.image }}:{{ vars.version }}"
       nodes:
         talker:

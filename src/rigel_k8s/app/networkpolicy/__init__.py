@@ -1,0 +1,1 @@
+"""`network_policy`: who may connect to the application's pods."""

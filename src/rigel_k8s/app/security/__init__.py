@@ -1,0 +1,1 @@
+"""`security`: what the application's containers may do."""

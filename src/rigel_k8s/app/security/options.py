@@ -1,0 +1,43 @@
+"""The option `security`; it knows no Kubernetes object."""
+
+# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+from __future__ import annotations
+
+from typing import Literal
+
+import attrs
+
+from rigel_k8s.objects.fields import option
+from rigel_k8s.objects.scalars import Number
+
+#: The level's name in a Rigelfile, as Kubernetes has it.
+Level = Literal["restricted"]
+
+
+class UserId(Number):
+    """A numeric user that is not root."""
+
+    kind = "bad-user"
+    expects = "a numeric user ID, 1 or more (0 is root)"
+    least = 1
+
+
+@attrs.frozen(kw_only=True)
+class Security:
+    """How little the application's containers may do."""
+
+    level: Level = option(
+        "restricted: pods pass Kubernetes' Pod Security level of that name: no root, no privileges,"
+        " a read-only image, HOME and /tmp as volumes of the pod",
+        "restricted",
+    )
+    user: UserId = option(
+        "the numeric user and group that containers run as; the image need not know it",
+        UserId(1000),
+    )
+    read_only: bool = option("mount the images read-only; HOME and /tmp are writable", default=True)
+
+
+def security_of(value: Security | Level | None) -> Security | None:
+    """Return the security that may be written as a word, short for its `level`."""
+    return Security(level=value) if isinstance(value, str) else value

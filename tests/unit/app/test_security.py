@@ -1,0 +1,161 @@
+"""`security: restricted`: all pods pass the level, and what a Rigelfile sets itself stays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rigel_k8s.objects.podsecurity import find_violations
+from rigel_k8s.release.types import Desired
+
+from .shapes import GOLDEN, env, find, pod, problems, release
+
+FILES = {
+    "config/planner.yaml": "speed: 1\n",
+    "config/common.yaml": "frame: map\n",
+    "config/ros2.yaml": "/ns/listener:\n  ros__parameters:\n    queue: 1e3\n",
+}
+NODES = "image: a\nnodes: {talker: {args: [talk]}, listener: {args: [hear]}}\n"
+SERVERS = {
+    "discovery": f"# distro: jazzy\n{NODES}network: {{mode: discovery-server, servers: 2}}\n",
+    "zenoh": f"# distro: jazzy\n{NODES}network: zenoh\n",
+    "macvlan": f"# distro: jazzy\n{NODES}"
+    "network: {mode: macvlan, interface: eth0, subnet: 10.1.0.0/24}\n",
+}
+
+
+def restricted(text: str) -> str:
+    """Return the options with the level."""
+    return text.rstrip() + "\nsecurity: restricted\n"
+
+
+def allowed() -> dict[str, str]:
+    """Return the golden options that the level allows, by name."""
+    found = {p.name: p.read_text("utf-8") for p in sorted(GOLDEN.glob("*.with.yaml"))}
+    found = {name: text for name, text in found.items() if "\nsecurity:" not in text}
+    return {
+        name: text
+        for name, text in found.items()
+        if not any(p.kind == "restricted" for p in problems(restricted(text)))
+    }
+
+
+ALLOWED = allowed() | SERVERS
+
+
+def list_missing(spec: dict[str, Any]) -> list[str]:
+    """Return what the level requires of a pod's spec and is not there."""
+    shared = spec.get("securityContext", {})
+    missing = []
+    for container in [*spec.get("initContainers", ()), *spec["containers"]]:
+        own = container.get("securityContext", {})
+        merged = {**shared, **own}
+        wanted = {
+            "runAsNonRoot": merged.get("runAsNonRoot") is True,
+            "runAsUser": merged.get("runAsUser", 0) > 0,
+            "seccompProfile": merged.get("seccompProfile", {}).get("type") == "RuntimeDefault",
+            "allowPrivilegeEscalation": own.get("allowPrivilegeEscalation") is False,
+            "drop": own.get("capabilities", {}).get("drop") == ["ALL"],
+        }
+        missing += [f"{container['name']}: {name}" for name, there in wanted.items() if not there]
+    return missing
+
+
+def pods(made: Desired) -> list[dict[str, Any]]:
+    """Return the specs of all pods of a release."""
+    return [
+        item["spec"]["template"]["spec"] for item in made.objects if item["kind"] == "Deployment"
+    ]
+
+
+@pytest.mark.parametrize("case", ALLOWED)
+def test_all_pods_of_a_release_pass_the_level(case: str) -> None:
+    """Nodes, roscore, gate, exporter, servers and init containers: none is forgotten."""
+    made = pods(release(restricted(ALLOWED[case]), files=FILES))
+    assert made or "observability_only" in ALLOWED[case]
+    for spec in made:
+        assert list(find_violations(spec)) == []
+        assert list_missing(spec) == []
+        mounted = {m["name"] for c in spec["containers"] for m in c.get("volumeMounts", ())}
+        names = [volume["name"] for volume in spec["volumes"]]
+        assert mounted <= set(names)
+        assert len(names) == len(set(names))
+
+
+def test_most_shapes_are_allowed() -> None:
+    """The test above is about more than a few."""
+    assert len(ALLOWED) > 15
+
+
+@pytest.mark.parametrize("case", [name for name in ALLOWED if name not in SERVERS])
+def test_only_deployments_change(case: str) -> None:
+    """Services, claims and ConfigMaps are the same with and without the level."""
+
+    def others(text: str) -> list[Any]:
+        made = release(text, files=FILES).objects
+        return [item for item in made if item["kind"] != "Deployment"]
+
+    assert others(restricted(ALLOWED[case])) == others(ALLOWED[case])
+
+
+def test_what_a_rigelfile_sets_itself_stays() -> None:
+    """A user, a writable image, variables and volumes of a node's own win."""
+    made = release(
+        restricted(
+            "image: a\nnodes: {n: {args: [x], env: {HOME: /data, ROS_LOG_DIR: /data/log},"
+            " security_context: {runAsUser: 5, readOnlyRootFilesystem: false,"
+            " capabilities: {add: [NET_BIND_SERVICE]}},"
+            " volumes: [{memory: 1Mi, mount_path: /tmp/}],"
+            " patch: {spec: {template: {spec: {securityContext: {fsGroup: 7}}}}}}}"
+        )
+    )
+    spec = pod(made, "n")
+    [node] = spec["containers"]
+    assert spec["securityContext"]["fsGroup"] == 7
+    assert node["securityContext"]["runAsUser"] == 5
+    assert node["securityContext"]["readOnlyRootFilesystem"] is False
+    assert node["securityContext"]["capabilities"] == {"add": ["NET_BIND_SERVICE"], "drop": ["ALL"]}
+    assert env(made, "n")["HOME"] == "/data"
+    assert env(made, "n")["ROS_LOG_DIR"] == "/data/log"
+    assert [m["name"] for m in node["volumeMounts"] if m["mountPath"].startswith("/tmp")] == [
+        "volume-0"
+    ]
+
+
+def test_the_first_directories_belong_to_the_nodes_own_user() -> None:
+    """Who makes HOME's directories is who writes to them."""
+    made = release(
+        restricted("image: a\nnodes: {n: {args: [x], security_context: {runAsUser: 5}}}")
+    )
+    [home] = pod(made, "n")["initContainers"]
+    assert home["securityContext"]["runAsUser"] == 5
+
+
+def test_user_and_writable_image_are_options() -> None:
+    """`security: {user: N, read_only: false}` is for images that need it."""
+    spec = pod(
+        release("image: a\nnodes: {n: {args: [x]}}\nsecurity: {user: 33, read_only: false}"), "n"
+    )
+    own = spec["securityContext"]
+    assert (own["runAsUser"], own["runAsGroup"], own["fsGroup"]) == (33, 33, 33)
+    assert "readOnlyRootFilesystem" not in spec["containers"][0]["securityContext"]
+
+
+def test_programs_without_ros_get_a_home_and_no_variables_of_ros() -> None:
+    """`ros: none` beside ROS nodes."""
+    made = release(restricted("image: a\nnodes: {n: {ros: none, args: [x]}, t: {args: [t]}}"))
+    assert not any(name.startswith("ROS_") for name in env(made, "n"))
+    assert env(made, "n")["HOME"] == "/rigel-k8s-home"
+    assert "initContainers" not in pod(made, "n")
+
+
+def test_policies_select_and_admit_the_release_by_the_label_of_its_pods() -> None:
+    """Each Deployment's pods have the labels that the policy is about."""
+    made = release("image: a\nnetwork_policy: true\nnodes: {n: {args: [x]}}")
+    policy = find(made, "NetworkPolicy", made.release.name)["spec"]
+    own = policy["podSelector"]["matchLabels"]
+    assert policy["ingress"] == [{"from": [{"podSelector": {"matchLabels": own}}]}]
+    for item in made.objects:
+        if item["kind"] == "Deployment":
+            assert own.items() <= item["spec"]["template"]["metadata"]["labels"].items()

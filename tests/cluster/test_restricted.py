@@ -1,0 +1,104 @@
+"""`security: restricted` where Kubernetes enforces it: images that run as root by default work."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.objects.refs import ObjectRef
+from tests.support.until import until
+
+from .robot import Robot
+
+pytestmark = pytest.mark.cluster
+
+TALKER = (
+    "import os, rospy, std_msgs.msg as m; rospy.init_node('talker');"
+    " p = rospy.Publisher('chatter', m.String, queue_size=1); r = rospy.Rate(5)\n"
+    "while not rospy.is_shutdown(): p.publish(os.environ['VERSION']); r.sleep()"
+)
+LISTENER = (
+    "import rospy, std_msgs.msg as m; rospy.init_node('listener');"
+    " rospy.Subscriber('chatter', m.String, lambda s: rospy.loginfo('heard ' + s.data));"
+    " rospy.spin()"
+)
+TALKER2 = (
+    "import sys, rclpy, std_msgs.msg as m; rclpy.init(args=sys.argv);"
+    " n = rclpy.create_node('talker'); p = n.create_publisher(m.String, 'chatter', 1);"
+    " n.create_timer(0.2, lambda: p.publish(m.String(data='v1'))); rclpy.spin(n)"
+)
+LISTENER2 = (
+    "import sys, rclpy, std_msgs.msg as m; rclpy.init(args=sys.argv);"
+    " n = rclpy.create_node('listener');"
+    " n.create_subscription(m.String, 'chatter',"
+    " lambda s: n.get_logger().info('heard ' + s.data), 1); rclpy.spin(n)"
+)
+ENFORCE = {"metadata": {"labels": {"pod-security.kubernetes.io/enforce": "restricted"}}}
+
+
+@pytest.fixture
+def restricted(namespace: str, cluster: Any) -> str:
+    """A namespace where Kubernetes enforces the level."""
+    url = cluster.path_of(ObjectRef("v1", "Namespace", "", namespace), "label")
+    media = "application/merge-patch+json"
+    cluster.client.call("PATCH", url, "label", body=ENFORCE, media=media)
+    return namespace
+
+
+def python(code: str, **env: str) -> dict[str, Any]:
+    """Return a node that runs Python code."""
+    return {"args": ["python3", "-c", code], "env": env}
+
+
+def until_heard(robot: Robot, text: str) -> None:
+    """Wait until the listener has logged a message."""
+    until(lambda: f"heard {text}" in robot.rigel("logs", "listener").stdout, f"{text} is heard")
+
+
+def test_ros1_works_and_hands_over(
+    tmp_path: Path, restricted: str, base_image: str, rigel: Any, cluster: Any
+) -> None:
+    """roscore, its gate and nodes run without root and are updated; roscore's log is written."""
+    robot = Robot(tmp_path, restricted, base_image, rigel, cluster)
+    storage = {"volumes": [{"name": "maps", "size": "10Mi"}]}
+    listener = python(LISTENER) | {"volumes": [{"name": "maps", "mount_path": "/maps"}]}
+    for version in ("v1", "v2"):
+        nodes = {"talker": python(TALKER, VERSION=version), "listener": listener}
+        robot.write(nodes, security="restricted", persistent_storage=storage)
+        robot.deploy()
+        until_heard(robot, version)
+    assert "/talker" in robot.run("ros-master", "sh", "-c", "cat ~/.ros/log/latest/master.log")
+    assert robot.run("listener", "sh", "-c", "id -u; touch /maps/file /tmp/file ~/file") == "1000\n"
+    [talker] = cluster.list(
+        "apps/v1", "Deployment", restricted, labels={"app.kubernetes.io/name": "talker"}
+    )
+    assert talker["spec"]["strategy"]["type"] == "RollingUpdate"
+
+
+def test_without_the_key_no_pod_is_made(
+    tmp_path: Path, restricted: str, base_image: str, rigel: Any, cluster: Any
+) -> None:
+    """The namespace does enforce the level."""
+    robot = Robot(tmp_path, restricted, base_image, rigel, cluster)
+    robot.write({"talker": python(TALKER)})
+    done = robot.rigel("run", "job", "deploy", "--timeout", "30s", check=False)
+    assert done.returncode != 0
+    assert "PodSecurity" in done.stdout + done.stderr
+    assert robot.pods("ros-master") == []
+
+
+@pytest.mark.slow  # pods of all network modes: tests/unit/app/test_security.py
+@pytest.mark.parametrize("network", ["peers", "discovery-server"])
+def test_ros2_works(
+    network: str, tmp_path: Path, restricted: str, ros2_image: str, rigel: Any, cluster: Any
+) -> None:
+    """Nodes and the discovery server run without root, and messages arrive."""
+    robot = Robot(tmp_path, restricted, ros2_image, rigel, cluster)
+    nodes = {"talker": python(TALKER2), "listener": python(LISTENER2)}
+    robot.write(nodes, security="restricted", network=network)
+    text = robot.file.read_text().replace('"noetic"', '"jazzy"')
+    robot.file.write_text(text.replace(f'"ros_master_image": "{ros2_image}", ', ""))
+    robot.deploy()
+    until_heard(robot, "v1")

@@ -13,7 +13,12 @@ from .shapes import problems, release
 DOCS = Path(__file__).parents[3] / "docs"
 FILES = {"config/planner.yaml": "speed: 1\n"}
 #: Which documents, and the distribution that they write for.
-ABOUT = {"ros1.md": "noetic", "coming-from-src-plugin.md": "noetic", "ros2.md": "jazzy"}
+ABOUT = {
+    "ros1.md": "noetic",
+    "coming-from-src-plugin.md": "noetic",
+    "ros2.md": "jazzy",
+    "security.md": "noetic",
+}
 
 
 def blocks() -> Iterator[object]:

@@ -8,6 +8,7 @@ import pytest
 
 from rigel_k8s.objects.podsecurity import find_violations
 from rigel_k8s.release.types import Desired
+from tests.support.podsecurity import list_missing
 
 from .shapes import GOLDEN, env, find, pod, problems, release
 
@@ -42,24 +43,6 @@ def allowed() -> dict[str, str]:
 
 
 ALLOWED = allowed() | SERVERS
-
-
-def list_missing(spec: dict[str, Any]) -> list[str]:
-    """Return what the level requires of a pod's spec and is not there."""
-    shared = spec.get("securityContext", {})
-    missing = []
-    for container in [*spec.get("initContainers", ()), *spec["containers"]]:
-        own = container.get("securityContext", {})
-        merged = {**shared, **own}
-        wanted = {
-            "runAsNonRoot": merged.get("runAsNonRoot") is True,
-            "runAsUser": merged.get("runAsUser", 0) > 0,
-            "seccompProfile": merged.get("seccompProfile", {}).get("type") == "RuntimeDefault",
-            "allowPrivilegeEscalation": own.get("allowPrivilegeEscalation") is False,
-            "drop": own.get("capabilities", {}).get("drop") == ["ALL"],
-        }
-        missing += [f"{container['name']}: {name}" for name, there in wanted.items() if not there]
-    return missing
 
 
 def pods(made: Desired) -> list[dict[str, Any]]:

@@ -60,10 +60,14 @@ class Robot:
 
     def pods(self, name: str) -> list[dict[str, Any]]:
         """Return a workload's pods that are not on their way out."""
-        found = self.cluster.list(
-            "v1", "Pod", self.namespace, labels={"app.kubernetes.io/name": name}
-        )
+        found = self.every_pod(name)
         return [pod for pod in found if not pod["metadata"].get("deletionTimestamp")]
+
+    def every_pod(self, name: str) -> list[dict[str, Any]]:
+        """Return a workload's pods, those on their way out too."""
+        labels = {"app.kubernetes.io/name": name}
+        found: list[dict[str, Any]] = self.cluster.list("v1", "Pod", self.namespace, labels=labels)
+        return found
 
     def ready(self, name: str) -> bool:
         """Return whether a workload has pods and all of them are ready."""

@@ -1,4 +1,7 @@
-"""The machine of ros-master is lost: on another one it goes on, and no node has to restart."""
+"""The machine of ros-master is lost or cut off: on another one the master goes on.
+
+No node has to restart for that, and what is bound to the machine is as it was when that is back.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from tests.support import shared
 from tests.support.until import until
 
 from .conftest import run_rigel
-from .machines import lose
+from .machines import cut_off, lose
 from .robot import Robot
 
 pytestmark = [pytest.mark.cluster, pytest.mark.slow]  # a cluster of its own
@@ -59,6 +62,24 @@ while time.time() < deadline:
     time.sleep(0.1)
 """
 HEARS = "rostopic echo -n 1 /chatter"
+#: Prints the errors of twenty calls, each over a connection of its own.
+CALLS = """
+import socket, xmlrpc.client
+socket.setdefaulttimeout(20)
+for _ in range(20):
+    try:
+        xmlrpc.client.ServerProxy("http://ros-master:11311").getUri("/calls")
+    except Exception as error:
+        print(repr(error))
+"""
+#: Seconds that a machine stays cut off once Kubernetes has replaced what may leave it.
+AWAY = float(os.environ.get("AWAY", "30"))
+#: How long ros-master waits for a machine that is out of reach; 300 s unless this is set.
+LEAVES = [
+    {"key": f"node.kubernetes.io/{state}", "operator": "Exists", "effect": "NoExecute"}
+    | {"tolerationSeconds": 5}
+    for state in ("not-ready", "unreachable")
+]
 
 
 @pytest.fixture(scope="module")
@@ -103,17 +124,19 @@ def robot(own: tuple[str, str], tmp_path: Any) -> Iterator[Robot]:
             key: {"args": ["python3", "-c", text], "placement": {"node": first}}
             for key, text in programs.items()
         }
+        args = ["python3", "-c", TALKER.replace("talker", "bound").replace("chatter", "bound")]
+        nodes["bound"] = {"args": args, "placement": {"node": second}}
         made.write(nodes, additional_k8s_params={"ros_master": prefer(second)})
         made.deploy()
         yield made
 
 
 def prefer(machine: str) -> dict[str, Any]:
-    """Return the part of a Deployment that prefers a machine, and may run elsewhere."""
+    """Return the part of a Deployment that prefers a machine, and leaves it when it is lost."""
     term = {"key": "kubernetes.io/hostname", "operator": "In", "values": [machine]}
     preferred = [{"weight": 100, "preference": {"matchExpressions": [term]}}]
     affinity = {"nodeAffinity": {"preferredDuringSchedulingIgnoredDuringExecution": preferred}}
-    return {"spec": {"template": {"spec": {"affinity": affinity}}}}
+    return {"spec": {"template": {"spec": {"affinity": affinity, "tolerations": LEAVES}}}}
 
 
 def number(robot: Robot) -> int:
@@ -127,6 +150,44 @@ def uids(robot: Robot) -> list[str]:
     return [
         str(pod["metadata"]["uid"]) for one in ("talker", "listener") for pod in robot.pods(one)
     ]
+
+
+def test_a_machine_that_is_cut_off_and_returns(own: tuple[str, str], robot: Robot) -> None:
+    """`AWAY=600` cuts it off for ten minutes."""
+    robot.run("talker", "rosparam", "set", "/robot/name", "rosie")
+    until(lambda: number(robot) > 0, "messages")
+    time.sleep(2)  # the gate writes to the cluster once a second
+    (master,), (bound,), stayed = robot.pods("ros-master"), robot.pods("bound"), uids(robot)
+    machine = master["spec"]["nodeName"]
+    assert machine == bound["spec"]["nodeName"]
+    with cut_off(own[0], machine):
+        until(
+            lambda: robot.ready("ros-master") and name_of(robot) != master["metadata"]["name"],
+            "another master",
+            180,
+            every=1,
+        )
+        end = time.time() + AWAY
+        while True:
+            assert robot.run("listener", "python3", "-c", CALLS) == ""
+            if time.time() > end:
+                break
+            time.sleep(5)
+        assert "rosie" in robot.run("talker", "rosparam", "get", "/robot/name")
+        before = number(robot)
+    until(lambda: robot.ready("bound"), "the node on the machine that was cut off", 120, every=1)
+    until(
+        lambda: len(robot.every_pod("ros-master")) == 1, "the end of the old master", 120, every=1
+    )
+    assert "number" in robot.run("listener", "sh", "-c", HEARS.replace("chatter", "bound"))
+    assert robot.pods("bound")[0]["metadata"]["uid"] == bound["metadata"]["uid"]
+    assert uids(robot) == stayed
+    assert number(robot) > before
+
+
+def name_of(robot: Robot) -> str:
+    """Return the name of ros-master's pod."""
+    return str(robot.pods("ros-master")[0]["metadata"]["name"])
 
 
 def test_a_master_whose_machine_is_lost_goes_on_elsewhere(

@@ -290,8 +290,9 @@ def objects(
         if around.gate:
             for item in gate_objects(around, program):
                 yield ("gate",), item
-        yield ("deploy_ros_master",), master_service(around)
-        yield ("deploy_ros_master",), master_deployment(around, own.master.image, params, wired)
+        master = master_deployment(around, own.master.image, params, wired)
+        yield ("deploy_ros_master",), master_service(around, master)
+        yield ("deploy_ros_master",), master
     if has_application(options):
         path = "application_image" if options.application_image else "additional_k8s_params"
         wired = wire_pod(plan, application_identity(around, options))

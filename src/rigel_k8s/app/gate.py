@@ -12,6 +12,7 @@ from rigel_k8s.objects.pods import (
     MASTER_NAME,
     MASTER_PORT,
     ROSCORE_PORT,
+    SCRIPTS_PATH,
     Object,
     drop_empty,
     inpod_volume,
@@ -32,6 +33,8 @@ LOOPBACK = [
     *("env", "-u", "ROS_HOSTNAME", "ROS_IP=127.0.0.1"),
     *("RIGEL_K8S_POD_IP=$(ROS_IP)", f"ROS_ETC_DIR={ROSCORE_PATH}"),
 ]
+#: Starts roscore again without an end of its container: meanwhile callers reach the gate.
+KEPT = ["/bin/sh", f"{SCRIPTS_PATH}/keep.sh"]
 MEMORY_NAME = f"{MASTER_NAME}-memory"
 ACCOUNT_PATH = "/var/run/secrets/kubernetes.io/serviceaccount"
 #: What of the objects the role `edit` may not write.
@@ -157,7 +160,7 @@ def behind_gate(pod: Object, release: str) -> Object:
     mount = {"name": "gate-program", "mountPath": ROSCORE_PATH, "readOnly": True}
     own = {
         **{key: value for key, value in roscore.items() if key != "ports"},
-        "args": [*LOOPBACK, *roscore["args"], "-p", str(ROSCORE_PORT)],
+        "args": [*KEPT, *LOOPBACK, *roscore["args"], "-p", str(ROSCORE_PORT)],
         "volumeMounts": [*roscore["volumeMounts"], mount],
     }
     return drop_empty(

@@ -1,7 +1,8 @@
 """roscore: the Deployment and Service `ros-master`.
 
 Two roscores behind one Service are worse than none, so the old one is gone before the new starts.
-There is no liveness probe: one that restarts a busy roscore destroys the whole graph.
+There is no liveness probe: one that restarts a busy roscore destroys the whole graph. For the same
+reason the readiness probe is patient: a pod that is not ready is left out of the Service.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import attrs
 
 from rigel_k8s.app.environment import environment, ros_variables
 from rigel_k8s.app.gate import behind_gate
+from rigel_k8s.app.placing import stays
 from rigel_k8s.network.wiring import Wiring
 from rigel_k8s.objects.marks import FIRST_ANNOTATION, SINGLETON_ANNOTATION
 from rigel_k8s.objects.overlay import merge
@@ -49,7 +51,7 @@ def master_deployment(
         "args": list(ROSCORE),
         "env": environment(ros_variables(own), wired.env),
         "ports": [{"name": "ros", "containerPort": MASTER_PORT}],
-        **probes("ros", ("master",)),
+        **patient(probes("ros", ("master",))),
         "lifecycle": stop_hook(),
         "volumeMounts": [mount, *wired.mounts],
     }
@@ -77,11 +79,21 @@ def master_deployment(
     return merged
 
 
-def master_service(around: ReleaseContext) -> Object:
+def patient(made: Object) -> Object:
+    """Return roscore's probes; it may be silent for a minute before its pod is not ready."""
+    return {**made, "readinessProbe": {**made["readinessProbe"], "failureThreshold": 6}}
+
+
+def master_service(around: ReleaseContext, master: Mapping[str, Any]) -> Object:
     """Return the Service by which all pods find roscore.
 
-    It keeps its only address when a probe times out on a busy machine: taking it away would cut
-    the whole graph off from a master that still works.
+    When a machine is lost, the pod there goes on to exist until the machine is back, and another
+    one takes its place elsewhere: a Service that publishes pods that are not ready would lead half
+    of all calls to the lost one. A pod that stays on its machine has no such second one. It keeps
+    its address, as cutting the graph off from a master that works again would only do harm.
+
+    Args:
+        master: roscore's Deployment.
     """
     ports = {"ros": MASTER_PORT} | ({"hand-over": GATE_PORT} if around.gate else {})
     listed = [
@@ -89,4 +101,6 @@ def master_service(around: ReleaseContext) -> Object:
         for name, port in ports.items()
     ]
     made = service(around, MASTER_NAME, listed)
-    return {**made, "spec": {**made["spec"], "publishNotReadyAddresses": True}}
+    if stays(master["spec"]["template"]["spec"]):
+        made["spec"]["publishNotReadyAddresses"] = True
+    return made

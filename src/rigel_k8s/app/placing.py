@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from rigel_k8s.app.options import Distributed
 from rigel_k8s.objects.naming import object_name, selector
@@ -48,6 +49,17 @@ def tolerations(asked: Sequence[Toleration], *, pinned: bool) -> list[Object]:
     if pinned:
         result += [{"key": key, "operator": "Exists", "effect": "NoExecute"} for key in STAY]
     return result
+
+
+def stays(pod: Mapping[str, Any]) -> bool:
+    """Return whether a pod's spec keeps it on a machine that Kubernetes cannot reach, for ever."""
+    return any(
+        one.get("key") in (STAY[1], None)
+        and one.get("operator") == "Exists"
+        and one.get("effect") in ("NoExecute", None)
+        and one.get("tolerationSeconds") is None
+        for one in pod.get("tolerations") or []
+    )
 
 
 def toleration(item: Toleration) -> Object:

@@ -23,6 +23,7 @@ _NAMES = (
     "dds_standin.py",
     "exec.sh",
     "interfaces.py",
+    "keep.sh",
     "lifecycle.py",
     "lifecycle.sh",
     "memory.py",

@@ -28,7 +28,7 @@ try:
 except ImportError:  # not CPython
     import socket
 
-READS = 3.0  # seconds that a participant has to read what it was sent; a busy machine needs some
+READS = 8.0  # seconds that a participant has to read what it was sent; a busy machine needs some
 GLANCE = 0.001  # seconds until a second look at its queue; then twice as long each time
 TICK = 0.2  # seconds between two looks while waiting
 DAEMON = "ros2-daemon"  # of the ros2 command line, left behind by whoever called it in this pod

@@ -34,9 +34,9 @@ from container import Listeners, command, processes
 from memory import Memory, Node
 from rosrpc import Api, CallFailed, split
 
-LOOK = 4.3  # seconds for one look: less than the kubelet gives a probe
-MASTER = 2.0  # seconds that the master has for all its answers in a look
-ANSWER = 3.0  # seconds that a node has to answer; a busy rospy node needs some
+LOOK = 15.0  # seconds for one look: less than the kubelet gives a probe
+MASTER = 8.0  # seconds that the master has for all its answers in a look, on a busy machine too
+ANSWER = 8.0  # seconds that a node has to answer; two such looks take less than 30 s
 TICK = 0.2  # seconds between two looks while waiting
 CALM = 10  # looks after which a tick gets five times as long: all pods ask one master
 FRESH = 2.0  # seconds that "this name belongs to another pod" is believed

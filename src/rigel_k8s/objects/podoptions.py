@@ -37,7 +37,7 @@ class Readiness:
     file: MountPath | None = option("a file that is there when ready, /tmp/ready say")
     initial_delay_seconds: Delay | None = option("seconds before the first probe")
     period_seconds: Count | None = option("seconds between probes once ready (default 10)")
-    probe_timeout_seconds: Count | None = option("seconds that one probe may take (default 5)")
+    probe_timeout_seconds: Count | None = option("seconds that one probe may take (default 30)")
     failure_threshold: Count | None = option(
         "failures in a row that make a pod unready (default 2)"
     )

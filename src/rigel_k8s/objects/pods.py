@@ -27,8 +27,11 @@ GATE_CONTAINER = "gate"
 
 #: A probe that never gives up: a node may wait long for its hardware or its master.
 FOR_EVER = 2**31 - 1
-#: Seconds that the startup probe's one process looks, and that the kubelet gives it.
-LOOK, LOOK_TIMEOUT = 8, 10
+#: Seconds that the startup probe's one process looks.
+LOOK = 8
+#: Seconds that the kubelet gives a probe's process. On a busy machine a shell and Python take many
+#: to start; what a probe finds wrong it reports long before.
+PROBE_TIMEOUT = 30
 
 
 def drop_empty(fields: Mapping[str, Any]) -> Object:
@@ -53,11 +56,11 @@ def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
     own = readiness if isinstance(readiness, Readiness) else Readiness()
     if own.command is None and own.file is None:
         look = script("ready.sh", *asked, "--wait", str(LOOK))
-        start = {**look, "timeoutSeconds": LOOK_TIMEOUT}
+        start = {**look, "timeoutSeconds": PROBE_TIMEOUT}
         check = script("ready.sh", *asked)
     else:
         check = {"exec": {"command": own_command(own)}}
-        start = {**check, "timeoutSeconds": int(own.probe_timeout_seconds or 5)}
+        start = {**check, "timeoutSeconds": int(own.probe_timeout_seconds or PROBE_TIMEOUT)}
     start |= {"periodSeconds": 1, "failureThreshold": FOR_EVER}
     if own.initial_delay_seconds:
         start["initialDelaySeconds"] = int(own.initial_delay_seconds)
@@ -73,7 +76,7 @@ def timing(own: Readiness) -> Object:
     """Return the readiness probe's numbers: unready within 30 s, one process start in 10 s."""
     return {
         "periodSeconds": int(own.period_seconds or 10),
-        "timeoutSeconds": int(own.probe_timeout_seconds or 5),
+        "timeoutSeconds": int(own.probe_timeout_seconds or PROBE_TIMEOUT),
         "failureThreshold": int(own.failure_threshold or 2),
     }
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from rigel_k8s.app.desired import MASTER_ANNOTATION, draft
-from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.options import KubernetesParams, NodeOptions, OrchestrationOptions
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.scalars import ImageRef, RosUri
 from rigel_k8s.release.types import ReleaseId
@@ -65,14 +67,28 @@ def test_the_master_comes_first() -> None:
     assert first == ["ros-master"]
 
 
-def test_the_master_keeps_its_address_while_its_probe_fails() -> None:
-    """A probe that times out on a busy machine must not cut the graph off from its master."""
+FOR_EVER = {"key": "node.kubernetes.io/unreachable", "operator": "Exists", "effect": "NoExecute"}
+
+
+@pytest.mark.parametrize(
+    ("tolerations", "published"),
+    [([], None), ([FOR_EVER], True), ([{**FOR_EVER, "tolerationSeconds": 20}], None)],
+)
+def test_the_pod_of_a_lost_machine_is_left_out_of_the_service(
+    tolerations: list[dict[str, object]],
+    published: bool | None,  # noqa: FBT001 - a parameter of the test
+) -> None:
+    """Another pod takes its place and gets all calls; one that never moves keeps its address."""
+    pod = {"spec": {"template": {"spec": {"tolerations": tolerations}}}}
     made = draft(
-        OrchestrationOptions(nodes={"talker": NodeOptions(image=ImageRef("app:1"))}),
+        OrchestrationOptions(
+            nodes={"talker": NodeOptions(image=ImageRef("app:1"))},
+            additional_k8s_params=KubernetesParams(ros_master=pod),
+        ),
         ReleaseId("lab", "app"),
         Application("noetic"),
         {"ready.sh": ""},
     ).finish()
     [service] = [item for item in made.objects if item["kind"] == "Service"]
     assert service["metadata"]["name"] == "ros-master"
-    assert service["spec"]["publishNotReadyAddresses"] is True
+    assert service["spec"].get("publishNotReadyAddresses") is published

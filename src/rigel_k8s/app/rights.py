@@ -30,8 +30,11 @@ OBJECTS: tuple[Kind, ...] = (
 )
 #: Those that roscore's gate has besides.
 OF_GATE: tuple[Kind, ...] = (("v1", "ServiceAccount"), (RBAC, "Role"), (RBAC, "RoleBinding"))
-#: Those of a second network.
-OF_NETWORK: tuple[Kind, ...] = (("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"),)
+#: Those of a second network, and of a network that only the application's own pods may use.
+OF_NETWORK: tuple[Kind, ...] = (
+    ("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"),
+    ("networking.k8s.io/v1", "NetworkPolicy"),
+)
 
 
 def need_to_deploy(namespace: str) -> Iterator[Right]:

@@ -57,7 +57,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
     with pytest.raises(UserError, match=r"would take 1\d{3} KiB, .* holds 1024 KiB") as caught:
         deploy(desired(*large), fake, report=report)
     assert "several jobs" in str(caught.value.hint)
-    assert {verb for verb, _ in fake.calls} <= {"get", "list", "try"}
+    assert {verb for verb, _ in fake.calls} <= {"get", "list", "try", "review"}
 
 
 def test_uids_that_are_not_there_yet_count(monkeypatch: pytest.MonkeyPatch) -> None:

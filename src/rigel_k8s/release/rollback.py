@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
+from typing import TypeVar
 
-from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed, UserError
+from rigel_k8s.errors import Interrupted, RigelK8sError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
@@ -18,6 +19,8 @@ from rigel_k8s.release.lease import is_alive, lease_ref
 from rigel_k8s.release.patience import Patience
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_k8s.report import Reporter
+
+Failure = TypeVar("Failure", bound=RigelK8sError)
 
 
 def rollback(
@@ -68,48 +71,56 @@ def rollback(
     )
 
 
+def find_target(cluster: Cluster, release: ReleaseId) -> int | None:
+    """Return the revision that a failed deploy can go back to, None where none was good."""
+    records = revisions.records(cluster, release)
+    good = [record.number for record in records if record.status == "good"]
+    return good[-1] if good and records[-1].status != "good" else None
+
+
 def undo(
     cluster: Cluster,
     release: ReleaseId,
-    failure: RolloutFailed,
+    failure: Failure,
+    target: int | None,
     *,
+    hint: str,
     report: Reporter,
     cancel: threading.Event,
     timeout: float | None,
     adopt: bool,
-) -> RolloutFailed:
-    """Go back to the last good revision; return the failure with what became of it.
+) -> Failure:
+    """Go back to an earlier revision; return the failure with what became of it.
 
-    Where there is none (a first deploy), everything stays as it was applied, to be looked at.
+    Args:
+        target: the revision. Where there is none (a first deploy), everything stays as it was
+            applied, to be looked at.
+        hint: what to do once the rollback is done.
 
     Raises:
         Interrupted: `cancel` was set.
     """
-    records = revisions.records(cluster, release)
-    good = [record.number for record in records if record.status == "good"]
-    if not good or records[-1].status == "good":
+    kind, why, details = type(failure), failure.message, failure.details
+    if target is None:
         left = "there is no earlier good revision to go back to, so it is left as it is"
-        return RolloutFailed(
-            f"{failure.message}; {left}", hint=failure.hint, details=failure.details
-        )
-    target = f"revision {good[-1]}"
-    report.warn(f"{failure.message}; rolling back to {target}")
+        return kind(f"{why}; {left}", hint=failure.hint, details=details)
+    report.warn(f"{why}; rolling back to revision {target}")
     try:
         made = rollback(
-            cluster, release, good[-1], report=report, cancel=cancel, timeout=timeout, adopt=adopt
+            cluster, release, target, report=report, cancel=cancel, timeout=timeout, adopt=adopt
         )
     except Interrupted:
         raise
     except RigelK8sError as error:
-        return RolloutFailed(
-            f"{failure.message}, and it cannot be rolled back to {target}: {error.message}",
-            hint="see `rigel status` for what runs; `rigel rollback` tries again",
-            details=[*failure.details, *error.details],
+        return kind(
+            f"{why}, and it cannot be rolled back to revision {target}: {error.message}",
+            hint="`rigel status` shows what runs; `rigel rollback` tries again",
+            details=[*details, *error.details],
         )
-    return RolloutFailed(
-        f"{failure.message}: rolled back to {target}, as revision {made.number}",
-        hint="correct the cause, then run it again",
-        details=failure.details,
+    return kind(
+        f"{why}: rolled back to revision {target}, as revision {made.number}",
+        hint=hint,
+        details=details,
     )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from rigel_k8s.app.checks import check as check_options
 from rigel_k8s.app.deploying.places import check_places
@@ -28,10 +28,14 @@ from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
-    from rigel_k8s.rosgraph.watching import GraphWatch, GraphWorse
+
+Failure = TypeVar("Failure", bound=RigelK8sError)
 
 #: Seconds that a graph may stay worse before it is rolled back.
 WITHIN = 60.0
+#: What to do after a rollback of what did not become ready, and of what made the graph worse.
+CORRECT = "correct the cause, then run it again"
+LOOK = "`rigel graph` shows the graph as it is now; without `rollback_on` the update stays"
 
 
 class OrchestrationJob:
@@ -98,6 +102,7 @@ class OrchestrationJob:
 def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     """Deploy, and report what an update did to the ROS graph; roll back where that is asked for."""
     from rigel_k8s.release.deploy import deploy
+    from rigel_k8s.release.rollback import find_target
     from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
 
     release, options = prepared.desired.release, prepared.options
@@ -121,19 +126,10 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     except RolloutFailed as failure:
         if not job.settings.rollback_on_failure:
             raise
-        from rigel_k8s.release.rollback import undo
-
-        raise undo(
-            cluster,
-            release,
-            failure,
-            report=job.report,
-            cancel=job.cancel,
-            timeout=timeout_of(options, job.settings),
-            adopt=job.settings.adopt,
-        ) from failure
+        target = find_target(cluster, release)
+        raise _undo(failure, target, CORRECT, prepared, cluster, job) from failure
     except GraphWorse as worse:
-        raise _roll_back(worse, watch, prepared, job) from worse
+        raise _undo(worse, watch.last_good, LOOK, prepared, cluster, job) from worse
     job.report.line(f"{release.name} in {release.namespace} is at revision {revision.number}")
     if not within:
         watch.report()
@@ -167,35 +163,27 @@ def _find_limit(options: OrchestrationOptions) -> float | None:
     return said.within.seconds if said.within else WITHIN
 
 
-def _roll_back(
-    worse: GraphWorse, watch: GraphWatch, prepared: Preparation, job: JobContext
-) -> GraphWorse:
+def _undo(
+    failure: Failure,
+    target: int | None,
+    hint: str,
+    prepared: Preparation,
+    cluster: Cluster,
+    job: JobContext,
+) -> Failure:
     """Roll an update back, and return the error that says why, and what became of it."""
-    from rigel_k8s.release.rollback import rollback
-    from rigel_k8s.rosgraph.watching import GraphWorse
+    from rigel_k8s.release.rollback import undo
 
-    target = f"revision {watch.last_good}"
-    job.report.warn(f"{worse.message}; rolling back to {target}")
-    try:
-        made = rollback(
-            watch.cluster,
-            watch.release,
-            watch.last_good,
-            report=job.report,
-            cancel=job.cancel,
-            timeout=timeout_of(prepared.options, job.settings),
-            adopt=job.settings.adopt,
-        )
-    except RigelK8sError as error:
-        return GraphWorse(
-            f"{worse.message}, and it cannot be rolled back to {target}: {error.message}",
-            hint="`rigel status` shows what runs; `rigel rollback` tries again",
-            details=[*worse.details, *error.details],
-        )
-    return GraphWorse(
-        f"{worse.message}: rolled back to {target}, as revision {made.number}",
-        hint="`rigel graph` shows the graph as it is now; without `rollback_on` the update stays",
-        details=worse.details,
+    return undo(
+        cluster,
+        prepared.desired.release,
+        failure,
+        target,
+        hint=hint,
+        report=job.report,
+        cancel=job.cancel,
+        timeout=timeout_of(prepared.options, job.settings),
+        adopt=job.settings.adopt,
     )
 
 

@@ -472,7 +472,7 @@ class Selection:
         ref = ref_of(live)
         if (ref.api_version, ref.kind) != (self.api_version, self.kind):
             return False
-        if self.namespace not in ("", ref.namespace):
+        if ref.namespace and self.namespace not in ("", ref.namespace):
             return False
         own = live["metadata"].get("labels") or {}
         return all(fits(term, own) for term in filter(None, self.labels.split(","))) and all(

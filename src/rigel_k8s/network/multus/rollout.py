@@ -21,8 +21,10 @@ from rigel_k8s.network.multus.installation import Found
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, deploy, diff
-from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.lease import bury_left, lease_ref
+from rigel_k8s.release.types import Desired
 from rigel_k8s.report import Reporter
 
 Object = Mapping[str, Any]
@@ -63,7 +65,7 @@ class Rollout:
         """
         desired = network_release(self.installation, machine_script())
         end = time.monotonic() + self.bound
-        while diff(desired, self.cluster, adopt=self.adopt).changes:
+        while self._is_due(desired):
             self._let_be_away()
             try:
                 deploy(
@@ -81,7 +83,15 @@ class Rollout:
                     raise
             else:
                 break
+        bury_left(self.cluster, RELEASE, self.report)
         self._wait_until_complete(lambda: list(self._find_unready()), end)
+
+    def _is_due(self, desired: Desired) -> bool:
+        """Return whether something differs, or an installation was interrupted before its end."""
+        if diff(desired, self.cluster, adopt=self.adopt).changes:
+            return True
+        records = revisions.records(self.cluster, RELEASE)
+        return bool(records) and records[-1].status != "good"
 
     def _let_be_away(self) -> None:
         """Let it go on though nodes are away: Kubernetes would wait for them first."""

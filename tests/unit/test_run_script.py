@@ -29,7 +29,7 @@ def test_the_tests_decide(tmp_path: Path, code: int) -> None:
         (programs / name).write_text(PROGRAM)
         (programs / name).chmod(0o755)
     (root / "requirements").mkdir()
-    for name in ("requirements/dev.txt", "pyproject.toml"):
+    for name in ("requirements/build.txt", "requirements/dev.txt", "pyproject.toml"):
         (root / name).write_text("")
     (root / ".venv/.installed-dev").write_text(f"{hashlib.sha256(b'').hexdigest()}  -\n")
     shutil.copy(RUN, root)

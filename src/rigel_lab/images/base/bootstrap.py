@@ -14,6 +14,9 @@ from rigel_k8s.report import Reporter
 #: Debian's essential packages and apt beside what is asked for.
 MINBASE = "minbase"
 
+#: Unpacks packages and what they depend on, and sets nothing up: no shell, no apt.
+EXTRACT = "extract"
+
 _KEY = "root file system"
 #: Seconds that mmdebstrap has to take its mounts and its scratch directory away.
 _GRACE = 60.0
@@ -25,6 +28,12 @@ _LEAVE_OUT = (
     "/usr/share/locale/*",
     "/usr/share/man/*",
     "/usr/share/cmake-*/Help/*",
+)
+#: `extract` leaves dpkg's database empty. This records the packages the way that distroless images
+#: do, in the directory where scanners of images look for it.
+RECORD = (
+    'mkdir -p "$1/var/lib/dpkg/status.d"; for deb in "$1"/var/cache/apt/archives/*.deb; do '
+    'dpkg-deb -f "$deb" > "$1/var/lib/dpkg/status.d/$(dpkg-deb -f "$deb" Package)" || exit; done'
 )
 
 
@@ -47,8 +56,7 @@ def bootstrap(
         report: where to tell what happens.
         mtime: seconds since 1970, the latest time that a file gets.
         hooks: options of mmdebstrap that change the root file system when its packages are in.
-        variant: mmdebstrap's; `extract` unpacks the packages and what they depend on, and sets
-            nothing up: no shell, no apt.
+        variant: mmdebstrap's, MINBASE or EXTRACT.
 
     Raises:
         CommandFailed: mmdebstrap failed; carries its last lines.
@@ -104,6 +112,7 @@ def _command(
         *(f"--dpkgopt=path-exclude={pattern}" for pattern in _LEAVE_OUT),
         "--dpkgopt=path-include=/usr/share/doc/*/copyright",
         f"--include={','.join(packages)}",
+        *([f"--extract-hook={RECORD}"] if variant == EXTRACT else ()),
         *hooks,
         suite,
         str(target),

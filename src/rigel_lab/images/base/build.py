@@ -14,7 +14,7 @@ import attrs
 from rigel_k8s import oci
 from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.report import Reporter
-from rigel_lab.images.base.bootstrap import MINBASE, bootstrap
+from rigel_lab.images.base.bootstrap import MINBASE, RECORD, bootstrap
 
 #: Every file's time in an image, so that a build of the same packages is the same image.
 EPOCH = 1704067200
@@ -121,7 +121,7 @@ def _key(recipe: Recipe) -> str:
     lines = [oci.FORMAT, oci.architecture(), recipe.suite, *recipe.packages]
     lines.append(json.dumps(recipe.config))
     if recipe.variant != MINBASE:
-        lines.append(recipe.variant)
+        lines += [recipe.variant, RECORD]
     found = hashlib.sha256("\n".join(lines).encode())
     found.update(recipe.overlay)
     found.update(recipe.locked)

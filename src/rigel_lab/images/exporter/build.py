@@ -5,6 +5,7 @@ from __future__ import annotations
 from rigel_k8s import __version__
 from rigel_k8s.oci import layer
 from rigel_k8s.report import Reporter
+from rigel_lab.images.base.bootstrap import EXTRACT
 from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.exporter.program import PREFIX, entries
@@ -50,6 +51,6 @@ def build(report: Reporter, *, force: bool = False) -> BaseImage:
         packages=PACKAGES,
         config=CONFIG,
         overlay=layer(entries(), mtime=EPOCH),
-        variant="extract",
+        variant=EXTRACT,
     )
     return build_recipe(recipe, report, force=force)

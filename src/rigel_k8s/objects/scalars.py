@@ -96,8 +96,8 @@ class Share(Text):
 
     @property
     def value(self) -> int | str:
-        """What the Kubernetes field takes."""
-        return str(self) if self.endswith("%") else int(self)
+        """What the Kubernetes field takes; a template that is not filled yet stays a text."""
+        return int(self) if self.isdecimal() else str(self)
 
 
 class ImageRef(Text):

@@ -17,7 +17,7 @@ from rigel_k8s.rigelfile.findings import (
     render,
     sort_findings,
 )
-from rigel_k8s.rigelfile.grammar import Contents, read, uses
+from rigel_k8s.rigelfile.grammar import Contents, read, used_name, uses
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.options import look
 from rigel_k8s.rigelfile.parse import parse
@@ -180,8 +180,7 @@ class _Components:
         """
         found: dict[int, YamlNode | None] = {}
         for _, use in uses(self._root):
-            name = use.value.get("name") if isinstance(use.value, dict) else use
-            if name and name.value == job:
+            if used_name(use) == job:
                 options = use.value.get("with") if isinstance(use.value, dict) else None
                 usable = options if options and isinstance(options.value, dict) else None
                 found[id(usable)] = usable

@@ -81,6 +81,18 @@ def _stage_uses(stage: YamlNode, path: Path) -> Iterator[tuple[Path, YamlNode]]:
         yield from _stage_uses(inner, inner_path)
 
 
+def used_name(use: YamlNode) -> str | None:
+    """Return the job that an entry of a stage names, as written; None where it is no name yet.
+
+    A number is a name as well: `jobs: {1.5: ...}` declares the job that `jobs: [1.5]` uses.
+    """
+    name = use.value.get("name") if isinstance(use.value, dict) else use
+    if name is None or name.hole:
+        return None
+    number = isinstance(name.value, int | float) and not isinstance(name.value, bool)
+    return name.raw if number else name.value if isinstance(name.value, str) else None
+
+
 def _entries(node: YamlNode, keys: Path, path: Path = ()) -> Iterator[tuple[Path, YamlNode]]:
     """Yield the entries of the mapping or list under a key, if it is one."""
     if not isinstance(node.value, dict) or keys[0] not in node.value:
@@ -182,10 +194,10 @@ class _Reader:
         section = self._root.value.get("jobs") if isinstance(self._root.value, dict) else None
         known = section.value if section and isinstance(section.value, dict) else {}
         for path, use in uses(self._root):
-            where = (*path, "name") if isinstance(use.value, dict) else path
-            name = locate(self._root, where)
-            if isinstance(name.value, str) and not name.hole and name.value not in known:
-                message = f'there is no job "{name.value}"{suggest(name.value, known)}'
+            name = used_name(use)
+            if name is not None and name not in known:
+                where = (*path, "name") if isinstance(use.value, dict) else path
+                message = f'there is no job "{name}"{suggest(name, known)}'
                 self.tell(where, message, "unknown-job")
 
 

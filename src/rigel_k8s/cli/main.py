@@ -26,6 +26,7 @@ COMMANDS = {
     "init": ("rigelfiles", "Write a commented Rigelfile to start from."),
     "check": ("rigelfiles", "Tell every problem of the Rigelfile at once."),
     "schema": ("rigelfiles", "Print a JSON schema of Rigelfiles, for editors."),
+    "trust": ("trusting", "Trust the Python code beside a Rigelfile; list, remove."),
     "run": ("runs", "Run a job or a sequence."),
     "render": ("releases", "Print the manifests that a job would apply."),
     "diff": ("releases", "Show what a job would change on the cluster."),
@@ -103,6 +104,9 @@ class Commands(click.Group):
     "--kubeconfig", type=click.Path(path_type=Path), help="The kubeconfig (default: $KUBECONFIG)."
 )
 @click.option("-n", "--namespace", metavar="NAME", help="The Kubernetes namespace.")
+@click.option(
+    "--trust", is_flag=True, help="Trust the Rigelfile's directory, as `rigel trust` does."
+)
 @click.option("-q", "--quiet", is_flag=True, help="Tell only warnings and results.")
 @click.option(
     "-v", "--verbose", is_flag=True, help="Every change as a line, errors with their traceback."
@@ -116,6 +120,10 @@ def cli(ctx: click.Context, /, **options: Any) -> None:
     ctx.obj.update(options)
     if options["no_color"] or os.environ.get("NO_COLOR"):
         ctx.color = False
+    if options["trust"]:
+        from rigel_k8s.trust import trust
+
+        trust(options["rigelfile"].parent)
 
 
 def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> None:

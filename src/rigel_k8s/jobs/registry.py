@@ -1,8 +1,8 @@
 """From what stands behind `plugin:` or `provider:` to a job type or provider.
 
 In this order: the names of this package (names.py; Rigel's and src.plugin's lead here too), entry
-points of installed packages, import paths (a module beside the Rigelfile counts).
-It knows no job type, and imports only the one that is asked for.
+points of installed packages, import paths (a module beside the Rigelfile counts, if its directory
+is trusted). It knows no job type, and imports only the one that is asked for.
 """
 
 from __future__ import annotations
@@ -10,17 +10,16 @@ from __future__ import annotations
 import difflib
 import importlib
 import importlib.util
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs import rigelstyle
+from rigel_k8s.jobs.importing import Places, importable, is_own_name, places_of
 from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, index_by_name
 from rigel_k8s.jobs.validation import looks_like, validate, word
+from rigel_k8s.trust import require_trust
 
 
 def job_type(name: str, directory: Path | None = None) -> JobType[Any]:
@@ -28,9 +27,10 @@ def job_type(name: str, directory: Path | None = None) -> JobType[Any]:
 
     Args:
         name: a short name, an entry point's name or an import path.
-        directory: the Rigelfile's directory, whose modules can be imported.
+        directory: the Rigelfile's directory, whose modules can be imported where it is trusted.
 
     Raises:
+        Untrusted: the class lies in a directory that the user has not trusted.
         UserError: the name is unknown, or the class is no job type.
     """
     resolved: JobType[Any] = _resolve("job", name.strip(), directory)
@@ -53,29 +53,15 @@ def list_names(kind: Kind) -> dict[str, tuple[str, ...]]:
     return names
 
 
-@contextmanager
-def importable(directory: Path | None) -> Iterator[None]:
-    """Let modules of the directory be imported, as Rigel does with the Rigelfile's own."""
-    place = str(directory.resolve()) if directory else ""
-    if not place or place in sys.path:
-        yield
-        return
-    sys.path.insert(0, place)
-    try:
-        yield
-    finally:
-        if place in sys.path:
-            sys.path.remove(place)
-
-
 def _resolve(kind: Kind, name: str, directory: Path | None) -> Any:
-    with importable(directory):
-        builtin = index_by_name(kind).get(name)
-        if builtin:
-            module, _, attribute = builtin.target.partition(":")
-            return getattr(importlib.import_module(module), attribute)()
-        found = _entry_point(kind, name) or _class_at(kind, name)
-        return _make_usable(kind, name, found)
+    builtin = index_by_name(kind).get(name)
+    if builtin:
+        module, _, attribute = builtin.target.partition(":")
+        return getattr(importlib.import_module(module), attribute)()
+    places = places_of(directory)
+    with places.left_out():
+        found = _entry_point(kind, name)
+    return _make_usable(kind, name, found or _class_at(kind, name, places))
 
 
 def _make_usable(kind: Kind, name: str, found: Any) -> Any:
@@ -109,15 +95,22 @@ def _entry_point(kind: Kind, name: str) -> Any:
     return None
 
 
-def _class_at(kind: Kind, name: str) -> Any:
+def _class_at(kind: Kind, name: str, places: Places) -> Any:
     """Import `package.module.Class` (or `package.module:Class`)."""
     module_name, _, attribute = name.replace(":", ".").rpartition(".")
-    if not module_name or not _module_exists(kind, name, module_name):
+    if not all(module_name.split(".")) or is_own_name(module_name):
         raise _unknown_error(kind, name)
-    try:
-        module = importlib.import_module(module_name)
-    except Exception as error:
-        raise _broken_error(kind, name, error) from error
+    file = places.find(module_name)
+    beside = places.directory_of(file) if file else None
+    if beside:
+        require_trust(beside, f"{name} would run the code in {file}")
+    with importable(beside) if beside else places.left_out():
+        if not _module_exists(kind, name, module_name):
+            raise _unknown_error(kind, name)
+        try:
+            module = importlib.import_module(module_name)
+        except Exception as error:
+            raise _broken_error(kind, name, error) from error
     try:
         return getattr(module, attribute)
     except AttributeError:
@@ -126,7 +119,7 @@ def _class_at(kind: Kind, name: str) -> Any:
 
 def _module_exists(kind: Kind, name: str, module: str) -> bool:
     try:
-        return all(module.split(".")) and importlib.util.find_spec(module) is not None
+        return importlib.util.find_spec(module) is not None
     except ModuleNotFoundError as error:
         if error.name and (module == error.name or module.startswith(f"{error.name}.")):
             return False

@@ -14,11 +14,12 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.checking import JobPreview
 from rigel_k8s.jobs.execution import RunContext
+from rigel_k8s.jobs.importing import importable
 from rigel_k8s.jobs.job import JobContext, JobReporter, JobType
 from rigel_k8s.jobs.live import run_steps
 from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.jobs.providers import Declared
-from rigel_k8s.jobs.registry import importable, job_type, provider_type
+from rigel_k8s.jobs.registry import job_type, provider_type
 from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs, job_names, list_job_steps, list_sequence_steps
 from rigel_k8s.jobs.values import Values
@@ -36,6 +37,7 @@ from rigel_k8s.rigelfile import (
 )
 from rigel_k8s.rigelfile.model import ComponentSpec
 from rigel_k8s.settings import Application, Settings
+from rigel_k8s.trust import Untrusted
 
 T = TypeVar("T")
 
@@ -252,7 +254,8 @@ class _Resolution:
             return resolve(spec.plugin, self.directory)
         except UserError as error:
             message = "; ".join(filter(None, (error.message, *error.details, error.hint)))
-            problem = Problem((*spec.path, key), message, f"unknown-{key}")
+            slug = "untrusted" if isinstance(error, Untrusted) else f"unknown-{key}"
+            problem = Problem((*spec.path, key), message, slug)
             self.findings.append(place(self.rigelfile.root, problem))
             return None
 

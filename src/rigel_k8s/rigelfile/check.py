@@ -24,6 +24,7 @@ from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, locate
 from rigel_k8s.settings import Application
+from rigel_k8s.trust import Untrusted
 
 #: The kind ("job" or "provider") and the name behind `plugin:` or `provider:`, to a type with
 #: `options` and `check`; UserError where there is none.
@@ -198,7 +199,8 @@ class _Components:
             key = "plugin" if kind == "job" else "provider"
             hint = f" ({error.hint})" if error.hint else ""
             node = locate(self._root, (*spec.path, key))
-            yield make_finding(node, f"{error.message}{hint}", f"unknown-{key}")
+            slug = "untrusted" if isinstance(error, Untrusted) else f"unknown-{key}"
+            yield make_finding(node, f"{error.message}{hint}", slug)
             return
         for over in overrides:
             yield from _check_options(found, self._scope, spec, over, self._contents.application)

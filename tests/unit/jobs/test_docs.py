@@ -12,6 +12,7 @@ from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.runner import prepare_job, run_sequence
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
+from rigel_k8s.trust import trust
 from tests.support.recorder import Recorder
 
 PAGE = Path(__file__).parents[3] / "docs" / "plugins.md"
@@ -21,6 +22,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "plugins.md"
 def project(tmp_path: Path) -> Path:
     """The page's first two code blocks, written to the files that their first lines name."""
     sys.modules.pop("greet", None)
+    trust(tmp_path)
     for name, text in re.findall(r"```\w+\n# ([\w.]+)\n(.*?)```", PAGE.read_text(), re.S)[:2]:
         (tmp_path / name).write_text(text)
     return tmp_path / "Rigelfile"

@@ -11,17 +11,20 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import Interrupted, RigelK8sError, UserError
+from rigel_k8s.jobs.importing import importable
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.names import BUILTIN, index_by_name
-from rigel_k8s.jobs.registry import importable, job_type, list_names, provider_type
+from rigel_k8s.jobs.registry import job_type, list_names, provider_type
 from rigel_k8s.settings import Application
+from rigel_k8s.trust import trust
 from tests.support.recorder import Recorder
 
 
 @pytest.fixture
 def beside(tmp_path: Path) -> Iterator[Path]:
-    """A Rigelfile's directory; modules imported from it are forgotten after the test."""
+    """A trusted directory; modules imported from it are forgotten after the test."""
     before = set(sys.modules)
+    trust(tmp_path)
     yield tmp_path
     for name in set(sys.modules) - before:
         if str(getattr(sys.modules[name], "__file__", "")).startswith(str(tmp_path)):
@@ -105,14 +108,15 @@ def test_modules_beside_the_rigelfile_can_be_imported_while_it_runs(beside: Path
     assert sys.path == before
 
 
-def test_an_entry_point_is_found_by_its_name(beside: Path) -> None:
+def test_an_entry_point_is_found_by_its_name(beside: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An installed package offers a job type under a short name."""
     write(beside, "greet", GREET)
     dist = beside / "greet-1.dist-info"
     dist.mkdir()
     (dist / "METADATA").write_text("Metadata-Version: 2.1\nName: greet\nVersion: 1\n")
     (dist / "entry_points.txt").write_text("[rigel_k8s.jobs]\ngreet = greet:Greet\n")
-    with importable(beside):
+    with monkeypatch.context() as patch:
+        patch.syspath_prepend(str(beside))
         assert type(job_type("greet")).__name__ == "Greet"
         assert "greet" in list_names("job")
 
@@ -129,9 +133,11 @@ def test_an_entry_point_is_found_by_its_name(beside: Path) -> None:
             "mean rigel.plugins.core.DockerfilePlugin?",
             "known",
         ),
-        ("os.path.Nothing", "module os.path has no Nothing", "see what module os.path defines"),
+        ("attr.x.Nothing", 'unknown job type "attr.x.Nothing"', "known"),
+        ("attr.Zebra", "module attr has no Zebra", "see what module attr defines"),
+        ("antigravity.Job", 'unknown job type "antigravity.Job"', "known"),
         (".x.Y", 'unknown job type ".x.Y"', "known"),
-        ("collections.abc", "collections.abc is a module, not a class", "class"),
+        ("attr.validators", "attr.validators is a module, not a class", "class"),
     ],
 )
 def test_an_unknown_name_is_told_with_the_nearest(name: str, message: str, hint: str) -> None:

@@ -14,6 +14,7 @@ from rigel_k8s.errors import JobFailed, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs.runner import run_job, run_sequence
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
+from rigel_k8s.trust import trust
 from tests.support.recorder import Recorder
 
 TYPES = """
@@ -69,6 +70,7 @@ class Rigels:
 @pytest.fixture
 def directory(tmp_path: Path) -> Iterator[Path]:
     (tmp_path / "mine.py").write_text(TYPES)
+    trust(tmp_path)
     yield tmp_path
     for name in ("mine", "lists"):
         sys.modules.pop(name, None)

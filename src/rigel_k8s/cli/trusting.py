@@ -1,0 +1,40 @@
+"""`rigel trust`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rigel_k8s.cli.words import settings
+
+
+@click.command()
+@click.argument("directory", required=False, type=click.Path(path_type=Path))
+@click.option("--list", "show", is_flag=True, help="Print the directories that are trusted.")
+@click.option("--remove", is_flag=True, help="Trust the directory no longer.")
+@click.pass_context
+def trust(
+    ctx: click.Context,
+    /,
+    directory: Path | None,
+    show: bool,  # noqa: FBT001 - click passes it by name
+    remove: bool,  # noqa: FBT001 - the same
+) -> None:
+    """Trust a directory: the Rigelfile's own unless DIRECTORY is given.
+
+    Commands then import the job types and providers that lie in it, and read the files outside of
+    it that its Rigelfile names. Trust holds for this directory, not for those below it.
+    """
+    from rigel_k8s import trust as trusting
+
+    place = directory or settings(ctx).rigelfile.parent
+    if show:
+        for path in trusting.read_trusted():
+            click.echo(path)
+    elif remove:
+        known = trusting.distrust(place)
+        click.echo(f"{place.resolve()} {'is no longer trusted' if known else 'was not trusted'}")
+    else:
+        new = trusting.trust(place)
+        click.echo(f"{place.resolve()} {'is trusted now' if new else 'was trusted already'}")

@@ -6,7 +6,7 @@ fill in, because something else is written there. Source: kubernetes.io, Pod Sec
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 Path = tuple[str | int, ...]
@@ -63,7 +63,7 @@ def find_violations(spec: Mapping[str, Any]) -> Iterator[Violation]:
     security = mapping(spec.get("securityContext"))
     yield from under(("securityContext",), find_in_context(security))
     for path, sysctl in items(security.get("sysctls"), "securityContext", "sysctls"):
-        if sysctl.get("name") not in SYSCTLS:
+        if not is_among(sysctl.get("name"), SYSCTLS):
             yield path, f"the sysctl {sysctl.get('name')}"
     for kind in CONTAINER_LISTS:
         for path, container in items(spec.get(kind), kind):
@@ -84,25 +84,31 @@ def find_in_context(context: Mapping[str, Any]) -> Iterator[Violation]:
         if context.get(name) is wrong:
             yield (name,), f"{name}: {str(wrong).lower()}"
     user = context.get("runAsUser")
-    if user is not None and int(user) == 0:
+    if user in (0, "0"):
         yield ("runAsUser",), "runAsUser: 0"
-    for index, name in enumerate(mapping(context.get("capabilities")).get("add") or ()):
-        if name not in CAPABILITIES:
+    added = mapping(context.get("capabilities")).get("add")
+    for index, name in enumerate(added if isinstance(added, list | tuple) else ()):
+        if not is_among(name, CAPABILITIES):
             yield ("capabilities", "add", index), f"the capability {name}"
     for field in ("seccompProfile", "appArmorProfile"):
         profile = mapping(context.get(field)).get("type")
-        if profile is not None and profile not in PROFILES:
+        if profile is not None and not is_among(profile, PROFILES):
             yield (field, "type"), f"{field}: {profile}"
     if context.get("procMount") not in (None, "Default"):
         yield ("procMount",), f"procMount: {context['procMount']}"
     selinux = mapping(context.get("seLinuxOptions"))
-    if selinux.get("type") is not None and selinux["type"] not in SELINUX_TYPES:
+    if selinux.get("type") is not None and not is_among(selinux["type"], SELINUX_TYPES):
         yield ("seLinuxOptions", "type"), f"the SELinux type {selinux['type']}"
     for name in ("user", "role"):
         if selinux.get(name):
             yield ("seLinuxOptions", name), f"an SELinux {name}"
     if mapping(context.get("windowsOptions")).get("hostProcess"):
         yield ("windowsOptions", "hostProcess"), "hostProcess: true"
+
+
+def is_among(value: Any, allowed: Collection[str]) -> bool:
+    """Return whether a value is one of these texts; a patch may hold a list in its place."""
+    return isinstance(value, str) and value in allowed
 
 
 def items(value: Any, *path: str | int) -> Iterator[tuple[Path, Mapping[str, Any]]]:

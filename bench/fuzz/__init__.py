@@ -1,0 +1,1 @@
+"""Mutated Rigelfiles, checked and rendered: what ends in a traceback, or takes too much."""

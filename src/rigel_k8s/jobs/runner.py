@@ -36,6 +36,7 @@ from rigel_k8s.rigelfile import (
     render,
 )
 from rigel_k8s.rigelfile.model import ComponentSpec
+from rigel_k8s.rigelfile.spending import TooLarge
 from rigel_k8s.settings import Application, Settings
 from rigel_k8s.trust import Untrusted
 
@@ -97,6 +98,8 @@ def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Seque
     """Return what prepare_sequence would raise or warn of, each with its place."""
     try:
         return _sequence_looked_at(rigelfile, name, settings).findings
+    except TooLarge as error:
+        return [error.finding]
     except UserError as error:  # two of its jobs cannot run side by side
         message = "; ".join(filter(None, (error.message, error.hint)))
         problem = Problem(("sequences", name), message, "side-by-side", at_key=True)

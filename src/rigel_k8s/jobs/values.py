@@ -6,6 +6,7 @@ Here rigelfile/ and job types meet: it finds places, they know what is wrong.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import prod
 from typing import Any
 
 from rigel_k8s.jobs.steps import Branches, Job
@@ -23,6 +24,7 @@ from rigel_k8s.rigelfile import (
     render_node,
     strip_places,
 )
+from rigel_k8s.rigelfile.limits import MOST_COMBINATIONS
 
 
 class Values:
@@ -91,7 +93,11 @@ class Values:
 
 
 def _matrix_faults(matrix: YamlNode) -> Iterator[Finding]:
-    """Yield the keys whose value is not a list, and limits that are not one number above 0."""
+    """Yield keys without a list, limits that are not a number above 0, too many combinations."""
+    lengths = [len(n.value) for n in matrix.value.values() if isinstance(n.value, list)]
+    if prod(lengths) > MOST_COMBINATIONS:
+        message = f"this matrix has more than {MOST_COMBINATIONS} combinations"
+        yield place(matrix, Problem((), message, "bad-matrix"))
     for key, node in matrix.value.items():
         if node.hole:
             continue

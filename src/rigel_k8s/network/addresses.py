@@ -68,10 +68,12 @@ class Pool:
 
     def iterate_from(self, number: int) -> Iterator[IPv4Address]:
         """Yield all addresses, once each, beginning at any of them."""
-        for step in range(max(0, self._span)):
-            address = self.first + (number + step) % self._span
-            if address in self:
-                yield address
+        start = int(self.first) + number % max(1, self._span)
+        stretches = [(int(first), int(last)) for first, last in self.stretches()]
+        for first, last in stretches:
+            yield from map(IPv4Address, range(max(first, start), last + 1))
+        for first, last in stretches:
+            yield from map(IPv4Address, range(first, min(last, start - 1) + 1))
 
 
 def assign(

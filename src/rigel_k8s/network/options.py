@@ -8,7 +8,7 @@ from typing import Literal
 import attrs
 
 from rigel_k8s.objects.fields import option, true_is_default
-from rigel_k8s.objects.scalars import Count, ImageRef, MountPath, ObjectName
+from rigel_k8s.objects.scalars import Count, ImageRef, MountPath, ObjectName, Servers
 
 #: The names of the modes; modes/ has one module each.
 ModeName = Literal[
@@ -75,7 +75,7 @@ class Network:
     domain_id: int | None = option(
         "the DDS domain, ROS_DOMAIN_ID (default 0; over the pod network one of the release's own)"
     )
-    servers: Count | None = option("discovery-server: how many (default 1)")
+    servers: Servers | None = option("discovery-server: how many (default 1)")
     image: ImageRef | None = option(
         "discovery-server and zenoh: the server's image (default: the application's)"
     )

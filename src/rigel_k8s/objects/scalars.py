@@ -80,6 +80,14 @@ class Count(Number):
     least = 1
 
 
+class Servers(Number):
+    """How many discovery servers; Fast DDS counts them in one byte."""
+
+    kind = "bad-number"
+    expects = "a number of servers from 1 to 255"
+    least, most = 1, 255
+
+
 class Delay(Number):
     """Whole seconds, none included."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, Literal, TypeAlias
 import attrs
 
 from rigel_k8s.errors import UserError
+from rigel_k8s.local_files import read_text
 from rigel_k8s.rigelfile.findings import (
     Finding,
     make_finding,
@@ -18,11 +20,13 @@ from rigel_k8s.rigelfile.findings import (
     sort_findings,
 )
 from rigel_k8s.rigelfile.grammar import Contents, read, used_name, uses
+from rigel_k8s.rigelfile.limits import MOST_BYTES, MOST_PROBLEMS
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.options import look
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, locate
+from rigel_k8s.rigelfile.spending import TooLarge, bounded, refuse_depth
 from rigel_k8s.settings import Application
 from rigel_k8s.trust import Untrusted
 
@@ -61,7 +65,7 @@ def open_source(path: Path) -> Source:
         UserError: it cannot be read.
     """
     try:
-        return Source(str(path), path.read_text("utf-8"))
+        return Source(str(path), read_text(path, path.parent, MOST_BYTES, what=str(path)))
     except FileNotFoundError as error:
         hint = "`rigel init` writes one; -f names another"
         raise UserError(f"there is no {path}", hint=hint) from error
@@ -96,12 +100,19 @@ def check_file(path: Path, environ: Mapping[str, str], resolve: Resolve) -> Chec
     Raises:
         UserError: it cannot be read.
     """
-    reading = _Reading(open_source(path), path, environ)
-    findings = list(reading.findings)
-    if reading.contents:
-        components = _Components(reading.root, reading.scope, reading.contents, resolve)
-        findings += components.findings()
+    source = open_source(path)
+    try:
+        reading = _Reading(source, path, environ)
+        findings = list(reading.findings)
+        if reading.contents:
+            components = _Components(reading.root, reading.scope, reading.contents, resolve)
+            findings += itertools.islice(components.findings(), 2 * MOST_PROBLEMS)
+    except TooLarge as error:
+        return CheckResult(source, (error.finding,))
     return CheckResult(reading.source, sort_findings(findings), reading.rigelfile)
+
+
+_NOTHING = YamlNode({}, Span(1, 1, 1, 2))
 
 
 class _Reading:
@@ -111,12 +122,19 @@ class _Reading:
         self, source: Source, path: Path, environ: Mapping[str, str], *, patient: bool = False
     ) -> None:
         self.source = source
+        with bounded(source, _NOTHING):
+            self._read(source, path, environ, patient=patient)
+
+    def _read(
+        self, source: Source, path: Path, environ: Mapping[str, str], *, patient: bool
+    ) -> None:
         root, findings = parse(source)
-        self.root = root or YamlNode({}, Span(1, 1, 1, 2))
+        self.root = root or _NOTHING
         self.scope = Scope(source, _variables(self.root), environ, patient=patient)
         self.contents: Contents | None = None
         if root and isinstance(root.value, dict):
             self.root = _render_tree(root, self.scope)
+            refuse_depth(source, self.root)
             told = [*findings, *self.scope.findings]
             self.contents = read(self.root, path.parent, told)
             findings = [*told, *self.contents.findings]
@@ -167,6 +185,11 @@ class _Components:
         self._contents = contents
         self._resolve = resolve
         self._types: dict[tuple[str, str], Any] = {}
+        self._used: dict[str | None, dict[int, YamlNode | None]] = {}
+        for _, use in uses(root):
+            options = use.value.get("with") if isinstance(use.value, dict) else None
+            usable = options if options and isinstance(options.value, dict) else None
+            self._used.setdefault(used_name(use), {})[id(usable)] = usable
 
     def findings(self) -> Iterator[Finding]:
         for spec in self._contents.providers.values():
@@ -179,13 +202,7 @@ class _Components:
 
         A job that is never used as it is may leave keys to those that use it.
         """
-        found: dict[int, YamlNode | None] = {}
-        for _, use in uses(self._root):
-            if used_name(use) == job:
-                options = use.value.get("with") if isinstance(use.value, dict) else None
-                usable = options if options and isinstance(options.value, dict) else None
-                found[id(usable)] = usable
-        return list(found.values()) or [None]
+        return list(self._used.get(job, {}).values()) or [None]
 
     def _check(
         self,

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
 from typing import Any
 
 import attrs
+import regex
 from jinja2 import StrictUndefined, TemplateError, TemplateSyntaxError, UndefinedError
-from jinja2.sandbox import ImmutableSandboxedEnvironment
 
 from rigel_k8s.rigelfile.findings import find_nearest
+from rigel_k8s.rigelfile.sandbox import MOST_BITS, Meter, environment, run
 
 _REFERENCE = re.compile(
     r"""(?P<quoted>'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")
@@ -33,10 +33,12 @@ _FAILURES = (
     AttributeError,
     LookupError,
     MemoryError,
+    NameError,
     RecursionError,
+    SyntaxError,
     TypeError,
     ValueError,
-    re.error,
+    regex.error,
 )
 
 
@@ -89,16 +91,18 @@ def make_undefined(reference: Reference) -> Any:
     return StrictUndefined(name=f"{reference.header}.{reference.name}")
 
 
-def evaluate(source: str, values: Mapping[Reference, Any]) -> Any:
+def evaluate(source: str, values: Mapping[Reference, Any], meter: Meter) -> Any:
     """Return what the expression gives, as plain data.
 
+    Args:
+        meter: what the expressions of the file may still do.
+
     Raises:
-        ExpressionError: it is no expression, or cannot be computed.
+        ExpressionError: it is no expression, cannot be computed, or would make too much.
     """
     text, context = _rewrite(source, values)
     try:
-        compiled = _environment().compile_expression(text, undefined_to_none=False)
-        return _data(compiled(**context), source)
+        return _data(run(text, context, meter), source)
     except TemplateSyntaxError as error:
         raise ExpressionError(_syntax(error, source)) from error
     except UndefinedError as error:
@@ -123,9 +127,11 @@ def _data(value: Any, source: str) -> Any:
         value._fail_with_undefined_error()
     if isinstance(value, dict):
         return {str(key): _data(item, source) for key, item in value.items()}
+    if isinstance(value, int) and value.bit_length() > MOST_BITS:
+        raise ExpressionError(f"{source} gives a number of more than a thousand digits")
     if isinstance(value, str | int | float) or value is None:
         return value
-    if isinstance(value, list | tuple | set | Iterator | range):
+    if isinstance(value, list):
         return [_data(item, source) for item in value]
     raise ExpressionError(f"{source} gives a {type(value).__name__}, which is not data")
 
@@ -135,7 +141,7 @@ def _syntax(error: TemplateSyntaxError, source: str) -> str:
     missing = re.match(r"No (filter|test) named '(\w+)'", message)
     if missing:
         kind, name = missing.groups()
-        known = _environment().filters if kind == "filter" else _environment().tests
+        known = environment().filters if kind == "filter" else environment().tests
         near = find_nearest(name, known)
         return f'no {kind} is called "{name}"' + (f', did you mean "{near}"?' if near else "")
     return f"{source} is no expression: {message}"
@@ -146,24 +152,3 @@ def _hint(message: str) -> str:
     if unknown and not unknown[1].startswith(_PREFIX):
         return f", write vars.{unknown[1]} or data.{unknown[1]}"
     return ""
-
-
-@cache
-def _environment() -> ImmutableSandboxedEnvironment:
-    environment = ImmutableSandboxedEnvironment(undefined=StrictUndefined)
-    environment.globals = {"range": environment.globals["range"], "dict": dict}
-    environment.filters["regex_replace"] = _regex_replace
-    return environment
-
-
-def _regex_replace(
-    value: Any,
-    pattern: str,
-    replacement: str = "",
-    ignorecase: bool = False,  # noqa: FBT001, FBT002 - the filter's users may give it by position
-    multiline: bool = False,  # noqa: FBT001, FBT002
-    count: int = 0,
-) -> str:
-    """Ansible's filter of that name, which src.plugin's Rigelfiles use."""
-    flags = (re.IGNORECASE if ignorecase else 0) | (re.MULTILINE if multiline else 0)
-    return re.compile(pattern, flags).sub(replacement, str(value), count=count)

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal
 
 import attrs
 
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.problems import Problem
+from rigel_k8s.rigelfile.limits import LONGEST_LINE, LONGEST_MESSAGE, MOST_PROBLEMS
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate
+
+# Beyond these a search for what was meant takes longer than all else.
+_LONGEST_WORD, _MOST_NAMES, _FAR = 64, 300, 20
 
 
 @attrs.frozen
@@ -49,8 +54,16 @@ def place(root: YamlNode, problem: Problem) -> Finding:
 
 
 def sort_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return the findings as the file has them, each once."""
-    return tuple(sorted(dict.fromkeys(findings), key=_order))
+    """Return the findings as the file has them, each once, and not more than people read."""
+    found = sorted(dict.fromkeys(findings), key=_order)
+    if len(found) <= MOST_PROBLEMS:
+        return tuple(found)
+    errors = [finding for finding in found if finding.severity == "error"]
+    shown = [*errors, *(finding for finding in found if finding.severity != "error")]
+    shown = sorted(shown[:MOST_PROBLEMS], key=_order)
+    severity: Literal["error", "warning"] = "error" if errors else "warning"
+    message = f"more than {MOST_PROBLEMS} problems: the others are not shown"
+    return (*shown, Finding(shown[-1].span, message, "too-many", severity))
 
 
 def _order(finding: Finding) -> tuple[Span, Span, str]:
@@ -64,8 +77,9 @@ def render(source: Source, finding: Finding, *, marked: bool = True) -> str:
     """
     span = finding.span
     mark = "warning: " if marked and finding.severity == "warning" else ""
-    head = f"{source.name}:{span.line}:{span.column}: {mark}{finding.message}{_origin(finding)}"
-    lines = source.text.splitlines()
+    message = _show(finding.message, LONGEST_MESSAGE)
+    head = f"{source.name}:{span.line}:{span.column}: {mark}{message}{_origin(finding)}"
+    lines = source.lines
     shown = [span, finding.defined_at] if finding.defined_at else [span]
     gutter = len(str(max(place.line for place in shown)))
     snippets = [text for place in shown for text in _snippet(lines, place, gutter)]
@@ -80,14 +94,27 @@ def _origin(finding: Finding) -> str:
     return ""
 
 
-def _snippet(lines: list[str], span: Span, gutter: int) -> Iterator[str]:
+def _show(text: str, longest: int) -> str:
+    """Return a text that a terminal shows as it is: no control characters, and not too long.
+
+    They could move the cursor, and so write over what is reported about the file.
+    """
+    shown = text if len(text) <= longest else f"{text[: longest - 4]} ..."
+    return "".join(
+        c if c.isprintable() or c == "\t" else "\N{REPLACEMENT CHARACTER}" for c in shown
+    )
+
+
+def _snippet(lines: Sequence[str], span: Span, gutter: int) -> Iterator[str]:
     """Yield the line of a place, and below it a caret under the place."""
     if span.line > len(lines) or not lines[span.line - 1].strip():
         return
-    line = lines[span.line - 1].rstrip()
-    lead = "".join("\t" if c == "\t" else " " for c in line[: span.column - 1])
-    end = span.end_column if span.end_line == span.line else len(line) + 1
-    width = max(1, min(end, len(line) + 1) - span.column)
+    whole = lines[span.line - 1].rstrip()
+    first = max(0, span.column - LONGEST_LINE // 2) if len(whole) > LONGEST_LINE else 0
+    line = _show(whole[first : first + LONGEST_LINE], LONGEST_LINE)
+    lead = "".join("\t" if c == "\t" else " " for c in line[: span.column - 1 - first])
+    end = span.end_column if span.end_line == span.line else len(whole) + 1
+    width = max(1, min(end - first, len(line) + 1) - (span.column - first))
     yield f"{span.line:>{gutter}} | {line}"
     yield f"{'':>{gutter}} | {lead}^{'~' * (width - 1)}"
 
@@ -104,7 +131,10 @@ def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError
 
 def find_nearest(word: str, known: Iterable[str]) -> str | None:
     """Return the known word that was probably meant."""
-    by_folded = {_fold(name): name for name in known}
+    if len(word) > _LONGEST_WORD:
+        return None
+    names = itertools.islice((n for n in known if abs(len(n) - len(word)) < _FAR), _MOST_NAMES)
+    by_folded = {_fold(name): name for name in names}
     close = difflib.get_close_matches(_fold(word), by_folded, n=1, cutoff=0.6)
     return by_folded[close[0]] if close else None
 

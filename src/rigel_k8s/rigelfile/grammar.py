@@ -24,6 +24,7 @@ from rigel_k8s.rigelfile.forms import (
     SequenceForm,
     SequentialForm,
 )
+from rigel_k8s.rigelfile.limits import MOST_PROBLEMS
 from rigel_k8s.rigelfile.model import (
     ComponentSpec,
     Concurrent,
@@ -197,7 +198,8 @@ class _Reader:
             name = used_name(use)
             if name is not None and name not in known:
                 where = (*path, "name") if isinstance(use.value, dict) else path
-                message = f'there is no job "{name}"{suggest(name, known)}'
+                few = len(self.findings) < MOST_PROBLEMS
+                message = f'there is no job "{name}"{suggest(name, known) if few else ""}'
                 self.tell(where, message, "unknown-job")
 
 

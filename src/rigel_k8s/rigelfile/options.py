@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -10,9 +11,11 @@ import attrs
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.fields import nesting_key
 from rigel_k8s.rigelfile.findings import Finding, make_finding, place, problems_error, sort_findings
+from rigel_k8s.rigelfile.limits import MOST_PROBLEMS
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import YamlNode, kind_of, strip_places
+from rigel_k8s.rigelfile.spending import bounded
 from rigel_k8s.rigelfile.structure import Doubts, structure
 
 
@@ -50,7 +53,8 @@ class Preview:
     def place_problems(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
         """Return problems with the draft as findings, without those that a doubt may explain."""
         sure = (problem for problem in problems if not self.doubts.may_explain(problem.path))
-        return tuple(place(self.node, problem) for problem in sure)
+        shown = itertools.islice(sure, 2 * MOST_PROBLEMS)
+        return tuple(place(self.node, problem) for problem in shown)
 
 
 @attrs.frozen
@@ -114,7 +118,20 @@ def look(
     scope: Scope, spec: ComponentSpec, overrides: YamlNode | None, options: type[Any]
 ) -> Preview:
     """Return a component's options as far as a scope knows their values."""
-    written = scope.fill(merge_options(spec.options, overrides))
+    merged = merge_options(spec.options, overrides)
+    scope.add_look(merged)
+    with bounded(scope.source, merged):
+        return _look(scope, spec, overrides, options, merged)
+
+
+def _look(
+    scope: Scope,
+    spec: ComponentSpec,
+    overrides: YamlNode | None,
+    options: type[Any],
+    merged: YamlNode,
+) -> Preview:
+    written = scope.fill(merged)
     findings = [*scope.findings, *_nesting_faults(spec.options, overrides, options)]
     node = written
     if nesting_key(options):

@@ -12,16 +12,14 @@ import attrs
 import yaml
 
 from rigel_k8s.rigelfile.findings import Finding
+from rigel_k8s.rigelfile.limits import DEEPEST, LONGEST_NUMBER, MOST_VALUES
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode
-
-# Larger than any real Rigelfile; a few lines of aliases of aliases make more than memory holds.
-MOST_VALUES = 200_000
-DEEPEST = 100
 
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _CONSTRUCT = yaml.constructor.SafeConstructor()
 _TAG = "tag:yaml.org,2002:"
 _TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
+_NUMBER_TAGS = frozenset({f"{_TAG}int", f"{_TAG}float"})
 _START = Span(1, 1, 1, 2)
 _BRACKET = re.compile(r"[\[\]{}]")
 _DEEP_LINE = re.compile(rf"^[ ?:-]{{{DEEPEST},}}", re.MULTILINE)
@@ -30,7 +28,7 @@ _BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\}[^\s,\]}]*)")
 
 def parse(source: Source) -> tuple[YamlNode | None, list[Finding]]:
     """Return the root of a YAML text and what is wrong with it; None where it cannot be read."""
-    deep = _check_depth(source.text)
+    deep = check_depth(source.text)
     if deep:
         return None, [deep]
     try:
@@ -45,7 +43,7 @@ def parse(source: Source) -> tuple[YamlNode | None, list[Finding]]:
     return reader.node(root), reader.findings
 
 
-def _check_depth(text: str) -> Finding | None:
+def check_depth(text: str) -> Finding | None:
     """Refuse what would exhaust the C reader's stack, before it reads that."""
     if _brackets(text) < DEEPEST and not _DEEP_LINE.search(text):
         return None
@@ -83,7 +81,7 @@ def _syntax(error: yaml.MarkedYAMLError, source: Source) -> Finding:
     mark = error.problem_mark or error.context_mark
     line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
     span = Span(line, column, line, column + 1)
-    lines = [*source.text.splitlines(), ""]
+    lines = [*source.lines, ""]
     text = lines[min(line, len(lines)) - 1]
     bare = _BARE_TEMPLATE.search(text)
     if bare:
@@ -169,11 +167,18 @@ class _Reader:
                 return None
             if item.tag == f"{_TAG}bool":
                 return _CONSTRUCT.construct_yaml_bool(item)
+            if item.tag in _NUMBER_TAGS and len(item.value) > LONGEST_NUMBER:
+                self._refuse(item, f"a number of more than {LONGEST_NUMBER} characters")
+                return str(item.value)
             if item.tag == f"{_TAG}int":
                 return _CONSTRUCT.construct_yaml_int(item)
             if item.tag == f"{_TAG}float":
                 return _CONSTRUCT.construct_yaml_float(item)
-        except (ValueError, LookupError):  # an explicit tag on a text that does not fit it
+        except (
+            ValueError,
+            LookupError,
+            OverflowError,
+        ):  # an explicit tag on a text that does not fit it
             self._refuse(item, f'"{item.value}" does not fit its tag')
         else:
             if item.tag not in _TEXT_TAGS:

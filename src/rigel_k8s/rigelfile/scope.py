@@ -6,15 +6,17 @@ template is wrong, since that is told once and nothing else may be said about it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
 
 from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
+from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, MOST_PROBLEMS
 from rigel_k8s.rigelfile.numbers import keep_text
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, node_of
+from rigel_k8s.rigelfile.spending import KIND, Spending
 from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed
 from rigel_k8s.rigelfile.template import parts as parts_of
 
@@ -43,6 +45,7 @@ class Scope:
         final: no more data will come, so an unknown `data.x` is wrong.
         patient: a variable that is nowhere is a hole too, until `final`: who only wants to know
             what an application is called needs none of the values that deploy it.
+        spent: what was made of the file before; None: nothing.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class Scope:
         *,
         final: bool = False,
         patient: bool = False,
+        spent: Spending | None = None,
     ) -> None:
         self.source = source
         self.variables = variables
@@ -62,14 +66,22 @@ class Scope:
         self._data = data or {}
         self._final = final
         self._patient = patient
+        self._spent = spent or Spending(source)
         self._rendered: dict[str, YamlNode] = {}
         self._open: list[str] = []
 
     def with_data(self, data: Mapping[str, Any] | None, *, final: bool) -> Scope:
         """Return a scope of the same vars that knows these data."""
         return Scope(
-            self.source, self.variables, self.environ, data, final=final, patient=self._patient
+            *(self.source, self.variables, self.environ, data),
+            final=final,
+            patient=self._patient,
+            spent=None if final else self._spent,  # what a run looks at grows with its data
         )
+
+    def add_look(self, options: YamlNode) -> None:
+        """Count options that are about to be looked at. Raises TooLarge."""
+        self._spent.add_look(options)
 
     # Nodes
 
@@ -134,6 +146,7 @@ class Scope:
             return attrs.evolve(node, hole=True)
         if len(pieces) == 1:
             return values[0]
+        self._spent.add_text(node, sum(len(_as_text(value)) for value in values))
         return _join(node, values)
 
     def _values(self, node: YamlNode, pieces: list[Part]) -> list[YamlNode]:
@@ -145,7 +158,9 @@ class Scope:
                 values.append(YamlNode(piece, node.span, raw=piece))
                 continue
             try:
-                value = _place(node, self._value(node, piece))
+                found = self._value(node, piece)
+                self._spent.add_values(node, found)
+                value = _place(node, found)
                 waits = waits or value.has_hole()
                 values.append(value)
                 if len(pieces) > 1 and isinstance(value.value, dict | list):
@@ -214,6 +229,8 @@ class Scope:
         if name in self._open:
             circle = " -> ".join(f"vars.{n}" for n in (*self._open[self._open.index(name) :], name))
             raise _Wrong(f"the variables go in a circle: {circle}", "variable-cycle")
+        if len(self._open) >= LONGEST_CHAIN:
+            raise _Wrong(f"more than {LONGEST_CHAIN} variables need each other", KIND)
         self._open.append(name)
         try:
             self._rendered[name] = self.render(self.variables[name])
@@ -238,7 +255,8 @@ class Scope:
         first, dot, rest = name.partition(".")
         if dot and first in self.variables:
             return _Wrong(f'vars.{first} has no "{rest}" in it', "unknown-variable")
-        near = find_nearest(name, self.variables)
+        few = len(self.findings) < MOST_PROBLEMS
+        near = find_nearest(name, self.variables) if few else None
         hint = f"did you mean vars.{near}?" if near else f"declare it there or export {name}"
         message = f"vars.{name} is neither in vars nor in the environment, {hint}"
         return _Wrong(message, "unknown-variable")
@@ -266,7 +284,7 @@ class Scope:
         if any(value.has_hole() for value in found):
             raise _Waits
         try:
-            result = expression.evaluate(piece.source, values)
+            result = expression.evaluate(piece.source, values, self._spent.meter)
         except expression.ExpressionError as error:
             raise (missing if missing and error.undefined else _Wrong(str(error))) from error
         return _origin(_make_node(result, node, piece.source), found)
@@ -367,7 +385,7 @@ def _bad_header(name: Name) -> str:
 def _find_span(source: Source, node: YamlNode, text: str, number: int) -> Span:
     """Return the place of the number-th occurrence of a text inside a scalar, if it is there."""
     span = node.span
-    lines = source.text.splitlines()
+    lines = source.lines
     for found in _occurrences(lines, span, text):
         if number == 0:
             return found
@@ -375,7 +393,7 @@ def _find_span(source: Source, node: YamlNode, text: str, number: int) -> Span:
     return span
 
 
-def _occurrences(lines: list[str], span: Span, text: str) -> Iterator[Span]:
+def _occurrences(lines: Sequence[str], span: Span, text: str) -> Iterator[Span]:
     for line in range(span.line, min(span.end_line, len(lines)) + 1):
         content = lines[line - 1]
         column = content.find(text, span.column - 1 if line == span.line else 0)

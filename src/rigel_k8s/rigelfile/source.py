@@ -26,6 +26,11 @@ class Source:
 
     name: str
     text: str
+    lines: tuple[str, ...] = attrs.field(init=False, eq=False, repr=False)
+
+    @lines.default
+    def _split(self) -> tuple[str, ...]:
+        return tuple(self.text.splitlines())
 
 
 @attrs.frozen(order=True)

@@ -26,6 +26,7 @@ from rigel_k8s.rigelfile.fields import (
     unwrap,
 )
 from rigel_k8s.rigelfile.findings import find_nearest, suggest
+from rigel_k8s.rigelfile.limits import MOST_PROBLEMS
 from rigel_k8s.rigelfile.numbers import keep_text
 from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
 from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, strip_places
@@ -223,9 +224,10 @@ class _Structurer:
                 yield None
                 continue
             absent = [name for name in known if name not in node.value]
-            message = f'unknown key "{key}"{suggest(key, absent or known)}'
+            few = len(self.problems) < MOST_PROBLEMS  # a search for what was meant takes long
+            message = f'unknown key "{key}"{suggest(key, absent or known) if few else ""}'
             self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
-            near = find_nearest(key, absent)
+            near = find_nearest(key, absent) if few else None
             if near:
                 yield near
 

@@ -18,6 +18,7 @@ GOOD = {
     "Port": ["1", "65535"],
     "Replicas": ["0", "100"],
     "Count": ["1"],
+    "Servers": ["1", "255"],
     "Delay": ["0"],
     "Share": ["0", "1", "25%"],
     "ImageRef": [
@@ -44,6 +45,7 @@ BAD = {
     "Port": ["0", "65536", "http", "1.5", ""],
     "Replicas": ["-1", "two"],
     "Count": ["0"],
+    "Servers": ["0", "256"],
     "Delay": ["-1"],
     "Share": ["-1", "a", "25 %", ""],
     "ImageRef": [

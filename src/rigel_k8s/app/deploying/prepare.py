@@ -25,12 +25,19 @@ from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.gate.program import program
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.inpod import scripts
+from rigel_k8s.local_files import read_text
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
+from rigel_k8s.rigelfile.parse import check_depth
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
+
+#: Bytes of one parameter file: a ConfigMap holds a mebibyte.
+LARGEST_PARAMETER_FILE = 2**18
+#: Characters of the parameter files of all nodes.
+MOST_PARAMETERS = 2**24
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
@@ -98,7 +105,9 @@ def prepare(
     believed = providers is None and cluster is not None and has_pull_secret(release, cluster)
     eyes = cluster if preflight and is_settled(options) else None
     prepared = _finish(
-        options, raw, application, release, last, data or {}, known, eyes, secret_is_there=believed
+        *(options, raw, application, release, last, data or {}, known, eyes),
+        home=settings.rigelfile.absolute().parent,
+        secret_is_there=believed,
     )
     if cluster is None:
         return prepared
@@ -122,9 +131,10 @@ def _finish(
     known: Sequence[RegistryCredentials],
     eyes: Cluster | None,
     *,
+    home: Path,
     secret_is_there: bool,
 ) -> Preparation:
-    texts, files = scripts(), _parameter_files(options, application.dir)
+    texts, files = scripts(), _parameter_files(options, application.dir, home)
     network = options.network
     previous = last.objects() if network and network.ipam == "static" else ()
     drafted = draft(
@@ -245,18 +255,27 @@ def _lay_over(
     return whole, merged
 
 
-def _parameter_files(options: OrchestrationOptions, directory: Path) -> dict[str, str]:
+def _parameter_files(options: OrchestrationOptions, directory: Path, home: Path) -> dict[str, str]:
     """Return the texts of all parameter files, by the names in the Rigelfile."""
     names = {name: key for key, node in options.nodes.items() for name in node.parameter_files}
-    return {name: _parameter_file(directory / name, key) for name, key in names.items()}
+    texts = {
+        name: _parameter_file(directory / name, home, f"nodes.{key}.parameter_files")
+        for name, key in names.items()
+    }
+    uses = (name for node in options.nodes.values() for name in node.parameter_files)
+    if sum(len(texts[name]) for name in uses) > MOST_PARAMETERS:
+        raise UserError(
+            f"the parameter files of all nodes have more than {MOST_PARAMETERS} characters",
+            hint="a file counts once for each node that names it: divide it",
+        )
+    return texts
 
 
-def _parameter_file(path: Path, key: str) -> str:
+def _parameter_file(path: Path, home: Path, where: str) -> str:
     """Return a parameter file's text, once it is known to hold parameters."""
-    where = f"nodes.{key}.parameter_files"
     try:
-        text = path.read_text("utf-8")
-        content = yaml.safe_load(text)
+        text = read_text(path, home, LARGEST_PARAMETER_FILE, what=where)
+        content = _read_parameters(text)
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise UserError(
@@ -268,3 +287,10 @@ def _parameter_file(path: Path, key: str) -> str:
     if not isinstance(content, dict):
         raise UserError(f"{where}: {path} is no mapping of parameter names to values")
     return text
+
+
+def _read_parameters(text: str) -> Any:
+    """Return the content of a parameter file."""
+    if deep := check_depth(text):
+        raise yaml.YAMLError(f"{deep.span.line}:{deep.span.column}: {deep.message}")
+    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))

@@ -393,8 +393,9 @@ def test_a_parameter_file_is_looked_at_before_anything_is_sent(
     if content is not None:
         (tmp_path / "p.yaml").write_text(content)
     raw = {"nodes": {"a": {"image": "localhost:1/a", "args": "x", "parameter_files": ["p.yaml"]}}}
+    settings = Settings(rigelfile=tmp_path / "Rigelfile")
     with pytest.raises(UserError, match=f"nodes.a.parameter_files: .*{message}"):
-        prepare(options(raw), raw, Application("noetic", tmp_path), Settings(), Cluster())  # type: ignore[arg-type]
+        prepare(options(raw), raw, Application("noetic", tmp_path), settings, Cluster())  # type: ignore[arg-type]
 
 
 # Results

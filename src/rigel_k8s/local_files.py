@@ -1,0 +1,41 @@
+"""Files that a Rigelfile names, read with care: only regular ones, of a bounded size, beside it.
+
+A path may lead anywhere, also by a symbolic link: to a pipe that never ends, or to a file whose
+content does not belong into a report or onto a cluster.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.trust import require_trust
+
+
+def read_text(path: Path, directory: Path, most: int, *, what: str) -> str:
+    """Return a file's text.
+
+    Args:
+        directory: where it must lie, unless the user trusts that directory.
+        most: bytes.
+        what: the option or file, for errors.
+
+    Raises:
+        Untrusted: it lies elsewhere.
+        UserError: it is too large, or not a file.
+        OSError: it cannot be read.
+        UnicodeDecodeError: it is not UTF-8.
+    """
+    real = path.resolve()
+    if not real.is_relative_to(directory.resolve()):
+        require_trust(directory, f"{what}: {real} lies outside of the Rigelfile's directory")
+    # Without O_NONBLOCK a named pipe would wait for a writer.
+    with os.fdopen(os.open(real, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise UserError(f"{what}: {real} is not a regular file")
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise UserError(f"{what}: {real} has more than {most} bytes", hint="divide it")
+    return content.decode("utf-8")

@@ -28,6 +28,7 @@ from rigel_k8s.app.networkpolicy.checks import check_network_policy
 from rigel_k8s.app.nodechecks import check_node
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.patchchecks import check_patch
 from rigel_k8s.app.security.checks import check_security
 from rigel_k8s.app.updating import (
     asks_hand_over,
@@ -82,7 +83,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
             *check_node(str(key), options, ros),
             *check_update(("update",), node.update, node.ros or ros, anonymous=node.anonymous),
             *check_readiness(("readiness",), node.readiness),
-            *check_fixed(("patch",), node.patch),
+            *check_patch(("patch",), node.patch),
         ]
         yield from (problem.under(path) for problem in problems)
 
@@ -271,7 +272,7 @@ def check_params(options: OrchestrationOptions) -> Iterator[Problem]:
     """Yield raw parts that would break what holds a Deployment and its pods together."""
     params = options.additional_k8s_params
     for key, tree in (("ros_master", params.ros_master), ("application", params.application)):
-        yield from check_fixed(("additional_k8s_params", key), tree)
+        yield from check_patch(("additional_k8s_params", key), tree)
     if options.results and options.nodes and not has_application(options):
         message = "results are copied out of the application, and this job has only `nodes`"
         yield Problem(("results",), message, "no-application", at_key=True)
@@ -301,17 +302,6 @@ def list_extra_containers(written: Sequence[Mapping[str, Any]], own: Sequence[st
     """Return the names of the containers that come to a pod's first one, "" for none."""
     names = [*own, *(str(c.get("name")) for c in written if c.get("name") not in own)]
     return ", ".join(names[1:])
-
-
-def check_fixed(path: Path, tree: object) -> Iterator[Problem]:
-    """Yield the fields that no patch may change."""
-    for field in (("metadata", "name"), ("metadata", "namespace"), ("spec", "selector")):
-        place = tree
-        for key in field:
-            place = place.get(key) if isinstance(place, dict) else None
-        if place is not None:
-            message = f"{'.'.join(field)} is what a release is recognised by and cannot change"
-            yield Problem((*path, *field), message, "fixed-field", at_key=True)
 
 
 def check_observability(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from rigel_k8s.commands.rbac import Subject, roles
+from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.kube.kubeconfig import load
 from rigel_k8s.settings import Settings
 
@@ -48,7 +49,7 @@ def write_kubeconfig(
     target = load(context=context)
     path = f"/api/v1/namespaces/{namespace}/serviceaccounts/{account}/token"
     request = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenRequest", "spec": {}}
-    answer = cluster.client.call("POST", path, "ask for a token", body=request)
+    answer = cluster.client.call("POST", path, "ask for a token", read_mapping, body=request)
     authority = base64.b64encode(target.authority.encode()).decode()
     config = {
         "clusters": [

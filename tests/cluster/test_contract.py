@@ -8,6 +8,7 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from tests.support.contract import ClusterContract
 
@@ -31,7 +32,7 @@ class Argo:
     def send(self, ref: ObjectRef, body: object, media: str, query: Any) -> dict[str, Any]:
         url = self.cluster.path_of(ref, "test", query=query)
         answer: dict[str, Any] = self.cluster.client.call(
-            "PATCH", url, "test", body=body, media=media
+            "PATCH", url, "test", read_mapping, body=body, media=media
         )
         return answer
 

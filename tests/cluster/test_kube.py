@@ -17,6 +17,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError, UserError
 from rigel_k8s.kube import ObjectRef, connect
+from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.kubeconfig import load
 from rigel_k8s.settings import Settings
@@ -107,7 +108,9 @@ def test_a_conflict_names_manager_and_field(cluster: Any, namespace: str) -> Non
     ref = ObjectRef("v1", "ConfigMap", namespace, "c")
     url = cluster.path_of(ref, "test", query={"fieldManager": "other"})
     media = "application/apply-patch+yaml"
-    cluster.client.call("PATCH", url, "test", body=config(namespace, a="theirs"), media=media)
+    cluster.client.call(
+        "PATCH", url, "test", read_mapping, body=config(namespace, a="theirs"), media=media
+    )
     with pytest.raises(ConflictError) as caught:
         cluster.apply(config(namespace, a="ours"))
     assert [(f.manager, f.field) for f in caught.value.fields] == [("other", ".data.a")]
@@ -263,7 +266,7 @@ def test_a_token_is_who_we_are(cluster: Any, context: str, namespace: str) -> No
     ref = ObjectRef("v1", "ServiceAccount", namespace, "default")
     url = cluster.path_of(ref, "test", subresource="token")
     body = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenRequest", "spec": {}}
-    token = cluster.client.call("POST", url, "test", body=body)["status"]["token"]
+    token = cluster.client.call("POST", url, "test", read_mapping, body=body)["status"]["token"]
 
     def credentials() -> Any:
         from rigel_k8s.kube.target import Credentials

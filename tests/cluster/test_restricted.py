@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
 
@@ -43,7 +44,7 @@ def restricted(namespace: str, cluster: Any) -> str:
     """A namespace where Kubernetes enforces the level."""
     url = cluster.path_of(ObjectRef("v1", "Namespace", "", namespace), "label")
     media = "application/merge-patch+json"
-    cluster.client.call("PATCH", url, "label", body=ENFORCE, media=media)
+    cluster.client.call("PATCH", url, "label", read_mapping, body=ENFORCE, media=media)
     return namespace
 
 

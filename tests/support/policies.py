@@ -35,7 +35,10 @@ def rules(policies: Sequence[Object], pods: Sequence[Object]) -> str:
             continue
         assert all(spec["policyTypes"] == ["Ingress"] for spec in own)
         lines = [
-            line for spec in own for rule in spec["ingress"] for line in admit(rule, pod, pods)
+            line
+            for spec in own
+            for rule in spec.get("ingress", ())
+            for line in admit(rule, pod, pods)
         ]
         chains.append("\n".join([f"chain pod{number} {{", *lines, "drop", "}"]))
         jumps.append(f"ip daddr {address(pod)} jump pod{number}")

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import attrs
 
 from rigel_k8s.kube import threads
-from rigel_k8s.kube.answers import read_list, read_mapping, read_object, read_version
+from rigel_k8s.kube.answers import find_mapping, read_list, read_mapping, read_object, read_version
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
@@ -161,6 +161,16 @@ class Cluster:
         query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
         url = path(ref.api_version, resource, ref.namespace, query=query)
         return self.client.write("POST", url, what, manifest)
+
+    def review(self, api_version: str, kind: str, spec: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Ask by a review, an object that is answered and not kept; return its status."""
+        what = f"ask the API server by {kind}"
+        url = path(api_version, self.client.resource(api_version, kind, what), "")
+        # It stores nothing anyway; a dry run shows that to who reads the requests of a deploy.
+        url = with_query(url, {"dryRun": "All"})
+        body = {"apiVersion": api_version, "kind": kind, "spec": spec}
+        answer = self.client.call("POST", url, what, read_mapping, body=body, safe=True)
+        return find_mapping(answer, "status")
 
     def replace(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
         """Replace an object; Conflict where its resourceVersion is said and no longer true."""

@@ -2,15 +2,14 @@
 
 One SelfSubjectRulesReview tells all rights in a namespace, for the price of one question about one
 right. It may be incomplete (an authorizer that is not RBAC does not list its rules), so what seems
-to be missing is asked for one by one before anything is refused. Both questions are creations, and
-sent as dry runs: they store nothing anyway, and who reads the requests of a deploy sees it.
+to be missing is asked for one by one before anything is refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
 
+from rigel_k8s.kube.answers import find_mappings
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.kube.resources import Resource, built_in
@@ -107,13 +106,8 @@ def ask_missing(cluster: Cluster, needed: Iterable[Right], namespace: str) -> li
     Raises:
         ClusterError: the cluster does not say what we may do.
     """
-    review = {
-        "apiVersion": API,
-        "kind": "SelfSubjectRulesReview",
-        "metadata": {},
-        "spec": {"namespace": namespace},
-    }
-    rules = cluster.create(review, dry_run=True)["status"]["resourceRules"]
+    status = cluster.review(API, "SelfSubjectRulesReview", {"namespace": namespace})
+    rules = find_mappings(status, "resourceRules")
     missing = find_missing(needed, rules)
     answers = cluster.parallel(lambda right: is_allowed(cluster, right), missing)
     return [right for right, allowed in zip(missing, answers, strict=True) if not allowed]
@@ -129,16 +123,8 @@ def is_allowed(cluster: Cluster, right: Right) -> bool:
         "resource": resource,
         "subresource": sub,
     }
-    review: dict[str, Any] = cluster.create(
-        {
-            "apiVersion": API,
-            "kind": "SelfSubjectAccessReview",
-            "metadata": {},
-            "spec": {"resourceAttributes": attributes},
-        },
-        dry_run=True,
-    )
-    return bool(review["status"]["allowed"])
+    asked = {"resourceAttributes": attributes}
+    return bool(cluster.review(API, "SelfSubjectAccessReview", asked).get("allowed"))
 
 
 def missing_error(missing: Sequence[Right], what: str, hint: str) -> Forbidden:

@@ -13,6 +13,7 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.recorder import Recorder
 
@@ -356,6 +357,7 @@ def may(stack: Stack, part: str, verb: str, group: str, resource: str, below: st
         "POST",
         "/apis/authorization.k8s.io/v1/subjectaccessreviews",
         "ask what an account may do",
+        read_mapping,
         body={
             "apiVersion": "authorization.k8s.io/v1",
             "kind": "SubjectAccessReview",

@@ -8,10 +8,13 @@ from typing import Any
 import attrs
 import pytest
 
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired, ReleaseId
 from tests.support.recorder import Recorder
+from tests.support.until import until
 
 FOREVER = "trap 'exit 0' TERM; while true; do sleep 0.1; done"
 
@@ -117,8 +120,10 @@ def report() -> Recorder:
 
 
 @pytest.fixture
-def make(admin: Any, namespace: str, registry: str) -> Iterator[Maker]:
+def make(admin: Any, cluster: Any, namespace: str, registry: str) -> Iterator[Maker]:
     """A maker of manifests in the test's namespace; what is cluster-wide goes after the test."""
+    own = ObjectRef("v1", "Namespace", "", namespace)
+    until(lambda: cluster.get(own), "the right to deploy", despite=(Forbidden,))
     maker = Maker(namespace, f"{registry}/rigel-k8s/busybox:1")
     yield maker
     down(admin, maker.release, volumes=True, report=Recorder())

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ConflictError
+from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.deploy import deploy, diff
@@ -22,7 +23,9 @@ def apply_as(cluster: Any, manager: str, manifest: dict[str, Any], **query: str)
     ref = ref_of(manifest)
     url = cluster.path_of(ref, "test", query={"fieldManager": manager, **query})
     media = "application/apply-patch+yaml"
-    made: dict[str, Any] = cluster.client.call("PATCH", url, "test", body=manifest, media=media)
+    made: dict[str, Any] = cluster.client.call(
+        "PATCH", url, "test", read_mapping, body=manifest, media=media
+    )
     return made
 
 
@@ -68,7 +71,9 @@ def test_an_edited_field_is_seen_though_the_rigelfile_has_not_changed(
     ref = ObjectRef("v1", "ConfigMap", make.namespace, "config")
     url = cluster.path_of(ref, "test", query={"fieldManager": "kubectl-edit"})
     media = "application/merge-patch+json"
-    cluster.client.call("PATCH", url, "test", body={"data": {"a": "edited"}}, media=media)
+    cluster.client.call(
+        "PATCH", url, "test", read_mapping, body={"data": {"a": "edited"}}, media=media
+    )
     with pytest.raises(ConflictError, match="managed by others") as caught:
         diff(wanted, cluster)
     assert "kubectl-edit owns .data.a" in caught.value.details[0]
@@ -130,6 +135,7 @@ def test_a_rolling_deployment_of_another_tool_is_taken_over_as_recreate(
         "POST",
         f"/apis/apps/v1/namespaces/{make.namespace}/deployments?fieldManager=kubectl-create",
         "test",
+        read_mapping,
         body=theirs,
     )
     ours = make.deployment(replicas=0)

@@ -129,29 +129,27 @@ def test_history_is_limited_and_holds_no_secret(cluster: Any, make: Any, report:
             assert base64.b64encode(b"hunter2").decode() not in text
 
 
-def test_a_missing_namespace_is_part_of_the_plan(cluster: Any, make: Any, report: Any) -> None:
+def test_a_missing_namespace_is_part_of_the_plan(admin: Any, make: Any, report: Any) -> None:
     """A namespace that the Rigelfile names is created; another one is asked for."""
     release = ReleaseId(f"{make.namespace}-new", "demo")
     config = make.config(a="1")
     config["metadata"]["namespace"] = release.namespace
     ref = ObjectRef("v1", "Namespace", "", release.namespace)
     with pytest.raises(ClusterError, match="there is no namespace") as caught:
-        deploy(Desired(release, (config,)), cluster, report=report)
+        deploy(Desired(release, (config,)), admin, report=report)
     assert "kubectl create namespace" in (caught.value.hint or "")
     wanted = Desired(release, (config,), create_namespace=True)
-    assert [s.ref.kind for s in diff(wanted, cluster).steps] == ["Namespace", "ConfigMap"]
-    assert cluster.get(ref) is None
+    assert [s.ref.kind for s in diff(wanted, admin).steps] == ["Namespace", "ConfigMap"]
+    assert admin.get(ref) is None
     try:
-        deploy(wanted, cluster, report=report)
-        down(cluster, release, volumes=True, report=report)
-        assert cluster.get(ref) is not None, "down leaves the namespace"
+        deploy(wanted, admin, report=report)
+        down(admin, release, volumes=True, report=report)
+        assert admin.get(ref) is not None, "down leaves the namespace"
     finally:
-        cluster.delete(ref)
+        admin.delete(ref)
 
 
-def test_a_kind_and_an_object_of_it_come_in_one_deploy(
-    cluster: Any, make: Any, report: Any
-) -> None:
+def test_a_kind_and_an_object_of_it_come_in_one_deploy(admin: Any, make: Any, report: Any) -> None:
     """A CustomResourceDefinition is served before the objects that need it are applied."""
     group = f"{make.namespace}.example.com"
     schema = {"type": "object", "x-kubernetes-preserve-unknown-fields": True}
@@ -180,10 +178,10 @@ def test_a_kind_and_an_object_of_it_come_in_one_deploy(
         "spec": {"legs": 3},
     }
     ref = ObjectRef(f"{group}/v1", "Robot", make.namespace, "r2")
-    deploy(make.desired(definition, robot), cluster, report=report)
-    assert cluster.get(ref)["spec"] == {"legs": 3}
-    down(cluster, make.release, volumes=True, report=report)
-    assert cluster.get(ref) is None
+    deploy(make.desired(definition, robot), admin, report=report)
+    assert admin.get(ref)["spec"] == {"legs": 3}
+    down(admin, make.release, volumes=True, report=report)
+    assert admin.get(ref) is None
 
 
 def test_a_ros_name_moves_without_two_pods_at_once(cluster: Any, make: Any, report: Any) -> None:

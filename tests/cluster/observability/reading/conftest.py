@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import attrs
 import pytest
 
+from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support import until as waiting
 
@@ -194,7 +195,7 @@ def kubeconfig(cluster: Any, context: str, namespace: str, name: str) -> dict[st
     ref = ObjectRef("v1", "ServiceAccount", namespace, name)
     url = cluster.path_of(ref, "test", subresource="token")
     body = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenRequest", "spec": {}}
-    token = cluster.client.call("POST", url, "test", body=body)["status"]["token"]
+    token = cluster.client.call("POST", url, "test", read_mapping, body=body)["status"]["token"]
     authority = base64.b64encode(target.authority.encode()).decode()
     place = {"server": target.server, "certificate-authority-data": authority}
     return {

@@ -46,7 +46,8 @@ def run(context: str, namespace: str, base_image: str, tmp_path: Path) -> Run:
         found = structure(node_of(raw, YamlNode({}, Span(1, 1, 1, 1))), OrchestrationOptions)
         assert not found.problems
         told = Recorder()
-        settings = Settings(context=context, namespace=namespace)
+        beside = tmp_path / "Rigelfile"
+        settings = Settings(context=context, namespace=namespace, rigelfile=beside)
         application = Application("noetic", tmp_path)
         job = JobContext("deploy", application, told, settings, raw=raw, **more)
         OrchestrationJob().run(found.draft, job)

@@ -1,7 +1,8 @@
 """What Kubernetes' Pod Security level "restricted" refuses in a pod's spec, whole or in part; pure.
 
-The level also requires fields; `app/security/` fills them in. Here are the values that no one can
-fill in, because something else is written there. Source: kubernetes.io, Pod Security Standards.
+The level also requires fields; `app/security/` fills them in, with `pod_context`, which the stack's
+pods have too. Here are the values that no one can fill in, because something else is written there.
+Source: kubernetes.io, Pod Security Standards.
 """
 
 from __future__ import annotations
@@ -49,6 +50,18 @@ SYSCTLS = frozenset(
         "net.ipv4.tcp_wmem",
     }
 )
+
+
+def pod_context(user: int) -> dict[str, Any]:
+    """Return a pod's securityContext: one user, never root, who may write to the pod's volumes."""
+    return {
+        "runAsNonRoot": True,
+        "runAsUser": user,
+        "runAsGroup": user,
+        "fsGroup": user,
+        "fsGroupChangePolicy": "OnRootMismatch",
+        "seccompProfile": {"type": "RuntimeDefault"},
+    }
 
 
 def find_violations(spec: Mapping[str, Any]) -> Iterator[Violation]:

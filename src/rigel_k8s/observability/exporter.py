@@ -19,8 +19,9 @@ from rigel_k8s.network.modes import join, wire_pod
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.pods import MASTER_URI, Object, drop_empty
+from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
-from rigel_k8s.observability.manifests.frame import COMPONENT, CONFIG_ANNOTATION, container, nobody
+from rigel_k8s.observability.manifests.frame import COMPONENT, CONFIG_ANNOTATION, container
 from rigel_k8s.observability.names import EXPORTER, EXPORTER_PORT
 from rigel_k8s.observability.options import Part, RosMetrics
 
@@ -99,7 +100,7 @@ def pod(
         **graph.placement,
         "containers": [exporter_container(around, options, wired)],
         "volumes": [{"name": VOLUME, "configMap": {"name": config}}],
-        "securityContext": nobody(USER),
+        "securityContext": pod_context(USER),
         "automountServiceAccountToken": False,
         "terminationGracePeriodSeconds": 20,
     }

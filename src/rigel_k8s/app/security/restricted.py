@@ -14,6 +14,7 @@ from rigel_k8s.app.security.options import Security
 from rigel_k8s.objects.naming import ROS_ANNOTATION, Ros
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.objects.pods import DEFAULT_CONTAINER, Object
+from rigel_k8s.objects.podsecurity import pod_context
 
 #: HOME of all containers: the image's own may belong to root.
 HOME_PATH = "/rigel-k8s-home"
@@ -62,18 +63,6 @@ def restrict(item: Mapping[str, Any], security: Security, ros: Ros) -> Object:
         ),
     ]
     return made
-
-
-def pod_context(user: int) -> Object:
-    """Return a pod's securityContext: one user, never root, who may write to the pod's volumes."""
-    return {
-        "runAsNonRoot": True,
-        "runAsUser": user,
-        "runAsGroup": user,
-        "fsGroup": user,
-        "fsGroupChangePolicy": "OnRootMismatch",
-        "seccompProfile": {"type": "RuntimeDefault"},
-    }
 
 
 def prepare_home(template: Object) -> None:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 
+from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.observability.manifests import lines
 from rigel_k8s.observability.manifests.frame import (
     Object,
     container,
     http_probes,
     mount,
-    nobody,
     rule,
 )
 from rigel_k8s.observability.manifests.images import ALLOY_IMAGE
@@ -183,7 +183,7 @@ def _pod(stack: Stack) -> Object:
     return {
         "serviceAccountName": ALLOY,
         "automountServiceAccountToken": True,
-        "securityContext": nobody(USER),
+        "securityContext": pod_context(USER),
         "terminationGracePeriodSeconds": 120,
         "containers": [main],
         "volumes": volumes,

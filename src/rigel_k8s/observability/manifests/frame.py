@@ -201,18 +201,6 @@ def resources(said: Resources, defaults: Mapping[str, Mapping[str, str]]) -> Obj
     }
 
 
-def nobody(user: int) -> Object:
-    """Return a pod's securityContext: one user, never root, who owns the volumes."""
-    return {
-        "runAsNonRoot": True,
-        "runAsUser": user,
-        "runAsGroup": user,
-        "fsGroup": user,
-        "fsGroupChangePolicy": "OnRootMismatch",
-        "seccompProfile": {"type": "RuntimeDefault"},
-    }
-
-
 def http_probes(path: str, port: str | int = "http") -> Object:
     """Return probes: one that sees the start soon, and a rare one afterwards."""
     get = {"httpGet": {"path": path, "port": port}, "timeoutSeconds": 5}

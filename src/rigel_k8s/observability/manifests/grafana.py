@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import yaml
 
+from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.observability.manifests.dashboards import DIRECTORY, config_name, dashboards
-from rigel_k8s.observability.manifests.frame import Object, container, http_probes, mount, nobody
+from rigel_k8s.observability.manifests.frame import Object, container, http_probes, mount
 from rigel_k8s.observability.manifests.images import GRAFANA_IMAGE
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.manifests.storage import data_volume
@@ -159,7 +160,7 @@ def _pod(stack: Stack) -> Object:
     )
     return {
         "serviceAccountName": GRAFANA,
-        "securityContext": nobody(USER),
+        "securityContext": pod_context(USER),
         "containers": [main],
         "volumes": [
             {"name": "config", "configMap": {"name": GRAFANA}},

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import yaml
 
-from rigel_k8s.observability.manifests.frame import Object, container, http_probes, mount, nobody
+from rigel_k8s.objects.podsecurity import pod_context
+from rigel_k8s.observability.manifests.frame import Object, container, http_probes, mount
 from rigel_k8s.observability.manifests.images import LOKI_IMAGE
 from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.manifests.storage import data_volume
@@ -116,7 +117,7 @@ def _pod(stack: Stack) -> Object:
     )
     return {
         "serviceAccountName": LOKI,
-        "securityContext": nobody(USER),
+        "securityContext": pod_context(USER),
         # What is in memory is written down before it ends.
         "terminationGracePeriodSeconds": 60,
         "containers": [main],

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_NAME_ANNOTATION
+from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.observability.manifests.frame import (
     Object,
     container,
     http_probes,
     mount,
-    nobody,
     rule,
 )
 from rigel_k8s.observability.manifests.images import KUBE_STATE_METRICS_IMAGE, NODE_EXPORTER_IMAGE
@@ -61,7 +61,7 @@ def _state_pod(stack: Stack) -> Object:
     return {
         "serviceAccountName": KUBE_STATE_METRICS,
         "automountServiceAccountToken": True,
-        "securityContext": nobody(USER),
+        "securityContext": pod_context(USER),
         "containers": [main],
     }
 
@@ -101,7 +101,7 @@ def _node_pod(stack: Stack) -> Object:
         "serviceAccountName": NODE_EXPORTER,
         "hostNetwork": True,
         "hostPID": True,
-        "securityContext": nobody(USER),
+        "securityContext": pod_context(USER),
         "containers": [{**main, "readinessProbe": probe}],
         "volumes": [{"name": "root", "hostPath": {"path": "/"}}],
     }

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from rigel_k8s.objects.podsecurity import pod_context
 from rigel_k8s.observability.manifests.frame import (
     Object,
     container,
     http_probes,
     mount,
-    nobody,
     rule,
 )
 from rigel_k8s.observability.manifests.images import PROMETHEUS_IMAGE
@@ -72,7 +72,7 @@ def _pod(stack: Stack) -> Object:
     return {
         "serviceAccountName": PROMETHEUS,
         "automountServiceAccountToken": True,
-        "securityContext": nobody(USER),
+        "securityContext": pod_context(USER),
         "terminationGracePeriodSeconds": 60,
         "containers": [main],
         "volumes": [

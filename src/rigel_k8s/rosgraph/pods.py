@@ -132,6 +132,21 @@ def place_node(node: GraphNode, pods: Sequence[GraphPod]) -> GraphNode:
     return attrs.evolve(node, machine=machines.pop() if len(machines) == 1 else "")
 
 
+def find_leaving(nodes: Iterable[GraphNode], items: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return the names of nodes whose address is that of a pod that is being terminated.
+
+    Args:
+        items: all pods of the release, as the API server returns them.
+    """
+    ending: set[str] = set()
+    staying: set[str] = set()
+    for item in items:
+        addresses = read_pod(item).addresses
+        (ending if is_ending(dict(item)) else staying).update(addresses)
+    # Pods in their machine's own network share its address.
+    return tuple(sorted(node.name for node in nodes if node.address in ending - staying))
+
+
 def missing_node(name: str, workload: str, pods: Sequence[GraphPod]) -> GraphNode:
     """Return a node that is expected and not in the graph, at the pod that should run it."""
     pod = next((pod for pod in pods if pod.workload == workload), None)

@@ -14,7 +14,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import dds, ros1
-from rigel_k8s.rosgraph.pods import expected_nodes, place_nodes, read_pods
+from rigel_k8s.rosgraph.pods import expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_k8s.rosgraph.types import RosGraph
 
 
@@ -37,4 +37,8 @@ def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
             hint="`rigel status` shows what is there; -n names another namespace",
         )
     graph = dds.read(cluster, pods, participants) if participants else ros1.read(cluster, pods)
-    return attrs.evolve(graph, nodes=place_nodes(graph.nodes, pods, expected_nodes(deployments)))
+    return attrs.evolve(
+        graph,
+        nodes=place_nodes(graph.nodes, pods, expected_nodes(deployments)),
+        leaving=find_leaving(graph.nodes, items),
+    )

@@ -75,11 +75,16 @@ class RosGraph:
 
     Two graphs are equal where the same nodes have the same topics and services; machines, pods,
     addresses and rates, which differ after each restart, do not count.
+
+    Attributes:
+        leaving: the names of nodes in pods that are being terminated. The graph will be another
+            one when they are gone.
     """
 
     nodes: tuple[GraphNode, ...] = ()
     topics: tuple[GraphTopic, ...] = ()
     services: tuple[GraphService, ...] = ()
+    leaving: tuple[str, ...] = attrs.field(default=(), eq=False)
 
 
 @attrs.frozen

@@ -3,7 +3,9 @@
 Why: a deploy is over when its pods are ready, and a topic may have lost its publisher all the same.
 The graph is read only when an update replaces pods, before its first write and after its
 roll-out. Nodes take a moment to register and to be discovered again, so what is worse after the
-roll-out is looked at again until it is better or the patience is over. It must not know
+roll-out is looked at again until it is better or the patience is over. A roll-out is over when the
+new pods are ready, and the old ones may still be ending: until they have left the graph, it shows
+their publishers, so it is looked at again as well. It must not know
 application options; what to do about a worse graph is its caller's business. What reads a graph is
 imported when one is read: a deploy that changes nothing reads none.
 """
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from rigel_k8s.rosgraph.types import RosGraph
 
 PATIENCE = 20.0  # seconds that nodes have to be in the graph again after an update
+LEAVING = 60.0  # seconds that the pods of before have to end; Kubernetes gives them 30 by default
 AGAIN = 1.0  # seconds between two looks
 MOST = 20  # lines of a report
 WORKLOADS = ("DaemonSet", "Deployment", "StatefulSet")
@@ -113,17 +116,20 @@ class GraphWatch:
     def find_differences(self) -> Comparison | None:
         """Return what the update did to the graph; None where it was not, or cannot be, read.
 
-        It is compared again until it is not worse, at most for the patience and one look. Of
+        It is compared again until it is not worse, at most for the patience and one look; the
+        patience begins when the nodes of the old pods have left the graph, or after LEAVING. Of
         several rates of a topic the highest counts: one look is too short for slow topics.
         """
         if self._before is None:
             return None
         from rigel_k8s.rosgraph.comparison import compare
 
-        until = time.monotonic() + self.patience
+        begun = time.monotonic()
+        until = begun + self.patience
         highest: dict[str, float] = {}
         while True:
             found: Comparison | RigelK8sError
+            leaving: tuple[str, ...] = ()
             try:
                 after = read_with_rates(self.cluster, self.release)
             except RigelK8sError as error:
@@ -132,7 +138,12 @@ class GraphWatch:
                 after = keep_highest(after, highest)
                 found = compare(self._before, after, removed=self._removed)
                 state = next(iter(found.worse), "")
-            if not state or time.monotonic() >= until:
+                leaving = after.leaving
+            now = time.monotonic()
+            if leaving and now < begun + LEAVING:
+                state = state or f"{leaving[0]} is still in a pod that is being terminated"
+                until = now + self.patience
+            elif not state or now >= until:
                 break
             self.reporter.progress("ROS graph", state)
             if self.cancel.wait(AGAIN):

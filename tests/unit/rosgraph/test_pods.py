@@ -7,7 +7,7 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.rosgraph.pods import GraphPod, expected_nodes, place_nodes, read_pods
+from rigel_k8s.rosgraph.pods import GraphPod, expected_nodes, find_leaving, place_nodes, read_pods
 from rigel_k8s.rosgraph.problems import find_problems
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, Mismatch, RosGraph
 
@@ -53,6 +53,15 @@ def pod(name: str, **meta: Any) -> dict[str, Any]:
             "containerStatuses": [{"name": "ros-node", "state": {"running": {}}}],
         },
     }
+
+
+def test_nodes_of_pods_that_are_terminated_are_leaving() -> None:
+    """Pods in their machine's own network share its address: such a node may be another pod's."""
+    old = pod("old", deletionTimestamp="2026-01-01T00:00:00Z")
+    here, there = GraphNode("/talker", address="10.1.0.9"), GraphNode("/laptop", address="10.2.0.1")
+    assert find_leaving([here, there], [old]) == ("/talker",)
+    assert find_leaving([here, there], [old, pod("new")]) == ()
+    assert find_leaving([here, there], [pod("new")]) == ()
 
 
 def test_pods_are_read_from_what_kubernetes_says() -> None:

@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Iterator
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -16,7 +17,7 @@ from rigel_k8s.kube.execution import ExecResult
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph import watching
 from rigel_k8s.rosgraph.scripts import heard
-from rigel_k8s.rosgraph.types import GraphTopic, RosGraph
+from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 
 RELEASE = ReleaseId("robots", "explorer")
 
@@ -127,6 +128,43 @@ def test_of_several_looks_the_highest_rate_counts() -> None:
         kept = watching.keep_highest(graph, highest)
         rates.append([topic.rate for topic in kept.topics])
     assert rates == [[0.0, None], [1.0, None], [1.0, None], [1.0, None]]
+
+
+def watch_graphs(monkeypatch: pytest.MonkeyPatch, *graphs: RosGraph) -> watching.GraphWatch:
+    """Return a watch that reads these graphs: before the update, then one look after the other."""
+    looks = iter(graphs)
+    monkeypatch.setattr(watching, "AGAIN", 0.01)
+    monkeypatch.setattr(watching, "read_with_rates", lambda *_: next(looks))
+    cluster: Any = None
+    reporter: Any = Mock()
+    watch = watching.GraphWatch(cluster, RELEASE, reporter, threading.Event(), patience=0.0)
+    watch._before = next(looks)
+    return watch
+
+
+def talking(*publishers: str, leaving: tuple[str, ...] = ()) -> RosGraph:
+    node = GraphNode("/talker", pod="talker-1", workload="talker")
+    topics = (GraphTopic("/chatter", "std_msgs/String", publishers),) if publishers else ()
+    return RosGraph((node,), topics, leaving=leaving)
+
+
+def test_the_old_nodes_leave_before_the_graph_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A new pod is ready, and what the old one publishes is still there: it goes with it."""
+    full, gone = talking("/talker"), talking()
+    watch = watch_graphs(monkeypatch, full, talking("/talker", leaving=("/talker",)), gone)
+    found = watch.find_differences()
+    assert found is not None
+    assert [line for line in found.worse if "/chatter" in line]
+
+
+def test_pods_that_never_end_are_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their machine may be away."""
+    monkeypatch.setattr(watching, "LEAVING", 0.0)
+    full = talking("/talker")
+    watch = watch_graphs(monkeypatch, full, talking("/talker", leaving=("/talker",)))
+    found = watch.find_differences()
+    assert found is not None
+    assert found.worse == ()
 
 
 def test_a_long_report_is_cut() -> None:

@@ -19,7 +19,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,8 @@ def look_at_all(there: Any, seed: int, begin: int, end: int, texts: list[str]) -
     """Look at one file after the other, and send how far it is, and each finding."""
     os.environ["XDG_STATE_HOME"] = "/nonexistent"
     os.environ["KUBECONFIG"] = "/nonexistent"
+    # Packages are not installed meanwhile, and looking for them takes half of the time.
+    metadata.entry_points = cache(metadata.entry_points)
     with tempfile.TemporaryDirectory() as place:
         for number in range(begin, end):
             message = look(Path(place), mutate(texts, f"{seed}/{number}"))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import pickle
 import random
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -132,10 +134,9 @@ def _change_bytes(content: bytearray, chance: random.Random) -> None:
 def _change_structure(text: str, texts: list[str], chance: random.Random) -> str:
     """Swap, remove, double and replace values, of this file and of another."""
     try:
-        root, other = yaml.safe_load(text), yaml.safe_load(chance.choice(texts))
+        root, other = load(text), load(chance.choice(texts))
     except (yaml.YAMLError, ValueError, RecursionError):
         return text + chance.choice(PIECES)
-    root = copy.deepcopy(root)
     for _ in range(chance.randint(1, 4)):
         places = list(_places(root))
         if not places:
@@ -155,7 +156,17 @@ def _change_structure(text: str, texts: list[str], chance: random.Random) -> str
             )
         else:
             holder[key] = [holder[key], copy.deepcopy(holder[key])]
-    return str(yaml.safe_dump(root, allow_unicode=True, sort_keys=False))
+    return str(yaml.dump(root, Dumper=yaml.CSafeDumper, allow_unicode=True, sort_keys=False))
+
+
+def load(text: str) -> Any:
+    """Return what a file contains; each call returns values of its own."""
+    return pickle.loads(_read(text))
+
+
+@cache
+def _read(text: str) -> bytes:
+    return pickle.dumps(yaml.load(text, Loader=yaml.CSafeLoader))
 
 
 def _places(value: Any) -> Iterator[tuple[Any, Any]]:

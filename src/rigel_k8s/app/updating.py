@@ -219,7 +219,7 @@ def find_patched(patch: Mapping[str, Any]) -> str | None:
     for container in listed(spec.get("containers")):
         if mapping(container.get("securityContext")).get("privileged"):
             return "it is privileged"
-        if any("hostPort" in mapping(port) for port in container.get("ports") or ()):
+        if any("hostPort" in port for port in listed(container.get("ports"))):
             return "it has a port of its machine"
     if any("persistentVolumeClaim" in one for one in listed(spec.get("volumes"))):
         return "it mounts a claim that may be exclusive"
@@ -233,7 +233,8 @@ def mapping(value: Any) -> Mapping[str, Any]:
 
 def listed(value: Any) -> Iterator[Mapping[str, Any]]:
     """Yield the mappings of a list."""
-    yield from (one for one in value or () if isinstance(one, Mapping))
+    items = value if isinstance(value, list | tuple) else ()
+    yield from (one for one in items if isinstance(one, Mapping))
 
 
 def share(value: Share | None, default: int) -> int | str:

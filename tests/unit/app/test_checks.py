@@ -91,6 +91,12 @@ WRONG_NODES = [
     ("conflict", "tolerations.0.value", "n", "{tolerations: [{operator: Exists, value: a}]}"),
     ("conflict", "tolerations.0.seconds", "n", "{tolerations: [{key: a, seconds: 3}]}"),
     ("fixed-field", "patch.metadata.namespace", "n", "{patch: {metadata: {namespace: a}}}"),
+    (
+        "wrong-type",
+        "patch.spec.template.spec.containers.0.ports",
+        "n",
+        "{patch: {spec: {template: {spec: {containers: [{name: ros-node, ports: -1}]}}}}}",
+    ),
     ("bad-update", "update.max_surge", "n", "{update: {strategy: recreate, max_surge: 1}}"),
     ("conflict", "readiness.file", "n", "{readiness: {command: a, file: /b}}"),
 ]

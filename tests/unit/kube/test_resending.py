@@ -97,6 +97,24 @@ def test_a_conflict_at_once_is_a_conflict(serve: Any, write: str) -> None:
     assert len(server.requests) == 2
 
 
+DRY_RUNS = {
+    "create": lambda cluster: cluster.create(MANIFEST, dry_run=True),
+    "create without a name": lambda cluster: cluster.create(
+        {**MANIFEST, "metadata": {"generateName": "c-", "namespace": "robot"}}, dry_run=True
+    ),
+    "apply": lambda cluster: cluster.apply(MANIFEST, dry_run=True),
+}
+
+
+@pytest.mark.parametrize("write", DRY_RUNS)
+def test_a_lost_dry_run_has_written_nothing(serve: Any, write: str) -> None:
+    """What is there is not our own, whatever it looks like."""
+    cluster, server = warm(serve, [away, say(409, EXISTS)])
+    with pytest.raises(ConflictError, match="it is there"):
+        DRY_RUNS[write](cluster)
+    assert len(server.requests) == 3
+
+
 def test_what_a_lost_delete_has_deleted_was_there(serve: Any) -> None:
     """The second one finds nothing."""
     cluster, _ = warm(serve, [away, say(404, {"kind": "Status"})])

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 MANAGER = "rigel"  # who owns the fields that we apply
 PAGE = 500
+DELETES = 3  # times that an object is deleted where something writes to it at the same moment
 METADATA_ONLY = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
 PATCHES = {
     "merge": "application/merge-patch+json",
@@ -207,7 +208,8 @@ class Cluster:
         """Delete an object and return whether it was there.
 
         Args:
-            uid: delete this very object; Conflict where another has its name now.
+            uid: delete this very object; Conflict where another has its name now. After a conflict
+                about anything else it is tried again.
         """
         options: dict[str, Any] = {
             "kind": "DeleteOptions",
@@ -220,6 +222,21 @@ class Cluster:
             options["gracePeriodSeconds"] = grace_seconds
         if dry_run:
             options["dryRun"] = ["All"]
+        for _ in range(DELETES):
+            try:
+                return self._delete(ref, options)
+            except Conflict as error:
+                conflict = error
+                live = self.get(ref) if uid else None
+                if uid and live is None:
+                    return True
+                if live is None or live["metadata"]["uid"] != uid:
+                    raise
+        raise Refusal(
+            conflict.message, hint="it is still there: run the command again"
+        ) from conflict
+
+    def _delete(self, ref: ObjectRef, options: Mapping[str, Any]) -> bool:
         what = f"delete {ref}"
         try:
             url = self.path_of(ref, what)

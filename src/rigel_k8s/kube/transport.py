@@ -97,7 +97,8 @@ class Stream:
         self.aborted = True
         with suppress(OSError):
             self.socket.shutdown(socket.SHUT_RDWR)
-        self.connection.close()
+        with suppress(OSError, ValueError, AttributeError):  # a reader may close it just now
+            self.connection.close()
 
 
 class Transport:

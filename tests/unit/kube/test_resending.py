@@ -121,6 +121,36 @@ def test_what_a_lost_delete_has_deleted_was_there(serve: Any) -> None:
     assert cluster.delete(REF) is True
 
 
+def test_a_conflict_about_the_same_object_is_no_reason_to_leave_it(serve: Any) -> None:
+    """Something wrote to it at the same moment."""
+    live = {**MANIFEST, "metadata": {**META, "uid": "u"}}
+    cluster, server = warm(serve, [say(409, EXISTS), say(200, live), say(200, {})])
+    assert cluster.delete(REF, uid="u") is True
+    assert len(server.requests) == 4
+
+
+def test_a_conflict_that_stays_is_not_one_of_another_object(serve: Any) -> None:
+    live = {**MANIFEST, "metadata": {**META, "uid": "u"}}
+    cluster, _ = warm(serve, [say(409, EXISTS), say(200, live)] * 3)
+    with pytest.raises(ClusterError, match="it is there") as raised:
+        cluster.delete(REF, uid="u")
+    assert not isinstance(raised.value, ConflictError)
+    assert "run the command again" in str(raised.value.hint)
+
+
+def test_another_object_of_the_name_is_left_alone(serve: Any) -> None:
+    live = {**MANIFEST, "metadata": {**META, "uid": "another"}}
+    cluster, server = warm(serve, [say(409, EXISTS), say(200, live)])
+    with pytest.raises(ConflictError):
+        cluster.delete(REF, uid="u")
+    assert len(server.requests) == 3
+
+
+def test_what_is_gone_after_a_conflict_was_deleted(serve: Any) -> None:
+    cluster, _ = warm(serve, [say(409, EXISTS), say(404, {"kind": "Status"})])
+    assert cluster.delete(REF, uid="u") is True
+
+
 def test_steps_on_what_was_there_are_not_sent_twice(serve: Any) -> None:
     """A JSON patch may add an item to a list."""
     cluster, server = warm(serve, [], last=away)

@@ -244,6 +244,24 @@ def test_a_stream_leaves_kept_connections_alone(serve: Any) -> None:
     assert [request.connection for request in server.requests] == [1, 2, 1]
 
 
+def test_a_stream_that_its_reader_closes_meanwhile_can_be_aborted(
+    serve: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A connection that two threads close at once may be half closed for one of them."""
+    transport, _ = transport_to(serve, lambda exchange: exchange.stream(b"one\n", b""))
+    stream = stream_of(transport)
+
+    close_it = stream.connection.close
+
+    def close() -> None:
+        close_it()
+        raise ValueError("I/O operation on closed file.")
+
+    monkeypatch.setattr(stream.connection, "close", close)
+    stream.abort()
+    assert stream.aborted
+
+
 def test_a_silent_connection_notices_a_peer_that_is_gone(serve: Any) -> None:
     """A log may say nothing for a day, and its machine may have lost power."""
     hold = threading.Event()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -41,6 +42,8 @@ def main() -> None:
         directory = Path(temporary)
         # Before there are threads: what forks later must have none.
         callers = [Caller() for _ in range(min(words.workers, words.runs))]
+        # The control plane is a child of this process: it must not outlive it.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
         with control_plane(directory) as server:
             seeds = range(words.seed, words.seed + words.runs)
             end = time.monotonic() + 60 * (words.minutes or 1e9)

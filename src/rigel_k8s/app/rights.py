@@ -1,7 +1,7 @@
 """What people need to be allowed: to deploy applications in a namespace, or only to look at them.
 
-`rigel rbac` prints it as Roles. A deploy's own check (`release/rights.py`) asks for the part that
-this deploy needs, from the same declarations.
+`rigel rbac` prints it as Roles. A deploy's own check (`release/refusals/rights.py`) asks for the
+part that this deploy needs, from the same declarations.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from typing import TypeAlias
 
 from rigel_k8s.objects.rights import Right, grant
-from rigel_k8s.release.rights import (
+from rigel_k8s.release.refusals.rights import (
     need_for_kind,
     need_to_explain,
     need_to_record,

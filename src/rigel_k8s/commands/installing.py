@@ -15,7 +15,12 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.rights import Right, grant, make_rules
 from rigel_k8s.observability.desired import render_stack
 from rigel_k8s.observability.request import StackRequest
-from rigel_k8s.release.rights import find_resource, need_to_explain, need_to_record, need_to_wait
+from rigel_k8s.release.refusals.rights import (
+    find_resource,
+    need_to_explain,
+    need_to_record,
+    need_to_wait,
+)
 
 #: Verbs for every kind of object that is installed.
 VERBS = "get list watch create patch delete"

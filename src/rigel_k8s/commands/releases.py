@@ -26,7 +26,7 @@ from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release import status as states
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.prepare import manifests_to_apply
-from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Plan, ReleaseId, Revision
 from rigel_k8s.rosgraph.gate import GateStatus, read_gate
 from rigel_k8s.settings import Settings

@@ -20,11 +20,12 @@ from rigel_k8s import __version__
 from rigel_k8s.errors import ClusterError, ConflictError, RigelK8sError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release import refusals, revisions
+from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.lease import Held, bury, hold
 from rigel_k8s.release.patience import Patience
 from rigel_k8s.release.plan import compare, predecessors
+from rigel_k8s.release.refusals import verdict
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
 from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision
 from rigel_k8s.release.wait import Waiter
@@ -116,7 +117,7 @@ def deploy(
 def diff(desired: Desired, cluster: Cluster, *, adopt: bool = False) -> Plan:
     """Return what a deploy would do; nothing is written. Raises like deploy."""
     found = survey(cluster, desired, adopt=adopt)
-    refusals.check(found, adopt=adopt)
+    verdict.check(found, adopt=adopt)
     return compare(found)
 
 
@@ -139,7 +140,7 @@ def find_last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
 def carry_out(run: Run) -> Revision:
     """Deploy."""
     found = survey(run.cluster, run.desired, adopt=run.adopt)
-    refusals.check(found, adopt=run.adopt)
+    verdict.check(found, adopt=run.adopt)
     plan = compare(found, keep=run.keep)
     if found.last is not None and is_settled(found, plan):
         if found.lease is not None:
@@ -189,7 +190,7 @@ def look_again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
         if versions(newest) == versions(found.history):
             return found, plan
         found = survey(run.cluster, run.desired, adopt=run.adopt)
-        refusals.check(found, adopt=run.adopt)
+        verdict.check(found, adopt=run.adopt)
         plan = compare(found, keep=run.keep)
     return found, plan
 

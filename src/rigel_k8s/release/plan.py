@@ -44,7 +44,7 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
     ref = ref_of(manifest)
     live, result = survey.live.get(ref), survey.results.get(ref)
     if isinstance(result, Refusal):
-        raise result  # refusals.check comes first and explains it
+        raise result  # `verdict.check` comes first and explains it
     if live is None or live["metadata"].get("deletionTimestamp"):
         return Step("create", ref, manifest, live, result or manifest)
     if is_unchanged(manifest, live) or (result is not None and is_same(live, result)):

@@ -11,7 +11,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.deploy import deploy
-from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.refusals.verdict import Refused
 from tests.support.until import until
 
 pytestmark = pytest.mark.cluster

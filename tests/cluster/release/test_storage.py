@@ -9,7 +9,7 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import deploy
-from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.removal import down
 
 pytestmark = pytest.mark.cluster

@@ -9,7 +9,7 @@ import yaml
 
 from rigel_k8s.app.rights import need_to_deploy, need_to_look
 from rigel_k8s.objects.rights import find_missing, make_rules
-from rigel_k8s.release.rights import find_resource, need_for
+from rigel_k8s.release.refusals.rights import find_resource, need_for
 
 GOLDEN = Path(__file__).parent / "golden"
 

@@ -13,7 +13,7 @@ from rigel_k8s.commands.installing import list_manifests, list_rules
 from rigel_k8s.commands.rbac import account
 from rigel_k8s.errors import UserError
 from rigel_k8s.objects.rights import find_missing, grant
-from rigel_k8s.release.rights import need_for
+from rigel_k8s.release.refusals.rights import need_for
 
 
 def call(*words: str) -> list[Any]:

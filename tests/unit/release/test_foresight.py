@@ -13,7 +13,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal, refusal
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.deploy import deploy, diff
-from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
 from tests.support.manifests import RELEASE, config, workload
 

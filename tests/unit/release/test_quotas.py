@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.quotas import (
+from rigel_k8s.release.refusals.quotas import (
     Change,
     amounts_of_object,
     amounts_of_pod,

@@ -14,7 +14,7 @@ from rigel_k8s.kube.failures import Cause, Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import deploy, diff, find_last_good, history
-from rigel_k8s.release.refusals import Refused
+from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.rollback import rollback
 from rigel_k8s.release.types import Desired

@@ -146,7 +146,7 @@ def _refuse(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
 @contextmanager
 def _placing_refusals(job: JobContext) -> Iterator[None]:
     """Give a refusal the places of its problems in the Rigelfile."""
-    from rigel_k8s.release.refusals import Refused
+    from rigel_k8s.release.refusals.verdict import Refused
 
     try:
         yield

@@ -14,9 +14,9 @@ from rigel_k8s.kube.failures import Conflict, Missing, Refusal
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.admission import find_exceeded, find_refused_pods, find_unfit
-from rigel_k8s.release.foresight import explain_missing
 from rigel_k8s.release.ownership import managers
+from rigel_k8s.release.refusals.admission import find_exceeded, find_refused_pods, find_unfit
+from rigel_k8s.release.refusals.foresight import explain_missing
 from rigel_k8s.release.survey import Survey, belongs
 
 ADOPT = "to take them over, run it again with --adopt; they become what the Rigelfile says"

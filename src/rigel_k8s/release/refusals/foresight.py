@@ -17,8 +17,14 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Conflict, Forbidden, Missing, Refusal
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.objects.rights import Right
-from rigel_k8s.release.rights import ask_missing, find_resource, missing_error, need_for
-from rigel_k8s.release.trials import ABOUT_OBJECTS, Trial, changes_template, choose_trials, try_pod
+from rigel_k8s.release.refusals.rights import ask_missing, find_resource, missing_error, need_for
+from rigel_k8s.release.refusals.trials import (
+    ABOUT_OBJECTS,
+    Trial,
+    changes_template,
+    choose_trials,
+    try_pod,
+)
 from rigel_k8s.release.types import Desired, ReleaseId
 
 Live = dict[str, Any]

@@ -14,12 +14,12 @@ from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.problems import Problem
-from rigel_k8s.release import quotas
-from rigel_k8s.release.quotas import Change
+from rigel_k8s.release.refusals import quotas
+from rigel_k8s.release.refusals.quotas import Change
+from rigel_k8s.release.refusals.rights import find_resource
+from rigel_k8s.release.refusals.trials import find_template
 from rigel_k8s.release.revisions import secret_ref
-from rigel_k8s.release.rights import find_resource
 from rigel_k8s.release.survey import Survey
-from rigel_k8s.release.trials import find_template
 
 SHOWN = 3  # names of workloads in a message; the rest is counted
 #: How a refusal calls the pod that was tried; its name is made by the dry run.

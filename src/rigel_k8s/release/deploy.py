@@ -23,12 +23,12 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.lease import Held, bury, hold
-from rigel_k8s.release.patience import Patience
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.refusals import verdict
+from rigel_k8s.release.rollout.patience import Patience
+from rigel_k8s.release.rollout.wait import Waiter
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
 from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision
-from rigel_k8s.release.wait import Waiter
 from rigel_k8s.report import Reporter
 
 DEFAULT_TIMEOUT = 300.0

@@ -14,8 +14,8 @@ import attrs
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.release.ownership import is_applied
-from rigel_k8s.release.readiness import readiness
 from rigel_k8s.release.revisions import CREATED, DESCRIPTION, NUMBER, OF, STATUS, VERSION
+from rigel_k8s.release.rollout.readiness import readiness
 from rigel_k8s.release.types import ReleaseId
 
 Live = Mapping[str, Any]

@@ -16,7 +16,7 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, Run, carry_out
 from rigel_k8s.release.lease import is_alive, lease_ref
-from rigel_k8s.release.patience import Patience
+from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 

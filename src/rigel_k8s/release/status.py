@@ -16,7 +16,9 @@ from rigel_k8s.objects.facts import is_ending, is_ready
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
-from rigel_k8s.release.causes import (
+from rigel_k8s.release.order import WORKLOADS
+from rigel_k8s.release.ownership import is_applied
+from rigel_k8s.release.rollout.causes import (
     causes,
     choose_events,
     containers,
@@ -25,9 +27,7 @@ from rigel_k8s.release.causes import (
     pods_of,
     probe_failure,
 )
-from rigel_k8s.release.order import WORKLOADS
-from rigel_k8s.release.ownership import is_applied
-from rigel_k8s.release.readiness import readiness
+from rigel_k8s.release.rollout.readiness import readiness
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import ReleaseId
 

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.causes import Cause, causes, pods_of, probe_failure
-from rigel_k8s.release.patience import Ledger, Patience
-from rigel_k8s.release.readiness import readiness, readiness_without
+from rigel_k8s.release.rollout.causes import Cause, causes, pods_of, probe_failure
+from rigel_k8s.release.rollout.patience import Ledger, Patience
+from rigel_k8s.release.rollout.readiness import readiness, readiness_without
 
 REF = ObjectRef("apps/v1", "Deployment", "n", "talker")
 OTHER = ObjectRef("apps/v1", "Deployment", "n", "listener")

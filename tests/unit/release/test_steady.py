@@ -10,11 +10,11 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.release import wait
 from rigel_k8s.release.deploy import deploy
-from rigel_k8s.release.patience import Patience
-from rigel_k8s.release.view import ReleaseView
-from rigel_k8s.release.wait import STEADY, Waiter
+from rigel_k8s.release.rollout import wait
+from rigel_k8s.release.rollout.patience import Patience
+from rigel_k8s.release.rollout.view import ReleaseView
+from rigel_k8s.release.rollout.wait import STEADY, Waiter
 from tests.support.controllers import Controllers, crash_status, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, desired, ref, workload

@@ -26,7 +26,7 @@ from rigel_k8s.network.preflight.finding import PreflightFinding, group_by_text
 from rigel_k8s.network.preflight.machine import PROBE, MachineFacts, parse
 from rigel_k8s.network.preflight.services import service_ranges
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.causes import owner
+from rigel_k8s.release.rollout.causes import owner
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster

@@ -12,7 +12,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.watching import WatchEvent
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.causes import owner
+from rigel_k8s.release.rollout.causes import owner
 
 Kind = tuple[str, str]
 Live = dict[str, Any]

@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Iterator
 import attrs
 
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.causes import Cause
+from rigel_k8s.release.rollout.causes import Cause
 
 
 @attrs.frozen

@@ -14,7 +14,8 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
-from rigel_k8s.release.causes import (
+from rigel_k8s.release.order import WORKLOADS
+from rigel_k8s.release.rollout.causes import (
     Cause,
     causes,
     choose_events,
@@ -23,12 +24,16 @@ from rigel_k8s.release.causes import (
     pods_of,
     probe_failure,
 )
-from rigel_k8s.release.order import WORKLOADS
-from rigel_k8s.release.patience import Ledger, Patience, Seen
-from rigel_k8s.release.readiness import UNSEEN, ObjectReadiness, readiness, readiness_without
+from rigel_k8s.release.rollout.patience import Ledger, Patience, Seen
+from rigel_k8s.release.rollout.readiness import (
+    UNSEEN,
+    ObjectReadiness,
+    readiness,
+    readiness_without,
+)
+from rigel_k8s.release.rollout.unprobed import Unprobed, find_ended, find_unprobed_in
+from rigel_k8s.release.rollout.view import EVENT, POD, REPLICA_SET, Kind, ReleaseView
 from rigel_k8s.release.types import ReleaseId
-from rigel_k8s.release.unprobed import Unprobed, find_ended, find_unprobed_in
-from rigel_k8s.release.view import EVENT, POD, REPLICA_SET, Kind, ReleaseView
 from rigel_k8s.report import Reporter
 
 LOOK = 0.25  # seconds between two looks at the clock

@@ -10,8 +10,8 @@ from typing import Any
 import attrs
 
 from rigel_k8s.app.application import application_deployment, application_identity, has_application
+from rigel_k8s.app.checks.exporter import can_be_seen
 from rigel_k8s.app.distros import ros_of
-from rigel_k8s.app.exporterchecks import can_be_seen
 from rigel_k8s.app.gate import gate_objects, has_gate, remedies_of
 from rigel_k8s.app.master import master_deployment, master_service
 from rigel_k8s.app.networkpolicy.objects import policy_objects

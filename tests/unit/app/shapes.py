@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rigel_k8s.app.checks import check
+from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.problems import Problem

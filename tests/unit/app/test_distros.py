@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rigel_k8s.app.checks import check
+from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.distros import is_ros1
 from rigel_k8s.app.options import OrchestrationOptions
 

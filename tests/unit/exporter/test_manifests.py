@@ -8,9 +8,9 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.app.checks import check
+from rigel_k8s.app.checks.application import check
+from rigel_k8s.app.checks.exporter import check_exporter
 from rigel_k8s.app.desired import draft
-from rigel_k8s.app.exporterchecks import check_exporter
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.exporter.config import Config
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rigel_k8s.app.networkchecks import check_network
+from rigel_k8s.app.checks.network import check_network
 
 from ..app.shapes import options
 from .shapes import GOLDEN

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import attrs
 import yaml
 
-from rigel_k8s.app.checks import check
+from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.deploying.architectures import find_unfit_machines
 from rigel_k8s.app.deploying.digests import pins
 from rigel_k8s.app.deploying.secrets import choose_credentials, has_pull_secret, secret_name

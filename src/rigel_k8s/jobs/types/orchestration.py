@@ -10,13 +10,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from rigel_k8s.app.checks import check as check_options
+from rigel_k8s.app.checks.application import check as check_options
+from rigel_k8s.app.checks.exporter import speaks_zenoh
 from rigel_k8s.app.deploying.places import check_places
 from rigel_k8s.app.deploying.prepare import Preparation, prepare, timeout_of
 from rigel_k8s.app.deploying.results import copy_results
 from rigel_k8s.app.deploying.secrets import write_pull_secret
 from rigel_k8s.app.distros import ros_of
-from rigel_k8s.app.exporterchecks import speaks_zenoh
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed

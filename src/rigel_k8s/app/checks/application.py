@@ -18,17 +18,17 @@ from rigel_k8s.app.application import (
     has_application,
     replaces_container,
 )
+from rigel_k8s.app.checks.exporter import check_exporter, speaks_zenoh
+from rigel_k8s.app.checks.network import check_network
+from rigel_k8s.app.checks.nodes import check_node
+from rigel_k8s.app.checks.patches import check_patch
 from rigel_k8s.app.commands import full_name
 from rigel_k8s.app.desired import deploys_master
 from rigel_k8s.app.distros import guess_distro, ros_of
-from rigel_k8s.app.exporterchecks import check_exporter, speaks_zenoh
 from rigel_k8s.app.gate import has_gate
-from rigel_k8s.app.networkchecks import check_network
 from rigel_k8s.app.networkpolicy.checks import check_network_policy
-from rigel_k8s.app.nodechecks import check_node
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.patchchecks import check_patch
 from rigel_k8s.app.security.checks import check_security
 from rigel_k8s.app.updating import (
     asks_hand_over,

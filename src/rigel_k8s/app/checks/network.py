@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from rigel_k8s.app.checks.pods import check_pods, workloads_of
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.podchecks import check_pods, workloads_of
 from rigel_k8s.network.checks import check_options
 from rigel_k8s.network.mode import ModeUse
 from rigel_k8s.network.modes import mode_of

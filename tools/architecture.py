@@ -43,6 +43,7 @@ WORDS = {
     "kube": "HTTP to the cluster",
     "inpod": "scripts in the pods",
     "objects": "Kubernetes vocabulary",
+    "system": "files, programs, connections",
 }
 
 WIDTH, BOX, HEIGHT, GAP, ROW, MARGIN = 1000, 190, 46, 30, 84, 24

@@ -26,7 +26,6 @@ from typing import Any, Literal
 import attrs
 import pytest
 
-from rigel_k8s import oci
 from rigel_k8s.commands import images
 from rigel_k8s.errors import CommandFailed, Interrupted, RigelK8sError
 from rigel_k8s.images.credentials import RegistryCredentials
@@ -42,6 +41,7 @@ from rigel_k8s.jobs.types.dockerfile import (
 )
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Application, Settings
+from rigel_k8s.system import oci
 from rigel_lab import cluster as localcluster
 from rigel_lab.images import exporter
 from rigel_lab.images.base.build import BaseImage

@@ -27,9 +27,9 @@ import pytest
 import rigel_k8s.inpod
 from rigel_k8s.app.gate import LOOPBACK, PACKAGE_PATH, PROGRAM_PATH, ROSCORE_PATH
 from rigel_k8s.app.master import ROSCORE
-from rigel_k8s.cache import locked
 from rigel_k8s.gate.program import program
 from rigel_k8s.objects.pods import MASTER_PORT, ROSCORE_PORT
+from rigel_k8s.system.cache import locked
 from rigel_lab.images.ros1base import BaseImage, build
 from tests.support.until import until
 

@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from rigel_k8s.cache import cache_dir, locked
+from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.images.ros1base import build
 from tests.support.until import until
 

@@ -24,11 +24,11 @@ import attrs
 import pytest
 
 import rigel_k8s.inpod
-from rigel_k8s.cache import locked
 from rigel_k8s.graph.findings import DiscoveryGraph, graph
 from rigel_k8s.graph.looks import look
 from rigel_k8s.graph.members import Member
 from rigel_k8s.network.modes.peers import peer_name
+from rigel_k8s.system.cache import locked
 
 SCRIPTS = Path(rigel_k8s.inpod.__file__).parent
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rigel-k8s" / "tests"

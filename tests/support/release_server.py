@@ -25,8 +25,8 @@ from typing import Any, Literal
 
 import attrs
 
-from rigel_k8s.cache import cache_dir
-from rigel_k8s.oci import architecture
+from rigel_k8s.system.cache import cache_dir
+from rigel_k8s.system.oci import architecture
 from rigel_lab.cluster.components import GO_BUILDS, ON_REQUEST
 from rigel_lab.cluster.gobuild import GoBuild
 from rigel_lab.cluster.releases import Published, Release, ReleasedImage

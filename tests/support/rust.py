@@ -9,7 +9,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from rigel_k8s.cache import cache_dir, locked
+from rigel_k8s.system.cache import cache_dir, locked
 
 SOURCE = Path(__file__).parents[1] / "images" / "rustdds"
 MACHINE = "x86_64-unknown-linux-gnu"

@@ -18,10 +18,10 @@ from itertools import chain
 from pathlib import Path
 from typing import IO
 
-from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.settings import Settings
+from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster import components
 from rigel_lab.cluster.releases import Upstream
 

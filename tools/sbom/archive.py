@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from email.parser import HeaderParser
 from pathlib import Path
 
-from rigel_k8s import oci
+from rigel_k8s.system import oci
 from tools.sbom.debian import read_status
 from tools.sbom.parts import UNKNOWN, Part
 

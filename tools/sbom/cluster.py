@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from rigel_k8s.cache import cache_dir
+from rigel_k8s.system.cache import cache_dir
 from rigel_lab.cluster.components import DEBIAN_PACKAGES, GO_BUILDS, ON_REQUEST
 from rigel_lab.cluster.gobuild import GoBuild, toolchain
 from rigel_lab.cluster.releases import Upstream

@@ -121,7 +121,7 @@ def cli(ctx: click.Context, /, **options: Any) -> None:
     if options["no_color"] or os.environ.get("NO_COLOR"):
         ctx.color = False
     if options["trust"]:
-        from rigel_k8s.trust import trust
+        from rigel_k8s.system.trust import trust
 
         trust(options["rigelfile"].parent)
 

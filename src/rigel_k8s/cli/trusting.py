@@ -26,7 +26,7 @@ def trust(
     Commands then import the job types and providers that lie in it, and read the files outside of
     it that its Rigelfile names. Trust holds for this directory, not for those below it.
     """
-    from rigel_k8s import trust as trusting
+    from rigel_k8s.system import trust as trusting
 
     place = directory or settings(ctx).rigelfile.parent
     if show:

@@ -18,7 +18,7 @@ from rigel_k8s.images.engine import Build, Session
 from rigel_k8s.images.process import build as run_build
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps
-from rigel_k8s.oci import host_platform
+from rigel_k8s.system.oci import host_platform
 
 #: Parts of the user's docker configuration that a configuration of our own must still lead to.
 _KEPT = ("cli-plugins", "contexts", "tls")

@@ -22,8 +22,8 @@ from rigel_k8s.images.engine import Build, Session
 from rigel_k8s.images.process import build as run_build
 from rigel_k8s.images.process import stream
 from rigel_k8s.images.progress import Steps
-from rigel_k8s.oci import host_platform
-from rigel_k8s.process import finish
+from rigel_k8s.system.oci import host_platform
+from rigel_k8s.system.process import finish
 
 ISOLATION = "BUILDAH_ISOLATION"
 _CAP_SYS_RESOURCE = 24

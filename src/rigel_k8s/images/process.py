@@ -13,10 +13,10 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 
-from rigel_k8s import process
-from rigel_k8s.cache import cache_dir
 from rigel_k8s.errors import CommandFailed
 from rigel_k8s.images.progress import failure
+from rigel_k8s.system import process
+from rigel_k8s.system.cache import cache_dir
 
 #: So many logs of failed builds are kept.
 LOGS = 20

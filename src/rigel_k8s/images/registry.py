@@ -21,7 +21,7 @@ import attrs
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.image_reference import DOCKER_HUB, Reference, parse_reference
 from rigel_k8s.images.credentials import RegistryCredentials, is_loopback, is_private
-from rigel_k8s.proxy import environment_proxy
+from rigel_k8s.system.proxy import environment_proxy
 
 if TYPE_CHECKING:
     import urllib3

@@ -10,7 +10,7 @@ from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.images.docker import Docker
 from rigel_k8s.images.engine import Engine
 from rigel_k8s.images.podman import ISOLATION, Podman, lacks_sys_resource
-from rigel_k8s.process import finish
+from rigel_k8s.system.process import finish
 
 _PROBE_SECONDS = 60
 _INSTALL = "install podman (Debian: sudo apt-get install podman), or Docker with its buildx plugin"

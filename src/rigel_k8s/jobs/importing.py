@@ -15,7 +15,7 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s.trust import is_trusted
+from rigel_k8s.system.trust import is_trusted
 
 
 @attrs.frozen

@@ -19,7 +19,7 @@ from rigel_k8s.jobs.importing import Places, importable, is_own_name, places_of
 from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, index_by_name
 from rigel_k8s.jobs.validation import looks_like, validate, word
-from rigel_k8s.trust import require_trust
+from rigel_k8s.system.trust import require_trust
 
 
 def job_type(name: str, directory: Path | None = None) -> JobType[Any]:

@@ -38,7 +38,7 @@ from rigel_k8s.rigelfile import (
 from rigel_k8s.rigelfile.model import ComponentSpec
 from rigel_k8s.rigelfile.spending import TooLarge
 from rigel_k8s.settings import Application, Settings
-from rigel_k8s.trust import Untrusted
+from rigel_k8s.system.trust import Untrusted
 
 T = TypeVar("T")
 

@@ -29,8 +29,8 @@ from rigel_k8s.kube.failures import Cancelled, unreachable_error
 from rigel_k8s.kube.losses import is_sent, is_untrusted, reason_of
 from rigel_k8s.kube.resending import Endurance, Resending
 from rigel_k8s.kube.target import Credentials, Target
-from rigel_k8s.proxy import proxy_for
-from rigel_k8s.tls import trust
+from rigel_k8s.system.proxy import proxy_for
+from rigel_k8s.system.tls import trust
 
 CONNECT_TIMEOUT = 10.0
 READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds

@@ -11,7 +11,6 @@ from typing import Any, Literal, TypeAlias
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.local_files import read_text
 from rigel_k8s.rigelfile.findings import (
     Finding,
     make_finding,
@@ -28,7 +27,8 @@ from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, locate
 from rigel_k8s.rigelfile.spending import TooLarge, bounded, refuse_depth
 from rigel_k8s.settings import Application
-from rigel_k8s.trust import Untrusted
+from rigel_k8s.system.local_files import read_text
+from rigel_k8s.system.trust import Untrusted
 
 #: The kind ("job" or "provider") and the name behind `plugin:` or `provider:`, to a type with
 #: `options` and `check`; UserError where there is none.

@@ -13,7 +13,7 @@ import urllib3
 from rigel_k8s.errors import ClusterError, ConflictError, LocalClusterError
 from rigel_k8s.kube import Cluster, Manifest, ObjectRef
 from rigel_k8s.kube.target import Credentials, Target
-from rigel_k8s.tls import trust
+from rigel_k8s.system.tls import trust
 from rigel_lab.cluster import k3s, kubeconfig
 from rigel_lab.cluster.components import KUBERNETES_VERSION
 from rigel_lab.cluster.layout import SERVER, Layout

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from rigel_k8s import process
+from rigel_k8s.system import process
 
 #: Takes one line about what is being done.
 Report = Callable[[str], None]
@@ -27,7 +27,7 @@ def run(
     env: Mapping[str, str] | None = None,
     into: Path | None = None,
 ) -> str:
-    """Run a program to its end and return its standard output, as `rigel_k8s.process.run` does.
+    """Run a program to its end and return its standard output, as `system/process.py` does.
 
     Raises:
         CommandFailed: it is not installed, or failed; the details are its last lines.

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.errors import CommandFailed, LocalClusterError
+from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster.commands import Report, run
 from rigel_lab.cluster.download import Unavailable
 from rigel_lab.cluster.gobuild import GoBuild

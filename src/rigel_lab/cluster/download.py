@@ -22,8 +22,8 @@ import attrs
 import urllib3
 
 from rigel_k8s.errors import LocalClusterError, UserError
-from rigel_k8s.proxy import proxy_for
-from rigel_k8s.tls import trust
+from rigel_k8s.system.proxy import proxy_for
+from rigel_k8s.system.tls import trust
 
 REDIRECTIONS = 5
 

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.errors import LocalClusterError
+from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.cluster.commands import Report, follow, run
 from rigel_lab.cluster.download import Unavailable
 from rigel_lab.cluster.releases import Published, Upstream, place_of

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 
-from rigel_k8s.cache import locked
 from rigel_k8s.errors import LocalClusterError
+from rigel_k8s.system.cache import locked
 from rigel_lab.cluster import (
     addons,
     addresses,

@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 
 import attrs
 
-from rigel_k8s.cache import cache_dir
 from rigel_k8s.errors import UserError
+from rigel_k8s.system.cache import cache_dir
 
 #: Where k3s keeps its data unless told otherwise.
 K3S_DATA = "/var/lib/rancher/k3s"

@@ -10,8 +10,8 @@ from urllib.parse import urljoin
 import attrs
 import urllib3
 
-from rigel_k8s import oci
 from rigel_k8s.errors import LocalClusterError
+from rigel_k8s.system import oci
 
 #: As nearly every image has it; CNI programs look for iptables along it on the node.
 PATH = "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"

@@ -19,9 +19,9 @@ from urllib.parse import urlsplit
 
 import attrs
 
-from rigel_k8s.cache import cache_dir
 from rigel_k8s.errors import UserError
-from rigel_k8s.oci import architecture
+from rigel_k8s.system.cache import cache_dir
+from rigel_k8s.system.oci import architecture
 from rigel_lab.cluster.commands import Report
 from rigel_lab.cluster.download import Server, Unavailable
 

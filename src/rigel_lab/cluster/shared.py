@@ -13,7 +13,7 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s.cache import locked
+from rigel_k8s.system.cache import locked
 from rigel_lab.cluster import paths
 from rigel_lab.cluster.commands import Report, run, succeeds
 from rigel_lab.cluster.paths import boot_id

@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.oci import architecture, digest
+from rigel_k8s.system.oci import architecture, digest
 from rigel_lab.cluster import addons, components
 from tests.support import until as waiting
 

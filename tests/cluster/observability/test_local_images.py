@@ -15,7 +15,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube import ObjectRef
-from rigel_k8s.oci import write_archive
+from rigel_k8s.system.oci import write_archive
 from rigel_lab.cluster import observability_images, oci
 from rigel_lab.cluster.upstream import shorten_name
 from rigel_lab.images import exporter

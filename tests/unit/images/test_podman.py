@@ -15,7 +15,7 @@ from rigel_k8s.errors import CommandFailed
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.engine import Build, Session
 from rigel_k8s.images.podman import Podman, lacks_sys_resource, registries_conf
-from rigel_k8s.oci import host_platform
+from rigel_k8s.system.oci import host_platform
 
 FULL = "Uid:\t0\t0\t0\t0\nCapEff:\t000001ffffffffff\n"
 LACKING = "Uid:\t0\t0\t0\t0\nCapEff:\t000001fffeffffff\n"

@@ -12,7 +12,7 @@ from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.runner import prepare_job, run_sequence
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
-from rigel_k8s.trust import trust
+from rigel_k8s.system.trust import trust
 from tests.support.recorder import Recorder
 
 PAGE = Path(__file__).parents[3] / "docs" / "plugins.md"

@@ -16,7 +16,7 @@ from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.names import BUILTIN, index_by_name
 from rigel_k8s.jobs.registry import job_type, list_names, provider_type
 from rigel_k8s.settings import Application
-from rigel_k8s.trust import trust
+from rigel_k8s.system.trust import trust
 from tests.support.recorder import Recorder
 
 

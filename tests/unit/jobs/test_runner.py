@@ -14,7 +14,7 @@ from rigel_k8s.errors import JobFailed, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs.runner import run_job, run_sequence
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
-from rigel_k8s.trust import trust
+from rigel_k8s.system.trust import trust
 from tests.support.recorder import Recorder
 
 TYPES = """

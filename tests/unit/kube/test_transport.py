@@ -20,7 +20,7 @@ from rigel_k8s.kube import transport as module
 from rigel_k8s.kube.failures import Refusal
 from rigel_k8s.kube.target import Credentials, Target
 from rigel_k8s.kube.transport import Stream, Transport
-from rigel_k8s.proxy import proxy_for
+from rigel_k8s.system.proxy import proxy_for
 from tests.support.http_server import Exchange, HttpServer, serving
 
 

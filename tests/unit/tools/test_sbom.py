@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from cyclonedx.model.component import ComponentType
 
-from rigel_k8s import oci
+from rigel_k8s.system import oci
 from tools.sbom.__main__ import PAGE, ROOT
 from tools.sbom.archive import read_archive
 from tools.sbom.cluster import list_builds, write_page

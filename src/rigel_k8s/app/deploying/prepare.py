@@ -25,7 +25,6 @@ from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.gate.program import program
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.inpod import scripts
-from rigel_k8s.local_files import read_text
 from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.request import StackRequest, request_of
@@ -33,6 +32,7 @@ from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_k8s.rigelfile.parse import check_depth
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
+from rigel_k8s.system.local_files import read_text
 
 #: Bytes of one parameter file: a ConfigMap holds a mebibyte.
 LARGEST_PARAMETER_FILE = 2**18

@@ -19,10 +19,10 @@ from rigel_k8s.images.engine import Build, Engine, Session
 from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.images.tools import find_engine
 from rigel_k8s.jobs.job import JobContext, JobReporter
-from rigel_k8s.oci import host_platform
 from rigel_k8s.option_text import Scalar, has_template, text_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
+from rigel_k8s.system.oci import host_platform
 
 #: What Rigel builds for when nothing is said.
 DEFAULT_PLATFORMS = ("linux/amd64", "linux/arm64")

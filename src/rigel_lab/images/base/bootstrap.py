@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigel_k8s.errors import CommandFailed, RigelK8sError
-from rigel_k8s.process import run, stream
 from rigel_k8s.report import Reporter
+from rigel_k8s.system.process import run, stream
 
 #: Debian's essential packages and apt beside what is asked for.
 MINBASE = "minbase"

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s import oci
-from rigel_k8s.cache import cache_dir, locked
 from rigel_k8s.report import Reporter
+from rigel_k8s.system import oci
+from rigel_k8s.system.cache import cache_dir, locked
 from rigel_lab.images.base.bootstrap import MINBASE, RECORD, bootstrap
 
 #: Every file's time in an image, so that a build of the same packages is the same image.

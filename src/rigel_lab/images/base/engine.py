@@ -5,8 +5,8 @@ from __future__ import annotations
 import shutil
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.process import run, succeeds
 from rigel_k8s.report import Reporter
+from rigel_k8s.system.process import run, succeeds
 from rigel_lab.images.base.build import BaseImage
 
 

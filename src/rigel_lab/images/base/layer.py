@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from rigel_k8s.oci import Entry
+from rigel_k8s.system.oci import Entry
 
 #: The script that official ROS images start everything with.
 ENTRYPOINT = Entry(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rigel_k8s import __version__
-from rigel_k8s.oci import layer
 from rigel_k8s.report import Reporter
+from rigel_k8s.system.oci import layer
 from rigel_lab.images.base.bootstrap import EXTRACT
 from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_lab.images.base.build import build as build_recipe

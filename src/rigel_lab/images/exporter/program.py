@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from rigel_k8s.oci import Entry
+from rigel_k8s.system.oci import Entry
 
 #: Where Python finds them.
 PREFIX = "opt/rigel-k8s"

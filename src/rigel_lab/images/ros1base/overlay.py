@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from rigel_k8s import oci
-from rigel_k8s.oci import Entry
+from rigel_k8s.system import oci
+from rigel_k8s.system.oci import Entry
 from rigel_lab.images.base.layer import ENTRYPOINT, config
 from rigel_lab.images.ros1base.packages import UNDESCRIBED, Variant
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.oci import architecture, layer
 from rigel_k8s.report import Reporter
+from rigel_k8s.system.oci import architecture, layer
 from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
 from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.base.layer import config

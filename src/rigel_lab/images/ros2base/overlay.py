@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.resources import files
 
-from rigel_k8s.oci import Entry
+from rigel_k8s.system.oci import Entry
 from rigel_lab.images.base.layer import ENTRYPOINT
 from rigel_lab.images.ros2base.packages import Distro
 

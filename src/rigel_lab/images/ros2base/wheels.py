@@ -19,8 +19,8 @@ from pathlib import Path
 import attrs
 
 from rigel_k8s.errors import RigelK8sError
-from rigel_k8s.process import run, succeeds
 from rigel_k8s.report import Reporter
+from rigel_k8s.system.process import run, succeeds
 from rigel_lab.images.ros2base.packages import PLATFORM, PYTHON
 
 #: Where Python looks below the prefix.

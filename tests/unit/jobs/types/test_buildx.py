@@ -17,8 +17,8 @@ from rigel_k8s.images.registry import DIGESTS
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types import buildx, clusterload
 from rigel_k8s.jobs.types.buildx import BuildXJob, BuildXOptions, image_names
-from rigel_k8s.oci import host_platform
 from rigel_k8s.settings import Application, Settings
+from rigel_k8s.system.oci import host_platform
 from tests.support.recorder import Recorder
 
 HOST = host_platform()

@@ -15,7 +15,7 @@ import attrs
 import pytest
 
 from rigel_k8s.errors import LocalClusterError
-from rigel_k8s.oci import layer, write_archive
+from rigel_k8s.system.oci import layer, write_archive
 from rigel_lab.cluster.oci import Image, push, push_archive
 
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-from rigel_k8s.cache import cache_dir
 from rigel_k8s.observability.boards import rules
+from rigel_k8s.system.cache import cache_dir
 from rigel_lab.cluster.components import obtain
 
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s import process
 from rigel_k8s.errors import CommandFailed, Interrupted
-from rigel_k8s.process import finish, stream, succeeds
+from rigel_k8s.system import process
+from rigel_k8s.system.process import finish, stream, succeeds
 
 
 def run(script: str, cancel: threading.Event | None = None, lines: list[str] | None = None) -> None:
@@ -121,7 +121,7 @@ def test_cancel_ends_the_program_and_its_children(
     deaf: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing is left of an interrupted program, not even if it ignores SIGTERM."""
-    monkeypatch.setattr("rigel_k8s.process.GRACE", 0.3)
+    monkeypatch.setattr("rigel_k8s.system.process.GRACE", 0.3)
     cancel, pids = threading.Event(), tmp_path / "pids"
     script = f"{deaf}sleep 1000 & echo $$ $! > {pids}.new; mv {pids}.new {pids}; echo up; wait"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s.cache import locked
 from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.system.cache import locked
 
 
 def test_one_command_at_a_time(tmp_path: Path) -> None:

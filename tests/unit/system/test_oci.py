@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from rigel_k8s import oci
-from rigel_k8s.oci import Entry
+from rigel_k8s.system import oci
+from rigel_k8s.system.oci import Entry
 
 ENTRIES = [Entry("a/b", b"text"), Entry("a/c", link="b"), Entry("bin/x", b"prog", mode=0o755)]
 

@@ -14,7 +14,7 @@ import attrs
 import pytest
 import urllib3
 
-from rigel_k8s.tls import trust
+from rigel_k8s.system.tls import trust
 from tests.support.http_server import Exchange, serving
 
 #: No extensions but these: what authorities of EKS and of older MicroK8s have.

@@ -15,8 +15,8 @@ import stat
 import tempfile
 from pathlib import Path
 
-from rigel_k8s.cache import locked
 from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.system.cache import locked
 
 FILE = "trusted.json"
 

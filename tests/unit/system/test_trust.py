@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.trust import distrust, is_trusted, read_trusted, state_file, trust
+from rigel_k8s.system.trust import distrust, is_trusted, read_trusted, state_file, trust
 
 RIGELFILE = """\
 application: {distro: noetic}

@@ -11,7 +11,7 @@ import stat
 from pathlib import Path
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.trust import require_trust
+from rigel_k8s.system.trust import require_trust
 
 
 def read_text(path: Path, directory: Path, most: int, *, what: str) -> str:

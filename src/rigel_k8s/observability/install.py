@@ -14,7 +14,7 @@ from rigel_k8s.observability.manifests.operator import GROUP_VERSION, KINDS
 from rigel_k8s.observability.password import ensure_administrator
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release.deploy import deploy, diff, find_last_good
-from rigel_k8s.release.lease import bury_left
+from rigel_k8s.release.locking import bury_left
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 

@@ -22,7 +22,7 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import Applier
-from rigel_k8s.release.lease import Held, bury, hold
+from rigel_k8s.release.locking import Held, bury, hold
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.refusals import verdict
 from rigel_k8s.release.rollout.patience import Patience

@@ -17,7 +17,8 @@ from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import CLAIMS, GONE_TIMEOUT, Applier
 from rigel_k8s.release.deploy import DEFAULT_TIMEOUT
-from rigel_k8s.release.lease import hold, lease_ref
+from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.locking import hold
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.plan import prunes
 from rigel_k8s.release.survey import belongs, namespace_ref

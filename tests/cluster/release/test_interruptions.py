@@ -17,7 +17,8 @@ from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import deploy, history
-from rigel_k8s.release.lease import hold, lease_ref
+from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.locking import hold
 from rigel_k8s.release.removal import down
 from tests.support.until import until
 

@@ -23,7 +23,8 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, deploy, diff
-from rigel_k8s.release.lease import bury_left, lease_ref
+from rigel_k8s.release.lease import lease_ref
+from rigel_k8s.release.locking import bury_left
 from rigel_k8s.release.types import Desired
 from rigel_k8s.report import Reporter
 

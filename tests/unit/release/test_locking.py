@@ -13,9 +13,10 @@ import pytest
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import deploy as release
-from rigel_k8s.release import lease
+from rigel_k8s.release import locking
 from rigel_k8s.release.deploy import deploy, history
-from rigel_k8s.release.lease import PROCESS, Held, hold, lease_ref, process
+from rigel_k8s.release.lease import PROCESS, lease_ref, process
+from rigel_k8s.release.locking import Held, hold
 from rigel_k8s.release.types import Plan
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
@@ -83,7 +84,7 @@ def test_a_lease_that_is_anothers_is_lost_and_left_alone(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
     """The renewal finds another version, or none."""
-    monkeypatch.setattr(lease, "RENEW", 0.01)
+    monkeypatch.setattr(locking, "RENEW", 0.01)
     other = fake.as_manager("other")
     with hold(fake, RELEASE, report, threading.Event(), patience=0) as mine:
         assert not mine.lost.is_set()
@@ -99,7 +100,7 @@ def test_a_lease_that_is_anothers_is_lost_and_left_alone(
 def test_a_lease_is_renewed_and_given_back(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lease, "RENEW", 0.01)
+    monkeypatch.setattr(locking, "RENEW", 0.01)
     with hold(fake, RELEASE, report, threading.Event(), patience=0) as mine:
         first = fake.objects[LEASE]["metadata"]["resourceVersion"]
         until(
@@ -127,8 +128,8 @@ def test_a_lease_that_is_renewed_is_not_taken(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However old it is: only whether it changes counts."""
-    monkeypatch.setattr(lease, "LOOK", 0.01)
-    monkeypatch.setattr(lease, "DURATION", 0.1)
+    monkeypatch.setattr(locking, "LOOK", 0.01)
+    monkeypatch.setattr(locking, "DURATION", 0.1)
     fake.create(manifest("ann@far"))
     with pytest.raises(ClusterError, match="being changed by ann@far"):
         deploy(desired(config()), Beating(fake.store), report=report, lock_timeout=0.3)
@@ -139,8 +140,8 @@ def test_a_lease_that_is_renewed_is_not_taken(
 def test_a_lease_that_nobody_renews_is_taken_over_when_it_has_expired(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lease, "LOOK", 0.01)
-    monkeypatch.setattr(lease, "DURATION", 0.1)
+    monkeypatch.setattr(locking, "LOOK", 0.01)
+    monkeypatch.setattr(locking, "DURATION", 0.1)
     fake.create(manifest("ann@far"))
     assert deploy(desired(config()), fake, report=report).status == "good"
     assert "being changed by ann@far" in report.lines[0]
@@ -152,8 +153,8 @@ def test_a_dead_process_of_this_machine_holds_nothing(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Killed and started again: no quarter of a minute is lost."""
-    monkeypatch.setattr(lease, "LOOK", 0.01)
-    monkeypatch.setattr(lease, "DURATION", 0.1)
+    monkeypatch.setattr(locking, "LOOK", 0.01)
+    monkeypatch.setattr(locking, "DURATION", 0.1)
     boot, space, pid, _ = process().split()
     fake.create(manifest("me@here", **{PROCESS: f"{boot} {space} {pid} 0"}))
     deploy(desired(config()), fake, report=report)
@@ -173,7 +174,7 @@ def test_a_deploy_waits_for_the_one_before_it_and_does_nothing_twice(
     fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It reports for whom it waits; what the other one has done meanwhile is not done again."""
-    monkeypatch.setattr(lease, "LOOK", 0.01)
+    monkeypatch.setattr(locking, "LOOK", 0.01)
     started, go_on = threading.Event(), threading.Event()
 
     def pause(_: Plan) -> None:

@@ -12,6 +12,7 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from datetime import datetime, timezone
 from typing import Any
 
@@ -139,6 +140,11 @@ class FakeCluster:
 
     def sum_outages(self) -> float:
         return self.outages()
+
+    def guard_writes(self, guard: Callable[[], None]) -> AbstractContextManager[None]:
+        """Nothing is sent a second time here."""
+        del guard
+        return nullcontext()
 
     def as_manager(self, manager: str) -> FakeCluster:
         """Return a client that writes as another field manager."""
@@ -315,6 +321,7 @@ class FakeCluster:
         ref: ObjectRef,
         *,
         uid: str | None = None,
+        version: str | None = None,
         propagation: str = "Background",
         grace_seconds: int | None = None,
         dry_run: bool = False,
@@ -327,6 +334,8 @@ class FakeCluster:
                 return False
             if uid and uid != live["metadata"]["uid"]:
                 raise wrong_uid(what, uid, live)
+            if version and version != live["metadata"]["resourceVersion"]:
+                raise modified(what, ref)
             if not dry_run:
                 self.store.delete(ref)
                 self.die_if_due()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, TypeVar
 from urllib.parse import quote
 
@@ -71,6 +71,19 @@ class Cluster:
         """Return for how many seconds the API server was away since `endure`."""
         endurance = self.client.transport.endurance
         return 0.0 if endurance is None else endurance.sum_outages()
+
+    @contextmanager
+    def guard_writes(self, guard: Callable[[], None]) -> Iterator[None]:
+        """Call a function before any write is sent again, while the context is open.
+
+        Between the two, much may have happened: what the function raises ends the write.
+        """
+        transport = self.client.transport
+        before, transport.guard = transport.guard, guard
+        try:
+            yield
+        finally:
+            transport.guard = before
 
     # Objects.
 
@@ -201,6 +214,7 @@ class Cluster:
         ref: ObjectRef,
         *,
         uid: str | None = None,
+        version: str | None = None,
         propagation: Literal["Background", "Foreground", "Orphan"] = "Background",
         grace_seconds: int | None = None,
         dry_run: bool = False,
@@ -210,14 +224,16 @@ class Cluster:
         Args:
             uid: delete this very object; Conflict where another has its name now. After a conflict
                 about anything else it is tried again.
+            version: delete it in this very state; Conflict where it has changed since.
         """
         options: dict[str, Any] = {
             "kind": "DeleteOptions",
             "apiVersion": "v1",
             "propagationPolicy": propagation,
         }
-        if uid:
-            options["preconditions"] = {"uid": uid}
+        conditions = {"uid": uid, "resourceVersion": version}
+        if set_conditions := {key: value for key, value in conditions.items() if value}:
+            options["preconditions"] = set_conditions
         if grace_seconds is not None:
             options["gracePeriodSeconds"] = grace_seconds
         if dry_run:
@@ -226,11 +242,12 @@ class Cluster:
             try:
                 return self._delete(ref, options)
             except Conflict as error:
-                conflict = error
-                live = self.get(ref) if uid else None
-                if uid and live is None:
+                if version or not uid:
+                    raise
+                conflict, live = error, self.get(ref)
+                if live is None:
                     return True
-                if live is None or live["metadata"]["uid"] != uid:
+                if live["metadata"]["uid"] != uid:
                     raise
         raise Refusal(
             conflict.message, hint="it is still there: run the command again"

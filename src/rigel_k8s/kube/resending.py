@@ -78,6 +78,11 @@ class Resending:
     refusals: int = 0
     doubtful: bool = False
 
+    @property
+    def is_resent(self) -> bool:
+        """Whether it has been sent before."""
+        return bool(self.losses or self.refusals)
+
     def after_loss(self, *, sent: bool) -> float | None:
         """Return the seconds to wait after a lost answer, None to give up.
 

@@ -13,7 +13,7 @@ import ssl
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -115,6 +115,7 @@ class Transport:
         self.tls: ssl.SSLContext | None = None
         self.kept: urllib3.PoolManager | None = None
         self.endurance: Endurance | None = None
+        self.guard: Callable[[], None] | None = None  # called before a write is sent again
         self.answered = False
         if target.insecure:
             urllib3.disable_warnings(InsecureRequestWarning)  # the kubeconfig asks for it
@@ -147,6 +148,8 @@ class Transport:
         safe = method == "GET" if safe is None else safe
         again, fresh = Resending(safe, self.is_enduring()), False
         while True:
+            if again.is_resent and method != "GET" and self.guard:
+                self.guard()
             try:
                 answer = self.exchange(method, path, self.headers(own, fresh=fresh), body)
             except BROKEN as error:

@@ -33,6 +33,7 @@ class Applier:
 
     Attributes:
         adopt: take over what other managers own.
+        confirm: called before each write; raises where the release's Lease is lost.
         until_ready: waits for live objects; called between those that come first and the rest.
         gone_timeout: seconds that the end of what is deleted may take.
         state: what an interruption leaves, for people.
@@ -44,6 +45,7 @@ class Applier:
     report: Reporter
     cancel: threading.Event
     adopt: bool = False
+    confirm: Callable[[], None] = lambda: None
     until_ready: Callable[[Sequence[Manifest]], None] = lambda _: None
     gone_timeout: float = GONE_TIMEOUT
     state: str = "interrupted while objects were being applied: some are new, some old"
@@ -73,6 +75,7 @@ class Applier:
         if live is not None and live["metadata"].get("deletionTimestamp"):
             self.wait_until_gone([step.ref])
             live = None
+        self.confirm_lease()
         if live is not None and keeps_rolling(step.manifest, live):
             live = self.end_rolling(live)
         return write(self.cluster, self.release, step.manifest, live, adopt=self.adopt)
@@ -119,10 +122,19 @@ class Applier:
     def delete(self, step: Step) -> None:
         """Delete the very object that the plan saw."""
         uid = step.live["metadata"]["uid"] if step.live else None
+        self.confirm_lease()
         try:
             self.cluster.delete(step.ref, uid=uid)
         except ConflictError:
             self.report.warn(f"{step.ref} was made anew by somebody else meanwhile: left alone")
+
+    def confirm_lease(self) -> None:
+        """Raise where another process may change the release by now."""
+        try:
+            self.confirm()
+        except ClusterError:
+            self.go_on()  # the user may have ended a wait for the API server
+            raise
 
     def wait_until_no_pods(self, steps: Iterable[Step]) -> None:
         """Wait until no pod of some workloads is left."""

@@ -159,7 +159,7 @@ def carry_out(run: Run) -> Revision:
 def wait_settled(run: Run, found: Survey, last: Revision, plan: Plan) -> Revision:
     """Return the last revision, which is what is wanted, when all of it is ready."""
     live = [step.live for step in plan.steps if step.action == "keep" and step.live]
-    waiter(run, found, Held()).wait(live)
+    waiter(run, found, lambda: None).wait(live)
     return last
 
 
@@ -206,6 +206,7 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
     if run.before is not None:
         run.before(plan)
     pending = new_revision(run, found, plan)
+    lease.confirm()
     revisions.create(run.cluster, pending)
     applier = Applier(
         run.cluster,
@@ -213,21 +214,22 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
         run.report,
         run.cancel,
         run.adopt,
-        until_ready=lambda live: waiter(run, found, lease).wait(live),
+        confirm=lease.confirm,
+        until_ready=lambda live: waiter(run, found, lease.check).wait(live),
         way_out=f"the same command again completes it; {choose_way_out(run, found)}",
     )
     try:
         applied = applier.apply(plan)
         pending = attrs.evolve(pending, inventory=with_uids(pending.inventory, applied))
-        lease.check()
-        waiter(run, found, lease).wait(list(applied.values()))
+        waiter(run, found, lease.check).wait(list(applied.values()))
         early = {step.ref for step in predecessors(plan)}
         applier.prune(step for step in plan.steps if step.ref not in early)
         if run.verify is not None:
             run.verify()
-            lease.check()
+        lease.confirm()
     except RigelK8sError as error:
-        mark_failed(run, pending, error)
+        if not lease.lost.is_set():  # else the revision is left to the deploy that has the Lease
+            mark_failed(run, pending, error)
         raise
     kept = {step.ref for step in plan.steps if step.action in ("create", "change", "keep")}
     mine = tuple(item for item in pending.inventory if item.ref in kept and item.uid)
@@ -307,7 +309,7 @@ def tell_plan(run: Run, plan: Plan) -> None:
         run.report.warn(f"{ref} is gone and stands in no revision: deploy from the Rigelfile")
 
 
-def waiter(run: Run, found: Survey, lease: Held) -> Waiter:
+def waiter(run: Run, found: Survey, still_ours: Callable[[], None]) -> Waiter:
     """Return what waits for the release."""
     return Waiter(
         run.cluster,
@@ -317,7 +319,7 @@ def waiter(run: Run, found: Survey, lease: Held) -> Waiter:
         run.timeout,
         run.patience,
         choose_way_out(run, found),
-        lease.check,
+        still_ours,
         run.away,
     )
 

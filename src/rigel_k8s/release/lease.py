@@ -55,6 +55,13 @@ def holder(lease: dict[str, Any]) -> str:
     return str(lease["spec"].get("holderIdentity") or "an unknown process")
 
 
+def is_same_holder(lease: dict[str, Any], other: dict[str, Any]) -> bool:
+    """Whether two states of a Lease are of the same process that took it at the same time."""
+    keys = ("holderIdentity", "acquireTime")
+    same = all(lease["spec"].get(key) == other["spec"].get(key) for key in keys)
+    return same and lease["metadata"]["uid"] == other["metadata"]["uid"]
+
+
 def timestamp() -> str:
     """Return the present time as Kubernetes' MicroTime."""
     return datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ")

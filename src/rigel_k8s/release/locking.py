@@ -1,4 +1,9 @@
-"""One deploy of a release at a time: take its Lease, renew it, wait for another holder's end."""
+"""One deploy of a release at a time: take its Lease, renew it, wait for another holder's end.
+
+Whoever waits for a Lease takes it when it was not renewed for DURATION. So a holder writes only
+within that time after a renewal, and renews it first where the time is over: an API server that
+was away or a machine that slept may have let another deploy begin.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +17,13 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted, NotFoundError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.lease import (
     DURATION,
     describe,
     holder,
     is_alive,
+    is_same_holder,
     lease_ref,
     manifest,
     timestamp,
@@ -26,22 +32,87 @@ from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 
 RENEW = 5.0
+SURE = DURATION - RENEW  # seconds after a renewal in which no one else can have taken the Lease
 LOOK = 0.5
 
 
-@attrs.frozen
+@attrs.define(eq=False)
 class Held:
-    """A Lease that we hold; `lost` is set when it turns out that we do not any more."""
+    """A Lease that we hold.
 
+    Attributes:
+        lease: as the last renewal left it.
+        renewed: when the request of that renewal was sent.
+        lost: set when it turns out that the Lease is not ours any more.
+        successor: who has it then and since when, or that it was removed.
+    """
+
+    cluster: Cluster
+    lease: dict[str, Any]
+    renewed: float = attrs.field(factory=time.monotonic)
     lost: threading.Event = attrs.field(factory=threading.Event)
+    successor: str = ""
+    lock: Any = attrs.field(factory=threading.RLock)
+    renewing: bool = False
+
+    @property
+    def ref(self) -> ObjectRef:
+        """The Lease's reference."""
+        return ref_of(self.lease)
 
     def check(self) -> None:
-        """Raise ClusterError where the Lease is lost."""
+        """Raise ClusterError where the Lease is known to be lost; asks nothing."""
         if self.lost.is_set():
             raise ClusterError(
-                "this deploy lost its Lease: another one may be under way",
+                f"stopped, since its Lease is lost: {self.successor}",
                 hint="see `rigel history`, then run it again",
             )
+
+    def confirm(self) -> None:
+        """Return when the Lease is ours for certain; to be called before each write.
+
+        Raises:
+            ClusterError: it is lost, or the API server does not answer.
+        """
+        self.check()
+        if not self.is_sure():
+            with self.lock:
+                if self.renewing:  # this very thread: the renewal is a write that is sent again
+                    return
+                if not self.is_sure():
+                    self.renew()
+        self.check()
+
+    def is_sure(self) -> bool:
+        """Whether the last renewal is so recent that no one else can have taken the Lease."""
+        return time.monotonic() - self.renewed < SURE
+
+    def renew(self) -> None:
+        """Renew the Lease, or note that it is lost.
+
+        Raises:
+            ClusterError: the API server does not answer or refuses.
+        """
+        with self.lock:
+            sent, version = time.monotonic(), self.lease["metadata"]["resourceVersion"]
+            body = {"metadata": {"resourceVersion": version}, "spec": {"renewTime": timestamp()}}
+            self.renewing = True
+            try:
+                self.lease, self.renewed = self.cluster.patch(self.ref, body), sent
+            except (ConflictError, NotFoundError):
+                self.look_again(sent)
+            finally:
+                self.renewing = False
+
+    def look_again(self, sent: float) -> None:
+        """Note that the Lease is lost, unless an earlier renewal of ours has changed it."""
+        now = self.cluster.get(self.ref)
+        if now is not None and is_same_holder(now, self.lease):
+            self.lease, self.renewed = now, sent
+            return
+        removed = f"another process has removed {self.ref}"
+        self.successor = removed if now is None else describe(self.ref, now)
+        self.lost.set()
 
 
 @contextmanager
@@ -62,29 +133,30 @@ def hold(
         ClusterError: another deploy of the release is under way; names its holder.
         Interrupted: `cancel` was set while we waited.
     """
-    ref = lease_ref(release)
-    lease = acquire(cluster, ref, report, cancel, patience)
-    mine, over = Held(), threading.Event()
-    thread = threading.Thread(target=renew, args=(cluster, lease, mine, over), daemon=True)
+    mine = acquire(cluster, lease_ref(release), report, cancel, patience)
+    over = threading.Event()
+    thread = threading.Thread(target=keep_renewing, args=(mine, over), daemon=True)
     thread.start()
     try:
-        yield mine
+        with cluster.guard_writes(mine.confirm):
+            yield mine
     finally:
         over.set()
         thread.join()
         if not mine.lost.is_set():
             with suppress(ClusterError):  # it expires by itself
-                cluster.delete(ref, uid=lease["metadata"]["uid"])
+                remove(cluster, mine.lease)
 
 
 def acquire(
     cluster: Cluster, ref: ObjectRef, report: Reporter, cancel: threading.Event, patience: float
-) -> dict[str, Any]:
+) -> Held:
     """Return the Lease when it is ours."""
     deadline = time.monotonic() + patience
     while not cancel.is_set():
+        sent = time.monotonic()
         try:
-            return cluster.create(manifest(ref))
+            return Held(cluster, cluster.create(manifest(ref)), sent)
         except ConflictError:
             other = cluster.get(ref)
         dead = None if other is None else outlive(cluster, ref, other, report, cancel, deadline)
@@ -92,7 +164,8 @@ def acquire(
             continue
         with suppress(ConflictError, NotFoundError):  # another one was quicker: look again
             version = {"resourceVersion": dead["metadata"]["resourceVersion"]}
-            return cluster.replace(manifest(ref, version))
+            sent = time.monotonic()
+            return Held(cluster, cluster.replace(manifest(ref, version)), sent)
     raise Interrupted("interrupted before anything was changed", hint="run the same command again")
 
 
@@ -106,12 +179,14 @@ def outlive(
 ) -> dict[str, Any] | None:
     """Wait for the end of another holder; return the Lease that a dead one has left, or None.
 
+    While an answer took long, the holder may have had none either: then its time begins again.
+
     Raises:
         ClusterError: the deadline is over before.
     """
     uid = other["metadata"]["uid"]
     now: dict[str, Any] | None = other
-    version, seen, told = "", 0.0, False
+    version, seen, reported = "", 0.0, False
     while now is not None and now["metadata"]["uid"] == uid and not cancel.is_set():
         if now["metadata"]["resourceVersion"] != version:
             version, seen = now["metadata"]["resourceVersion"], time.monotonic()
@@ -121,11 +196,14 @@ def outlive(
         left = deadline - time.monotonic()
         if left <= 0:
             raise taken_error(ref, now)
-        if not told:
+        if not reported:
             report.line(f"{describe(ref, now)}; waiting for its end, {left:.0f} s at most")
-            told = True
+            reported = True
         cancel.wait(min(LOOK, left))
+        asked = time.monotonic()
         now = cluster.get(ref)
+        if time.monotonic() - asked > RENEW:
+            version = ""
     return None
 
 
@@ -145,10 +223,8 @@ def bury(cluster: Cluster, lease: dict[str, Any], report: Reporter) -> None:
     """
     if is_alive(lease) is not False:
         return
-    meta = lease["metadata"]
-    ref = ObjectRef(lease["apiVersion"], lease["kind"], meta["namespace"], meta["name"])
-    with suppress(ConflictError):  # someone else has taken it meanwhile
-        if cluster.delete(ref, uid=meta["uid"]):
+    with suppress(ConflictError):  # another process has taken it meanwhile
+        if remove(cluster, lease):
             report.line(f"removed the Lease of {holder(lease)}, which was interrupted")
 
 
@@ -159,20 +235,17 @@ def bury_left(cluster: Cluster, release: ReleaseId, report: Reporter) -> None:
         bury(cluster, lease, report)
 
 
-def renew(cluster: Cluster, lease: dict[str, Any], mine: Held, over: threading.Event) -> None:
-    """Renew a Lease until it is given back; say so when it is lost."""
+def remove(cluster: Cluster, lease: dict[str, Any]) -> bool:
+    """Delete a Lease, and return whether it was there; Conflict where another process took it.
+
+    Its UID would not do: who takes a Lease over writes the same object.
+    """
     meta = lease["metadata"]
-    ref = ObjectRef(lease["apiVersion"], lease["kind"], meta["namespace"], meta["name"])
-    version, renewed = meta["resourceVersion"], time.monotonic()
-    while not over.wait(RENEW):
-        body = {"metadata": {"resourceVersion": version}, "spec": {"renewTime": timestamp()}}
-        try:
-            version = cluster.patch(ref, body)["metadata"]["resourceVersion"]
-            renewed = time.monotonic()
-        except (ConflictError, NotFoundError):
-            mine.lost.set()
-            return
-        except ClusterError:
-            if time.monotonic() - renewed > DURATION:
-                mine.lost.set()
-                return
+    return cluster.delete(ref_of(lease), uid=meta["uid"], version=meta["resourceVersion"])
+
+
+def keep_renewing(mine: Held, over: threading.Event) -> None:
+    """Renew a Lease until it is given back or lost; what fails is tried again."""
+    while not mine.lost.is_set() and not over.wait(RENEW):
+        with suppress(ClusterError):
+            mine.renew()

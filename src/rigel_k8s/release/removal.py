@@ -70,7 +70,7 @@ def down(
     if not records and not find(cluster, release):
         return Plan(release, ())
     limit = timeout or DEFAULT_TIMEOUT if lock_timeout is None else lock_timeout
-    with hold(cluster, release, report, cancel, patience=limit):
+    with hold(cluster, release, report, cancel, patience=limit) as held:
         live = find(cluster, release)
         items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
         steps = tuple(prunes(items, live, (), release, volumes=volumes))
@@ -79,6 +79,7 @@ def down(
             release,
             report,
             cancel,
+            confirm=held.confirm,
             gone_timeout=timeout or GONE_TIMEOUT,
             state=f"interrupted while {release.name} was being deleted: some of it is gone",
             way_out="the same command again deletes the rest",
@@ -88,6 +89,7 @@ def down(
         applier.wait_until_no_pods(pruned)
         # Who deploys again at once must not meet the old data.
         applier.wait_until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
+        held.confirm()
         revisions.forget(cluster, revisions.records(cluster, release))
     return Plan(release, steps, tuple(records))
 

@@ -298,3 +298,27 @@ def test_slow_bytes_have_a_limit(serve: Any, monkeypatch: pytest.MonkeyPatch) ->
     cluster, _ = serve(drip)
     with pytest.raises(ClusterError, match="not whole after"):
         cluster.get(REF)
+
+
+@pytest.mark.parametrize("trouble", [away, say(503)])
+@pytest.mark.parametrize("write", WRITES)
+def test_a_write_is_sent_again_only_with_leave(serve: Any, write: str, trouble: Any) -> None:
+    """Another process may have begun to change the same while the server was away."""
+    cluster, server = warm(serve, [trouble])
+    endure(cluster)
+
+    def refuse() -> None:
+        raise ClusterError("the Lease is lost")
+
+    with cluster.guard_writes(refuse), pytest.raises(ClusterError, match="Lease is lost"):
+        WRITES[write](cluster)
+    assert len(server.requests) == 2
+
+
+def test_reads_need_no_leave_and_first_writes_have_it(serve: Any) -> None:
+    cluster, _ = warm(serve, [away])
+    asked: list[str] = []
+    with cluster.guard_writes(lambda: asked.append("leave")):
+        cluster.get(REF)
+        cluster.patch(REF, {"data": {"a": "1"}})
+    assert asked == []

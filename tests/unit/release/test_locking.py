@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
+import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release import deploy as release
 from rigel_k8s.release import locking
 from rigel_k8s.release.deploy import deploy, history
 from rigel_k8s.release.lease import PROCESS, lease_ref, process
-from rigel_k8s.release.locking import Held, hold
+from rigel_k8s.release.locking import hold
+from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Plan
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
@@ -36,36 +35,136 @@ def manifest(holder: str, **notes: str) -> dict[str, Any]:
     }
 
 
+def take_over(fake: FakeCluster) -> None:
+    """Let a deploy of another machine take the Lease, as one does that has waited for it."""
+    held = fake.objects[LEASE]["metadata"]
+    taken = manifest("ann@far")
+    taken["metadata"] |= {key: held[key] for key in ("uid", "resourceVersion")}
+    fake.as_manager("other").replace(taken)
+
+
 @pytest.fixture
-def mine(monkeypatch: pytest.MonkeyPatch) -> Held:
-    """The Lease that the next deploy holds; the test may lose it."""
-    made = Held()
-
-    @contextmanager
-    def hold(*_: Any, **__: Any) -> Iterator[Held]:
-        yield made
-
-    monkeypatch.setattr(release, "hold", hold)
-    return made
+def unsure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each renewal counts as long ago, as after an outage; no thread renews meanwhile."""
+    monkeypatch.setattr(locking, "SURE", 0.0)
+    monkeypatch.setattr(locking, "RENEW", 60.0)
 
 
-def test_a_deploy_that_has_lost_its_lease_ends_before_it_prunes(
-    fake: FakeCluster, report: Any, mine: Held
-) -> None:
-    """Another deploy may be under way: nothing is deleted, and the revision is not good."""
+@pytest.mark.usefixtures("unsure")
+def test_a_holder_whose_lease_was_taken_writes_nothing_more(fake: FakeCluster, report: Any) -> None:
+    """Neither its record nor an object: they are the other deploy's by now, and it says whose."""
     deploy(desired(config("old")), fake, report=report)
-    mine.lost.set()
-    with pytest.raises(ClusterError, match="lost its Lease"):
-        deploy(desired(config("new")), fake, report=report)
-    assert [r.status for r in history(fake, RELEASE)] == ["good", "failed"]
-    assert ref("ConfigMap", "old") in fake.objects
+    with pytest.raises(
+        ClusterError, match="Lease is lost: release demo is being changed by ann@far"
+    ):
+        deploy(desired(config("new")), fake, report=report, before=lambda _: take_over(fake))
+    assert [r.status for r in history(fake, RELEASE)] == ["good"]
+    assert fake.names("ConfigMap") == {"old"}
+    assert fake.objects[LEASE]["spec"]["holderIdentity"] == "ann@far"
 
 
-def test_a_wait_ends_when_the_lease_is_lost(fake: FakeCluster, report: Any, mine: Held) -> None:
+@pytest.mark.usefixtures("unsure")
+@pytest.mark.parametrize(
+    ("last", "there"),
+    [
+        (ref("ConfigMap", "a"), {"old", "a"}),
+        (ref("Deployment", "w"), {"old", "a"}),
+    ],
+)
+def test_a_lease_taken_during_the_apply_stops_it(
+    fake: FakeCluster, report: Any, last: ObjectRef, there: set[str]
+) -> None:
+    """Before the next object, before anything is pruned; the revision is left to its successor."""
+    deploy(desired(config("old")), fake, report=report)
+
+    class Watching(FakeCluster):
+        def apply(self, made: Any, **options: Any) -> Any:
+            result = super().apply(made, **options)
+            if not options.get("dry_run") and result["metadata"]["name"] == last.name:
+                take_over(self)
+            return result
+
+    with pytest.raises(ClusterError, match="Lease is lost"):
+        deploy(desired(config("a"), workload("w")), Watching(fake.store), report=report)
+    assert fake.names("ConfigMap") == there
+    assert (ref("Deployment", "w") in fake.objects) == (last.kind == "Deployment")
+    assert [r.status for r in history(fake, RELEASE)] == ["good", "pending"]
+
+
+@pytest.mark.usefixtures("unsure")
+def test_a_removal_stops_when_its_lease_was_taken(fake: FakeCluster, report: Any) -> None:
+    """What the other deploy makes is not deleted."""
+    deploy(desired(config("a"), config("b")), fake, report=report)
+
+    class Watching(FakeCluster):
+        def create(self, made: Any, **options: Any) -> Any:
+            result = super().create(made, **options)
+            take_over(self)
+            return result
+
+    with pytest.raises(ClusterError, match="Lease is lost"):
+        down(Watching(fake.store), RELEASE, volumes=False, report=report)
+    assert fake.names("ConfigMap") == {"a", "b"}
+    assert len(history(fake, RELEASE)) == 1
+
+
+@pytest.mark.usefixtures("unsure")
+def test_a_holder_that_no_one_has_followed_goes_on(fake: FakeCluster, report: Any) -> None:
+    """After an outage it renews its Lease first, and then writes."""
+    assert deploy(desired(config()), fake, report=report).status == "good"
+    assert ("patch", LEASE) in fake.calls
+    assert LEASE not in fake.objects
+
+
+def test_a_renewal_whose_answer_was_lost_is_ours(fake: FakeCluster, report: Any) -> None:
+    """The version is another one, the holder is not."""
+    with hold(fake, RELEASE, report, threading.Event(), patience=0) as mine:
+        fake.patch(LEASE, {"spec": {"renewTime": "later"}})
+        mine.renew()
+        mine.confirm()
+
+
+def test_a_lease_that_was_taken_unnoticed_is_not_removed(fake: FakeCluster, report: Any) -> None:
+    """It has the same UID: who takes a Lease over writes the same object."""
+    with hold(fake, RELEASE, report, threading.Event(), patience=0):
+        take_over(fake)
+    assert fake.objects[LEASE]["spec"]["holderIdentity"] == "ann@far"
+
+
+def test_a_renewal_that_fails_is_not_a_loss(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the API server is away no one else can take the Lease; but nothing may be written."""
+
+    class Away(FakeCluster):
+        away = False
+
+        def patch(self, *words: Any, **options: Any) -> Any:
+            if Away.away:
+                raise ClusterError("the cluster does not answer")
+            return super().patch(*words, **options)
+
+    monkeypatch.setattr(locking, "SURE", 0.0)
+    monkeypatch.setattr(locking, "RENEW", 0.01)
+    with hold(Away(fake.store), RELEASE, report, threading.Event(), patience=0) as mine:
+        Away.away = True
+        with pytest.raises(ClusterError, match="does not answer"):
+            mine.confirm()
+        mine.check()
+        Away.away = False
+        mine.confirm()
+    assert LEASE not in fake.objects
+
+
+def test_a_wait_ends_when_the_lease_is_lost(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Not only when everything is ready, or never."""
+    monkeypatch.setattr(locking, "RENEW", 0.01)
 
     def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
-        mine.lost.set()
+        if fake.objects[LEASE]["spec"]["holderIdentity"] != "ann@far":
+            take_over(fake)
         return unready(pod) if not release_it.is_set() else running(pod)
 
     release_it = threading.Event()
@@ -73,7 +172,7 @@ def test_a_wait_ends_when_the_lease_is_lost(fake: FakeCluster, report: Any, mine
     fake.store.controllers.kubelet = kubelet
     timer = threading.Timer(5, release_it.set)  # a wait that goes on ends as well, later
     timer.start()
-    with pytest.raises(ClusterError, match="lost its Lease"):
+    with pytest.raises(ClusterError, match="Lease is lost"):
         deploy(desired(workload()), fake, report=report, timeout=20)
     timer.cancel()
     assert not release_it.is_set()
@@ -92,7 +191,8 @@ def test_a_lease_that_is_anothers_is_lost_and_left_alone(
         if how == "taken over":
             other.create(manifest("ann@far"))
         until(mine.lost.is_set, "loss", 5, every=0.01)
-        with pytest.raises(ClusterError, match="lost its Lease"):
+        said = "changed by ann@far" if how == "taken over" else "has removed Lease n/rigel.demo"
+        with pytest.raises(ClusterError, match=f"Lease is lost: .*{said}"):
             mine.check()
     assert (LEASE in fake.objects) == (how == "taken over")
 
@@ -111,6 +211,47 @@ def test_a_lease_is_renewed_and_given_back(
         )
         mine.check()
     assert LEASE not in fake.objects
+
+
+@attrs.define
+class Outage(FakeCluster):
+    """A cluster that is away once, for longer than a Lease lasts; its holder is alive."""
+
+    clock: Any = None
+    looks: int = 0
+
+    def get(self, ref: ObjectRef) -> dict[str, Any] | None:
+        if ref == LEASE:
+            self.looks += 1
+            if self.looks == 4:
+                self.clock.now += 100
+            if self.looks == 6:
+                self.store.objects.pop(LEASE)
+        return super().get(ref)
+
+
+@attrs.define
+class Clock:
+    """A clock that is moved by hand."""
+
+    now: float = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def test_a_time_without_answers_does_not_count(
+    fake: FakeCluster, report: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After an outage of the API server a holder has its whole time again to renew its Lease."""
+    clock = Clock()
+    monkeypatch.setattr(locking, "time", clock)
+    monkeypatch.setattr(locking, "LOOK", 0.001)
+    fake.create(manifest("ann@far"))
+    cluster = Outage(fake.store, clock=clock)
+    with hold(cluster, RELEASE, report, threading.Event(), patience=300):
+        assert ("replace", LEASE) not in fake.calls
+    assert cluster.looks == 6
 
 
 class Beating(FakeCluster):

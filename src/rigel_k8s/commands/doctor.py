@@ -12,7 +12,7 @@ from rigel_k8s.kube import Cluster, connect
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.facts import is_default_class, is_ready
 from rigel_k8s.objects.rights import Right, describe
-from rigel_k8s.release.refusals.rights import ask_missing
+from rigel_k8s.release.refusals.missing import ask_missing
 from rigel_k8s.settings import Settings
 
 #: A deploy needs no right to see them.

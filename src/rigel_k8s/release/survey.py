@@ -26,9 +26,8 @@ from rigel_k8s.release.refusals.foresight import (
     Foreseen,
     Work,
     foresee,
-    listing_missing_rights,
-    naming_remedy,
 )
+from rigel_k8s.release.refusals.missing import listing_missing_rights, naming_remedy
 from rigel_k8s.release.revisions import Record, records
 from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision
 

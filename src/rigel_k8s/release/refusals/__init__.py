@@ -1,5 +1,6 @@
 """Why a deploy is refused before its first write: all reasons at once, each with a way out.
 
-`foresight` asks the cluster, with `trials` (dry runs) and `rights`. `verdict` decides from the
-answers, with `admission` and `quotas`, and is pure like them.
+`foresight` asks the cluster: `trials` are dry runs, `missing` are the rights that we lack of those
+that `rights` declares. `verdict` decides from the answers, with `admission` (pods), `usage` and
+`quotas`; these are pure.
 """

@@ -7,21 +7,16 @@ refuses every node of an application with the same words.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
-from decimal import Decimal
+from collections.abc import Iterator, Sequence
 
 from rigel_k8s.kube.failures import Forbidden, Refusal
-from rigel_k8s.objects.marks import SINGLETON_ANNOTATION
-from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.refusals import quotas
-from rigel_k8s.release.refusals.quotas import Change
-from rigel_k8s.release.refusals.rights import find_resource
-from rigel_k8s.release.refusals.trials import find_template
-from rigel_k8s.release.revisions import secret_ref
+from rigel_k8s.release.refusals.usage import find_excess
 from rigel_k8s.release.survey import Survey
 
 SHOWN = 3  # names of workloads in a message; the rest is counted
+
 #: How a refusal calls the pod that was tried; its name is made by the dry run.
 POD = re.compile(r'^pods "[^"]*" is forbidden: ')
 
@@ -69,12 +64,6 @@ def find_exceeded(survey: Survey) -> Iterator[Problem]:
         yield make_problem(survey, excess.refs, text, "quota")
 
 
-def find_excess(survey: Survey) -> Iterator[quotas.Excess]:
-    """Yield the quotas that the release exceeds."""
-    if survey.foreseen.quotas:
-        yield from quotas.find_excess(survey.foreseen.quotas, list(list_changes(survey)))
-
-
 def make_problem(survey: Survey, refs: Sequence[ObjectRef], text: str, ground: str) -> Problem:
     """Return a problem at the place of the first workload, with the way out that is known."""
     remedy = survey.desired.remedies.get(ground, "")
@@ -90,68 +79,3 @@ def name_all(refs: Sequence[ObjectRef]) -> str:
     rest = len(refs) - SHOWN
     shown = [str(refs[0]), *(ref.name for ref in refs[1:SHOWN])]
     return ", ".join(shown) + (f" and {rest} more" if rest > 0 else "")
-
-
-def list_changes(survey: Survey) -> Iterator[Change]:
-    """Yield what the deploy does to quotas: pods, objects and its own record."""
-    manifests = {ref_of(manifest): manifest for manifest in survey.manifests}
-    for ref in survey.results:
-        live = survey.live.get(ref)
-        manifest = manifests[ref]
-        if live is None:
-            yield count_object(ref, manifest)
-        if manifest["kind"] == "Deployment":
-            yield count_workload(survey, ref, manifest, live)
-    for ref in list_records(survey):
-        yield count_object(ref, {"apiVersion": ref.api_version, "kind": ref.kind})
-
-
-def list_records(survey: Survey) -> Iterator[ObjectRef]:
-    """Yield what a deploy writes for itself: the revision, and the Lease while it lasts."""
-    release = survey.desired.release
-    yield secret_ref(release, survey.next_number)
-    yield ObjectRef("coordination.k8s.io/v1", "Lease", release.namespace, f"rigel.{release.name}")
-
-
-def count_object(ref: ObjectRef, manifest: Manifest) -> Change:
-    """Return what a new object takes of quotas."""
-    resource = find_resource(ref.api_version, ref.kind)
-    return Change(ref, quotas.amounts_of_object(manifest, resource.plural) if resource else {})
-
-
-def count_workload(
-    survey: Survey, ref: ObjectRef, manifest: Manifest, live: Manifest | None
-) -> Change:
-    """Return what the pods of a created or changed Deployment take of quotas, and give back."""
-    answer = survey.foreseen.pods.get(ref)
-    pod = None if answer is None or isinstance(answer, Refusal) else answer
-    added = quotas.amounts_of_workload(manifest, pod)
-    if live is None:
-        return Change(ref, added, sum_up(find_predecessors(survey, manifest)))
-    overlap = {}
-    if answer is not None and quotas.makes_new_pod_first(manifest):
-        overlap = quotas.amounts_of_pod(live["spec"]["template"])
-    return Change(ref, added, quotas.amounts_of_workload(live), overlap)
-
-
-def find_predecessors(survey: Survey, manifest: Manifest) -> Iterator[Manifest]:
-    """Yield the live workloads that end before a new one starts: those of the same identity."""
-    wanted = {ref_of(one) for one in survey.manifests}
-    identity = read_identity(manifest)
-    for ref, live in survey.live.items():
-        same = identity and read_identity(live) == identity
-        if same and ref not in wanted and find_template(live) is not None:
-            yield live
-
-
-def read_identity(manifest: Manifest) -> str:
-    """Return the identity that only one workload may have at a time, "" for none."""
-    return str((manifest["metadata"].get("annotations") or {}).get(SINGLETON_ANNOTATION, ""))
-
-
-def sum_up(workloads: Iterable[Manifest]) -> dict[str, Decimal]:
-    """Return what some workloads' pods take together."""
-    total: dict[str, Decimal] = {}
-    for workload in workloads:
-        quotas.add(total, quotas.amounts_of_workload(workload))
-    return total

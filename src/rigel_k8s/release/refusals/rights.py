@@ -1,33 +1,29 @@
-"""The rights that a deploy needs, as data, and which of them are missing, before any write.
+"""The rights that a deploy needs, declared by what is done to each kind of object; pure.
 
-One SelfSubjectRulesReview tells all rights in a namespace, for the price of one question about one
-right. It may be incomplete (an authorizer that is not RBAC does not list its rules), so what seems
-to be missing is asked for one by one before anything is refused.
+The check before a deploy, `rigel doctor` and the Roles of `rigel rbac` are made from them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
-from rigel_k8s.kube.answers import find_mappings
-from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.kube.resources import Resource, built_in
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.objects.rights import Right, describe, find_missing, grant
+from rigel_k8s.objects.rights import Right, grant
 from rigel_k8s.release.order import WORKLOADS
 
 #: What is done with the objects of a release, by the moment.
 LOOK, WRITE, PRUNE = "list", "create patch", "get delete"
+
 #: Kinds that are watched until they are ready.
 WATCHED = (*WORKLOADS, "PersistentVolumeClaim")
+
 #: Kinds that Kubernetes does not bring, and that a release may have: those have no table.
 OTHERS = {
     ("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"): Resource(
         "network-attachment-definitions", namespaced=True
     ),
 }
-API = "authorization.k8s.io/v1"
 
 
 def need_to_record(namespace: str) -> Iterator[Right]:
@@ -98,41 +94,3 @@ def need_for(
     if create_namespace:
         needed |= {*grant("", "namespaces", "create")}
     return needed
-
-
-def ask_missing(cluster: Cluster, needed: Iterable[Right], namespace: str) -> list[Right]:
-    """Return the rights that we lack.
-
-    Raises:
-        ClusterError: the cluster does not say what we may do.
-    """
-    status = cluster.review(API, "SelfSubjectRulesReview", {"namespace": namespace})
-    rules = find_mappings(status, "resourceRules")
-    missing = find_missing(needed, rules)
-    answers = cluster.parallel(lambda right: is_allowed(cluster, right), missing)
-    return [right for right, allowed in zip(missing, answers, strict=True) if not allowed]
-
-
-def is_allowed(cluster: Cluster, right: Right) -> bool:
-    """Whether we have one right."""
-    resource, _, sub = right.resource.partition("/")
-    attributes = {
-        "namespace": right.namespace,
-        "verb": right.verb,
-        "group": right.group,
-        "resource": resource,
-        "subresource": sub,
-    }
-    asked = {"resourceAttributes": attributes}
-    return bool(cluster.review(API, "SelfSubjectAccessReview", asked).get("allowed"))
-
-
-def missing_error(missing: Sequence[Right], what: str, hint: str) -> Forbidden:
-    """Return the error for rights that are missing, as one list."""
-    error = Forbidden(
-        f"cannot {what}: {len(missing)} right(s) are missing; nothing was changed",
-        hint=hint,
-        details=describe(missing),
-    )
-    error.reason = "Forbidden"
-    return error

@@ -1,8 +1,8 @@
-"""The pods that a deploy's workloads would make, tried by server-side dry runs before any write.
+"""Server-side dry runs before any write: of objects, and of the pods that workloads would make.
 
 A dry run of a Deployment does not show what keeps its pods away: Pod Security, LimitRanges,
 admission policies and webhooks judge pods, and the Deployment's controller meets them only after
-it was applied. Each distinct template costs one request, and a template that stays as it is none.
+it was applied. Each distinct template costs one request; one that stays as it is costs none.
 """
 
 from __future__ import annotations
@@ -15,11 +15,15 @@ import attrs
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.failures import Forbidden, Refusal
+from rigel_k8s.kube.failures import Conflict, Forbidden, Missing, Refusal
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+from rigel_k8s.release.refusals.missing import naming_remedy
+from rigel_k8s.release.types import Desired
 
 #: What of a 403 is about the object; every other one is about who asks, or not understood.
 ABOUT_OBJECTS = ("pod-security", "quota", "no-resources", "limit-range", "policy")
+
+Live = dict[str, Any]
 
 
 @attrs.frozen
@@ -122,3 +126,55 @@ def try_pod(cluster: Cluster, trial: Trial) -> Manifest | Refusal | None:
         return error if error.status == 422 else None
     except ClusterError:
         return None
+
+
+def try_object(
+    cluster: Cluster, manifest: Manifest, desired: Desired, *, adopt: bool
+) -> Live | Refusal:
+    """Return what applying a manifest would make of it, or why it would be refused.
+
+    An object whose kind this very deploy defines cannot be tried, and is taken for a new one.
+    """
+    try:
+        with naming_remedy(desired, manifest["kind"]):
+            return cluster.apply(manifest, force=adopt, dry_run=True)
+    except Missing as error:
+        return dict(manifest) if defines(desired, manifest) else error
+    except Refusal as error:
+        if error.status == 400 and "dry run" in error.message:
+            return assume_result(cluster, manifest)
+        if error.status == 422 and "spec.strategy.rollingUpdate" in error.message:
+            return assume_result(cluster, manifest)  # apply ends the old strategy before
+        if not is_about_object(error):
+            raise
+        return error
+
+
+def assume_result(cluster: Cluster, manifest: Manifest) -> Live:
+    """Return what stands for a dry run that says nothing of the deploy."""
+    live = cluster.get(ref_of(manifest))
+    version = live["metadata"]["resourceVersion"] if live else ""
+    meta: dict[str, Any] = {**manifest["metadata"], "resourceVersion": version}
+    return {**manifest, "metadata": meta}
+
+
+def defines(desired: Desired, manifest: Manifest) -> bool:
+    """Whether the release itself defines an object's kind."""
+    group = manifest["apiVersion"].partition("/")[0]
+    return any(
+        (m["spec"]["group"], m["spec"]["names"]["kind"]) == (group, manifest["kind"])
+        for m in desired.objects
+        if m["kind"] == "CustomResourceDefinition"
+    )
+
+
+def is_about_object(error: Refusal) -> bool:
+    """Whether a refusal is about what the object asks for, not about us or the moment.
+
+    A conflict that names no field is about the moment: someone else wrote the object just then.
+    """
+    if isinstance(error, Conflict):
+        return bool(error.fields)
+    if isinstance(error, Forbidden) and error.ground in ABOUT_OBJECTS:
+        return True
+    return error.status == 422 or "can be resized" in error.message

@@ -16,7 +16,7 @@ from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.ownership import managers
 from rigel_k8s.release.refusals.admission import find_exceeded, find_refused_pods, find_unfit
-from rigel_k8s.release.refusals.foresight import explain_missing
+from rigel_k8s.release.refusals.missing import explain_missing
 from rigel_k8s.release.survey import Survey, belongs
 
 ADOPT = "to take them over, run it again with --adopt; they become what the Rigelfile says"

@@ -1,0 +1,120 @@
+"""The rights that a deploy needs and we lack: all of them in one error, with a way out.
+
+One SelfSubjectRulesReview lists all rights in a namespace, for the price of one question about one
+right. It may be incomplete (an authorizer that is not RBAC does not list its rules), so what seems
+to be missing is asked for one by one before anything is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.answers import find_mappings
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.objects.rights import Right, describe, find_missing
+from rigel_k8s.release.refusals.rights import find_resource, need_for
+from rigel_k8s.release.types import Desired, ReleaseId
+
+API = "authorization.k8s.io/v1"
+
+
+def ask_missing(cluster: Cluster, needed: Iterable[Right], namespace: str) -> list[Right]:
+    """Return the rights that we lack.
+
+    Raises:
+        ClusterError: the cluster does not say what we may do.
+    """
+    status = cluster.review(API, "SelfSubjectRulesReview", {"namespace": namespace})
+    rules = find_mappings(status, "resourceRules")
+    missing = find_missing(needed, rules)
+    answers = cluster.parallel(lambda right: is_allowed(cluster, right), missing)
+    return [right for right, allowed in zip(missing, answers, strict=True) if not allowed]
+
+
+def is_allowed(cluster: Cluster, right: Right) -> bool:
+    """Whether we have one right."""
+    resource, _, sub = right.resource.partition("/")
+    attributes = {
+        "namespace": right.namespace,
+        "verb": right.verb,
+        "group": right.group,
+        "resource": resource,
+        "subresource": sub,
+    }
+    asked = {"resourceAttributes": attributes}
+    return bool(cluster.review(API, "SelfSubjectAccessReview", asked).get("allowed"))
+
+
+def missing_error(missing: Sequence[Right], what: str, hint: str) -> Forbidden:
+    """Return the error for rights that are missing, as one list."""
+    error = Forbidden(
+        f"cannot {what}: {len(missing)} right(s) are missing; nothing was changed",
+        hint=hint,
+        details=describe(missing),
+    )
+    error.reason = "Forbidden"
+    return error
+
+
+@contextmanager
+def listing_missing_rights(
+    cluster: Cluster, desired: Desired, manifests: Sequence[Manifest]
+) -> Iterator[None]:
+    """Turn the refusal for the first right that is missing into one for all of them."""
+    try:
+        yield
+    except Forbidden as error:
+        if error.ground != "right":
+            raise
+        needed = need_for(manifests, manifests, (), desired.release.namespace)
+        missing = look_for_missing(cluster, needed, desired.release)
+        if not missing:
+            raise
+        raise explain_missing(desired, missing) from error
+
+
+def look_for_missing(
+    cluster: Cluster, needed: Iterable[Right], release: ReleaseId
+) -> Sequence[Right]:
+    """Return the rights that we lack; none where the cluster does not say what we may do."""
+    try:
+        return ask_missing(cluster, needed, release.namespace)
+    except ClusterError:
+        return []
+
+
+def explain_missing(desired: Desired, missing: Sequence[Right]) -> Forbidden:
+    """Return the error for missing rights, with the way out that is known for a kind of object."""
+    lacking = {(right.group, right.resource) for right in missing}
+    known = [
+        desired.remedies[manifest["kind"]]
+        for manifest in desired.objects
+        if manifest["kind"] in desired.remedies and lacks(manifest, lacking)
+    ]
+    where = desired.release.namespace
+    grant = f"`rigel -n {where} rbac deployer --user YOU | kubectl apply -f -`"
+    usual = f"ask an administrator for them: {grant} grants all that deploys need"
+    hint = known[0] if known else usual
+    return missing_error(missing, f"deploy {desired.release.name} to {where}", hint)
+
+
+def lacks(manifest: Manifest, lacking: set[tuple[str, str]]) -> bool:
+    """Whether a right for an object's kind is among those that are missing."""
+    resource = find_resource(manifest["apiVersion"], manifest["kind"])
+    group = str(manifest["apiVersion"]).rpartition("/")[0]
+    return resource is not None and (group, resource.plural) in lacking
+
+
+@contextmanager
+def naming_remedy(desired: Desired, kind: str) -> Iterator[None]:
+    """Give the error of a missing right for a kind of object the way out that is known for it."""
+    try:
+        yield
+    except Forbidden as error:
+        if error.ground == "right":
+            error.hint = desired.remedies.get(kind, error.hint)
+        raise

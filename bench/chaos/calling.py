@@ -20,7 +20,8 @@ from typing import Any, TextIO
 
 #: What is shorter in the bench: module, name, seconds.
 SCALE = (
-    ("kube.transport", "CONNECT_TIMEOUT", 2.0),
+    ("kube.connections", "CONNECT_TIMEOUT", 2.0),
+    ("kube.connections", "READ_TIMEOUT", 2.5),
     ("kube.transport", "READ_TIMEOUT", 2.5),
     ("kube.transport", "WHOLE_TIMEOUT", 10.0),
     ("kube.resending", "AWAY", 6.0),

@@ -94,7 +94,7 @@ class Robot:
 
     def edit(self, ref: ObjectRef, change: dict[str, Any]) -> None:
         """Change an object as `kubectl edit` does: what was changed is kubectl's then."""
-        url = self.cluster.path_of(ref, "edit", query={"fieldManager": "kubectl-edit"})
+        url = self.cluster.client.path_of(ref, "edit", query={"fieldManager": "kubectl-edit"})
         media = "application/merge-patch+json"
         self.cluster.client.call("PATCH", url, "edit", read_mapping, body=change, media=media)
 

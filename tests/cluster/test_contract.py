@@ -30,7 +30,7 @@ class Argo:
         return self.send(ref, body, "application/merge-patch+json", {"fieldManager": "argo"})
 
     def send(self, ref: ObjectRef, body: object, media: str, query: Any) -> dict[str, Any]:
-        url = self.cluster.path_of(ref, "test", query=query)
+        url = self.cluster.client.path_of(ref, "test", query=query)
         answer: dict[str, Any] = self.cluster.client.call(
             "PATCH", url, "test", read_mapping, body=body, media=media
         )

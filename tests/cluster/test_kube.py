@@ -95,7 +95,7 @@ def test_a_list_longer_than_a_page_is_whole(
     cluster: Any, namespace: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Pages are put together."""
-    monkeypatch.setattr("rigel_k8s.kube.cluster.PAGE", 3)
+    monkeypatch.setattr("rigel_k8s.kube.store.PAGE", 3)
     for number in range(7):
         meta = {"name": f"c{number}", "namespace": namespace, "labels": {"app": "x"}}
         cluster.create({"apiVersion": "v1", "kind": "ConfigMap", "metadata": meta})
@@ -106,7 +106,7 @@ def test_a_list_longer_than_a_page_is_whole(
 def test_a_conflict_names_manager_and_field(cluster: Any, namespace: str) -> None:
     """Another manager's field, with another value."""
     ref = ObjectRef("v1", "ConfigMap", namespace, "c")
-    url = cluster.path_of(ref, "test", query={"fieldManager": "other"})
+    url = cluster.client.path_of(ref, "test", query={"fieldManager": "other"})
     media = "application/apply-patch+yaml"
     cluster.client.call(
         "PATCH", url, "test", read_mapping, body=config(namespace, a="theirs"), media=media
@@ -264,7 +264,7 @@ def test_a_token_is_who_we_are(cluster: Any, context: str, namespace: str) -> No
     """A service account's token connects, and what it may not do is a hint to `auth can-i`."""
     wait_for_account(cluster, namespace)
     ref = ObjectRef("v1", "ServiceAccount", namespace, "default")
-    url = cluster.path_of(ref, "test", subresource="token")
+    url = cluster.client.path_of(ref, "test", subresource="token")
     body = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenRequest", "spec": {}}
     token = cluster.client.call("POST", url, "test", read_mapping, body=body)["status"]["token"]
 

@@ -42,7 +42,7 @@ ENFORCE = {"metadata": {"labels": {"pod-security.kubernetes.io/enforce": "restri
 @pytest.fixture
 def restricted(namespace: str, cluster: Any) -> str:
     """A namespace where Kubernetes enforces the level."""
-    url = cluster.path_of(ObjectRef("v1", "Namespace", "", namespace), "label")
+    url = cluster.client.path_of(ObjectRef("v1", "Namespace", "", namespace), "label")
     media = "application/merge-patch+json"
     cluster.client.call("PATCH", url, "label", read_mapping, body=ENFORCE, media=media)
     return namespace

@@ -9,9 +9,11 @@ from urllib.parse import quote
 
 from rigel_k8s.kube.answers import parse, read_kinds, read_object
 from rigel_k8s.kube.failures import Conflict, Missing, garbled_error, refusal
-from rigel_k8s.kube.resources import ApiResources, Resource
+from rigel_k8s.kube.resources import ApiResources, Resource, path
+from rigel_k8s.kube.streams import Stream
 from rigel_k8s.kube.target import Target
-from rigel_k8s.kube.transport import Answer, Stream, Transport
+from rigel_k8s.kube.transport import Answer, Transport
+from rigel_k8s.objects.refs import ObjectRef
 
 T = TypeVar("T")
 
@@ -129,6 +131,18 @@ class Client:
         )
         error.status, error.reason = 404, "NoKind"
         raise error
+
+    def path_of(
+        self,
+        ref: ObjectRef,
+        what: str,
+        *,
+        subresource: str = "",
+        query: Mapping[str, object] | None = None,
+    ) -> str:
+        """Return the URL path of one object."""
+        resource = self.resource(ref.api_version, ref.kind, what)
+        return path(ref.api_version, resource, ref.namespace, ref.name, subresource, query=query)
 
     def fetch_kinds(self, api_version: str) -> Mapping[str, Any] | None:
         """Return the resource list of an API version, None where the server has none."""

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import http.client
 import ssl
 
-from urllib3.exceptions import ConnectTimeoutError, NewConnectionError, ProxyError
+from urllib3.exceptions import ConnectTimeoutError, HTTPError, NewConnectionError, ProxyError
+
+#: What an exchange raises that ends without an answer.
+BROKEN = (HTTPError, http.client.HTTPException, OSError)
 
 
 def is_sent(error: BaseException) -> bool:

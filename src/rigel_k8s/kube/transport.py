@@ -1,49 +1,28 @@
-"""HTTP to one API server, on urllib3: its pool for requests, a connection of its own for a stream.
+"""Requests to one API server by HTTP: sent, sent again where that is right, answered as bytes.
 
-It knows bytes and headers, not what Kubernetes means by them. Threads share the pool; a stream
-(watch, logs, a websocket) has its connection to itself, so that another thread can end it.
+It knows bytes and headers, not what Kubernetes means by them.
 """
 
 from __future__ import annotations
 
-import http.client
-import os
 import socket
-import ssl
-import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
-from pathlib import Path
-from typing import Any
-from urllib.parse import SplitResult, unquote, urlsplit
+from collections.abc import Callable, Mapping
 
 import attrs
 import urllib3
-from urllib3.connection import HTTPConnection, HTTPSConnection
-from urllib3.exceptions import HTTPError, InsecureRequestWarning
+from urllib3.connection import HTTPConnection
 
-from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.errors import ClusterError
+from rigel_k8s.kube.connections import READ_TIMEOUT, Connections
 from rigel_k8s.kube.failures import Cancelled, unreachable_error
-from rigel_k8s.kube.losses import is_sent, is_untrusted, reason_of
+from rigel_k8s.kube.losses import BROKEN, is_sent, is_untrusted, reason_of
 from rigel_k8s.kube.resending import Endurance, Resending
-from rigel_k8s.kube.target import Credentials, Target
-from rigel_k8s.system.proxy import proxy_for
-from rigel_k8s.system.tls import trust
+from rigel_k8s.kube.streams import BLOCK, Stream
+from rigel_k8s.kube.target import Target
 
-CONNECT_TIMEOUT = 10.0
-READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds
 WHOLE_TIMEOUT = 300.0  # seconds until an answer is whole, however slowly it comes
-BLOCK = 32 * 1024
-BROKEN = (HTTPError, http.client.HTTPException, OSError)
-# The kernel notices a peer that is gone while a stream is silent.
-ALIVE: list[tuple[int, int, int]] = [(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)]
-if hasattr(socket, "TCP_KEEPIDLE"):
-    ALIVE += [
-        (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30),
-        (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10),
-    ]
 
 
 @attrs.frozen
@@ -60,65 +39,15 @@ class Answer:
     doubtful: bool = False
 
 
-class Stream:
-    """An answer that goes on: read its lines, abort it from any thread.
-
-    Attributes:
-        aborted: we have ended it.
-        ended: the server has ended it, after its last byte.
-    """
-
-    def __init__(
-        self, connection: HTTPConnection, response: urllib3.BaseHTTPResponse, sock: socket.socket
-    ):
-        self.connection, self.response, self.socket = connection, response, sock
-        self.aborted = self.ended = False
-
-    def lines(self) -> Iterator[bytes]:
-        """Yield lines without their end until the server or `abort` ends the stream."""
-        rest = b""
-        try:
-            while block := self.response.read1(BLOCK):
-                *whole, rest = (rest + block).split(b"\n")
-                for line in whole:
-                    if self.aborted:
-                        return
-                    yield line.rstrip(b"\r")
-            self.ended = not self.aborted
-            if rest and self.ended:
-                yield rest
-        except (*BROKEN, ValueError, AttributeError):
-            return  # aborted, or the connection broke: the caller knows what was still to come
-        finally:
-            self.abort()
-
-    def abort(self) -> None:
-        """End the stream; a thread that reads it returns."""
-        self.aborted = True
-        with suppress(OSError):
-            self.socket.shutdown(socket.SHUT_RDWR)
-        with suppress(OSError, ValueError, AttributeError):  # a reader may close it just now
-            self.connection.close()
-
-
 class Transport:
-    """All connections to one API server."""
+    """What is asked of one API server."""
 
     def __init__(self, target: Target):
         self.target = target
-        self.url = urlsplit(target.server)
-        if self.url.scheme not in ("http", "https") or not self.url.hostname:
-            raise UserError(f"context {target.context}: {target.server!r} is no URL of a server")
-        self.proxy = proxy_for(target.proxy, self.url, os.environ)
-        self.lock = threading.Lock()
-        self.known: Credentials | None = None
-        self.tls: ssl.SSLContext | None = None
-        self.kept: urllib3.PoolManager | None = None
+        self.connections = Connections(target)
         self.endurance: Endurance | None = None
         self.guard: Callable[[], None] | None = None  # called before a write is sent again
         self.answered = False
-        if target.insecure:
-            urllib3.disable_warnings(InsecureRequestWarning)  # the kubeconfig asks for it
 
     def request(
         self,
@@ -175,7 +104,7 @@ class Transport:
     ) -> Answer:
         """Send a request once and return the answer; raises one of BROKEN."""
         end = time.monotonic() + WHOLE_TIMEOUT
-        response = self.pool().urlopen(
+        response = self.connections.pool().urlopen(
             method,
             self.target.server + path,
             body=body,
@@ -218,6 +147,13 @@ class Transport:
                 hint="run it again when the cluster answers",
             )
 
+    def headers(self, own: Mapping[str, str], *, fresh: bool = False) -> urllib3.HTTPHeaderDict:
+        """Return a request's headers; those that say who we are may repeat a name."""
+        whole = urllib3.HTTPHeaderDict({**own, "User-Agent": "rigel"})
+        for name, value in self.connections.authorization(fresh=fresh):
+            whole.add(name, value)
+        return whole
+
     def stream(
         self, path: str, what: str, *, timeout: float | None, patience: float = READ_TIMEOUT
     ) -> Stream | Answer:
@@ -228,12 +164,14 @@ class Transport:
             patience: seconds until the answer begins.
         """
         headers = self.headers({"Accept": "application/json"})
-        connection = self.connected(what)
+        connection = self.connect(what)
         sock = connection.sock
         try:
             sock.settimeout(patience)
             connection.timeout = patience  # or the answer's beginning would be waited for as long
-            connection.request("GET", self.url.path + path, headers=headers, preload_content=False)
+            connection.request(
+                "GET", self.connections.url.path + path, headers=headers, preload_content=False
+            )
             response = connection.getresponse()
             if response.status >= 400:
                 answer = Answer(response.status, response.headers, response.data)
@@ -266,117 +204,19 @@ class Transport:
 
     def open_socket(self, what: str) -> socket.socket:
         """Return a connected socket (with TLS) for a protocol of its own."""
-        sock = self.connected(what).sock
+        sock = self.connect(what).sock
         sock.settimeout(READ_TIMEOUT)
         return sock
 
-    def authorization(self, *, fresh: bool = False) -> list[tuple[str, str]]:
-        """Return the headers that say who we are; a credential program runs in one thread only."""
-        known = self.credentials()
-        with self.lock:
-            return list(known.headers(fresh=fresh))
-
-    def close(self) -> None:
-        """Close what is kept open."""
-        if self.kept:
-            self.kept.clear()
-
-    def headers(self, own: Mapping[str, str], *, fresh: bool = False) -> urllib3.HTTPHeaderDict:
-        """Return a request's headers; those that say who we are may repeat a name."""
-        whole = urllib3.HTTPHeaderDict({**own, "User-Agent": "rigel"})
-        for name, value in self.authorization(fresh=fresh):
-            whole.add(name, value)
-        return whole
-
-    def pool(self) -> urllib3.PoolManager:
-        """Return the connections that are kept for requests."""
-        options = self.options()
-        with self.lock:
-            if self.kept is None:
-                options["timeout"] = urllib3.Timeout(connect=CONNECT_TIMEOUT, read=READ_TIMEOUT)
-                options["maxsize"] = 16  # kept; more than that may be open
-                self.kept = (
-                    urllib3.ProxyManager(
-                        self.proxy.geturl(), proxy_headers=proxy_headers(self.proxy), **options
-                    )
-                    if self.proxy
-                    else urllib3.PoolManager(**options)
-                )
-            return self.kept
-
-    def connected(self, what: str) -> HTTPConnection:
+    def connect(self, what: str) -> HTTPConnection:
         """Return a connection that belongs to the caller."""
-        kind = HTTPSConnection if self.url.scheme == "https" else HTTPConnection
-        host, port = self.url.hostname or "", self.url.port or kind.default_port
-        through = (self.proxy.hostname or "", self.proxy.port or 80) if self.proxy else (host, port)
-        connection = kind(*through, timeout=CONNECT_TIMEOUT, **self.options())
-        if self.proxy:
-            connection.set_tunnel(host, port, headers=proxy_headers(self.proxy))
         try:
-            connection.connect()
+            return self.connections.connect()
         except BROKEN as error:
-            connection.close()
             raise self.unreachable_error(what, error) from error
-        return connection
-
-    def options(self) -> dict[str, Any]:
-        """Return what each connection gets."""
-        own: dict[str, Any] = {"socket_options": [*HTTPConnection.default_socket_options, *ALIVE]}
-        if self.url.scheme == "https":
-            own["ssl_context"] = self.context()
-            own["server_hostname"] = self.target.server_name or None
-        return own
-
-    def credentials(self) -> Credentials:
-        """Return who we are, found out once (a credential program may ask its user)."""
-        with self.lock:
-            if self.known is None:
-                self.known = self.target.credentials()
-            return self.known
-
-    def context(self) -> ssl.SSLContext:
-        """Return the TLS settings, made once."""
-        credentials = self.credentials()
-        with self.lock:
-            if self.tls is None:
-                self.tls = tls_context(self.target, credentials)
-            return self.tls
 
     def unreachable_error(self, what: str, error: BaseException) -> Exception:
         """Return the error for a server that gave no answer."""
         reason = reason_of(error)
         target = self.target
         return unreachable_error(what, reason, context=target.context, server=target.server)
-
-
-def tls_context(target: Target, credentials: Credentials) -> ssl.SSLContext:
-    """Return the TLS settings for a target."""
-    try:
-        context = trust(target.authority)
-        if target.insecure:
-            context.check_hostname = False
-            context.verify_mode = ssl.CERT_NONE
-        if credentials.certificate:
-            load_certificate(context, credentials)
-    except (ssl.SSLError, ValueError) as error:
-        raise UserError(
-            f"context {target.context}: its certificates cannot be used: {error}",
-            hint="mend certificate-authority, client-certificate and client-key in the kubeconfig",
-        ) from error
-    return context
-
-
-def load_certificate(context: ssl.SSLContext, credentials: Credentials) -> None:
-    """Give the client certificate to OpenSSL, which reads files only."""
-    with tempfile.TemporaryDirectory(prefix="rigel-") as directory:  # 0700
-        pem = Path(directory) / "client.pem"
-        pem.write_text(f"{credentials.certificate.rstrip()}\n{credentials.key}")
-        context.load_cert_chain(pem)
-
-
-def proxy_headers(proxy: SplitResult) -> dict[str, str]:
-    """Return the headers that a proxy with a user and password wants."""
-    if not proxy.username:
-        return {}
-    pair = f"{unquote(proxy.username)}:{unquote(proxy.password or '')}"
-    return dict(urllib3.make_headers(proxy_basic_auth=pair))

@@ -87,14 +87,14 @@ def connect(client: Client, path: str, what: str, protocols: Sequence[str]) -> W
     import websocket
 
     transport = client.transport
-    url = f"{transport.url.scheme.replace('http', 'ws')}://{transport.url.netloc}"
+    url = f"{transport.connections.url.scheme.replace('http', 'ws')}://{transport.connections.url.netloc}"
     connection = transport.open_socket(what)
     try:
         inner = websocket.create_connection(
-            f"{url}{transport.url.path}{path}",
+            f"{url}{transport.connections.url.path}{path}",
             socket=connection,
             subprotocols=list(protocols),
-            header=[f"{name}: {value}" for name, value in transport.authorization()],
+            header=[f"{name}: {value}" for name, value in transport.connections.authorization()],
             suppress_origin=True,
             timeout=30,
         )

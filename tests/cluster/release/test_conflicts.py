@@ -21,7 +21,7 @@ pytestmark = pytest.mark.cluster
 def apply_as(cluster: Any, manager: str, manifest: dict[str, Any], **query: str) -> dict[str, Any]:
     """Apply a manifest as another tool does."""
     ref = ref_of(manifest)
-    url = cluster.path_of(ref, "test", query={"fieldManager": manager, **query})
+    url = cluster.client.path_of(ref, "test", query={"fieldManager": manager, **query})
     media = "application/apply-patch+yaml"
     made: dict[str, Any] = cluster.client.call(
         "PATCH", url, "test", read_mapping, body=manifest, media=media
@@ -69,7 +69,7 @@ def test_an_edited_field_is_seen_though_the_rigelfile_has_not_changed(
     wanted = make.desired(make.config(a="1"))
     deploy(wanted, cluster, report=report)
     ref = ObjectRef("v1", "ConfigMap", make.namespace, "config")
-    url = cluster.path_of(ref, "test", query={"fieldManager": "kubectl-edit"})
+    url = cluster.client.path_of(ref, "test", query={"fieldManager": "kubectl-edit"})
     media = "application/merge-patch+json"
     cluster.client.call(
         "PATCH", url, "test", read_mapping, body={"data": {"a": "edited"}}, media=media

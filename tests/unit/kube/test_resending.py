@@ -196,7 +196,7 @@ def test_a_server_that_listens_again_is_found(serve: Any) -> None:
         cluster = Cluster(Target(first.url))
         cluster.get(REF)
     lines, _ = endure(cluster)
-    cluster.client.transport.close()
+    cluster.client.transport.connections.close()
     results: list[Any] = []
     thread = threading.Thread(target=lambda: results.append(cluster.create(MANIFEST)))
     thread.start()

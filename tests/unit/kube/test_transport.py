@@ -18,8 +18,9 @@ import pytest
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube import transport as module
 from rigel_k8s.kube.failures import Refusal
+from rigel_k8s.kube.streams import Stream
 from rigel_k8s.kube.target import Credentials, Target
-from rigel_k8s.kube.transport import Stream, Transport
+from rigel_k8s.kube.transport import Transport
 from rigel_k8s.system.proxy import proxy_for
 from tests.support.http_server import Exchange, HttpServer, serving
 
@@ -459,7 +460,7 @@ def test_a_proxy_carries_tls(
         target = Target(f"https://api.example.com:{server.server_port}", "c", authority=pem)
         through = Transport(attrs.evolve(target, proxy=proxy.url))
         assert WAYS[way](through) in (b"ok", None)
-        through.close()
+        through.connections.close()
         wrong = Transport(attrs.evolve(target, proxy=proxy.url, server="https://other.example.com"))
         with pytest.raises(ClusterError, match="certificate is not trusted"):
             WAYS[way](wrong)

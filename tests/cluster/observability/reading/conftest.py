@@ -193,7 +193,7 @@ def kubeconfig(cluster: Any, context: str, namespace: str, name: str) -> dict[st
 
     target = load(None, context)
     ref = ObjectRef("v1", "ServiceAccount", namespace, name)
-    url = cluster.path_of(ref, "test", subresource="token")
+    url = cluster.client.path_of(ref, "test", subresource="token")
     body = {"apiVersion": "authentication.k8s.io/v1", "kind": "TokenRequest", "spec": {}}
     token = cluster.client.call("POST", url, "test", read_mapping, body=body)["status"]["token"]
     authority = base64.b64encode(target.authority.encode()).decode()

@@ -1,0 +1,150 @@
+"""Connections to one API server: where they lead, whom they trust, who we are on them.
+
+Threads share the pool for requests; a stream or a websocket gets a connection of its own.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import ssl
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any
+from urllib.parse import SplitResult, unquote, urlsplit
+
+import urllib3
+from urllib3.connection import HTTPConnection, HTTPSConnection
+from urllib3.exceptions import InsecureRequestWarning
+
+from rigel_k8s.errors import UserError
+from rigel_k8s.kube.losses import BROKEN
+from rigel_k8s.kube.target import Credentials, Target
+from rigel_k8s.system.proxy import proxy_for
+from rigel_k8s.system.tls import trust
+
+CONNECT_TIMEOUT = 10.0
+READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds
+# The kernel notices a peer that is gone while a stream is silent.
+ALIVE: list[tuple[int, int, int]] = [(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)]
+if hasattr(socket, "TCP_KEEPIDLE"):
+    ALIVE += [
+        (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 30),
+        (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 10),
+    ]
+
+
+class Connections:
+    """The pool of connections to one API server, and what every other one is made with."""
+
+    def __init__(self, target: Target):
+        self.target = target
+        self.url = urlsplit(target.server)
+        if self.url.scheme not in ("http", "https") or not self.url.hostname:
+            raise UserError(f"context {target.context}: {target.server!r} is no URL of a server")
+        self.proxy = proxy_for(target.proxy, self.url, os.environ)
+        self.lock = threading.Lock()
+        self.known: Credentials | None = None
+        self.tls: ssl.SSLContext | None = None
+        self.kept: urllib3.PoolManager | None = None
+        if target.insecure:
+            urllib3.disable_warnings(InsecureRequestWarning)  # the kubeconfig asks for it
+
+    def authorization(self, *, fresh: bool = False) -> list[tuple[str, str]]:
+        """Return the headers that say who we are; a credential program runs in one thread only."""
+        known = self.credentials()
+        with self.lock:
+            return list(known.headers(fresh=fresh))
+
+    def close(self) -> None:
+        """Close what is kept open."""
+        if self.kept:
+            self.kept.clear()
+
+    def pool(self) -> urllib3.PoolManager:
+        """Return the connections that are kept for requests."""
+        options = self.options()
+        with self.lock:
+            if self.kept is None:
+                options["timeout"] = urllib3.Timeout(connect=CONNECT_TIMEOUT, read=READ_TIMEOUT)
+                options["maxsize"] = 16  # kept; more than that may be open
+                self.kept = (
+                    urllib3.ProxyManager(
+                        self.proxy.geturl(), proxy_headers=proxy_headers(self.proxy), **options
+                    )
+                    if self.proxy
+                    else urllib3.PoolManager(**options)
+                )
+            return self.kept
+
+    def connect(self) -> HTTPConnection:
+        """Return a connection that belongs to the caller; raises one of BROKEN."""
+        kind = HTTPSConnection if self.url.scheme == "https" else HTTPConnection
+        host, port = self.url.hostname or "", self.url.port or kind.default_port
+        through = (self.proxy.hostname or "", self.proxy.port or 80) if self.proxy else (host, port)
+        connection = kind(*through, timeout=CONNECT_TIMEOUT, **self.options())
+        if self.proxy:
+            connection.set_tunnel(host, port, headers=proxy_headers(self.proxy))
+        try:
+            connection.connect()
+        except BROKEN:
+            connection.close()
+            raise
+        return connection
+
+    def options(self) -> dict[str, Any]:
+        """Return what each connection gets."""
+        own: dict[str, Any] = {"socket_options": [*HTTPConnection.default_socket_options, *ALIVE]}
+        if self.url.scheme == "https":
+            own["ssl_context"] = self.context()
+            own["server_hostname"] = self.target.server_name or None
+        return own
+
+    def credentials(self) -> Credentials:
+        """Return who we are, found out once (a credential program may ask its user)."""
+        with self.lock:
+            if self.known is None:
+                self.known = self.target.credentials()
+            return self.known
+
+    def context(self) -> ssl.SSLContext:
+        """Return the TLS settings, made once."""
+        credentials = self.credentials()
+        with self.lock:
+            if self.tls is None:
+                self.tls = tls_context(self.target, credentials)
+            return self.tls
+
+
+def tls_context(target: Target, credentials: Credentials) -> ssl.SSLContext:
+    """Return the TLS settings for a target."""
+    try:
+        context = trust(target.authority)
+        if target.insecure:
+            context.check_hostname = False
+            context.verify_mode = ssl.CERT_NONE
+        if credentials.certificate:
+            load_certificate(context, credentials)
+    except (ssl.SSLError, ValueError) as error:
+        raise UserError(
+            f"context {target.context}: its certificates cannot be used: {error}",
+            hint="mend certificate-authority, client-certificate and client-key in the kubeconfig",
+        ) from error
+    return context
+
+
+def load_certificate(context: ssl.SSLContext, credentials: Credentials) -> None:
+    """Give the client certificate to OpenSSL, which reads files only."""
+    with tempfile.TemporaryDirectory(prefix="rigel-") as directory:  # 0700
+        pem = Path(directory) / "client.pem"
+        pem.write_text(f"{credentials.certificate.rstrip()}\n{credentials.key}")
+        context.load_cert_chain(pem)
+
+
+def proxy_headers(proxy: SplitResult) -> dict[str, str]:
+    """Return the headers that a proxy with a user and password wants."""
+    if not proxy.username:
+        return {}
+    pair = f"{unquote(proxy.username)}:{unquote(proxy.password or '')}"
+    return dict(urllib3.make_headers(proxy_basic_auth=pair))

@@ -1,0 +1,139 @@
+"""What happens inside of pods: their logs, commands in them, their ports."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING, BinaryIO
+
+from rigel_k8s.kube import threads
+from rigel_k8s.kube.client import Client
+from rigel_k8s.objects.refs import ObjectRef
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.execution import ExecResult
+    from rigel_k8s.kube.forwarding import Forward
+
+
+class Pods:
+    """The containers of a cluster's pods."""
+
+    client: Client
+
+    def logs(
+        self,
+        namespace: str,
+        pod: str,
+        container: str | None = None,
+        *,
+        follow: bool = False,
+        since_seconds: int | None = None,
+        since_time: str | None = None,
+        tail: int | None = None,
+        previous: bool = False,
+        timestamps: bool = False,
+        cancel: threading.Event | None = None,
+    ) -> Iterator[str]:
+        """Yield a container's log lines without their ends.
+
+        Args:
+            container: None is the pod's only one.
+            since_time: as Kubernetes writes times, in whole seconds; instead of `since_seconds`.
+            previous: the container's life before its last restart.
+            cancel: ends a follow soon after it is set.
+        """
+        what = f"read the logs of Pod {namespace}/{pod}"
+        query = {
+            "container": container,
+            "follow": follow and "true",
+            "sinceSeconds": since_seconds,
+            "sinceTime": since_time,
+            "tailLines": None if tail is None else str(tail),
+            "previous": previous and "true",
+            "timestamps": timestamps and "true",
+        }
+        ref = ObjectRef("v1", "Pod", namespace, pod)
+        stream = self.client.stream(
+            self.client.path_of(ref, what, subresource="log", query=query), what
+        )
+        with threads.aborting(stream, cancel):
+            for line in stream.lines():
+                yield line.decode("utf-8", "replace")
+
+    def runs(self, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
+        """Whether a container's log goes on for some seconds; True where nobody can tell.
+
+        A log ends with its container, while the pod's status says for a second and more that it
+        runs: this is what its container runtime says now.
+
+        Args:
+            seconds: at least; where an answer takes long, four times as long as one.
+        """
+        from rigel_k8s.kube.following import goes_on
+
+        return goes_on(self.client, namespace, pod, container, seconds=seconds)
+
+    def run(
+        self,
+        namespace: str,
+        pod: str,
+        command: Sequence[str],
+        *,
+        container: str | None = None,
+        stdin: bytes | None = None,
+        timeout: float = 60.0,
+    ) -> ExecResult:
+        """Run a command in a container and return its output and exit code.
+
+        Raises:
+            ClusterError: it did not end within `timeout` seconds.
+        """
+        from rigel_k8s.kube.execution import run
+
+        return run(
+            self.client, namespace, pod, command, container=container, stdin=stdin, timeout=timeout
+        )
+
+    def exec(
+        self,
+        namespace: str,
+        pod: str,
+        command: Sequence[str],
+        *,
+        stdout: BinaryIO,
+        stderr: BinaryIO,
+        stdin: BinaryIO | None = None,
+        container: str | None = None,
+        tty: bool = False,
+    ) -> int:
+        """Run a command in a container on the given streams and return its exit code.
+
+        Args:
+            tty: give it a terminal; `stdin` must be one too, and is in raw mode meanwhile.
+        """
+        from rigel_k8s.kube.execution import exec_on
+
+        return exec_on(
+            self.client,
+            namespace,
+            pod,
+            command,
+            container=container,
+            stdin=stdin,
+            stdout=stdout,
+            stderr=stderr,
+            tty=tty,
+        )
+
+    def port_forward(
+        self, namespace: str, pod: str, ports: Mapping[int, int], *, address: str = "127.0.0.1"
+    ) -> AbstractContextManager[Forward]:
+        """Serve ports of a pod on this machine while the context is open.
+
+        Args:
+            ports: the pod's port to the local one; 0 takes any that is free.
+        """
+        from rigel_k8s.kube.forwarding import port_forward
+
+        return port_forward(self.client, namespace, pod, ports, address=address)

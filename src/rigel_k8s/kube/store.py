@@ -1,0 +1,235 @@
+"""The objects of a cluster: read, written by server-side apply and other verbs, watched."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+from rigel_k8s.kube.answers import find_mapping, read_list, read_mapping, read_object
+from rigel_k8s.kube.client import Client
+from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
+from rigel_k8s.kube.failures import Conflict, Missing, Refusal
+from rigel_k8s.kube.resources import path, with_query
+from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
+from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
+
+MANAGER = "rigel"  # who owns the fields that we apply
+PAGE = 500
+DELETES = 3  # times that an object is deleted where something writes to it at the same moment
+METADATA_ONLY = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
+PATCHES = {
+    "merge": "application/merge-patch+json",
+    "json": "application/json-patch+json",
+    "strategic": "application/strategic-merge-patch+json",
+    "apply": "application/apply-patch+yaml",  # JSON is YAML
+}
+
+
+class Store:
+    """Objects in, objects out, no HTTP words."""
+
+    client: Client
+
+    def get(self, ref: ObjectRef) -> dict[str, Any] | None:
+        """Return an object, None where it or its kind is not there."""
+        try:
+            what = f"read {ref}"
+            return self.client.call("GET", self.client.path_of(ref, what), what, read_object)
+        except Missing:
+            return None
+
+    def list(
+        self,
+        api_version: str,
+        kind: str,
+        namespace: str | None = None,
+        *,
+        labels: str | Mapping[str, str] | None = None,
+        fields: str | None = None,
+        metadata_only: bool = False,
+    ) -> list[dict[str, Any]]:
+        """Return all objects of a kind, of one namespace or of all; none where the kind is unknown.
+
+        Args:
+            labels: a label selector, or labels that must all be there.
+            fields: a field selector.
+            metadata_only: leave spec, data and status out, which saves time.
+        """
+        resource = self.client.resources.find(api_version, kind)
+        if resource is None:
+            return []
+        query: dict[str, Any] = {
+            "labelSelector": label_selector(labels),
+            "fieldSelector": fields,
+            "limit": PAGE,
+        }
+        accept = METADATA_ONLY if metadata_only else "application/json"
+        found: list[dict[str, Any]] = []
+        while True:
+            url = path(api_version, resource, namespace or "", query=query)
+            page = self.client.call("GET", url, f"list {kind}s", read_list, accept=accept)
+            found += page.get("items") or []
+            query["continue"] = page["metadata"].get("continue")
+            if not query["continue"]:
+                return [{**item, "apiVersion": api_version, "kind": kind} for item in found]
+
+    def apply(
+        self,
+        manifest: Manifest,
+        *,
+        force: bool = False,
+        dry_run: bool = False,
+        onto: Onto = ANYTHING,
+    ) -> dict[str, Any]:
+        """Apply a manifest server-side and return what the object is then.
+
+        What we patched before, without an apply, is ours: Kubernetes keeps that as a record of its
+        own, beside which an apply with another value would be a conflict with ourselves.
+
+        Args:
+            force: take fields over that another manager owns.
+            onto: what must be there for the apply to have an effect.
+
+        Raises:
+            Conflict: another manager owns fields with other values (`fields` names them), or
+                something else is there than `onto` says (`fields` is empty).
+        """
+        ref = ref_of(manifest)
+        what = f"apply {ref}"
+        query = {"fieldManager": MANAGER, "force": force and "true", "dryRun": dry_run and "All"}
+        url = self.client.path_of(ref, what, query=query)
+        body = {**manifest, "metadata": {**manifest["metadata"], **onto.metadata}}
+        try:
+            return self.client.write("PATCH", url, what, body, PATCHES["apply"])
+        except Conflict as error:
+            if force or {field.manager for field in error.fields} != {MANAGER}:
+                raise
+        except Refusal as error:
+            if "metadata.uid" not in {cause.field for cause in error.causes}:
+                raise
+            raise another_object_error(error) from error
+        return self.apply(manifest, force=True, dry_run=dry_run, onto=onto)
+
+    def create(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
+        """Create an object; Conflict (reason AlreadyExists) where it is there."""
+        ref = ref_of(manifest)
+        what = f"create {ref}"
+        resource = self.client.resource(ref.api_version, ref.kind, what)
+        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        url = path(ref.api_version, resource, ref.namespace, query=query)
+        return self.client.write("POST", url, what, manifest)
+
+    def review(self, api_version: str, kind: str, spec: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Ask by a review, an object that is answered and not kept; return its status."""
+        what = f"ask the API server by {kind}"
+        url = path(api_version, self.client.resource(api_version, kind, what), "")
+        # It stores nothing anyway; a dry run shows that to who reads the requests of a deploy.
+        url = with_query(url, {"dryRun": "All"})
+        body = {"apiVersion": api_version, "kind": kind, "spec": spec}
+        answer = self.client.call("POST", url, what, read_mapping, body=body, safe=True)
+        return find_mapping(answer, "status")
+
+    def replace(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
+        """Replace an object; Conflict where its resourceVersion is said and no longer true."""
+        ref = ref_of(manifest)
+        what = f"replace {ref}"
+        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        return self.client.write("PUT", self.client.path_of(ref, what, query=query), what, manifest)
+
+    def patch(
+        self,
+        ref: ObjectRef,
+        body: object,
+        *,
+        style: Literal["merge", "json", "strategic"] = "merge",
+        subresource: str = "",
+        dry_run: bool = False,
+    ) -> dict[str, Any]:
+        """Patch an object."""
+        what = f"patch {ref}"
+        query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
+        url = self.client.path_of(ref, what, subresource=subresource, query=query)
+        safe = style != "json"  # its steps may depend on what was there
+        return self.client.write("PATCH", url, what, body, PATCHES[style], safe=safe)
+
+    def delete(
+        self,
+        ref: ObjectRef,
+        *,
+        uid: str | None = None,
+        version: str | None = None,
+        propagation: Literal["Background", "Foreground", "Orphan"] = "Background",
+        grace_seconds: int | None = None,
+        dry_run: bool = False,
+    ) -> bool:
+        """Delete an object and return whether it was there.
+
+        Args:
+            uid: delete this very object; Conflict where another has its name now. After a conflict
+                about anything else it is tried again.
+            version: delete it in this very state; Conflict where it has changed since.
+        """
+        options: dict[str, Any] = {
+            "kind": "DeleteOptions",
+            "apiVersion": "v1",
+            "propagationPolicy": propagation,
+        }
+        conditions = {"uid": uid, "resourceVersion": version}
+        if set_conditions := {key: value for key, value in conditions.items() if value}:
+            options["preconditions"] = set_conditions
+        if grace_seconds is not None:
+            options["gracePeriodSeconds"] = grace_seconds
+        if dry_run:
+            options["dryRun"] = ["All"]
+        for _ in range(DELETES):
+            try:
+                return self._delete(ref, options)
+            except Conflict as error:
+                if version or not uid:
+                    raise
+                conflict, live = error, self.get(ref)
+                if live is None:
+                    return True
+                if live["metadata"]["uid"] != uid:
+                    raise
+        raise Refusal(
+            conflict.message, hint="it is still there: run the command again"
+        ) from conflict
+
+    def _delete(self, ref: ObjectRef, options: Mapping[str, Any]) -> bool:
+        what = f"delete {ref}"
+        try:
+            url = self.client.path_of(ref, what)
+            self.client.call("DELETE", url, what, read_mapping, body=options, safe=True)
+        except Missing as error:
+            return error.doubtful
+        return True
+
+    def watch(
+        self,
+        api_version: str,
+        kind: str,
+        namespace: str | None = None,
+        *,
+        labels: str | Mapping[str, str] | None = None,
+        fields: str | None = None,
+        seconds: float = 300.0,
+        cancel: threading.Event | None = None,
+    ) -> Iterator[WatchEvent]:
+        """Yield what is there (as ADDED) and then what changes.
+
+        Args:
+            seconds: after which the watch ends.
+            cancel: ends the watch soon after it is set.
+        """
+        selectors = {"labelSelector": label_selector(labels), "fieldSelector": fields}
+        return watch(
+            self.client,
+            api_version,
+            kind,
+            namespace or "",
+            selectors,
+            seconds=seconds,
+            cancel=cancel,
+        )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -18,16 +17,9 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.ownership import is_applied
-from rigel_k8s.release.rollout.causes import (
-    causes,
-    choose_events,
-    containers,
-    index_events,
-    owner,
-    pods_of,
-    probe_failure,
-)
+from rigel_k8s.release.rollout.causes import causes, containers, probe_failure
 from rigel_k8s.release.rollout.readiness import readiness
+from rigel_k8s.release.rollout.surroundings import Surroundings, look_around
 from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import ReleaseId
 
@@ -109,8 +101,7 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
         UserError: nothing of it is on the cluster.
     """
     found, records = collect(cluster, release)
-    surroundings = look_around(found)
-    found.pop("Event", None)
+    around = look_around(found.get("ReplicaSet", ()), found.get("Pod", ()), found.pop("Event", ()))
     owned = [live for kind in found.values() for live in kind if kind and is_applied(live)]
     workloads = [live for live in owned if belongs(live, release)]
     if not workloads and not records:
@@ -123,7 +114,7 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
         records[-1].number if records else 0,
         records[-1].status if records else "",
         tuple(
-            describe_workload(live, surroundings)
+            describe_workload(live, around)
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
             if live["kind"] in WORKLOADS or not readiness(live).done
         ),
@@ -163,54 +154,23 @@ def list_records(cluster: Cluster, release: ReleaseId) -> Sequence[revisions.Rec
         return []
 
 
-@attrs.frozen
-class Surroundings:
-    """What belongs to workloads, by the UID of what each belongs to; all is read only once.
-
-    Attributes:
-        sets: ReplicaSets by their owner.
-        pods: by their owner, and those without one by themselves.
-        events: warnings by what they are about.
-    """
-
-    sets: Mapping[str, Sequence[Live]]
-    pods: Mapping[str, Sequence[Live]]
-    events: Mapping[str, Sequence[Manifest]]
-
-
-def look_around(found: Mapping[str, Sequence[Live]]) -> Surroundings:
-    """Return what a namespace has beside workloads, in order."""
-    sets, pods = defaultdict(list), defaultdict(list)
-    for live in found.get("ReplicaSet", ()):
-        sets[owner(live)].append(live)
-    for live in found.get("Pod", ()):
-        pods[owner(live) or live["metadata"]["uid"]].append(live)
-    return Surroundings(sets, pods, index_events(found.get("Event", ())))
-
-
 def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
     """Return the state of one workload."""
-    uid = live["metadata"]["uid"]
-    sets = around.sets.get(uid, ())
-    owners = [uid, *(rs["metadata"]["uid"] for rs in sets)]
-    pods = [pod for one in owners for pod in around.pods.get(one, ())]
+    sets, pods = around.list_sets(live), around.list_pods(live)
     state = readiness(live)
-    told = state.message
+    message = state.message
     if not (state.done and state.ok):
-        events = choose_events(around.events, live, *sets, *pods)
-        wrong = causes(live, pods_of(live, sets, pods), events, sets)
-        told = "; ".join([told, *(cause.message for cause in wrong)])
+        events = around.list_events(live, *sets, *pods)
+        wrong = causes(live, around.list_newest_pods(live), events, sets)
+        message = "; ".join([message, *(cause.message for cause in wrong)])
     return WorkloadStatus(
         live["kind"],
         live["metadata"]["name"],
         state.ready,
         state.wanted,
         state.done and state.ok,
-        told,
-        tuple(
-            describe_pod(pod, choose_events(around.events, pod))
-            for pod in sorted(pods, key=newest_first)
-        ),
+        message,
+        tuple(describe_pod(pod, around.list_events(pod)) for pod in sorted(pods, key=newest_first)),
         live["metadata"].get("annotations") or {},
     )
 

@@ -14,7 +14,8 @@ from rigel_k8s.errors import UserError
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.deploy import deploy
-from rigel_k8s.release.status import describe_workload, look_around
+from rigel_k8s.release.rollout.surroundings import look_around
+from rigel_k8s.release.status import describe_workload
 from rigel_k8s.release.types import InventoryItem, Revision
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, workload
@@ -98,7 +99,7 @@ def count_calls(count: int) -> int:
     found = crowd(count)
     profile = cProfile.Profile()
     profile.enable()
-    around = look_around(found)
+    around = look_around(found["ReplicaSet"], found["Pod"], found["Event"])
     told = [describe_workload(live, around) for live in found["Deployment"]]
     profile.disable()
     assert all("FailedMount: no volume" in one.message for one in told)

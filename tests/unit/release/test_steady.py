@@ -12,9 +12,10 @@ from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.rollout import wait
+from rigel_k8s.release.rollout.crashes import STEADY
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.view import ReleaseView
-from rigel_k8s.release.rollout.wait import STEADY, Waiter
+from rigel_k8s.release.rollout.wait import Waiter
 from tests.support.controllers import Controllers, crash_status, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, desired, ref, workload

@@ -12,7 +12,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.watching import WatchEvent
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.rollout.causes import owner
+from rigel_k8s.release.rollout.surroundings import Surroundings, look_around
 
 Kind = tuple[str, str]
 Live = dict[str, Any]
@@ -93,13 +93,11 @@ class ReleaseView:
         """Return an object, None while it has not been seen."""
         return self.objects[ref.api_version, ref.kind].get(ref)
 
-    def group_by_owner(self, kind: Kind) -> dict[str, list[Live]]:
-        """Return the objects of a kind by the UID of their owner (their own, without one)."""
-        found: dict[str, list[Live]] = defaultdict(list)
-        for live in self.objects[kind].values():
-            found[owner(live) or live["metadata"]["uid"]].append(live)
-        return found
+    def look_around(self, *, warnings: bool = False) -> Surroundings:
+        """Return what belongs to workloads now, in order.
 
-    def warnings(self) -> list[Live]:
-        """Return the events."""
-        return list(self.objects[EVENT].values())
+        Args:
+            warnings: with the events.
+        """
+        sets, pods = self.objects[REPLICA_SET].values(), self.objects[POD].values()
+        return look_around(sets, pods, self.objects[EVENT].values() if warnings else ())

@@ -1,12 +1,12 @@
-"""Waits until what was applied is ready, or tells why it will not be; it writes nothing."""
+"""Wait until what was applied is ready, or report why it will not be; nothing is written."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import TypeAlias
 
 import attrs
 
@@ -15,15 +15,9 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import WORKLOADS
-from rigel_k8s.release.rollout.causes import (
-    Cause,
-    causes,
-    choose_events,
-    containers,
-    index_events,
-    pods_of,
-    probe_failure,
-)
+from rigel_k8s.release.rollout.causes import Cause, causes, probe_failure
+from rigel_k8s.release.rollout.claims import explain_claim
+from rigel_k8s.release.rollout.crashes import CrashLog
 from rigel_k8s.release.rollout.patience import Ledger, Patience, Seen
 from rigel_k8s.release.rollout.readiness import (
     UNSEEN,
@@ -31,6 +25,7 @@ from rigel_k8s.release.rollout.readiness import (
     readiness,
     readiness_without,
 )
+from rigel_k8s.release.rollout.surroundings import Surroundings
 from rigel_k8s.release.rollout.unprobed import Unprobed, find_ended, find_unprobed_in
 from rigel_k8s.release.rollout.view import EVENT, POD, REPLICA_SET, Kind, ReleaseView
 from rigel_k8s.release.types import ReleaseId
@@ -43,8 +38,8 @@ EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none
 SPARE = 600.0  # seconds that outages of the API server may prolong a wait
 LOG_LINES = 12
-STEADY = 12.0  # seconds that a workload must stay up after its last crash to count as ready
 GRACE = 30.0  # seconds that what a release can do without has when all else is ready
+Targets: TypeAlias = dict[ObjectRef, Manifest]
 WAITED = (*WORKLOADS, "PersistentVolumeClaim", "CustomResourceDefinition")
 
 
@@ -77,7 +72,7 @@ class Waiter:
     shown: dict[ObjectRef, tuple[str, bool]] = attrs.field(factory=dict)
     claims_that_wait: set[ObjectRef] = attrs.field(factory=set)
     rolling: set[ObjectRef] = attrs.field(factory=set)
-    crashes: dict[ObjectRef, tuple[int, float]] = attrs.field(factory=dict)
+    crashes: CrashLog = attrs.field(factory=CrashLog)
     unsteady: set[ObjectRef] = attrs.field(factory=set)
     looked_at: set[str] = attrs.field(factory=set)
     optional: dict[ObjectRef, str] = attrs.field(factory=dict)
@@ -129,7 +124,7 @@ class Waiter:
         if spent > BRIEF:
             self.cancel.wait(min(LOOK, REST * spent))
 
-    def watch(self, view: ReleaseView, targets: Iterator[Manifest] | Any) -> None:
+    def watch(self, view: ReleaseView, targets: Iterable[Manifest]) -> None:
         """Watch the objects that we wait for, and their pods."""
         found = list(targets)
         kinds: set[Kind] = {(live["apiVersion"], live["kind"]) for live in found}
@@ -139,13 +134,14 @@ class Waiter:
             view.watch([REPLICA_SET], labels=own if all(map(has_label, found)) else "")
         view.watch([POD], labels=own if all(map(has_label, found)) else "")
 
-    def all_ready(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> bool:
+    def all_ready(self, view: ReleaseView, targets: Targets) -> bool:
         """Whether everything is ready; shows what has changed."""
-        self.look_for_crashes(view, targets)
+        around = view.look_around()
+        self.look_for_crashes(view, around, targets)
         for ref in targets:
             live = view.find(ref)
             if live is not None:
-                self.take_in(ref, self.judge(view, live))
+                self.take_in(ref, self.judge(around, live))
         return self.is_enough([ref for ref in targets if not self.is_ready(ref)])
 
     def is_enough(self, waiting: Sequence[ObjectRef]) -> bool:
@@ -163,51 +159,36 @@ class Waiter:
             self.report.warn(f"{text} without it; {next_step}")
         return True
 
-    def look_for_crashes(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> None:
-        """Note which workloads crashed lately: without probes they look ready in between."""
-        pods, sets, now = (
-            view.group_by_owner(POD),
-            view.group_by_owner(REPLICA_SET),
-            time.monotonic(),
-        )
+    def look_for_crashes(self, view: ReleaseView, around: Surroundings, targets: Targets) -> None:
+        """Note which workloads crashed lately."""
+        now = time.monotonic()
         for ref in targets:
             live = view.find(ref)
-            if live is None or ref.kind not in WORKLOADS or ref not in self.rolling:
-                continue
-            own = sets.get(live["metadata"]["uid"], [])
-            count = sum(map(crash_count, find_newest_pods(live, own, pods)))
-            if count != self.crashes.get(ref, (0, 0.0))[0]:
-                self.crashes[ref] = (count, now)
-        lately = {ref for ref, (_, since) in self.crashes.items() if now - since < STEADY}
-        self.unsteady = lately
+            if live is not None and ref.kind in WORKLOADS and ref in self.rolling:
+                self.crashes.note(ref, around.list_newest_pods(live), now)
+        self.unsteady = self.crashes.find_unsteady(now)
 
-    def all_run(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> bool:
-        """Whether what nobody probes really runs; each new pod is asked once, when all is ready."""
-        pods, sets, fresh = (
-            view.group_by_owner(POD),
-            view.group_by_owner(REPLICA_SET),
-            list[Unprobed](),
-        )
+    def all_run(self, view: ReleaseView, targets: Targets) -> bool:
+        """Whether containers without probes really run; each is asked once, when all is ready."""
+        around, fresh = view.look_around(), list[Unprobed]()
         for ref in targets:
             live = view.find(ref)
             if live is not None and ref in self.rolling and self.is_ready(ref):
-                own = find_newest_pods(live, sets.get(live["metadata"]["uid"], []), pods)
+                own = around.list_newest_pods(live)
                 here = [pod for pod in own if pod["spec"].get("nodeName") not in self.away]
                 fresh += (u for u in find_unprobed_in(ref, here) if u.uid not in self.looked_at)
         self.looked_at |= {one.uid for one in fresh}
-        for ref in (over := find_ended(self.cluster, fresh)):
-            self.crashes[ref] = (self.crashes.get(ref, (0, 0.0))[0], time.monotonic())
+        over = find_ended(self.cluster, fresh)
+        for ref in over:
+            self.crashes.note_end(ref, time.monotonic())
         return not over
 
-    def judge(self, view: ReleaseView, live: Manifest) -> ObjectReadiness:
+    def judge(self, around: Surroundings, live: Manifest) -> ObjectReadiness:
         """Return how far an object is."""
         if not self.away:
             return readiness(live)
-        uid = live["metadata"]["uid"]
-        pods, sets = view.group_by_owner(POD), view.group_by_owner(REPLICA_SET).get(uid, [])
-        owners = [uid, *(one["metadata"]["uid"] for one in sets)]
-        own = [pod for owner in owners for pod in pods.get(owner, [])]
-        return readiness_without(live, find_newest_pods(live, sets, pods), own, self.away)
+        newest, pods = around.list_newest_pods(live), around.list_pods(live)
+        return readiness_without(live, newest, pods, self.away)
 
     def take_in(self, ref: ObjectRef, state: ObjectReadiness) -> bool:
         """Take in an object's state, show it, and return whether it is ready."""
@@ -232,9 +213,7 @@ class Waiter:
             self.shown[ref] = (text, done)
             self.report.progress(ref.name, text, done=done)
 
-    def look_for_causes(
-        self, view: ReleaseView, targets: dict[ObjectRef, Manifest], now: float
-    ) -> None:
+    def look_for_causes(self, view: ReleaseView, targets: Targets, now: float) -> None:
         """Tell what is wrong as soon as it is seen, and give up on what has lasted too long."""
         if now - self.explained < EXPLAIN:
             return
@@ -251,12 +230,9 @@ class Waiter:
         if hopeless := [s for s in self.ledger.find_hopeless(now) if s.ref not in self.optional]:
             raise self.failure(hopeless)
 
-    def find_causes(
-        self, view: ReleaseView, targets: dict[ObjectRef, Manifest]
-    ) -> Iterator[tuple[ObjectRef, Cause]]:
+    def find_causes(self, view: ReleaseView, targets: Targets) -> Iterator[tuple[ObjectRef, Cause]]:
         """Yield what is wrong now."""
-        pods, sets = view.group_by_owner(POD), view.group_by_owner(REPLICA_SET)
-        warnings = index_events(view.warnings())
+        around = view.look_around(warnings=True)
         for ref in targets:
             live = view.find(ref)
             if live is None or self.is_ready(ref):
@@ -264,38 +240,20 @@ class Waiter:
             if self.states[ref].done and not self.states[ref].ok:
                 yield ref, Cause("failed", self.states[ref].message)
             elif ref.kind == "PersistentVolumeClaim":
-                yield from ((ref, cause) for cause in self.explain_claim(ref, live))
+                yield from ((ref, cause) for cause in self.look_at_claim(ref, live))
             elif ref.kind in WORKLOADS:
-                own = sets.get(live["metadata"]["uid"], [])
-                newest = find_newest_pods(live, own, pods)
-                events = choose_events(warnings, live, *own, *newest)
-                for cause in causes(live, newest, events, own):
+                sets, newest = around.list_sets(live), around.list_newest_pods(live)
+                for cause in causes(live, newest, around.list_events(live, *sets, *newest), sets):
                     yield ref, cause
 
-    def explain_claim(self, ref: ObjectRef, live: Manifest) -> Iterator[Cause]:
-        """Yield why a claim is not bound; one that waits for its first pod is as it shall be."""
+    def look_at_claim(self, ref: ObjectRef, live: Manifest) -> Iterator[Cause]:
+        """Yield why a claim is not bound; note one that waits for its first pod."""
         with suppress(ClusterError):
-            events = self.cluster.events(live)
-            if self.waits_for_pod(live, events):
+            cause = explain_claim(self.cluster, live)
+            if cause is None:
                 self.claims_that_wait.add(ref)
-                return
-            told = [event.get("message", "") for event in events]
-            message = f": {told[-1]}" if told else ""
-            yield Cause("claim", f"claim {ref.name} has no volume{message}")
-
-    def waits_for_pod(self, claim: Manifest, events: Sequence[Manifest]) -> bool:
-        """Whether a claim gets its volume only when a pod uses it.
-
-        Its storage class says so; who may not see classes finds it among the claim's events.
-        """
-        name = (claim.get("spec") or {}).get("storageClassName")
-        waits = "WaitForFirstConsumer"
-        try:
-            classes = self.cluster.list("storage.k8s.io/v1", "StorageClass")
-        except ClusterError:
-            return any(event.get("reason") == waits for event in events)
-        modes = {known["metadata"]["name"]: known.get("volumeBindingMode") for known in classes}
-        return modes.get(name) == waits
+            else:
+                yield cause
 
     def tell(self, seen: Seen) -> None:
         """Tell a cause that has just been seen."""
@@ -331,17 +289,13 @@ class Waiter:
         """Return a cause as lines."""
         return [f"{seen.ref.kind} {seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
 
-    def timeout_error(self, view: ReleaseView, targets: dict[ObjectRef, Manifest]) -> RolloutFailed:
+    def timeout_error(self, view: ReleaseView, targets: Targets) -> RolloutFailed:
         """Return the error for the end of the time."""
-        pods, sets = view.group_by_owner(POD), view.group_by_owner(REPLICA_SET)
-        warnings, lines, late = index_events(view.warnings()), [], self.find_late(targets)
+        around, lines, late = view.look_around(warnings=True), [], self.find_late(targets)
         for ref in late:
             live = view.find(ref)
-            own = sets.get(live["metadata"]["uid"], []) if live else []
-            failures = [
-                probe_failure(p, choose_events(warnings, p))
-                for p in (find_newest_pods(live, own, pods) if live else [])
-            ]
+            pods = around.list_newest_pods(live) if live else []
+            failures = [probe_failure(pod, around.list_events(pod)) for pod in pods]
             state = self.states[ref].message if ref in self.states else "not seen"
             lines.append("; ".join([f"{ref.kind} {ref.name}: {state}", *filter(None, failures)]))
         lines += [line for seen in self.ledger.seen.values() for line in self.lines(seen)]
@@ -352,7 +306,7 @@ class Waiter:
             details=lines,
         )
 
-    def find_late(self, targets: dict[ObjectRef, Manifest]) -> list[ObjectRef]:
+    def find_late(self, targets: Targets) -> list[ObjectRef]:
         """Return what the release cannot do without and is not ready."""
         return [ref for ref in targets if not self.is_ready(ref) and ref not in self.optional]
 
@@ -369,21 +323,6 @@ def is_optional(live: Manifest) -> bool:
 def remedy(live: Manifest) -> str:
     """Return what to do where an optional object does not become ready, "" where nobody says."""
     return str((live["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))
-
-
-def find_newest_pods(
-    workload: Manifest, sets: Sequence[Manifest], pods: dict[str, list[dict[str, Any]]]
-) -> list[Manifest]:
-    """Return the pods of a workload's newest template from those sorted by their owners."""
-    owners = [workload["metadata"]["uid"], *(s["metadata"]["uid"] for s in sets)]
-    return pods_of(workload, sets, [pod for uid in owners for pod in pods.get(uid, [])])
-
-
-def crash_count(pod: Manifest) -> int:
-    """Return how often the containers of a pod have ended."""
-    states = containers(pod.get("status") or {})
-    ended = sum(1 for c in states if (c.get("state") or {}).get("terminated", {}).get("exitCode"))
-    return ended + sum(int(c.get("restartCount", 0)) for c in states)
 
 
 def has_label(live: Manifest) -> bool:

@@ -90,6 +90,30 @@ def test_a_list_without_a_list_of_objects_is_not_empty(serve: Any, items: bytes)
         client.list("v1", "Pod")
 
 
+@pytest.mark.parametrize(
+    ("page", "why"),
+    [
+        (b'{"metadata": {}, "items": []}', "no resourceVersion"),
+        (
+            b'{"metadata": {"resourceVersion": "1"}, "items": [{"metadata": {"name": "p"}}]}',
+            "no uid",
+        ),
+    ],
+)
+def test_a_watch_begins_with_a_version_and_uids(serve: Any, page: bytes, why: str) -> None:
+    """Without the one it cannot go on, without the others it cannot know what is gone."""
+    client, _ = serve(lambda exchange: exchange.say(200, page))
+    with pytest.raises(Garbled, match=why):
+        list(client.watch("v1", "Pod", seconds=20))
+
+
+@pytest.mark.parametrize("entry", [{"kind": "Robot"}, {"name": "robots"}, {"name": 1, "kind": "R"}])
+def test_a_kind_has_a_name(serve: Any, entry: object) -> None:
+    client, _ = serve(lambda exchange: exchange.say(200, {"resources": [entry]}))
+    with pytest.raises(Garbled, match="a resource without a name"):
+        client.serves("x.example/v1", "Robot")
+
+
 def test_no_error_shows_the_bytes_of_secrets(serve: Any) -> None:
     """What is cut off in the middle may hold one."""
     client, _ = serve(lambda exchange: exchange.say(200, b'{"data": {"password": "cGxhbnRlZA'))
@@ -121,6 +145,7 @@ def test_what_is_garbled_once_is_asked_again(serve: Any, call: str) -> None:
         b"[]",
         b"\xff",
         b'{"details": []}',
+        b'{"details": "x"}',
         b'{"details": {"causes": "x"}}',
         b'{"details": {"causes": [null, {"reason": 1, "message": null}]}}',
         b'{"message": ["x"], "reason": {}}',

@@ -159,6 +159,28 @@ def test_steps_on_what_was_there_are_not_sent_twice(serve: Any) -> None:
     assert len(server.requests) == 2
 
 
+@pytest.mark.parametrize("trouble", [away, say(500), say(502), say(503)])
+def test_not_even_long_work_sends_them_twice(serve: Any, trouble: Any) -> None:
+    """What answers so may have carried them out."""
+    cluster, server = warm(serve, [], last=trouble)
+    endure(cluster)
+    with pytest.raises(ClusterError):
+        cluster.patch(REF, [], style="json")
+    assert len(server.requests) == 2
+
+
+@pytest.mark.parametrize("write", WRITES)
+@pytest.mark.parametrize("trouble", [say(500), say(502), say(503)])
+def test_a_write_that_a_gateway_lost_is_found_to_be_ours(
+    serve: Any, write: str, trouble: Any
+) -> None:
+    """A gateway that gave up may have passed it on."""
+    live = {**MANIFEST, "metadata": {**META, "uid": "u", "resourceVersion": "2"}}
+    cluster, _ = warm(serve, [trouble, say(409, EXISTS), say(200, live)])
+    endure(cluster)
+    assert WRITES[write](cluster) == live
+
+
 @pytest.mark.parametrize(
     "trouble",
     [

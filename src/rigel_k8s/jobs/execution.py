@@ -1,14 +1,13 @@
 """A tree of steps in the midst of its run: threads, failures, cancellation; it knows no Rigelfile.
 
-Every wait here ends when the job it waits for ends, and every job is told to end by its `cancel`;
-whoever waits for the whole run bounds how long a job that does not listen may take (runner.py).
+Every wait here ends when the job that it waits for ends, and `cancel` asks every job to end. How
+long a job that does not listen may take is bounded by the wait for the whole run (runner.py).
 """
 
 from __future__ import annotations
 
 import copy
 import threading
-import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -16,7 +15,16 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError, UserError
+from rigel_k8s.errors import Interrupted, JobFailed, RigelK8sError
+from rigel_k8s.jobs.branches import (
+    Boundary,
+    Branch,
+    Stopped,
+    describe,
+    make_failure,
+    summarise_error,
+)
+from rigel_k8s.jobs.holds import Holds
 from rigel_k8s.jobs.job import JobContext, JobReporter
 from rigel_k8s.jobs.matrix import combinations, label
 from rigel_k8s.jobs.scope import CancelScope
@@ -46,7 +54,7 @@ class RunContext:
         realise: a job and the shared data to its options and raw `with`; raises UserErrors.
         matrix: a Branches' matrix and the shared data to {key: values}; raises UserErrors.
         place: a job, the shared data and problems with its options to texts with their places.
-        grace: seconds that a job may take to end after it was told to.
+        grace: seconds that a job may take to end after it was asked to.
     """
 
     application: Application
@@ -62,40 +70,6 @@ class RunContext:
     grace: float = 30.0
 
 
-class Boundary:
-    """How far a failure reaches: the first one is kept, and stops all that runs within."""
-
-    def __init__(self, scope: CancelScope) -> None:
-        self.scope = scope
-        self.failure: JobFailed | None = None
-        self._lock = threading.Lock()
-
-    def take(self, failure: JobFailed) -> bool:
-        """Keep a failure; False where one was kept before, or all was stopped already."""
-        with self._lock:
-            first = self.failure is None and not self.scope.cancelled.is_set()
-            if first:
-                self.failure = failure
-        if first:
-            self.scope.cancel()
-        return first
-
-
-@attrs.frozen(eq=False)
-class Branch:
-    """Where a step runs: its name ("" is the trunk), its own data, its reporter, what stops it."""
-
-    name: str
-    data: dict[str, Any]
-    report: JobReporter
-    scope: CancelScope
-    boundary: Boundary
-
-
-class Stopped(Exception):
-    """Unwinds a thread after the run was cancelled; whoever cancelled it knows why."""
-
-
 class Execution:
     """One run, stopped by its scope.
 
@@ -109,7 +83,7 @@ class Execution:
         self._around = surroundings
         self._lock = threading.Lock()
         self._running: list[str] = []
-        self._held: dict[str, str] = {}
+        self._holds = Holds()
 
     @property
     def failure(self) -> JobFailed | None:
@@ -191,9 +165,7 @@ class Execution:
 
     def _parts(self, step: Branches, branch: Branch) -> tuple[list[Branch], Limits | None]:
         """Return a branch for each combination: a copy of the data, and the combination in it."""
-        with self._note_failure(
-            f"the matrix of a parallel stage{_describe_branch(branch)}", branch
-        ):
+        with self._note_failure(f"the matrix of a parallel stage{describe(branch)}", branch):
             matrix, limits = split_limits(self._around.matrix(step, branch.data))
             chosen = combinations(matrix)
             if not chosen:
@@ -256,7 +228,7 @@ class Execution:
     # Jobs
 
     def _run_job(self, job: Job, branch: Branch, ready: threading.Event | None = None) -> None:
-        where = f"job {job.name}{_describe_branch(branch)}"
+        where = f"job {job.name}{describe(branch)}"
         scope = branch.scope.part()
         try:
             with self._note_failure(where, branch), self._list_running(where):
@@ -295,31 +267,14 @@ class Execution:
             ready=ready or threading.Event(),
             place=partial(around.place, job, branch.data),
         )
-        with self._hold_alone(job, options, where):
+        with self._holds.hold(self._find_key(job, options), where):
             job.type.run(options, context)
 
-    @contextmanager
-    def _hold_alone(self, job: Job, options: Any, where: str) -> Iterator[None]:
-        """Refuse what another job that runs at this moment holds for itself."""
+    def _find_key(self, job: Job, options: Any) -> str | None:
+        """Return what a job needs for itself while it runs, None for nothing."""
         exclusive = getattr(job.type, "exclusive", None)
         around = self._around
-        key = exclusive(options, around.application, around.settings) if exclusive else None
-        if key is None:
-            yield
-            return
-        with self._lock:
-            other = self._held.get(key)
-            self._held[key] = other or where
-        if other:
-            raise UserError(
-                f"{other} works on {key} at the same time",
-                hint="let them run one after the other, or give them different names",
-            )
-        try:
-            yield
-        finally:
-            with self._lock:
-                del self._held[key]
+        return exclusive(options, around.application, around.settings) if exclusive else None
 
     @contextmanager
     def _list_running(self, where: str) -> Iterator[None]:
@@ -348,8 +303,8 @@ class Execution:
             raise Stopped from error
 
     def _fail(self, where: str, error: BaseException, branch: Branch) -> None:
-        if not branch.boundary.take(_failure(where, error)):
-            branch.report.warn(f"{where}, while it was stopped: {_line(error)}")
+        if not branch.boundary.take(make_failure(where, error)):
+            branch.report.warn(f"{where}, while it was stopped: {summarise_error(error)}")
 
     def _start_thread(self, work: Callable[[], None], branch: Branch) -> threading.Thread:
         """Start a thread; daemonic, since a second Ctrl-C must end the program."""
@@ -360,7 +315,7 @@ class Execution:
             except Stopped:
                 return
             except BaseException as error:
-                self._fail(f"the sequence{_describe_branch(branch)}", error, branch)
+                self._fail(f"the sequence{describe(branch)}", error, branch)
 
         thread = threading.Thread(target=run_guarded, daemon=True)
         thread.start()
@@ -371,23 +326,3 @@ def _find_outcome(part: Branch, state: State) -> Outcome:
     """Return what became of a branch of a wave that has ended."""
     failed = part.boundary.failure
     return Outcome(part.name, "failed" if failed else state, failed)
-
-
-def _describe_branch(branch: Branch) -> str:
-    return f" ({branch.name})" if branch.name else ""
-
-
-def _line(error: BaseException) -> str:
-    return error.message if isinstance(error, RigelK8sError) else f"{type(error).__name__}: {error}"
-
-
-def _failure(where: str, error: BaseException) -> JobFailed:
-    """Return the failure that names the job; a bug's traceback is kept in its details."""
-    if isinstance(error, RigelK8sError):
-        failed = JobFailed(f"{where}: {error.message}", hint=error.hint, details=error.details)
-        failed.exit_code = 2 if isinstance(error, UserError) else 1
-    else:
-        lines = "".join(traceback.format_exception(error)).splitlines()
-        failed = JobFailed(f"{where} broke: {_line(error)}", details=lines)
-    failed.__cause__ = error
-    return failed

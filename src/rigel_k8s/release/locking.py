@@ -74,7 +74,6 @@ class Held:
         Raises:
             ClusterError: it is lost, or the API server does not answer.
         """
-        self.check()
         if not self.is_sure():
             with self.lock:
                 if self.renewing:  # this very thread: the renewal is a write that is sent again

@@ -1,8 +1,8 @@
 """One deploy of a release at a time: take its Lease, renew it, wait for another holder's end.
 
-Whoever waits for a Lease takes it when it was not renewed for DURATION. So a holder writes only
-within that time after a renewal, and renews it first where the time is over: an API server that
-was away or a machine that slept may have let another deploy begin.
+A process that waits for a Lease takes it when it was not renewed for DURATION. So a holder writes
+only within that time after a renewal, and renews it first where the time is over: while an API
+server was away or a machine slept, another deploy may have begun.
 """
 
 from __future__ import annotations
@@ -142,9 +142,8 @@ def hold(
     finally:
         over.set()
         thread.join()
-        if not mine.lost.is_set():
-            with suppress(ClusterError):  # it expires by itself
-                remove(cluster, mine.lease)
+        with suppress(ClusterError):  # it is another's by now, or expires by itself
+            remove(cluster, mine.lease)
 
 
 def acquire(
@@ -237,7 +236,7 @@ def bury_left(cluster: Cluster, release: ReleaseId, report: Reporter) -> None:
 def remove(cluster: Cluster, lease: dict[str, Any]) -> bool:
     """Delete a Lease, and return whether it was there; Conflict where another process took it.
 
-    Its UID would not do: who takes a Lease over writes the same object.
+    Its UID would not do: taking a Lease over keeps the object.
     """
     meta = lease["metadata"]
     return cluster.delete(ref_of(lease), uid=meta["uid"], version=meta["resourceVersion"])

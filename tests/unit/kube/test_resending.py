@@ -289,6 +289,13 @@ def test_retry_after_may_say_anything(header: str | None, seconds: float | None)
     assert retry_after({} if header is None else {"Retry-After": header}) == seconds
 
 
+@pytest.mark.parametrize("endures", [True, False])
+@pytest.mark.parametrize("status", [429, 503])
+def test_a_server_that_names_a_time_is_given_it(status: int, endures: bool) -> None:  # noqa: FBT001
+    again = Resending(safe=True, endures=endures)
+    assert again.after_answer(status, {"Retry-After": "7"}) == 7.0
+
+
 def test_an_error_that_stays_is_not_waited_for_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
     """A server that says 500 for half a minute has a reason; one that is away may come back."""
     clock = [0.0]

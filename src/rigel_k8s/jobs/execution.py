@@ -218,7 +218,7 @@ class Execution:
         return thread
 
     def _end(self, servers: list[tuple[Job, threading.Thread]], branch: Branch) -> None:
-        """Wait for dependencies that were told to stop."""
+        """Wait for dependencies that were asked to stop."""
         for job, thread in servers:
             thread.join(self._around.grace)
             if thread.is_alive():
@@ -290,7 +290,7 @@ class Execution:
 
     @contextmanager
     def _note_failure(self, where: str, branch: Branch) -> Iterator[None]:
-        """Note a failure, stop everything, unwind; after a cancellation a failure is only told."""
+        """Note a failure, stop everything, unwind; after a cancellation it is only reported."""
         try:
             yield
         except Stopped:

@@ -132,13 +132,13 @@ def run(
     connected: Mapping[str, Any] | None = None,
     scope: CancelScope | None = None,
 ) -> dict[str, Any]:
-    """Run what was prepared; return the data that the jobs stored. Its warnings are not told here.
+    """Run what was prepared; return the data that the jobs stored. It reports no warnings.
 
     Args:
         prepared: what prepare_job or prepare_sequence returned.
-        report: where it is told how it goes.
+        report: takes what is printed.
         data: what was stored before; jobs write into it.
-        connected: connections of providers that somebody else has connected.
+        connected: connections that the caller has made for providers.
         scope: what stops the run from outside.
 
     Raises:

@@ -83,7 +83,7 @@ class Cluster(Store, Pods):
         return self.list("v1", "Node")
 
     def events(self, live: Manifest) -> Sequence[dict[str, Any]]:
-        """Return what the cluster told about one live object, the oldest first."""
+        """Return what the cluster has reported about one live object, the oldest first."""
         meta = live["metadata"]
         fields = f"involvedObject.uid={meta['uid']}"
         found = self.list("v1", "Event", meta.get("namespace"), fields=fields)

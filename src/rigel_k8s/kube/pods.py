@@ -62,7 +62,7 @@ class Pods:
                 yield line.decode("utf-8", "replace")
 
     def runs(self, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
-        """Whether a container's log goes on for some seconds; True where nobody can tell.
+        """Whether a container's log goes on for some seconds; True where it cannot be known.
 
         A log ends with its container, while the pod's status says for a second and more that it
         runs: this is what its container runtime says now.

@@ -94,7 +94,7 @@ class Applier:
         """Delete what the plan prunes: workloads first, then what they used, data last.
 
         What came first goes last of the workloads: ROS nodes take leave of their master, and hang
-        where nobody answers any more.
+        where nothing answers any more.
         """
         todo = [step for step in steps if step.action == "prune"]
         workloads = [step for step in todo if step.ref.kind in WORKLOADS]
@@ -126,7 +126,7 @@ class Applier:
         try:
             self.cluster.delete(step.ref, uid=uid)
         except ConflictError:
-            self.report.warn(f"{step.ref} was made anew by somebody else meanwhile: left alone")
+            self.report.warn(f"{step.ref} was replaced by another program meanwhile: left alone")
 
     def confirm_lease(self) -> None:
         """Raise where another process may change the release by now."""

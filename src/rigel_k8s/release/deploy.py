@@ -1,8 +1,8 @@
 """A release's life: deploy, diff, history (rollback.py and removal.py have the rest).
 
 Look (survey), refuse what cannot be, take the Lease, write a *pending* revision that names old and
-new objects together, apply, wait, prune, mark the revision good. Whoever finds a pending revision
-has all that an interrupted run may have left, and ends what it began.
+new objects together, apply, wait, prune, mark the revision good. The next run
+finds in a pending revision all that an interrupted one may have left, and completes it.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def deploy(
     before: Callable[[Plan], None] | None = None,
     verify: Callable[[], None] | None = None,
 ) -> Revision:
-    """Make a release what it shall be, wait until it is, and return its revision.
+    """Make a release what is desired, wait until it is ready, and return its revision.
 
     Nothing is written where nothing has changed and the last revision is good; then neither
     `before` nor `verify` is called.
@@ -184,7 +184,7 @@ def make_namespace(run: Run, found: Survey) -> None:
 
 
 def look_again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
-    """Return what was found, looked at anew where another deploy has ended since."""
+    """Return what was found, looked at again where another deploy has ended since."""
     for _ in range(ATTEMPTS):
         newest = revisions.records(run.cluster, run.release)
         if versions(newest) == versions(found.history):
@@ -240,7 +240,7 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
 
 
 def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
-    """Return the pending revision: its inventory is what was there and what shall be."""
+    """Return the pending revision: its inventory is what was there and what is to be."""
     namespace = namespace_ref(run.release)
     known = {item.ref: item.uid for item in found.inventory}
     for step in plan.steps:
@@ -290,7 +290,7 @@ def clean_up(run: Run, found: Survey, good: Revision) -> None:
 
 
 def tell_plan(run: Run, plan: Plan) -> None:
-    """Tell what will be done, and what data is left where it is."""
+    """Report what will be done, and what data is left where it is."""
     words = {"create": "to create", "change": "to change", "prune": "to delete"}
     counts = [
         f"{sum(1 for step in plan.steps if step.action == action)} {word}"

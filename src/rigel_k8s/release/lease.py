@@ -68,7 +68,7 @@ def timestamp() -> str:
 
 
 def process() -> str:
-    """Return what names this very process among all of this machine, "" where it cannot be told."""
+    """Return what identifies this process on this machine, "" where that cannot be known."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         return (

@@ -74,7 +74,7 @@ def summarise(secrets: Iterable[Live], workloads: Iterable[Live]) -> list[Releas
 
     Args:
         secrets: the Secrets of revisions; their data is not looked at.
-        workloads: those with a release's label, whoever made them.
+        workloads: those with a release's label, whatever made them.
     """
     newest: dict[ReleaseId, Live] = {}
     for secret in secrets:

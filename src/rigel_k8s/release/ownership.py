@@ -32,7 +32,7 @@ def is_applied(live: Manifest) -> bool:
 
 
 def covers(manifest: Manifest, live: Manifest) -> bool:
-    """Whether every field of a manifest is still owned by us: nobody has changed it since."""
+    """Whether every field of a manifest is still owned by us: no one has changed it since."""
     fields = find_owned_fields(live)
     if fields is None:
         return False

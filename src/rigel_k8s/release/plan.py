@@ -1,4 +1,4 @@
-"""What a deploy will do, from what shall be and what is there; pure."""
+"""What a deploy will do, from what is desired and what is there; pure."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
 
 
 def is_same(live: Manifest, result: Manifest) -> bool:
-    """Whether two states of an object differ in nothing that anybody wrote."""
+    """Whether two states of an object differ in nothing that was written."""
     return substance(live) == substance(result)
 
 
@@ -71,7 +71,7 @@ def prunes(
     *,
     volumes: bool = False,
 ) -> Iterator[Step]:
-    """Yield what becomes of objects that nobody wants any more: what others need goes last.
+    """Yield what becomes of objects that are not wanted any more: what others need goes last.
 
     Args:
         volumes: whether what holds data goes too.

@@ -1,4 +1,4 @@
-"""Manifests as they are sent: labelled as the release's, with a hash that tells them unchanged.
+"""Manifests as they are sent: labelled as the release's, with a hash that shows changes.
 
 Pure; `render` prints what this makes, `apply` sends the same.
 """

@@ -37,7 +37,7 @@ CREATED, DESCRIPTION, VERSION, BACK_TO = (
 
 @attrs.frozen
 class Record:
-    """A revision as it is kept: what is told without decompressing it, and the rest."""
+    """A revision as it is kept: what can be read without decompressing it, and the rest."""
 
     release: ReleaseId
     secret: dict[str, Any]
@@ -89,7 +89,7 @@ def create(cluster: Cluster, revision: Revision) -> None:
 
 
 def update(cluster: Cluster, revision: Revision) -> None:
-    """Write a record's status and inventory anew."""
+    """Overwrite a record's status and inventory."""
     secret = encode(revision)
     body = {"metadata": {"labels": secret["metadata"]["labels"]}, "data": secret["data"]}
     cluster.patch(secret_ref(revision.release, revision.number), body)

@@ -62,7 +62,7 @@ class PodStatus:
 
 @attrs.frozen
 class WorkloadStatus:
-    """One workload: how many pods are ready of how many that shall be, and why not all are."""
+    """One workload: how many pods are ready, how many it is to have, and why not all are ready."""
 
     kind: str
     name: str
@@ -75,7 +75,7 @@ class WorkloadStatus:
 
     @property
     def ok(self) -> bool:
-        """Whether it is as it shall be, or the release is good without it."""
+        """Whether it is as desired, or the release is good without it."""
         return self.done or self.annotations.get(OPTIONAL_ANNOTATION) == "true"
 
 

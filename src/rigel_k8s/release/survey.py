@@ -39,7 +39,7 @@ class Survey:
     """The cluster as a deploy finds it.
 
     Attributes:
-        manifests: what shall be, prepared, in the order of apply.
+        manifests: what is desired, prepared, in the order of apply.
         live: what is there of it, and of what the last revision had.
         foreseen: what dry runs, quotas and rights say of it.
         namespace: the release's namespace, None where it is not there.
@@ -160,7 +160,7 @@ def find_left_over(
     manifests: Iterable[Manifest],
     last: Revision | None,
 ) -> dict[ObjectRef, Live]:
-    """Return what the last revision owns and nobody wants any more, as far as it is there."""
+    """Return what the last revision owns and is not wanted any more, as far as it is there."""
     wanted = {ref_of(m) for m in manifests}
     items = last.inventory if last else ()
     refs = [item.ref for item in items if item.ref not in wanted and item.ref not in live]

@@ -25,7 +25,7 @@ class ReleaseId:
 
 @attrs.frozen
 class Desired:
-    """What a release shall be.
+    """What a release is to be.
 
     Attributes:
         objects: complete manifests, namespaced ones with their namespace; no Namespace.

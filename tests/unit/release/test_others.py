@@ -77,7 +77,8 @@ def test_an_object_made_anew_after_the_plan_is_not_pruned(fake: FakeCluster, rep
     fake.as_manager("argo").create(config("b", theirs="1"))
     Applier(fake, RELEASE, report, threading.Event()).prune(plan.steps)
     assert fake.objects[ref("ConfigMap", "b")]["data"] == {"theirs": "1"}
-    assert report.warnings == ["ConfigMap n/b was made anew by somebody else meanwhile: left alone"]
+    (warning,) = report.warnings
+    assert warning == "ConfigMap n/b was replaced by another program meanwhile: left alone"
 
 
 def test_an_object_made_anew_before_the_plan_is_not_pruned(fake: FakeCluster, report: Any) -> None:

@@ -186,7 +186,7 @@ def check_update(
 
 
 def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Iterator[Problem]:
-    """Yield updates that shall hand over and cannot."""
+    """Yield updates that are to hand over and cannot."""
     gate = deploys_master(options, ros) and has_gate(options, distro)
     static = options.network is not None and options.network.ipam == "static"
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}

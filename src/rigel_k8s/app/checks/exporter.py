@@ -12,7 +12,7 @@ from rigel_k8s.problems import Problem
 
 ZENOH = (
     "ros_metrics: the exporter joins DDS and speaks no zenoh, so this application has no metrics of"
-    " its ROS graph; say `ros_metrics: false` to be told no more"
+    " its ROS graph; set `ros_metrics: false` to turn this warning off"
 )
 NO_MASTER = (
     "ros_metrics: without a ROS master that others reach there is no graph to be seen: give"
@@ -41,11 +41,11 @@ def speaks_zenoh(options: OrchestrationOptions, ros: Ros) -> bool:
 
 def check_exporter(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     """Yield what keeps the exporter from seeing the graph, and who has its name."""
-    told = options.observability
-    if told.exporter is None:
+    wanted = options.observability
+    if wanted.exporter is None:
         return
     if why := reason(options, ros):
-        if told.ros_metrics:
+        if wanted.ros_metrics:
             yield Problem(("observability", "ros_metrics"), why, "no-ros-metrics", at_key=True)
         else:
             path = ("observability",)

@@ -126,7 +126,7 @@ def check_line(name: str, line: Any) -> Iterator[Problem]:
 
 
 def check_appended(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield parameters and remappings that nobody would read."""
+    """Yield parameters and remappings that no program would read."""
     for key, name in flat_keys(node.parameters) if ros == "1" else ():
         try:
             RosName.parse(name)

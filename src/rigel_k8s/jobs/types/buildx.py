@@ -67,7 +67,7 @@ class BuildXOptions:
 
 
 class BuildXJob:
-    """Builds one image under all its tags; pushes and loads it where told."""
+    """Builds one image under all its tags; pushes and loads it where asked to."""
 
     options: ClassVar[type[BuildXOptions]] = BuildXOptions
 
@@ -128,17 +128,17 @@ def _build(
 def _platforms(
     wanted: Sequence[str] | None, engine: Engine, report: JobReporter
 ) -> tuple[str, ...]:
-    """Return what to build for, empty for this machine alone; tells what cannot be."""
+    """Return what to build for, empty for this machine alone; reports what cannot be built for."""
     able = engine.platforms()
     chosen = DEFAULT_PLATFORMS if wanted is None else tuple(wanted)
     unable = [platform for platform in chosen if platform not in able]
     if unable and wanted is None:
         chosen = tuple(p for p in chosen if p in able) or tuple(able[:1])
-        told = f"builds for {', '.join(chosen)} only, not for {', '.join(unable)}"
-        report.line(f"{engine.name} {told}: {engine.more_platforms}")
+        what = f"builds for {', '.join(chosen)} only, not for {', '.join(unable)}"
+        report.line(f"{engine.name} {what}: {engine.more_platforms}")
     elif unable:
-        told = f"{engine.name} cannot emulate {', '.join(unable)} here, so RUN steps will fail"
-        report.warn(f"{told}: {engine.more_platforms}")
+        what = f"{engine.name} cannot emulate {', '.join(unable)} here, so RUN steps will fail"
+        report.warn(f"{what}: {engine.more_platforms}")
     return () if chosen == (host_platform(),) else chosen
 
 

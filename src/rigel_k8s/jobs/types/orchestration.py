@@ -191,7 +191,7 @@ def _observe(prepared: Preparation, cluster: Cluster, job: JobContext) -> Rollou
     """Have the observability stack there that the job asks for; nothing where it asks for none.
 
     Returns:
-        Why it does not become ready: robots do not wait for dashboards, so it is told at the end.
+        Why it does not become ready: robots do not wait for dashboards: it is reported at the end.
     """
     if prepared.stack is None:
         return None

@@ -1,7 +1,7 @@
-"""Why a deploy is refused before anything is applied, and the way out; pure.
+"""Whether a deploy is refused before anything is applied, why, and the way out; pure.
 
-All reasons are told at once: another release's objects, other managers' fields, what Kubernetes
-never lets anybody change.
+All reasons are reported at once: objects of other releases, fields of other managers, what
+Kubernetes never lets change, pods and quotas.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
     Raises:
         Forbidden: rights are missing; all of them are listed.
         Refused: immutable fields, objects of another release, pods that the cluster would refuse.
-        ConflictError: objects or fields of another manager, and nobody said to adopt them.
+        ConflictError: objects or fields of another manager, which are not to be adopted.
     """
     if survey.foreseen.missing:
         raise explain_missing(survey.desired, survey.foreseen.missing)
@@ -110,8 +110,8 @@ def find_conflicts(survey: Survey) -> Iterator[str]:
             owners: dict[str, list[str]] = {}
             for field in result.fields:
                 owners.setdefault(field.manager, []).append(field.field)
-            told = "; ".join(f"{manager} owns {', '.join(f)}" for manager, f in owners.items())
-            yield f"{ref}: {told}"
+            owned = "; ".join(f"{manager} owns {', '.join(f)}" for manager, f in owners.items())
+            yield f"{ref}: {owned}"
 
 
 def find_overwritten(survey: Survey) -> Iterator[tuple[ObjectRef, Manifest]]:

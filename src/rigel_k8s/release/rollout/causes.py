@@ -54,7 +54,7 @@ class Cause:
 def pods_of(
     workload: Manifest, replica_sets: Iterable[Manifest], pods: Iterable[Manifest]
 ) -> list[Manifest]:
-    """Return the pods of a workload's newest template, as far as its kind tells them."""
+    """Return the pods of a workload's newest template, as far as its kind shows them."""
     uid = workload["metadata"]["uid"]
     if workload["kind"] == "Pod":
         return [pod for pod in pods if pod["metadata"]["uid"] == uid]
@@ -141,9 +141,9 @@ def explain_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
         if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
             yield explain_scheduling(str(condition.get("message", "")), name)
     if status.get("phase") == "Failed":
-        told = status.get("message") or status.get("reason") or "see its log"
+        reason = status.get("message") or status.get("reason") or "see its log"
         evicted = status.get("reason") == "Evicted"
-        yield Cause("evicted" if evicted else "failed", f"pod {name} failed: {told}", name)
+        yield Cause("evicted" if evicted else "failed", f"pod {name} failed: {reason}", name)
     for container in containers(status):
         yield from explain_container(pod, container)
     yield from explain_by_events(pod, events)
@@ -192,10 +192,10 @@ def explain_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
         return
     restarts, own = int(container.get("restartCount", 0)), container["name"]
     times = f", restarted {restarts} time{'s' if restarts != 1 else ''}" if restarts else ""
-    told = f"container {own} {exit_words(ended)}{times}"
+    message = f"container {own} {exit_words(ended)}{times}"
     up = "running" in state
     yield Cause(
-        "restarted" if up else "crash", told, pod, own, previous=not state.get("terminated")
+        "restarted" if up else "crash", message, pod, own, previous=not state.get("terminated")
     )
 
 

@@ -1,7 +1,7 @@
 """How long a cause may last before a roll-out is given up; pure: the time is passed in.
 
-A cause is told when it is seen. Giving up takes longer, since registries hiccup, autoscalers add
-nodes, and a ROS node that ends while there is no master yet is started again.
+A cause is reported when it is seen. Giving up takes longer, since registries hiccup, autoscalers
+add nodes, and a ROS node that ends while there is no master yet is started again.
 """
 
 from __future__ import annotations

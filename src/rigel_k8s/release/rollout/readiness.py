@@ -115,7 +115,7 @@ def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRe
 
 
 def daemon_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return how far a DaemonSet is on the nodes that shall have it."""
+    """Return how far a DaemonSet is on the nodes that are to have it."""
     wanted = int(status.get("desiredNumberScheduled", 0))
     on_delete = (spec.get("updateStrategy") or {}).get("type") == "OnDelete"
     updated = int(status.get("updatedNumberScheduled", 0))

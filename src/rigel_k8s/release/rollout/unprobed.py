@@ -1,6 +1,6 @@
-"""Containers that nobody probes: which they are, and whether they run at this very moment.
+"""Containers without probes: which they are, and whether they run at this very moment.
 
-The kubelet looks at its containers once a second and then tells the API server, so one that has
+The kubelet looks at its containers once a second and then reports them, so one that has
 crashed is Running and Ready for a second and, on a busy machine, some more. The stream of its log
 does not wait for that: the container runtime ends it with the container.
 """
@@ -34,7 +34,7 @@ class Unprobed:
 
 
 def find_unprobed_in(workload: ObjectRef, pods: Iterable[Manifest]) -> Iterator[Unprobed]:
-    """Yield the containers that nobody probes in those of a workload's pods that are to stay."""
+    """Yield the containers without probes in those of a workload's pods that are to stay."""
     for pod in pods:
         meta = pod["metadata"]
         if workload.kind in KINDS and not meta.get("deletionTimestamp"):

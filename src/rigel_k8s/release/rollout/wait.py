@@ -155,7 +155,7 @@ class Waiter:
             return False
         for ref in waiting:
             text = f"{ref.name} is not ready: {self.states[ref].message}; {self.release.name} runs"
-            next_step = self.optional[ref] or "`rigel status` tells how it goes on"
+            next_step = self.optional[ref] or "`rigel status` shows how it goes on"
             self.report.warn(f"{text} without it; {next_step}")
         return True
 
@@ -195,8 +195,8 @@ class Waiter:
         self.states[ref] = state
         if not state.done:
             self.rolling.add(ref)
-        told = ref in self.ledger.refs
-        if ref.kind in WORKLOADS and not told and state.message != UNSEEN:
+        explained = ref in self.ledger.refs
+        if ref.kind in WORKLOADS and not explained and state.message != UNSEEN:
             self.show(ref, state.message, done=self.is_ready(ref))
         return self.is_ready(ref)
 
@@ -208,13 +208,13 @@ class Waiter:
         return ref in self.claims_that_wait or bool(state and state.done and state.ok)
 
     def show(self, ref: ObjectRef, text: str, *, done: bool) -> None:
-        """Tell the present state of a workload, once."""
+        """Report the present state of a workload, once."""
         if self.shown.get(ref) != (text, done):
             self.shown[ref] = (text, done)
             self.report.progress(ref.name, text, done=done)
 
     def look_for_causes(self, view: ReleaseView, targets: Targets, now: float) -> None:
-        """Tell what is wrong as soon as it is seen, and give up on what has lasted too long."""
+        """Report what is wrong when it is seen, and give up on what has lasted too long."""
         if now - self.explained < EXPLAIN:
             return
         self.explained = now
@@ -223,7 +223,7 @@ class Waiter:
         coming = any(not self.is_ready(ref) and ref not in wrong for ref in targets)
         for seen in self.ledger.note(now, found, others_coming=coming, unsteady=self.unsteady):
             if seen.cause.kind != "restarted":
-                self.tell(seen)
+                self.report_cause(seen)
         for ref, cause in dict(reversed(found)).items():  # the first of each: two would take turns
             if ref.kind in WORKLOADS:
                 self.show(ref, cause.message, done=False)
@@ -255,8 +255,8 @@ class Waiter:
             else:
                 yield cause
 
-    def tell(self, seen: Seen) -> None:
-        """Tell a cause that has just been seen."""
+    def report_cause(self, seen: Seen) -> None:
+        """Report a cause that has just been seen."""
         lines = [f"{seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
         self.report.warn("\n".join(lines))
 
@@ -321,7 +321,7 @@ def is_optional(live: Manifest) -> bool:
 
 
 def remedy(live: Manifest) -> str:
-    """Return what to do where an optional object does not become ready, "" where nobody says."""
+    """Return what to do where an optional object does not become ready, "" for nothing."""
     return str((live["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))
 
 

@@ -114,7 +114,7 @@ def carry(source: socket.socket, sink: socket.socket) -> None:
 
 
 class HttpServer(ThreadingHTTPServer):
-    """A server on a free port of this machine.
+    """A server on a port of this machine; 0 is a free one.
 
     Attributes:
         answer: is called with the exchange for each request; a test may replace it.
@@ -126,8 +126,14 @@ class HttpServer(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
 
-    def __init__(self, answer: Callable[[Exchange], None], *, tls: ssl.SSLContext | None = None):
-        super().__init__(("127.0.0.1", 0), Exchange)
+    def __init__(
+        self,
+        answer: Callable[[Exchange], None],
+        *,
+        tls: ssl.SSLContext | None = None,
+        port: int = 0,
+    ):
+        super().__init__(("127.0.0.1", port), Exchange)
         self.answer, self.tls = answer, tls
         self.requests: list[Request] = []
         self.connections = 0
@@ -161,10 +167,10 @@ class HttpServer(ThreadingHTTPServer):
 
 @contextmanager
 def serving(
-    answer: Callable[[Exchange], None], *, tls: ssl.SSLContext | None = None
+    answer: Callable[[Exchange], None], *, tls: ssl.SSLContext | None = None, port: int = 0
 ) -> Iterator[HttpServer]:
     """Serve until the context ends."""
-    server = HttpServer(answer, tls=tls)
+    server = HttpServer(answer, tls=tls, port=port)
     Thread(target=server.serve_forever, args=(POLL,), daemon=True).start()
     try:
         yield server

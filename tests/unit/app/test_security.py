@@ -106,6 +106,18 @@ def test_what_a_rigelfile_sets_itself_stays() -> None:
     ]
 
 
+def test_a_volume_of_the_same_name_stays_as_it_is() -> None:
+    """A patch may choose another medium for what is written."""
+    own = {"name": "rigel-tmp", "emptyDir": {"medium": "Memory"}}
+    made = release(
+        restricted(
+            "image: a\nnodes: {n: {args: [x], patch: {spec: {template: {spec: {volumes:"
+            " [{name: rigel-tmp, emptyDir: {medium: Memory}}]}}}}}}"
+        )
+    )
+    assert [v for v in pod(made, "n")["volumes"] if v["name"] == "rigel-tmp"] == [own]
+
+
 def test_the_first_directories_belong_to_the_nodes_own_user() -> None:
     """Who makes HOME's directories is who writes to them."""
     made = release(

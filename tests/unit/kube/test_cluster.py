@@ -8,6 +8,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
 from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.conditions import ANYTHING, NOTHING, Onto, this_object, this_state
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.http_server import Exchange, HttpServer, Request
 
@@ -131,11 +132,50 @@ def test_a_patch_says_its_style_and_subresource(cluster: Any, style: Any, media:
     assert asked(server).headers["Content-Type"] == media
 
 
+UID = {"reason": "FieldValueInvalid", "message": "field is immutable", "field": "metadata.uid"}
+OTHER = {**UID, "field": "spec.selector"}
+
+
+@pytest.mark.parametrize(("cause", "kind"), [(UID, ConflictError), (OTHER, ClusterError)])
+def test_an_apply_onto_another_object_is_a_conflict(
+    serve: Any, cause: dict[str, str], kind: type[ClusterError]
+) -> None:
+    """Kubernetes calls another UID invalid; what else is invalid stays so."""
+    body = {"kind": "Status", "message": "no", "details": {"causes": [cause]}}
+    client, server = serve(answer_with(body, 422))
+    live = {"metadata": {"uid": "u-1", "resourceVersion": "7"}}
+    with pytest.raises(ClusterError) as caught:
+        client.apply(MANIFEST, onto=this_object(live))
+    assert isinstance(caught.value, ConflictError) is (kind is ConflictError)
+    assert caught.value.status == (409 if kind is ConflictError else 422)
+    assert asked(server).json["metadata"] == {**MANIFEST["metadata"], "uid": "u-1"}
+
+
+@pytest.mark.parametrize(
+    ("onto", "sent"),
+    [
+        (ANYTHING, {}),
+        (NOTHING, {"resourceVersion": "1"}),
+        (
+            this_state({"metadata": {"uid": "u-1", "resourceVersion": "7"}}),
+            {"uid": "u-1", "resourceVersion": "7"},
+        ),
+    ],
+)
+def test_what_an_apply_expects_is_sent(cluster: Any, onto: Onto, sent: dict[str, str]) -> None:
+    """The API server compares it together with the write."""
+    client, server = cluster
+    client.apply(MANIFEST, onto=onto)
+    assert asked(server).json["metadata"] == {**MANIFEST["metadata"], **sent}
+
+
 def test_a_delete_is_of_one_object_by_its_uid(cluster: Any) -> None:
     """The precondition, how what depends on it goes, the grace, the dry run."""
     client, server = cluster
     assert client.delete(REF) is True
-    client.delete(REF, uid="u-1", propagation="Foreground", grace_seconds=0, dry_run=True)
+    client.delete(
+        REF, uid="u-1", version="7", propagation="Foreground", grace_seconds=0, dry_run=True
+    )
     plain, whole = server.requests
     options = {"kind": "DeleteOptions", "apiVersion": "v1"}
     assert (str(plain), plain.query) == (f"DELETE {PATH}/c", {})
@@ -143,7 +183,7 @@ def test_a_delete_is_of_one_object_by_its_uid(cluster: Any) -> None:
     assert whole.json == {
         **options,
         "propagationPolicy": "Foreground",
-        "preconditions": {"uid": "u-1"},
+        "preconditions": {"uid": "u-1", "resourceVersion": "7"},
         "gracePeriodSeconds": 0,
         "dryRun": ["All"],
     }

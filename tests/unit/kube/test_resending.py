@@ -296,6 +296,32 @@ def test_a_server_that_names_a_time_is_given_it(status: int, endures: bool) -> N
     assert again.after_answer(status, {"Retry-After": "7"}) == 7.0
 
 
+def test_a_short_pause_is_not_worth_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resending, "SILENT", 1.0)
+    again = Resending(safe=True, endures=True)
+    assert not again.is_noticeable(0.25)
+    assert again.is_noticeable(1.5)
+
+
+def test_what_never_arrived_is_sent_again(serve: Any) -> None:
+    """Even steps on what was there: no one can have carried them out."""
+    with serving(fine) as first:
+        port = first.server_port
+        cluster = Cluster(Target(first.url))
+        cluster.get(REF)
+    lines, _ = endure(cluster)
+    cluster.client.transport.connections.close()
+    results: list[Any] = []
+    patch = threading.Thread(target=lambda: results.append(cluster.patch(REF, [], style="json")))
+    patch.start()
+    while not lines:
+        time.sleep(0.01)
+    with serving(fine, port=port):
+        patch.join(20)
+    cluster.close()
+    assert results == [MANIFEST]
+
+
 def test_an_error_that_stays_is_not_waited_for_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
     """A server that says 500 for half a minute has a reason; one that is away may come back."""
     clock = [0.0]

@@ -366,6 +366,21 @@ def test_the_servers_certificate_is_verified(
         assert WAYS[way](transport) in (b"ok", None)
 
 
+def test_an_untrusted_server_is_not_asked_again(
+    serve: Any, tls: ssl.SSLContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It would show the same certificate."""
+    transport, _ = transport_to(serve, fine, tls=tls)
+    exchanges = []
+    exchange = transport.exchange
+    monkeypatch.setattr(
+        transport, "exchange", lambda *words: (exchanges.append(words), exchange(*words))[1]
+    )
+    with pytest.raises(ClusterError, match="certificate is not trusted"):
+        transport.request("GET", "/x", "test")
+    assert len(exchanges) == 1
+
+
 def test_the_client_shows_its_certificate(
     serve: Any, certificate: tuple[Path, Path], tls: ssl.SSLContext
 ) -> None:

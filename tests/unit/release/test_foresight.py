@@ -13,6 +13,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal, refusal
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.deploy import deploy, diff
+from rigel_k8s.release.refusals.trials import choose_trials
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
 from tests.support.manifests import RELEASE, config, workload
@@ -136,12 +137,25 @@ def test_an_account_that_is_to_come_does_not_refuse_its_pods(fake: Any) -> None:
     """A service account of the release itself is not there when its pods are tried."""
     meta = {"name": "robot", "namespace": "n"}
     account = {"apiVersion": "v1", "kind": "ServiceAccount", "metadata": meta}
-    user = workload(pod={"serviceAccountName": "robot"})
+    user = workload()
+    user["spec"]["template"]["spec"]["serviceAccountName"] = "robot"
     seen = []
     fake.store.refuse = lambda live, dry_run: seen.append(live)
     diff(Desired(RELEASE, (user, account)), fake)
     [pod] = [live for live in seen if live["kind"] == "Pod"]
     assert "serviceAccountName" not in pod["spec"]
+
+
+@pytest.mark.parametrize("kind", ["Deployment", "DaemonSet", "StatefulSet"])
+def test_pods_that_are_made_again_and_again_are_tried(kind: str) -> None:
+    manifest = {**workload(), "kind": kind}
+    [trial] = choose_trials([manifest], {}, [manifest])
+    assert trial.workloads == (ref_of(manifest),)
+    assert trial.pod["spec"] == manifest["spec"]["template"]["spec"]
+
+
+def test_a_jobs_own_dry_run_checks_its_pods() -> None:
+    assert choose_trials([{**workload(), "kind": "Job"}], {}, []) == []
 
 
 def test_a_release_that_exceeds_a_quota_is_refused(fake: Any, report: Any) -> None:

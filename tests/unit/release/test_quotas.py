@@ -49,6 +49,16 @@ def using(**requests: str) -> dict[str, Any]:
         # Two roll-outs with an overlap find room for one pod more: one waits for the other.
         ("3", "2", [Change(r, pods(1), pods(1), pods(1)) for r in (TALKER, LISTENER)], True),
         ("2", "2", [Change(r, pods(1), pods(1), pods(1)) for r in (TALKER, LISTENER)], False),
+        # The one that needs less room goes first, and gives back what the other one needs.
+        (
+            "6",
+            "4",
+            [
+                Change(TALKER, pods(1), pods(1), pods(1)),
+                Change(LISTENER, pods(3), pods(3), pods(3)),
+            ],
+            True,
+        ),
         # A new workload may wait for the end of the other's roll-out.
         ("2", "1", [Change(TALKER, pods(1), pods(1), pods(1)), Change(LISTENER, pods(1))], True),
         ("1", "1", [Change(TALKER, pods(1), pods(2))], True),
@@ -93,6 +103,15 @@ def test_a_pod_takes_what_its_containers_take_together() -> None:
     assert amounts_of_pod(first)["cpu"] == 3
     beside = pod(using(cpu="1"), init=[{**using(cpu="3"), "restartPolicy": "Always"}])
     assert amounts_of_pod(beside)["cpu"] == 4
+    sidecar = {**using(cpu="1"), "restartPolicy": "Always"}
+    later = pod(using(cpu="1"), init=[sidecar, using(cpu="3")])
+    assert amounts_of_pod(later)["cpu"] == 4
+
+
+def test_what_a_runtime_class_adds_counts() -> None:
+    made = pod(using(cpu="1"))
+    made["spec"]["overhead"] = {"cpu": "250m"}
+    assert amounts_of_pod(made)["cpu"] == Decimal("1.25")
 
 
 def test_a_limit_is_the_request_that_is_not_said() -> None:
@@ -117,6 +136,8 @@ def test_objects_count_by_both_their_names() -> None:
     assert amounts_of_object(claim, "persistentvolumeclaims")["requests.storage"] == 2**30
     lease = {"apiVersion": "coordination.k8s.io/v1", "kind": "Lease"}
     assert set(amounts_of_object(lease, "leases")) == {"count/leases.coordination.k8s.io"}
+    other = {"apiVersion": "serving.knative.dev/v1", "kind": "Service"}
+    assert set(amounts_of_object(other, "services")) == {"count/services.serving.knative.dev"}
 
 
 @pytest.mark.parametrize(

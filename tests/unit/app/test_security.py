@@ -118,6 +118,19 @@ def test_a_volume_of_the_same_name_stays_as_it_is() -> None:
     assert [v for v in pod(made, "n")["volumes"] if v["name"] == "rigel-tmp"] == [own]
 
 
+def test_no_volume_is_added_that_no_container_uses() -> None:
+    """A node's own /tmp takes the place of ours."""
+    made = release(
+        restricted(
+            "image: a\nnodes: {t: {args: [t]}, n: {ros: none, args: [x],"
+            " volumes: [{memory: 1Mi, mount_path: /tmp}]}}"
+        )
+    )
+    names = {volume["name"] for volume in pod(made, "n")["volumes"]}
+    assert "rigel-home" in names
+    assert "rigel-tmp" not in names
+
+
 def test_the_first_directories_belong_to_the_nodes_own_user() -> None:
     """Who makes HOME's directories is who writes to them."""
     made = release(

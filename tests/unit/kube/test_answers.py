@@ -136,6 +136,14 @@ def test_what_is_garbled_once_is_asked_again(serve: Any, call: str) -> None:
     assert len(server.requests) == 2
 
 
+def test_steps_on_what_was_there_are_not_asked_again(serve: Any) -> None:
+    """They may have been carried out."""
+    client, server = serve(lambda exchange: exchange.say(200, b"<html>"))
+    with pytest.raises(Garbled):
+        client.patch(REF, [], style="json")
+    assert len(server.requests) == 1
+
+
 @pytest.mark.parametrize(
     "body",
     [

@@ -44,6 +44,13 @@ REFUSED = [
         "securityContext.windowsOptions.hostProcess",
     ),
     (container(privileged=True), "containers.0.securityContext.privileged"),
+    *(
+        (
+            {kind: [{"name": "a", "securityContext": {"privileged": True}}]},
+            f"{kind}.0.securityContext.privileged",
+        )
+        for kind in ("initContainers", "ephemeralContainers")
+    ),
     (
         container(allowPrivilegeEscalation=True),
         "containers.0.securityContext.allowPrivilegeEscalation",

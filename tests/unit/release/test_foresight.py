@@ -13,10 +13,10 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal, refusal
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.release.deploy import deploy, diff
-from rigel_k8s.release.refusals.trials import choose_trials
+from rigel_k8s.release.refusals.trials import choose_trials, contains
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Desired
-from tests.support.manifests import RELEASE, config, workload
+from tests.support.manifests import RELEASE, config, desired, workload
 
 POD_SECURITY = (
     'pods "talker-x7k" is forbidden: violates PodSecurity "restricted:latest": runAsNonRoot != true'
@@ -86,6 +86,43 @@ def test_refused_pods_are_known_before_any_write(
     assert fake.writes == []
     with pytest.raises(Refused):
         diff(wanted, fake)
+
+
+def test_an_invalid_pod_is_refused(fake: Any, report: Any) -> None:
+    """The Deployment of such a pod may be valid: a webhook changes pods, say."""
+    fake.store.refuse = refuse_pods('Pod "talker-x" is invalid: spec: no', status=422)
+    with pytest.raises(Refused, match="cannot become"):
+        deploy(desired(workload()), fake, report=report)
+    assert fake.writes == []
+
+
+def test_an_old_strategy_is_no_refusal(fake: Any, report: Any) -> None:
+    """Apply ends it before; only the dry run has it beside the new one."""
+    message = 'Deployment.apps "talker" is invalid: spec.strategy.rollingUpdate: Forbidden: no'
+
+    def refuse(live: Any, dry_run: Any) -> Refusal | None:
+        if live["kind"] != "Deployment" or not dry_run:
+            return None
+        answer = json.dumps({"message": message}).encode()
+        return refusal(422, answer, "apply", context="c", server="s")
+
+    fake.store.refuse = refuse
+    assert [step.action for step in diff(desired(workload()), fake).changes] == ["create"]
+
+
+@pytest.mark.parametrize(
+    ("live", "wanted", "same"),
+    [
+        ({"args": ["a", "b"]}, {"args": ["a"]}, False),
+        ({"args": ["a"]}, {"args": ["a", "b"]}, False),
+        ({"args": ["a"], "dnsPolicy": "ClusterFirst"}, {"args": ["a"]}, True),
+        ({"dnsPolicy": "ClusterFirst"}, {"dnsPolicy": None}, True),
+        ({}, {"args": []}, False),
+    ],
+)
+def test_what_kubernetes_adds_to_a_template_is_no_change(live: Any, wanted: Any, same: Any) -> None:
+    """A list that became shorter is one: each of its items is still there."""
+    assert contains(live, wanted) is same
 
 
 def test_one_reason_for_many_workloads_is_one_problem(fake: Any, report: Any) -> None:

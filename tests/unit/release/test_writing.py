@@ -39,6 +39,19 @@ def owner(fake: FakeCluster, about: ObjectRef) -> str:
     return str(fake.objects[about]["metadata"]["labels"][RELEASE_LABEL])
 
 
+def test_a_status_that_changes_meanwhile_costs_no_second_write(
+    fake: FakeCluster, report: Any
+) -> None:
+    """Controllers write at any time: only the UID of an object of ours must be the same."""
+    deploy(desired(config(k="1")), fake, report=report)
+    controller = fake.as_manager("controller")
+    news = {"metadata": {"annotations": {"seen": "yes"}}}
+    cluster = Between(fake.store, about=C, act=lambda: controller.patch(C, news))
+    fake.calls.clear()
+    deploy(desired(config(k="2")), cluster, report=report)
+    assert fake.calls.count(("apply", C)) == 1
+
+
 def test_of_two_releases_that_claim_one_name_at_once_one_has_it(
     fake: FakeCluster, report: Any
 ) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 
 import attrs
 
-from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Conflict, Forbidden, Missing, Refusal
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
@@ -124,8 +123,6 @@ def try_pod(cluster: Cluster, trial: Trial) -> Manifest | Refusal | None:
         return error if error.ground in ABOUT_OBJECTS else None
     except Refusal as error:
         return error if error.status == 422 else None
-    except ClusterError:
-        return None
 
 
 def try_object(

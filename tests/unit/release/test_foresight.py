@@ -9,9 +9,9 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import ClusterError, ConflictError
 from rigel_k8s.kube.failures import Forbidden, Refusal, refusal
-from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.deploy import deploy, diff
 from rigel_k8s.release.refusals.trials import choose_trials, contains
 from rigel_k8s.release.refusals.verdict import Refused
@@ -123,6 +123,54 @@ def test_an_old_strategy_is_no_refusal(fake: Any, report: Any) -> None:
 def test_what_kubernetes_adds_to_a_template_is_no_change(live: Any, wanted: Any, same: Any) -> None:
     """A list that became shorter is one: each of its items is still there."""
     assert contains(live, wanted) is same
+
+
+def test_a_conflict_of_the_moment_is_not_the_objects_fault(fake: Any, report: Any) -> None:
+    """No other manager owns a field: someone wrote the object just then."""
+
+    def refuse(live: Any, dry_run: Any) -> Refusal | None:
+        answer = b'{"message": "the object has been modified"}'
+        return refusal(409, answer, "apply", context="c", server="s") if dry_run else None
+
+    fake.store.refuse = refuse
+    with pytest.raises(ConflictError, match="has been modified"):
+        deploy(desired(config()), fake, report=report)
+
+
+def test_nothing_is_tried_in_a_namespace_to_come(fake: Any) -> None:
+    """Everything would be refused there."""
+    del fake.objects[ObjectRef("v1", "Namespace", "", "n")]
+    wanted = attrs.evolve(desired(workload(), config()), create_namespace=True)
+    assert len(diff(wanted, fake).changes) == 3
+    assert not [call for call in fake.calls if call[0] == "try"]
+
+
+def test_only_workloads_that_change_are_inspected(fake: Any, report: Any) -> None:
+    """Each costs questions to registries; where none changes there is nothing to ask."""
+    seen: list[list[str]] = []
+
+    def inspect(manifests: Any) -> dict[ObjectRef, str]:
+        seen.append([manifest["metadata"]["name"] for manifest in manifests])
+        return {}
+
+    first = attrs.evolve(desired(workload("a"), config(k="1")), inspect=inspect)
+    deploy(first, fake, report=report)
+    deploy(attrs.evolve(first, objects=(workload("a"), config(k="2"))), fake, report=report)
+    more = (workload("a"), workload("b"), config(k="2"))
+    deploy(attrs.evolve(first, objects=more), fake, report=report)
+    assert seen == [["a"], ["b"]]
+
+
+def test_quotas_that_we_may_not_see_refuse_nothing(fake: Any, report: Any) -> None:
+    """Kubernetes still does, when the pods are made."""
+
+    class Blind(type(fake)):  # type: ignore[misc]
+        def list(self, api_version: str, kind: str, *words: Any, **options: Any) -> Any:
+            if kind == "ResourceQuota":
+                raise Forbidden("you may not")
+            return super().list(api_version, kind, *words, **options)
+
+    assert deploy(desired(workload()), Blind(fake.store), report=report).status == "good"
 
 
 def test_one_reason_for_many_workloads_is_one_problem(fake: Any, report: Any) -> None:

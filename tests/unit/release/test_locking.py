@@ -13,7 +13,7 @@ from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import locking
 from rigel_k8s.release.deploy import deploy, history
-from rigel_k8s.release.lease import PROCESS, lease_ref, process
+from rigel_k8s.release.lease import PROCESS, is_alive, lease_ref, process
 from rigel_k8s.release.locking import hold
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Plan
@@ -89,6 +89,26 @@ def test_a_lease_taken_during_the_apply_stops_it(
     assert fake.names("ConfigMap") == there
     assert (ref("Deployment", "w") in fake.objects) == (last.kind == "Deployment")
     assert [r.status for r in history(fake, RELEASE)] == ["good", "pending"]
+
+
+@pytest.mark.usefixtures("unsure")
+def test_a_lease_taken_at_the_end_leaves_the_revision_pending(
+    fake: FakeCluster, report: Any
+) -> None:
+    """While the ROS graph is watched, say: what is good is for the other deploy to say."""
+    with pytest.raises(ClusterError, match="Lease is lost"):
+        deploy(desired(config()), fake, report=report, verify=lambda: take_over(fake))
+    assert [r.status for r in history(fake, RELEASE)] == ["pending"]
+
+
+@pytest.mark.parametrize(("part", "alive"), [(None, True), (0, None), (1, None), (3, False)])
+def test_only_a_process_of_this_machine_can_be_looked_for(part: int | None, alive: Any) -> None:
+    """One of another boot or another container may have our very number."""
+    words = process().split()
+    if part is not None:
+        words[part] = "0"
+    assert is_alive(manifest("me", **{PROCESS: " ".join(words)})) is alive
+    assert is_alive(manifest("me")) is None
 
 
 @pytest.mark.usefixtures("unsure")

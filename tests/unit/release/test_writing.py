@@ -14,6 +14,7 @@ from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release.deploy import deploy, diff, history
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_k8s.release.writing import TRIES
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
 
@@ -50,6 +51,25 @@ def test_a_status_that_changes_meanwhile_costs_no_second_write(
     fake.calls.clear()
     deploy(desired(config(k="2")), cluster, report=report)
     assert fake.calls.count(("apply", C)) == 1
+
+
+@attrs.define
+class Restless(FakeCluster):
+    """A client before whose every write another program changes the object."""
+
+    def apply(self, manifest: Any, *, dry_run: bool = False, **options: Any) -> Any:
+        if not dry_run and ref_of(manifest) == C:
+            news = {"metadata": {"annotations": {"seen": str(self.store.version)}}}
+            self.as_manager("controller").patch(C, news)
+        return super().apply(manifest, dry_run=dry_run, **options)
+
+
+def test_an_adoption_that_always_comes_too_late_ends(fake: FakeCluster, report: Any) -> None:
+    """As a conflict, after some tries."""
+    fake.as_manager("kubectl").create(config(k="0"))
+    with pytest.raises(ConflictError, match="has been modified"):
+        deploy(desired(config(k="1")), Restless(fake.store), report=report, adopt=True)
+    assert fake.calls.count(("apply", C)) == TRIES
 
 
 def test_of_two_releases_that_claim_one_name_at_once_one_has_it(

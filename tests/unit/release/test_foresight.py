@@ -145,22 +145,6 @@ def test_nothing_is_tried_in_a_namespace_to_come(fake: Any) -> None:
     assert not [call for call in fake.calls if call[0] == "try"]
 
 
-def test_only_workloads_that_change_are_inspected(fake: Any, report: Any) -> None:
-    """Each costs questions to registries; where none changes there is nothing to ask."""
-    seen: list[list[str]] = []
-
-    def inspect(manifests: Any) -> dict[ObjectRef, str]:
-        seen.append([manifest["metadata"]["name"] for manifest in manifests])
-        return {}
-
-    first = attrs.evolve(desired(workload("a"), config(k="1")), inspect=inspect)
-    deploy(first, fake, report=report)
-    deploy(attrs.evolve(first, objects=(workload("a"), config(k="2"))), fake, report=report)
-    more = (workload("a"), workload("b"), config(k="2"))
-    deploy(attrs.evolve(first, objects=more), fake, report=report)
-    assert seen == [["a"], ["b"]]
-
-
 def test_quotas_that_we_may_not_see_refuse_nothing(fake: Any, report: Any) -> None:
     """Kubernetes still does, when the pods are made."""
 
@@ -324,6 +308,18 @@ def test_rights_that_cannot_be_asked_for_are_not_missing(fake: Any, report: Any)
 
     done = deploy(Desired(RELEASE, (config("c"),)), Silent(), report=report)  # type: ignore[arg-type]
     assert done.status == "good"
+
+
+def test_what_an_incomplete_list_of_rights_lacks_is_asked_for(fake: Any, report: Any) -> None:
+    """An authorizer that is not RBAC does not list its rules."""
+
+    class Incomplete(type(fake)):  # type: ignore[misc]
+        def review(self, api_version: str, kind: str, spec: Any) -> Any:
+            if kind == "SelfSubjectRulesReview":
+                return {"resourceRules": [], "incomplete": True}
+            return super().review(api_version, kind, spec)
+
+    assert deploy(desired(config()), Incomplete(fake.store), report=report).status == "good"
 
 
 def test_a_deletion_needs_its_right_only_where_something_is_deleted(fake: Any, report: Any) -> None:

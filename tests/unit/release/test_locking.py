@@ -129,6 +129,25 @@ def test_a_removal_stops_when_its_lease_was_taken(fake: FakeCluster, report: Any
 
 
 @pytest.mark.usefixtures("unsure")
+def test_a_removal_forgets_no_history_that_is_another_deploys(
+    fake: FakeCluster, report: Any
+) -> None:
+    """It may already be the first revision of what comes next."""
+    deploy(desired(config("a")), fake, report=report)
+
+    class Watching(FakeCluster):
+        def delete(self, ref: ObjectRef, **options: Any) -> bool:
+            done = super().delete(ref, **options)
+            if ref.kind == "ConfigMap":
+                take_over(self)
+            return done
+
+    with pytest.raises(ClusterError, match="Lease is lost"):
+        down(Watching(fake.store), RELEASE, volumes=False, report=report)
+    assert len(history(fake, RELEASE)) == 1
+
+
+@pytest.mark.usefixtures("unsure")
 def test_a_holder_that_no_one_has_followed_goes_on(fake: FakeCluster, report: Any) -> None:
     """After an outage it renews its Lease first, and then writes."""
     assert deploy(desired(config()), fake, report=report).status == "good"

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.app.deploying.architectures import explain
-from rigel_k8s.errors import UserError
+from rigel_k8s.app.deploying.architectures import explain, find_unfit_machines
+from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired
 from tests.support.manifests import RELEASE, workload
@@ -45,6 +45,16 @@ def test_only_what_no_chosen_machine_runs_is_refused(
     """What a machine or a registry does not say is no refusal."""
     found = dict(explain([pinned(**selector)], nodes, {IMAGE: frozenset(runs_on)}))
     assert bool(found) is refused
+
+
+def test_machines_that_we_may_not_see_refuse_nothing(fake: Any) -> None:
+    """Most who may deploy into a namespace may not list nodes."""
+
+    class Blind(type(fake)):  # type: ignore[misc]
+        def nodes(self) -> Any:
+            raise ClusterError("you may not")
+
+    assert find_unfit_machines([pinned()], Blind(fake.store), ()) == {}
 
 
 def test_the_reason_names_both_sides_and_the_way_out() -> None:

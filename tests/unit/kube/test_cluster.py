@@ -151,6 +151,14 @@ def test_an_apply_onto_another_object_is_a_conflict(
     assert asked(server).json["metadata"] == {**MANIFEST["metadata"], "uid": "u-1"}
 
 
+def test_an_object_that_changed_is_not_deleted(serve: Any) -> None:
+    """Where its state is a condition; it is not tried again."""
+    client, server = serve(answer_with({"kind": "Status", "message": "modified"}, 409))
+    with pytest.raises(ConflictError):
+        client.delete(REF, uid="u-1", version="7")
+    assert str(asked(server)) == f"DELETE {PATH}/c"
+
+
 @pytest.mark.parametrize(
     ("onto", "sent"),
     [

@@ -42,7 +42,7 @@ def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
         yield from (problem.under(("nodes", str(key))) for problem in check_node(node))
     params = options.additional_k8s_params
     for name, tree in (("ros_master", params.ros_master), ("application", params.application)):
-        yield from check_patch(("additional_k8s_params", name), tree)
+        yield from find_in_patch(("additional_k8s_params", name), tree)
     for index, volume in enumerate(options.persistent_storage.volumes):
         if volume.host_path:
             message = OWNER.format(user=int(options.security.user), path=volume.host_path)
@@ -63,10 +63,10 @@ def check_node(node: NodeOptions) -> Iterator[Problem]:
     for index, device in enumerate(map(device_of, node.devices)):
         if device.path:
             yield Problem(("devices", index), DEVICE, "restricted")
-    yield from check_patch(("patch",), node.patch)
+    yield from find_in_patch(("patch",), node.patch)
 
 
-def check_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
+def find_in_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield what a patch of a Deployment asks for that is not allowed."""
     spec: Any = tree
     for key in POD:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.problems import Problem
-from rigel_k8s.release.refusals.usage import find_excess
+from rigel_k8s.release.refusals.usage import list_excesses
 from rigel_k8s.release.survey import Survey
 
 SHOWN = 3  # names of workloads in a message; the rest is counted
@@ -27,7 +27,7 @@ def find_refused_pods(survey: Survey) -> Iterator[Problem]:
     That a quota is exceeded is computed from all pods (`find_exceeded`); a single pod's dry run
     does not know that others end before it starts. Its word counts where nothing ends.
     """
-    exceeded = {ref for excess in find_excess(survey) for ref in excess.refs}
+    exceeded = {ref for excess in list_excesses(survey) for ref in excess.refs}
     ends = any(ref.kind in ("Deployment", "Pod") for ref in survey.live)
     reasons: dict[tuple[str, str], list[ObjectRef]] = {}
     for ref, answer in survey.foreseen.pods.items():
@@ -56,7 +56,7 @@ def describe_reason(error: Refusal, ref: ObjectRef) -> str:
 
 def find_exceeded(survey: Survey) -> Iterator[Problem]:
     """Yield a problem for each quota that the release does not fit into."""
-    for excess in find_excess(survey):
+    for excess in list_excesses(survey):
         text = (
             f"the quota {excess.quota} does not suffice: {excess.added} more of {excess.resource},"
             f" of which {excess.used} of {excess.hard} are used"

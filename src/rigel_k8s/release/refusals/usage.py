@@ -17,7 +17,7 @@ from rigel_k8s.release.revisions import secret_ref
 from rigel_k8s.release.survey import Survey
 
 
-def find_excess(survey: Survey) -> Iterator[quotas.Excess]:
+def list_excesses(survey: Survey) -> Iterator[quotas.Excess]:
     """Yield the quotas that the release exceeds."""
     if survey.foreseen.quotas:
         yield from quotas.find_excess(survey.foreseen.quotas, list(list_changes(survey)))

@@ -158,6 +158,23 @@ def test_programs_without_ros_get_a_home_and_no_variables_of_ros() -> None:
     assert "initContainers" not in pod(made, "n")
 
 
+@pytest.mark.parametrize(("source", "warned"), [("10.0.0.0/8", False), ("other", True)])
+def test_addresses_let_pods_on_the_machines_network_in(source: str, warned: Any) -> None:
+    """A release does not: such pods have the machine's address."""
+    found = problems(
+        "image: a\nnodes: {n: {args: [x], host_network: true}}\n"
+        f"network_policy: {{allow: [{source}]}}"
+    )
+    assert ("not-covered" in {problem.kind for problem in found}) is warned
+
+
+def test_an_address_in_a_range_stands_for_the_range() -> None:
+    """Kubernetes takes nothing else."""
+    made = release("image: a\nnetwork_policy: {allow: [192.168.1.5/24]}\nnodes: {n: {args: [x]}}")
+    [rule] = find(made, "NetworkPolicy", made.release.name)["spec"]["ingress"]
+    assert {"ipBlock": {"cidr": "192.168.1.0/24"}} in rule["from"]
+
+
 def test_policies_select_and_admit_the_release_by_the_label_of_its_pods() -> None:
     """Each Deployment's pods have the labels that the policy is about."""
     made = release("image: a\nnetwork_policy: true\nnodes: {n: {args: [x]}}")

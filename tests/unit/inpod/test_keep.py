@@ -35,10 +35,10 @@ def keep(tmp_path: Path) -> Callable[[str], tuple[int, int]]:
     (tmp_path / "program.sh").write_text(PROGRAM)
     (tmp_path / "uptime").write_text("1000.25 7.0\n")
 
-    def run(lives: str) -> tuple[int, int]:
+    def run(lives: str, **env: str) -> tuple[int, int]:
         (tmp_path / "lives").write_text(lives)
         line = ["sh", str(tmp_path / "keep.sh"), "sh", str(tmp_path / "program.sh")]
-        code = subprocess.run(line, timeout=60).returncode
+        code = subprocess.run(line, timeout=60, env={**os.environ, **env}).returncode
         return code, len((tmp_path / "starts").read_text().splitlines())
 
     return run
@@ -57,6 +57,17 @@ def test_a_program_that_was_stopped_is_not_started_again(
     keep: Callable[[str], tuple[int, int]],
 ):
     assert keep("30 1\nstopped") == (0, 2)
+
+
+def test_a_stop_that_comes_after_the_programs_end_counts(
+    keep: Callable[..., tuple[int, int]], tmp_path: Path
+):
+    """The stop hook ends the program first; this process waits a moment for its own signal."""
+    sleep = tmp_path / "bin" / "sleep"
+    sleep.parent.mkdir()
+    sleep.write_text('#!/bin/sh\nkill -INT "$PPID"\n')
+    sleep.chmod(0o755)
+    assert keep("30 4\n9 3", PATH=f"{sleep.parent}:{os.environ['PATH']}") == (4, 1)
 
 
 def test_signals_do_not_end_it_before_its_program(tmp_path: Path):

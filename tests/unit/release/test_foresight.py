@@ -275,6 +275,15 @@ def test_all_missing_rights_are_one_list_before_any_write(fake: Any, report: Any
     assert fake.writes == []
 
 
+def test_a_namespace_to_come_needs_its_right(fake: Any, report: Any) -> None:
+    del fake.objects[ObjectRef("v1", "Namespace", "", "n")]
+    verbs = ["get", "list", "watch", "update", "patch", "delete"]
+    fake.store.rules = [{"apiGroups": ["*"], "resources": ["*"], "verbs": verbs}]
+    with pytest.raises(Forbidden) as caught:
+        deploy(attrs.evolve(desired(config()), create_namespace=True), fake, report=report)
+    assert "namespaces (in the whole cluster): create" in caught.value.details
+
+
 def test_a_refused_look_lists_all_missing_rights_too(fake: Any, report: Any) -> None:
     """The first request that is refused would name one right alone."""
     fake.store.rules = []

@@ -9,7 +9,7 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.release.deploy import deploy, history
-from rigel_k8s.release.rollback import undo
+from rigel_k8s.release.rollback import find_target, rollback, undo
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired
 
@@ -47,6 +47,32 @@ def test_a_rollback_that_fails_is_part_of_the_error(fake: FakeCluster, report: A
     error = go_back(Away(fake.store), report, 1)
     assert "cannot be rolled back to revision 1: the cluster does not answer" in error.message
     assert "`rigel rollback` tries again" in (error.hint or "")
+
+
+def test_a_number_wins_over_a_rollback_that_was_interrupted(fake: FakeCluster, report: Any) -> None:
+    """Without one the interrupted rollback is finished."""
+
+    class Interrupting(FakeCluster):
+        def apply(self, *words: Any, dry_run: bool = False, **options: Any) -> Any:
+            if not dry_run:
+                raise Interrupted("stopped")
+            return super().apply(*words, dry_run=dry_run, **options)
+
+    for number in "123":
+        deploy(desired(config(k=number)), fake, report=report)
+    with pytest.raises(Interrupted):
+        rollback(Interrupting(fake.store), RELEASE, 1, report=report)  # type: ignore[arg-type]
+    assert history(fake, RELEASE)[-1].status == "pending"
+    assert rollback(fake, RELEASE, 2, report=report).back_to == 2  # type: ignore[arg-type]
+
+
+def test_what_failed_before_it_wrote_has_nothing_to_go_back_from(
+    fake: FakeCluster, report: Any
+) -> None:
+    """The last revision is good: it is what runs."""
+    assert find_target(fake, RELEASE) is None  # type: ignore[arg-type]
+    deploy(desired(config(k="1")), fake, report=report)
+    assert find_target(fake, RELEASE) is None  # type: ignore[arg-type]
 
 
 def test_an_interruption_is_not_a_failed_rollback(fake: FakeCluster, report: Any) -> None:

@@ -1,20 +1,27 @@
 """Templates filled: `vars` when the file is read, `data` when a job runs; and what is wrong there.
 
 A text that waits for data stays as it is, whole, and is marked as a hole; so is a text whose
-template is wrong, since that is told once and nothing else may be said about it.
+template is wrong: that is reported once, and nothing else about it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import attrs
 
 from rigel_k8s.option_text import has_template
+from rigel_k8s.rigelfile.filling import (
+    add_origin,
+    convert_numbers,
+    find_span,
+    join,
+    place_value,
+    read_text,
+)
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
 from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, MOST_PROBLEMS
-from rigel_k8s.rigelfile.numbers import keep_text
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, node_of
 from rigel_k8s.rigelfile.spending import KIND, Spending
 from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed
@@ -131,9 +138,9 @@ class Scope:
         span = value.key_span or value.span
         text = self._text(YamlNode(key, span, raw=key))
         if isinstance(text.value, dict | list):
-            self._tell(text, f"a key must be text, and {key} is {kind_of(text.value)}")
+            self._report(text, f"a key must be text, and {key} is {kind_of(text.value)}")
             return key
-        return _as_text(text)
+        return read_text(text)
 
     def _text(self, node: YamlNode) -> YamlNode:
         pieces = list(parts_of(node.value))
@@ -146,8 +153,8 @@ class Scope:
             return attrs.evolve(node, hole=True)
         if len(pieces) == 1:
             return values[0]
-        self._spent.add_text(node, sum(len(_as_text(value)) for value in values))
-        return _join(node, values)
+        self._spent.add_text(node, sum(len(read_text(value)) for value in values))
+        return join(node, values)
 
     def _values(self, node: YamlNode, pieces: list[Part]) -> list[YamlNode]:
         """Return the value of each piece; _Waits, after all wrong ones are told."""
@@ -160,7 +167,7 @@ class Scope:
             try:
                 found = self._value(node, piece)
                 self._spent.add_values(node, found)
-                value = _place(node, found)
+                value = place_value(node, found)
                 waits = waits or value.has_hole()
                 values.append(value)
                 if len(pieces) > 1 and isinstance(value.value, dict | list):
@@ -178,10 +185,10 @@ class Scope:
     def _finding(self, node: YamlNode, wrong: _Wrong, piece: Part, before: list[Part]) -> Finding:
         text = piece if isinstance(piece, str) else piece.text
         same = sum(1 for part in before if not isinstance(part, str) and part.text == text)
-        span = _find_span(self.source, node, text, same)
+        span = find_span(self.source, node, text, same)
         return attrs.evolve(make_finding(node, wrong.message, wrong.kind), span=span)
 
-    def _tell(self, node: YamlNode, message: str) -> None:
+    def _report(self, node: YamlNode, message: str) -> None:
         self.findings.append(make_finding(node, message, "template"))
 
     # Names
@@ -275,7 +282,7 @@ class Scope:
             value = self._look_up(node, reference.header, reference.name)
             if value is not None:
                 found.append(value)
-                values[reference] = _convert_numbers(value)
+                values[reference] = convert_numbers(value)
             elif reference.header == "data" and not self._final:
                 raise _Waits
             else:
@@ -287,7 +294,7 @@ class Scope:
             result = expression.evaluate(piece.source, values, self._spent.meter)
         except expression.ExpressionError as error:
             raise (missing if missing and error.undefined else _Wrong(str(error))) from error
-        return _origin(_make_node(result, node, piece.source), found)
+        return add_origin(_make_node(result, node, piece.source), found)
 
     def _knows(self, header: str, name: str) -> bool:
         known: Mapping[str, Any] = self._data if header == "data" else self.variables
@@ -295,29 +302,6 @@ class Scope:
 
 
 _NOWHERE = Span(0, 0, 0, 0)
-
-
-def _place(use: YamlNode, value: YamlNode) -> YamlNode:
-    """Return a var's value where it is used."""
-    return attrs.evolve(_move(use, value), key_span=use.key_span, key_defined_at=use.key_defined_at)
-
-
-def _move(use: YamlNode, value: YamlNode) -> YamlNode:
-    """Return a value with its place, and the places of all in it, as definition of what is used."""
-    inner: Any = value.value
-    if isinstance(inner, dict):
-        inner = {key: _move(use, child) for key, child in inner.items()}
-    elif isinstance(inner, list):
-        inner = [_move(use, child) for child in inner]
-    here = value.span == use.span
-    return attrs.evolve(
-        value,
-        value=inner,
-        span=use.span,
-        defined_at=value.defined_at or (None if here or value.environment else value.span),
-        key_span=use.span,
-        key_defined_at=value.key_defined_at or (None if here else value.key_span),
-    )
 
 
 def _walk(data: Mapping[str, Any], name: str) -> Any:
@@ -339,64 +323,8 @@ def _make_node(value: Any, node: YamlNode, what: str) -> YamlNode:
         raise _Wrong(f"{what}: {error}") from error
 
 
-def _origin(result: YamlNode, found: list[YamlNode]) -> YamlNode:
-    """Return the node with the origin of the first value that it was made from."""
-    for value in found:
-        if value.environment:
-            return attrs.evolve(result, environment=value.environment, untyped=True)
-        if value.span != result.span:
-            return attrs.evolve(result, defined_at=value.defined_at or value.span)
-    return result
-
-
-def _convert_numbers(node: YamlNode) -> Any:
-    """Return plain data whose numbers remember how they were written."""
-    if isinstance(node.value, dict):
-        return {key: _convert_numbers(child) for key, child in node.value.items()}
-    if isinstance(node.value, list):
-        return [_convert_numbers(child) for child in node.value]
-    return keep_text(node.value, node.raw)
-
-
-def _as_text(node: YamlNode) -> str:
-    if isinstance(node.value, str):
-        return node.value
-    return node.raw or ""
-
-
-def _join(node: YamlNode, values: list[YamlNode]) -> YamlNode:
-    """Return one text of several pieces, with the origin of the first that was not written here."""
-    text = "".join(map(_as_text, values))
-    joined = attrs.evolve(node, value=text, raw=text, untyped=True)
-    for value in values:
-        if value.defined_at or value.environment:
-            defined = node.defined_at or value.defined_at
-            return attrs.evolve(joined, defined_at=defined, environment=value.environment)
-    return joined
-
-
 def _bad_header(name: Name) -> str:
     written_name = f"{name.header}.{name.name}" if name.header else name.name
     if name.header in ("", "var", "env", "variables", "environment") and name.name:
         return f'"{written_name}" is no template, did you mean vars.{name.name}?'
     return f'"{written_name}" is no template: begin with vars. (also the environment) or data.'
-
-
-def _find_span(source: Source, node: YamlNode, text: str, number: int) -> Span:
-    """Return the place of the number-th occurrence of a text inside a scalar, if it is there."""
-    span = node.span
-    lines = source.lines
-    for found in _occurrences(lines, span, text):
-        if number == 0:
-            return found
-        number -= 1
-    return span
-
-
-def _occurrences(lines: Sequence[str], span: Span, text: str) -> Iterator[Span]:
-    for line in range(span.line, min(span.end_line, len(lines)) + 1):
-        content = lines[line - 1]
-        column = content.find(text, span.column - 1 if line == span.line else 0)
-        while column >= 0:
-            yield Span(line, column + 1, line, column + 1 + len(text))
-            column = content.find(text, column + 1)

@@ -240,6 +240,16 @@ def test_a_release_that_exceeds_a_quota_is_refused(fake: Any, report: Any) -> No
     assert fake.writes == []
 
 
+def test_a_quota_that_a_dry_run_names_too_is_one_problem(fake: Any, report: Any) -> None:
+    """The sum of all pods says more than the first of them."""
+    put_quota(fake, pods=("1", "1"))
+    fake.store.refuse = refuse_pods('pods "talker-x" is forbidden: exceeded quota: small')
+    with pytest.raises(Refused) as caught:
+        deploy(desired(workload()), fake, report=report)
+    [problem] = caught.value.problems
+    assert problem.message.startswith("Deployment n/talker: the quota small does not suffice")
+
+
 def test_an_update_fits_where_its_predecessor_was(fake: Any, report: Any) -> None:
     """The dry run of the new pod says that the quota is exceeded: the old one ends before."""
     deploy(Desired(RELEASE, (workload(),)), fake, report=report)

@@ -99,15 +99,19 @@ class Held:
             try:
                 self.lease, self.renewed = self.cluster.patch(self.ref, body), sent
             except (ConflictError, NotFoundError):
-                self.look_again(sent)
+                self.look_again()
             finally:
                 self.renewing = False
 
-    def look_again(self, sent: float) -> None:
-        """Note that the Lease is lost, unless an earlier renewal of ours has changed it."""
+    def look_again(self) -> None:
+        """Note that the Lease is lost; renew it again where only our own renewal has changed it.
+
+        When that was carried out is not known, so it does not count.
+        """
         now = self.cluster.get(self.ref)
         if now is not None and is_same_holder(now, self.lease):
-            self.lease, self.renewed = now, sent
+            self.lease = now
+            self.renew()
             return
         removed = f"another process has removed {self.ref}"
         self.successor = removed if now is None else describe(self.ref, now)

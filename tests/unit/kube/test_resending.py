@@ -314,7 +314,7 @@ def test_what_never_arrived_is_sent_again(serve: Any) -> None:
     results: list[Any] = []
     patch = threading.Thread(target=lambda: results.append(cluster.patch(REF, [], style="json")))
     patch.start()
-    while not lines:
+    while not lines and patch.is_alive():
         time.sleep(0.01)
     with serving(fine, port=port):
         patch.join(20)

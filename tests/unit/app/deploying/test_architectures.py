@@ -10,7 +10,7 @@ from rigel_k8s.app.deploying.architectures import explain, find_unfit_machines
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired
-from tests.support.manifests import RELEASE, workload
+from tests.support.manifests import RELEASE, config, workload
 
 IMAGE = "r/app:1@sha256:a"
 
@@ -67,15 +67,16 @@ def test_the_reason_names_both_sides_and_the_way_out() -> None:
 
 def test_a_deploy_asks_for_changed_workloads_alone_and_refuses(fake: Any, report: Any) -> None:
     """Before the first write, and never for a release that stays as it is."""
-    asked: list[str] = []
+    asked: list[list[str]] = []
 
     def inspect(workloads: Any) -> dict[Any, str]:
-        asked.extend(one["metadata"]["name"] for one in workloads)
+        asked.append([one["metadata"]["name"] for one in workloads])
         return {}
 
     deploy(Desired(RELEASE, (workload(),), inspect=inspect), fake, report=report)
     deploy(Desired(RELEASE, (workload(),), inspect=inspect), fake, report=report)
-    assert asked == ["talker"]
+    deploy(Desired(RELEASE, (workload(), config()), inspect=inspect), fake, report=report)
+    assert asked == [["talker"]]
     newer = workload(image="app:2")
     fake.calls.clear()
     wanted = Desired(RELEASE, (newer,), inspect=lambda found: dict(explain_all(found)))

@@ -61,6 +61,8 @@ def using(**requests: str) -> dict[str, Any]:
         ),
         # A new workload may wait for the end of the other's roll-out.
         ("2", "1", [Change(TALKER, pods(1), pods(1), pods(1)), Change(LISTENER, pods(1))], True),
+        # In the end it needs its room all the same.
+        ("3", "1", [Change(TALKER, pods(1), pods(1), pods(1)), Change(LISTENER, pods(3))], False),
         ("1", "1", [Change(TALKER, pods(1), pods(2))], True),
         ("0", "1", [], True),
     ],

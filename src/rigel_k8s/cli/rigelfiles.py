@@ -50,7 +50,7 @@ def finding_json(name: str, finding: object) -> dict[str, object]:
 
     assert isinstance(finding, Finding)
     return {
-        "file": name,
+        "file": finding.source.name if finding.source else name,
         "line": finding.span.line,
         "column": finding.span.column,
         "message": finding.message,

@@ -94,7 +94,7 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
         made.options,
         made.raw,
         rigelfile.application,
-        render(findings),
+        render([*made.warnings, *findings]),
         lambda problems: render(made.place_problems(problems)),
     )
 
@@ -228,7 +228,7 @@ def names_of(rigelfile: Rigelfile, spec: ComponentSpec) -> Any:
         ProblemsError: something is wrong with them, or a name waits for data of another job.
     """
     seen = grammar.preview(rigelfile, spec, None, {}, OrchestrationJob.options)
-    if seen.findings:
+    if any(finding.severity == "error" for finding in seen.findings):
         raise grammar.problems_error(rigelfile.source, seen.findings)
     options = seen.options if seen.options is not None else seen.draft
     if any(has_template(str(name)) for name in (options.namespace, options.deployment_name)):

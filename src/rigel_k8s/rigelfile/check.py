@@ -236,7 +236,8 @@ def _check_options(
     application: Application | None,
 ) -> Iterator[Finding]:
     """Yield what is wrong with a component's options, by their types and by its type's check."""
-    seen = look(scope.with_data(None, final=False), spec, overrides, found.options)
+    directory = application.dir if application else None
+    seen = look(scope.with_data(None, final=False), spec, overrides, found.options, directory)
     yield from seen.findings
     if seen.draft is not None and application is not None:
         yield from seen.place_problems(found.check(seen.draft, application))

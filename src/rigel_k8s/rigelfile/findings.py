@@ -26,6 +26,7 @@ class Finding:
         span: where it stands; for a value that a template gave, where the template stands.
         defined_at: the place of the var that gave the value.
         environment: the environment variable that gave the value.
+        source: the text that the span is of; None is the Rigelfile itself.
     """
 
     span: Span
@@ -34,14 +35,22 @@ class Finding:
     severity: Literal["error", "warning"] = "error"
     defined_at: Span | None = None
     environment: str | None = None
+    source: Source | None = None
 
 
 def make_finding(node: YamlNode, message: str, kind: str, *, key: bool = False) -> Finding:
     """Return an error about a node, or about its key."""
     if key and node.key_span:
-        return Finding(node.key_span, message, kind, defined_at=node.key_defined_at)
+        return Finding(
+            node.key_span, message, kind, defined_at=node.key_defined_at, source=node.source
+        )
     return Finding(
-        node.span, message, kind, defined_at=node.defined_at, environment=node.environment
+        node.span,
+        message,
+        kind,
+        defined_at=node.defined_at,
+        environment=node.environment,
+        source=node.source,
     )
 
 
@@ -63,18 +72,23 @@ def sort_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     shown = sorted(shown[:MOST_PROBLEMS], key=_order)
     severity: Literal["error", "warning"] = "error" if errors else "warning"
     message = f"more than {MOST_PROBLEMS} problems: the others are not shown"
-    return (*shown, Finding(shown[-1].span, message, "too-many", severity))
+    last = attrs.evolve(shown[-1], message=message, kind="too-many", severity=severity)
+    return (*shown, last)
 
 
-def _order(finding: Finding) -> tuple[Span, Span, str]:
-    return finding.span, finding.defined_at or finding.span, finding.message
+def _order(finding: Finding) -> tuple[str, Span, Span, str]:
+    """Sort by file, the Rigelfile first, and by place."""
+    name = finding.source.name if finding.source else ""
+    return name, finding.span, finding.defined_at or finding.span, finding.message
 
 
 def render(source: Source, finding: Finding, *, marked: bool = True) -> str:
     """Return a finding as text: the message, the line it is about, a caret below.
 
+    source: the Rigelfile; a finding about another text names that one.
     marked: a warning says that it is one; whoever says so already leaves it out.
     """
+    source = finding.source or source
     span = finding.span
     mark = "warning: " if marked and finding.severity == "warning" else ""
     message = _show(finding.message, LONGEST_MESSAGE)

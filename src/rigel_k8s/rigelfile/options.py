@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 import attrs
 
 from rigel_k8s.problems import Problem
+from rigel_k8s.rigelfile.expansion import Surroundings, expand
 from rigel_k8s.rigelfile.fields import nesting_key
 from rigel_k8s.rigelfile.findings import Finding, make_finding, place, problems_error, sort_findings
 from rigel_k8s.rigelfile.limits import MOST_PROBLEMS
@@ -36,7 +38,7 @@ class Preview:
         options: None where something is wrong, or not enough is known. A text that waits for data
             has its template in it, another value that waits is its field's default.
         raw: the `with` as plain data.
-        findings: what is wrong with it.
+        findings: what is wrong with it, and warnings.
         complete: nothing waits for data.
         draft: the options even where something is wrong, with defaults in those places.
         node: what the options were made from; paths of problems begin there.
@@ -65,11 +67,13 @@ class Realised:
         options: the options.
         raw: the `with` as plain data.
         node: what the options were made from; paths of problems begin there.
+        warnings: what there is to say about how they were made.
     """
 
     options: Any
     raw: dict[str, Any]
     node: YamlNode
+    warnings: tuple[Finding, ...] = ()
 
     def place_problems(self, problems: Iterable[Problem]) -> tuple[Finding, ...]:
         """Return problems with the options as findings."""
@@ -93,7 +97,8 @@ def preview(
     options: type[Any],
 ) -> Preview:
     """Return a component's options as far as they are known; never raises for what is wrong."""
-    return look(rigelfile.scope.with_data(data, final=False), spec, overrides, options)
+    scope = rigelfile.scope.with_data(data, final=False)
+    return look(scope, spec, overrides, options, rigelfile.application.dir)
 
 
 def realise(
@@ -108,20 +113,29 @@ def realise(
     Raises:
         ProblemsError: something is wrong with them, or data is missing; with the places.
     """
-    seen = look(rigelfile.scope.with_data(data, final=True), spec, overrides, options)
-    if seen.findings or seen.options is None:
+    scope = rigelfile.scope.with_data(data, final=True)
+    seen = look(scope, spec, overrides, options, rigelfile.application.dir)
+    if seen.options is None:
         raise problems_error(rigelfile.source, seen.findings)
-    return Realised(seen.options, seen.raw, seen.node)
+    return Realised(seen.options, seen.raw, seen.node, seen.findings)
 
 
 def look(
-    scope: Scope, spec: ComponentSpec, overrides: YamlNode | None, options: type[Any]
+    scope: Scope,
+    spec: ComponentSpec,
+    overrides: YamlNode | None,
+    options: type[Any],
+    directory: Path | None,
 ) -> Preview:
-    """Return a component's options as far as a scope knows their values."""
+    """Return a component's options as far as a scope knows their values.
+
+    Args:
+        directory: the application's, where files are that the options name; None: unknown.
+    """
     merged = merge_options(spec.options, overrides)
     scope.add_look(merged)
     with bounded(scope.source, merged):
-        return _look(scope, spec, overrides, options, merged)
+        return _look(scope, spec, overrides, options, merged, directory)
 
 
 def _look(
@@ -130,6 +144,7 @@ def _look(
     overrides: YamlNode | None,
     options: type[Any],
     merged: YamlNode,
+    directory: Path | None,
 ) -> Preview:
     written = scope.fill(merged)
     findings = [*scope.findings, *_nesting_faults(spec.options, overrides, options)]
@@ -137,15 +152,19 @@ def _look(
     if nesting_key(options):
         base, over = scope.fill(spec.options), overrides and scope.fill(overrides)
         node = merge_options(base, over, options)
-    result = structure(node, Any if options is dict else options)
-    findings += [place(node, problem) for problem in result.problems]
+    home = Path(scope.source.name).parent
+    expanded = expand(node, options, Surroundings(home, directory))
+    findings += expanded.findings
+    result = structure(expanded.node, Any if options is dict else options)
+    findings += [place(expanded.node, problem) for problem in result.problems]
+    wrong = any(finding.severity == "error" for finding in findings)
     return Preview(
-        options=None if findings else result.draft,
-        raw=strip_places(written),
+        options=None if wrong else result.draft,
+        raw=strip_places(written if expanded.node is node else expanded.node),
         findings=sort_findings(findings),
         complete=result.complete,
         draft=result.draft,
-        node=node,
+        node=expanded.node,
         doubts=result.doubts,
     )
 

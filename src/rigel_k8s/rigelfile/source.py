@@ -59,6 +59,7 @@ class YamlNode:
         untyped: a text that nobody wrote as one (the environment's, or made of several parts): it
             may become whatever the option wants, without loss.
         environment: the environment variable that gave the value.
+        source: the text that the value and its key stand in; None is the Rigelfile itself.
     """
 
     value: Any
@@ -70,6 +71,7 @@ class YamlNode:
     hole: bool = False
     untyped: bool = False
     environment: str | None = None
+    source: Source | None = None
 
     def children(self) -> Iterator[YamlNode]:
         """Yield the values of a mapping or list."""

@@ -34,6 +34,7 @@ WORDS = {
     "graph": "who discovers whom",
     "observability": "logs, metrics, boards",
     "network": "modes, Multus, preflight",
+    "muto": "stacks of Eclipse Muto",
     "rigel_lab": "local cluster, base images",
     "images": "builds, registries",
     "release": "plan, apply, wait, record",

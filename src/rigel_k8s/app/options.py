@@ -7,13 +7,15 @@ it. It knows no Kubernetes object.
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Literal
 
 import attrs
 
 from rigel_k8s.app.networkpolicy.options import NetworkPolicy
 from rigel_k8s.app.security.options import Level, Security, security_of
+from rigel_k8s.muto.expansion import expand
+from rigel_k8s.muto.options import Muto, muto_of
 from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
 from rigel_k8s.objects.fields import option, required_field, true_is_default
 from rigel_k8s.objects.podoptions import (
@@ -43,6 +45,8 @@ from rigel_k8s.objects.scalars import (
     RosUri,
 )
 from rigel_k8s.observability.options import Observability
+from rigel_k8s.rigelfile.expansion import Expanded, Surroundings
+from rigel_k8s.rigelfile.source import YamlNode
 
 
 @attrs.frozen(kw_only=True)
@@ -150,6 +154,8 @@ class OrchestrationOptions:
 
     #: src.plugin's users write all keys below this one; both shapes mean the same.
     nested_under: ClassVar[str] = "orchestration"
+    #: The nodes of a stack stand in place of `muto` before anything else reads the options.
+    expand: ClassVar[Callable[[YamlNode, Surroundings], Expanded]] = staticmethod(expand)
 
     namespace: ObjectName | None = option("the Kubernetes namespace; made where it is missing")
     deployment_name: ObjectName = option(
@@ -170,6 +176,12 @@ class OrchestrationOptions:
     application_image: ImageRef | None = option("the image of the one application's Deployment")
     image: ImageRef | None = option("the image of all `nodes` that name none")
     nodes: Mapping[str, NodeOptions] = option("the ROS nodes, each a Deployment, by ROS name", {})
+    muto: Muto | None = option(
+        "a stack of Eclipse Muto, whose nodes `nodes` are laid over; a word is short for its"
+        " `stack`",
+        accepts=Muto | str | None,
+        converter=muto_of,
+    )
     ros: Literal["1", "2", "none"] | None = option(
         "which ROS; none is a plain DDS application (default: that of application.distro)"
     )

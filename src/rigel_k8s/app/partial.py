@@ -9,7 +9,7 @@ from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.objects.overlay import merge, simplify
 
 #: A job that says one of these says what the release is.
-WHOLE = ("nodes", "application_image", "deploy_ros_master")
+WHOLE = ("nodes", "muto", "application_image", "deploy_ros_master")
 #: Options whose parts belong together: half of an old and half of a new one would be neither.
 AS_ONE = ("readiness", "rolling_update", "results")
 

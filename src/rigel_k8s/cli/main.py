@@ -43,6 +43,7 @@ COMMANDS = {
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
     "rbac": ("rbac", "Print the Roles that deploying, looking or installing takes."),
     "observe": ("observe", "Open Grafana, Prometheus and Loki here; status, remove."),
+    "muto": ("muto", "Turn stacks of Eclipse Muto into Rigelfiles."),
     "network": ("network", "Second networks for pods: install, status, remove Multus."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
     "image": ("images", "Images for machines that cannot pull from the internet."),

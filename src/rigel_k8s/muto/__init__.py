@@ -1,0 +1,13 @@
+"""Stacks of Eclipse Muto as nodes of a release.
+
+A stack is JSON that names ROS programs, parameters and remappings. Here it is read with the places
+of its values and translated into the options of `nodes`. Nothing here knows Kubernetes or those
+options' classes: what comes out is a tree of values that a Rigelfile could have, too.
+
+expansion, converting   what others call: the option `muto` of a job, and a whole Rigelfile
+translation, nodes      from stacks to nodes
+gathering, library      stacks that name other stacks, and where those are found
+arguments               `$(arg x)`, and what only a container can resolve
+formats, stack          the forms of stacks, told apart by their keys; the model
+reading, remarks        text with places; what there is to say about a value
+"""

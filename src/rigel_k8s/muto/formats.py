@@ -1,0 +1,141 @@
+"""The forms in which stacks come, told apart by their keys.
+
+bare stack        node, composable, stack, arg or param
+Ditto thing       features.stack.properties is a bare stack; `items` is a list of things
+stack/json        metadata.content_type, and launch with the sections of a bare stack
+Symphony          spec.components with properties {type: stack, data: any of these as base64}
+archives          stack/archive, and the older `artifact` and `on_start`: sources to build
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import attrs
+
+from rigel_k8s.muto.reading import decode, read
+from rigel_k8s.muto.remarks import Unreadable, error
+from rigel_k8s.muto.stack import SECTIONS, Stack, read_sections, text_at
+from rigel_k8s.rigelfile.source import YamlNode, kind_of
+
+#: Keys that only stacks with sources have.
+LEGACY = ("artifact", "launch_description_source", "on_start", "on_kill")
+#: Components of a solution; the text of each may be as large as a Rigelfile.
+MOST_COMPONENTS = 50
+BUILD = (
+    "this stack is an archive with sources, which needs a build: unpack it, build an image of it"
+    " with the jobs dockerfile and buildx, and deploy its launch file as one node with `launch`"
+)
+UNKNOWN = (
+    "this is not a stack: expected `node`, `composable` or `stack`, a Ditto thing with the feature"
+    " `stack`, `metadata.content_type: stack/json`, or a Symphony solution"
+)
+
+
+def list_stacks(root: YamlNode) -> tuple[Stack, ...]:
+    """Return the stacks of a document, at least one.
+
+    Raises:
+        Unreadable: it is none, or one that needs a build.
+    """
+    if isinstance(root.value, dict) and "items" in root.value:
+        root = root.value["items"]
+    if not isinstance(root.value, list):
+        return (read_stack(root),)
+    if not root.value:
+        raise Unreadable(error(root, "there is no stack in this list", "not-a-stack"))
+    return tuple(read_stack(item) for item in root.value)
+
+
+def read_stack(root: YamlNode) -> Stack:
+    """Return the stack that a value is. Raises Unreadable as list_stacks."""
+    if not isinstance(root.value, dict):
+        message = f"a stack must be a mapping, got {kind_of(root.value)}"
+        raise Unreadable(error(root, message, "not-a-stack"))
+    content = root.value
+    if "features" in content:
+        return _read_thing(root)
+    if "metadata" in content and "launch" in content:
+        return _read_described(root)
+    if "spec" in content:
+        return _read_solution(root)
+    for key in LEGACY:
+        if key in content:
+            raise Unreadable(error(content[key], BUILD, "needs-build", key=True))
+    if any(key in content for key in SECTIONS):
+        return read_sections(root)
+    raise Unreadable(error(root, UNKNOWN, "not-a-stack"))
+
+
+def _read_thing(root: YamlNode) -> Stack:
+    properties = _descend(root, "features", "stack", "properties")
+    stack = read_stack(properties)
+    ids = dict.fromkeys(filter(None, (*stack.ids, text_at(root.value, "thingId"))))
+    return attrs.evolve(stack, ids=tuple(ids))
+
+
+def _read_described(root: YamlNode) -> Stack:
+    """Return a stack with `metadata` and `launch`, the form of Muto's ROS 2 generation."""
+    metadata, launch = _descend(root, "metadata"), _descend(root, "launch")
+    form = text_at(metadata.value, "content_type")
+    if form == "stack/archive" or "data" in launch.value or "url" in launch.value:
+        raise Unreadable(error(launch, BUILD, "needs-build", key=True))
+    if form != "stack/json":
+        place = metadata.value.get("content_type", metadata)
+        message = f'unknown content_type "{form}": expected stack/json or stack/archive'
+        raise Unreadable(error(place, message, "not-a-stack"))
+    return read_sections(launch, ids=[text_at(metadata.value, "name")], ros2=True)
+
+
+def _read_solution(root: YamlNode) -> Stack:
+    """Return a Symphony solution as one stack of all its components that are stacks."""
+    components = _descend(root, "spec").value.get("components")
+    if components is None or not isinstance(components.value, list):
+        raise Unreadable(error(root.value["spec"], UNKNOWN, "not-a-stack", key=True))
+    if len(components.value) > MOST_COMPONENTS:
+        message = f"this solution has more than {MOST_COMPONENTS} components"
+        raise Unreadable(error(components, message, "too-large", key=True))
+    parts = tuple(part for item in components.value for part in _read_component(item))
+    if not parts:
+        message = "no component of this solution is a stack: expected properties.type: stack"
+        raise Unreadable(error(components, message, "not-a-stack", key=True))
+    metadata = root.value.get("metadata")
+    named = metadata.value if metadata is not None and isinstance(metadata.value, dict) else {}
+    name = text_at(named, "name")
+    return Stack(
+        tuple(filter(None, [name])), name, root, parts=parts, ros2=any(p.ros2 for p in parts)
+    )
+
+
+def _read_component(item: YamlNode) -> Iterator[Stack]:
+    """Yield the stacks of a component; `data` is text in base64, or the stack itself."""
+    content = item.value if isinstance(item.value, dict) else {}
+    properties = content.get("properties")
+    if properties is None or not isinstance(properties.value, dict):
+        return
+    if text_at(properties.value, "type") != "stack":
+        return
+    data = properties.value.get("data")
+    name = text_at(content, "name")
+    if data is None:
+        message = f'the component "{name}" has no data'
+        raise Unreadable(error(properties, message, "not-a-stack", key=True))
+    if text_at(properties.value, "content-type") == "stack/archive":
+        raise Unreadable(error(data, BUILD, "needs-build", key=True))
+    inner = data if isinstance(data.value, dict) else read(decode(data, f"component {name}"))
+    if isinstance(inner.value, dict) and "spec" in inner.value:
+        message = "a component of a solution cannot be a solution"
+        raise Unreadable(error(inner.value["spec"], message, "not-a-stack", key=True))
+    yield from list_stacks(inner)
+
+
+def _descend(root: YamlNode, *keys: str) -> YamlNode:
+    """Return the mapping below some keys. Raises Unreadable where there is none."""
+    node = root
+    for key in keys:
+        below = node.value.get(key)
+        if below is None or not isinstance(below.value, dict):
+            message = f"there is no mapping {'.'.join(keys)} here: {UNKNOWN}"
+            raise Unreadable(error(below or node, message, "not-a-stack", key=True))
+        node = below
+    return node

@@ -1,0 +1,253 @@
+"""One node of a stack as options of a node of ours."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.muto.arguments import Arguments, ContainerValue
+from rigel_k8s.muto.remarks import Remark, Unreadable, describe_unknown, error, loss, note
+from rigel_k8s.muto.stack import is_empty, text_at
+from rigel_k8s.option_text import text_of
+from rigel_k8s.rigelfile.limits import LONGEST_NUMBER
+from rigel_k8s.rigelfile.source import YamlNode, kind_of, node_of
+
+#: Keys of a node that become options, and those that only Muto needs.
+CARRIED = ("name", "namespace", "pkg", "exec", "args", "param", "remap", "env", "if", "unless")
+UNNEEDED = ("output", "action", "respawn", "respawn_delay")
+#: Keys of a parameter; the last two have no effect in Muto either.
+PARAMETER = ("name", "value", "namespace", "sep")
+#: Keys that have no counterpart, with why, or what to do.
+LOST: Mapping[str, str] = {
+    "lifecycle": "let the node activate itself, or call `ros2 lifecycle set` once it runs",
+    "launch-prefix": "give the node a `command` of its own in the Rigelfile",
+    "ros_args": "add its words to `args`",
+    "required": "Kubernetes starts this node again, and stops no other one",
+    "cwd": "set WORKDIR in the image",
+    "plugin": "only a container loads components",
+}
+NODELET = (
+    "a nodelet runs in a pod of its own, so its messages cross the network: let one node of the"
+    " Rigelfile start manager and nodelets with `launch`"
+)
+_WHOLE_NUMBER = re.compile(r"[-+]?\d+")
+_NUMBER = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE]))([eE][-+]?\d+)?")
+_TRUTHS = {"true": True, "false": False}
+_CONDITIONS = {"true": True, "1": True, "false": False, "0": False}
+
+
+@attrs.frozen
+class Translated:
+    """What became of a node; `options` is None where it is left out."""
+
+    key: str
+    options: YamlNode | None
+    remarks: tuple[Remark, ...]
+
+
+def translate_node(entry: YamlNode, arguments: Arguments) -> Translated:
+    """Return a node of a stack as an entry of `nodes`."""
+    work = _Node(entry, arguments)
+    try:
+        options = work.translate()
+    except Unreadable as fault:
+        return Translated(work.key, None, (*work.remarks, fault.remark))
+    return Translated(work.key, options, tuple(work.remarks))
+
+
+class _Node:
+    """One node on its way."""
+
+    def __init__(self, entry: YamlNode, arguments: Arguments) -> None:
+        self.remarks: list[Remark] = []
+        self.key = text_at(entry.value, "name")
+        self._entry = entry
+        self._content = {k: v for k, v in entry.value.items() if not is_empty(v)}
+        self._arguments = arguments
+        self._options: dict[str, YamlNode] = {}
+
+    def translate(self) -> YamlNode | None:
+        """Return the options; None where a condition leaves the node out."""
+        name = self._need("name")
+        self.key = self._make_key(name)
+        if self._is_left_out():
+            return None
+        self._put("package", self._need("pkg"))
+        self._put("executable", self._need("exec"))
+        self._carry("args", "args")
+        self._carry_parameters()
+        self._carry_remappings()
+        self._carry_environment()
+        self._remark_on_rest()
+        return attrs.evolve(self._entry, value=self._options, raw=None, key_span=name.span)
+
+    def _make_key(self, name: YamlNode) -> str:
+        """Return the node's full ROS name without the slash at its beginning."""
+        namespace = self._content.get("namespace")
+        above = "" if namespace is None else text_of(self._know("namespace", namespace).value)
+        return "/".join(filter(None, (above.strip("/"), text_of(name.value).strip("/"))))
+
+    def _need(self, key: str) -> YamlNode:
+        """Return a text that a node must have, and that only the stack can say."""
+        value = self._content.get(key)
+        if value is None:
+            message = f'the key "{key}" is missing'
+            raise Unreadable(error(self._entry, message, "missing-key"))
+        return self._know(key, value)
+
+    def _know(self, key: str, value: YamlNode) -> YamlNode:
+        """Return a scalar without expressions. Raises Unreadable where a container is needed."""
+        resolved = self._arguments.resolve(value)
+        if isinstance(resolved, ContainerValue):
+            message = f'"{key}" must be known before the node runs: {_explain(resolved)}'
+            raise Unreadable(error(resolved.node, message, "needs-container"))
+        if isinstance(resolved.value, dict | list):
+            message = f'"{key}" must be text, got {kind_of(resolved.value)}'
+            raise Unreadable(error(resolved, message, "wrong-type"))
+        return resolved
+
+    def _is_left_out(self) -> bool:
+        for key, wanted in (("if", True), ("unless", False)):
+            condition = self._content.get(key)
+            if condition is None:
+                continue
+            truth = _CONDITIONS.get(text_of(self._know(key, condition).value).lower())
+            if truth is None:
+                message = f'"{key}" must be true, false, 1 or 0'
+                raise Unreadable(error(condition, message, "wrong-type"))
+            if truth is not wanted:
+                message = f'"{self.key}" is left out, as roslaunch does; Muto would start it'
+                self.remarks.append(note(condition, message, "left-out"))
+                return True
+        return False
+
+    # Options
+
+    def _put(self, option: str, value: YamlNode) -> None:
+        self._options[option] = attrs.evolve(value, key_span=value.key_span or value.span)
+
+    def _carry(self, key: str, option: str) -> None:
+        value = self._content.get(key)
+        if value is not None and (known := self._resolve(f"`{key}`", option, value)) is not None:
+            self._put(option, known)
+
+    def _resolve(self, what: str, option: str, value: YamlNode) -> YamlNode | None:
+        """Return a value, None with a remark where only a container could resolve it."""
+        resolved = self._arguments.resolve(value)
+        if not isinstance(resolved, ContainerValue):
+            return resolved
+        message = f"{what} cannot be carried over: {_explain(resolved)}; {self._suggest(option)}"
+        self._lose(resolved.node, message, option, kind="needs-container")
+        return None
+
+    def _suggest(self, option: str) -> str:
+        return f"set nodes.{self.key}.{option} in the Rigelfile"
+
+    def _lose(
+        self, at: YamlNode, message: str, option: str | None = None, kind: str = "not-carried"
+    ) -> None:
+        self.remarks.append(loss(at, message, kind=kind, node=self.key, option=option))
+
+    def _list(self, key: str) -> list[YamlNode]:
+        """Return the mappings of a list."""
+        section = self._content.get(key)
+        if section is None:
+            return []
+        entries = section.value if isinstance(section.value, list) else [section]
+        for entry in entries:
+            if not isinstance(entry.value, dict):
+                message = f'"{key}" must be a list of mappings, got {kind_of(entry.value)}'
+                raise Unreadable(error(entry, message, "wrong-type"))
+        return list(entries)
+
+    def _text(self, entry: YamlNode, key: str) -> str:
+        """Return a text that an entry of a list must have."""
+        value = entry.value.get(key)
+        if value is None or is_empty(value):
+            raise Unreadable(error(entry, f'the key "{key}" is missing', "missing-key"))
+        return text_of(self._know(key, value).value)
+
+    def _gather(self, option: str, section: str, found: dict[str, YamlNode]) -> None:
+        if found:
+            self._put(option, attrs.evolve(self._content[section], value=found, raw=None))
+
+    def _carry_parameters(self) -> None:
+        found: dict[str, YamlNode] = {}
+        for entry in self._list("param"):
+            lost = next((k for k in ("from", "command") if _says(entry, k)), None)
+            if lost is not None:
+                self._lose_parameters(entry, lost)
+            elif (name := self._text(entry, "name")) and (value := self._parameter(entry, name)):
+                found[name] = attrs.evolve(value, key_span=entry.value["name"].span)
+        self._gather("parameters", "param", found)
+
+    def _lose_parameters(self, entry: YamlNode, key: str) -> None:
+        what = "a file of the image" if key == "from" else "a program of the image"
+        option = "parameter_files" if key == "from" else "parameters"
+        message = f"parameters from {what} cannot be carried over: {self._suggest(option)}"
+        self._lose(entry.value[key], message, option, kind="needs-container")
+
+    def _parameter(self, entry: YamlNode, name: str) -> YamlNode | None:
+        """Return a parameter's value; a text that is a number or truth becomes one."""
+        for key in entry.value:
+            if key not in PARAMETER and _says(entry, key):
+                self._lose(entry.value[key], describe_unknown(key, "a parameter", PARAMETER))
+        value = entry.value.get("value")
+        if value is None or value.value is None:
+            raise Unreadable(error(entry, f'the parameter "{name}" has no value', "missing-key"))
+        resolved = self._resolve(f'the parameter "{name}"', "parameters", value)
+        return resolved and give_type(resolved)
+
+    def _carry_remappings(self) -> None:
+        found: dict[str, YamlNode] = {}
+        for entry in self._list("remap"):
+            name = self._text(entry, "from")
+            target = node_of(self._text(entry, "to"), entry.value["to"])
+            found[name] = attrs.evolve(target, key_span=entry.value["from"].span)
+        self._gather("remappings", "remap", found)
+
+    def _carry_environment(self) -> None:
+        found: dict[str, YamlNode] = {}
+        for entry in self._list("env"):
+            name = self._text(entry, "name")
+            value = entry.value.get("value", attrs.evolve(entry, value="", raw=""))
+            known = self._resolve(f'the variable "{name}"', "env", value)
+            if known is not None:
+                found[name] = attrs.evolve(known, key_span=entry.value["name"].span)
+        self._gather("env", "env", found)
+
+    def _remark_on_rest(self) -> None:
+        """Remark on what the node says beside its options."""
+        if text_at(self._content, "pkg") == "nodelet":
+            self._lose(self._content["pkg"], NODELET)
+        for key, value in self._content.items():
+            if key in LOST:
+                message = f"`{key}` is not carried over: {LOST[key]}"
+                self._lose(value, message, "command" if key == "launch-prefix" else None)
+            elif key not in CARRIED and key not in UNNEEDED:
+                self._lose(value, describe_unknown(key, "a node", (*CARRIED, *LOST)))
+
+
+def give_type(node: YamlNode) -> YamlNode:
+    """Return a text that is written as a number or truth as one: "2" is 2; others as they are."""
+    text: Any = node.value
+    if not isinstance(text, str):
+        return node
+    if text.lower() in _TRUTHS:
+        return node_of(_TRUTHS[text.lower()], node)
+    if len(text) > LONGEST_NUMBER:
+        return node
+    if _WHOLE_NUMBER.fullmatch(text):
+        return node_of(int(text), node)
+    return node_of(float(text), node) if _NUMBER.fullmatch(text) else node
+
+
+def _says(entry: YamlNode, key: str) -> bool:
+    return key in entry.value and not is_empty(entry.value[key])
+
+
+def _explain(value: ContainerValue) -> str:
+    return f"only the image knows {', '.join(value.calls)}"

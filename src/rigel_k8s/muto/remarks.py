@@ -1,0 +1,85 @@
+"""What there is to say about a value of a stack, at its place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import attrs
+
+from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
+from rigel_k8s.rigelfile.source import YamlNode
+
+
+@attrs.frozen
+class Remark:
+    """A finding about a stack.
+
+    Attributes:
+        lost: something of the stack is not carried over; an error where the user is strict.
+        node: the key of the node that it is about; None: the stack as a whole.
+        option: the node's option that would replace what is lost.
+    """
+
+    finding: Finding
+    lost: bool = False
+    node: str | None = None
+    option: str | None = None
+
+
+class Unreadable(Exception):
+    """A value that nothing can be made of; the remark says why."""
+
+    def __init__(self, remark: Remark) -> None:
+        super().__init__(remark.finding.message)
+        self.remark = remark
+
+
+def error(at: YamlNode, message: str, kind: str, *, key: bool = False) -> Remark:
+    """Return what keeps the stack from being deployed."""
+    return Remark(make_finding(at, message, kind, key=key))
+
+
+def note(at: YamlNode, message: str, kind: str, *, key: bool = False) -> Remark:
+    """Return what works otherwise than it looks."""
+    finding = make_finding(at, message, kind, key=key)
+    return Remark(attrs.evolve(finding, severity="warning"))
+
+
+def loss(
+    at: YamlNode,
+    message: str,
+    *,
+    kind: str = "not-carried",
+    node: str | None = None,
+    option: str | None = None,
+) -> Remark:
+    """Return what of a stack is not carried over: shown at its key, if it has one."""
+    remark = note(at, message, kind, key=True)
+    return attrs.evolve(remark, lost=True, node=node, option=option)
+
+
+def describe_unknown(key: str, what: str, known: Iterable[str]) -> str:
+    """Return what to say about a key that has no meaning; `what` has it: "a node"."""
+    near = find_nearest(key, known)
+    meant = f', did you mean "{near}"?' if near else ""
+    return f'unknown key "{key}" of {what} is not carried over{meant}'
+
+
+def list_findings(remarks: Iterable[Remark], *, strict: bool) -> Iterator[Finding]:
+    """Yield the findings; `strict` makes errors of what is lost."""
+    for remark in remarks:
+        if strict and remark.lost:
+            yield attrs.evolve(remark.finding, severity="error")
+        else:
+            yield remark.finding
+
+
+def leave_out_replaced(
+    remarks: Iterable[Remark], nodes: Mapping[str, YamlNode]
+) -> Iterator[Remark]:
+    """Yield the remarks without losses that the Rigelfile's own `nodes` make good."""
+    for remark in remarks:
+        own = nodes.get(remark.node or "")
+        replaced = own is not None and isinstance(own.value, dict) and remark.option in own.value
+        if not (remark.lost and replaced):
+            yield remark

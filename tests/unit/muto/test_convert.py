@@ -1,0 +1,78 @@
+"""Every sample has a golden Rigelfile that means the same as the stack; every bad stack its output.
+
+`pytest tests/unit/muto --update-golden` writes both.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rigel_k8s.cli.main import run
+
+from .shapes import FOLDER, SAMPLES
+
+HERE = Path(__file__).parent
+#: Bad stacks that are only there for others to refer to.
+REFERRED = ("twice-a", "twice-b", "wheel")
+
+
+def convert(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
+    """Return the exit code, standard output and standard error of `rigel muto convert`."""
+    code = run(["muto", "convert", *words], "rigel")
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def compare(text: str, golden: Path, *, update: bool) -> None:
+    if update:
+        golden.write_text(text, "utf-8")
+    assert text == golden.read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_sample_becomes_its_rigelfile(
+    name: str,
+    update_golden: bool,  # noqa: FBT001 - a fixture
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is not carried over is printed, with its place, and stands in comments."""
+    directory, stack = SAMPLES[name]
+    monkeypatch.chdir(FOLDER / directory)
+    code, text, warnings = convert(capsys, stack)
+    assert code == 0
+    compare(text, FOLDER / f"{name}.Rigelfile", update=update_golden)
+    compare(warnings, FOLDER / f"{name}.err", update=update_golden)
+    assert (code, text, warnings) == convert(capsys, stack)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_strict_refuses_what_is_not_carried_over(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The findings that are warnings otherwise become errors, and nothing is printed."""
+    directory, stack = SAMPLES[name]
+    monkeypatch.chdir(FOLDER / directory)
+    code, text, _ = convert(capsys, stack, "--strict")
+    whole = name not in ("solution", "not-carried")
+    assert (code, bool(text)) == ((0, True) if whole else (2, False))
+
+
+@pytest.mark.parametrize(
+    "file",
+    [f for f in sorted((HERE / "err").glob("*.json")) if f.stem not in REFERRED],
+    ids=lambda file: file.stem,
+)
+def test_a_bad_stack_is_reported_with_its_places(
+    file: Path,
+    update_golden: bool,  # noqa: FBT001 - a fixture
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All that is wrong is reported at once, each with file, line, column and a caret."""
+    monkeypatch.chdir(file.parent)
+    code, text, errors = convert(capsys, file.name)
+    assert (code, text) == (2, "")
+    compare(errors, file.with_suffix(".out"), update=update_golden)

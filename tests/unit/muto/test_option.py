@@ -1,0 +1,221 @@
+"""`muto` in a job: the stack's nodes are the job's, and the Rigelfile's own are laid over them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rigel_k8s.app.desired import draft
+from rigel_k8s.cli.main import run
+from rigel_k8s.commands import rigelfiles
+from rigel_k8s.commands.targets import TargetJob, job_of, names_of
+from rigel_k8s.errors import ProblemsError
+from rigel_k8s.jobs.types.orchestration import OrchestrationJob
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.rigelfile import load, realise
+from rigel_k8s.settings import Settings
+from rigel_k8s.trust import trust
+
+from .shapes import FOLDER, SAMPLES
+
+SCRIPTS = {"ready.sh": "exit 0\n", "stop.sh": "exit 0\n"}
+
+TALKER = {"name": "talker", "pkg": "demo", "exec": "talker", "args": "$(find demo)/a"}
+LISTENER = {"name": "listener", "namespace": "r1", "pkg": "demo", "exec": "listener"}
+
+
+def write(
+    directory: Path, *nodes: dict[str, Any], muto: Any = "stack.json", **options: Any
+) -> Path:
+    """Write a stack, and a Rigelfile that deploys it."""
+    (directory / "stack.json").write_text(json.dumps({"stackId": "org:s", "node": nodes}, indent=1))
+    job = {"image": "robot:1", "muto": muto, **options}
+    path = directory / "Rigelfile"
+    deploy = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": job}
+    path.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": {"deploy": deploy}}))
+    return path
+
+
+def findings(path: Path) -> list[tuple[str, int, str, str]]:
+    """Return file, line, kind and severity of what `rigel check` finds."""
+    result = rigelfiles.check(Settings(rigelfile=path))
+    return [
+        (Path((f.source or result.source).name).name, f.span.line, f.kind, f.severity)
+        for f in result.findings
+    ]
+
+
+def deploy(path: Path) -> TargetJob:
+    return job_of(Settings(rigelfile=path), None)
+
+
+def test_the_rigelfile_is_laid_over_the_stack(tmp_path: Path) -> None:
+    """Mappings are merged by key, lists and texts replaced, null removes; other keys are new."""
+    own = {
+        "talker": {"args": "--fast", "parameters": {"rate": 5, "old": None}, "ports": [80]},
+        "r1/listener": None,
+        "extra": {"package": "demo", "executable": "extra"},
+    }
+    param = [
+        {"name": "rate", "value": "1"},
+        {"name": "old", "value": "1"},
+        {"name": "a", "value": 1},
+    ]
+    path = write(tmp_path, {**TALKER, "param": param}, LISTENER, nodes=own)
+    assert findings(path) == []
+    nodes = deploy(path).options.nodes
+    assert list(nodes) == ["talker", "extra"]
+    assert nodes["talker"].args == "--fast"
+    assert nodes["talker"].parameters == {"rate": 5, "a": 1}
+    assert nodes["talker"].package == "demo"
+    assert nodes["talker"].ports == [80]
+
+
+def test_a_loss_is_a_warning_until_the_rigelfile_makes_it_good(tmp_path: Path) -> None:
+    """Other options of the node do not silence it; `strict` makes an error of it."""
+    lost = ("stack.json", 8, "needs-container", "warning")
+    assert findings(write(tmp_path, TALKER)) == [lost]
+    assert findings(write(tmp_path, TALKER, nodes={"talker": {"ports": [80]}})) == [lost]
+    assert findings(write(tmp_path, TALKER, nodes={"talker": {"args": "x"}})) == []
+    strict = {"stack": "stack.json", "strict": True}
+    assert findings(write(tmp_path, TALKER, muto=strict)) == [(*lost[:3], "error")]
+    assert findings(write(tmp_path, TALKER, muto=strict, nodes={"talker": {"args": "x"}})) == []
+
+
+def test_warnings_of_a_stack_come_with_render_and_diff(tmp_path: Path) -> None:
+    """They are part of what the commands on a job print."""
+    (warning,) = deploy(write(tmp_path, TALKER)).warnings
+    assert "only the image knows $(find demo)" in warning
+
+
+def test_a_wrong_value_of_a_stack_is_reported_in_the_stack(tmp_path: Path) -> None:
+    """What the job's own checks find wrong has the stack's place, keys of nodes included."""
+    wrong = {"name": "a-b", "pkg": "p", "exec": "e", "param": [{"name": "x y", "value": 1}]}
+    bad_map = {"name": "c", "pkg": "p", "exec": "e", "remap": [{"from": "a", "to": "b c"}]}
+    assert findings(write(tmp_path, wrong, bad_map)) == [
+        ("stack.json", 5, "bad-ros-name", "error"),
+        ("stack.json", 10, "bad-ros-name", "error"),
+        ("stack.json", 22, "bad-ros-name", "error"),
+    ]
+
+
+def test_a_wrong_value_beside_the_stack_is_reported_in_the_rigelfile(tmp_path: Path) -> None:
+    own = {"talker": {"args": "x", "replicas": 2}}
+    assert findings(write(tmp_path, TALKER, nodes=own)) == [
+        ("Rigelfile", 1, "duplicate-node", "error")
+    ]
+
+
+@pytest.mark.parametrize(
+    ("muto", "kind"),
+    [
+        ({}, "missing-key"),
+        ({"stack": "stack.json", "arg": {}}, "unknown-key"),
+        ("nowhere.json", "unknown-stack"),
+        ("org:nowhere", "unknown-stack"),
+        ({"stack": "stack.json", "args": {"x": 1}}, "unknown-argument"),
+        (".", "unknown-stack"),
+    ],
+)
+def test_what_is_wrong_with_the_option_is_all_that_is_reported(
+    tmp_path: Path, muto: Any, kind: str
+) -> None:
+    """A job whose stack is unknown is not said to have no nodes."""
+    path = write(tmp_path, LISTENER, muto=muto, nodes={"talker": {"ports": [80]}})
+    assert [found[2] for found in findings(path)] == [kind]
+    with pytest.raises(ProblemsError):
+        deploy(path)
+
+
+def test_a_stack_is_found_by_its_id(tmp_path: Path) -> None:
+    """The files of the application's directory are looked into."""
+    assert list(deploy(write(tmp_path, LISTENER, muto="org:s")).options.nodes) == ["r1/listener"]
+
+
+def test_a_stack_outside_of_the_rigelfiles_directory_needs_trust(tmp_path: Path) -> None:
+    """So does one that a symbolic link leads to, by its name and by its id."""
+    inside = tmp_path / "robot"
+    inside.mkdir()
+    write(tmp_path, LISTENER)
+    path = write(inside, LISTENER, muto="../stack.json")
+    assert [found[2] for found in findings(path)] == ["untrusted"]
+    path = write(inside, LISTENER, muto="link.json")
+    (inside / "stack.json").unlink()
+    (inside / "link.json").symlink_to(tmp_path / "stack.json")
+    assert [found[2] for found in findings(path)] == ["untrusted"]
+    by_id = path.read_text().replace("link.json", "org:s")
+    path.write_text(by_id)
+    assert [found[2] for found in findings(path)] == ["unknown-stack"]
+    trust(inside)
+    assert findings(path) == []
+
+
+def test_a_stack_that_an_earlier_job_names_is_looked_at_when_it_is_known(tmp_path: Path) -> None:
+    """Until then nothing is reported, and the release has its name."""
+    path = write(tmp_path, LISTENER, muto={"stack": "{{ data.stack }}"}, deployment_name="robot")
+    assert findings(path) == []
+    loaded = load(path)
+    assert str(names_of(loaded, loaded.jobs["deploy"]).deployment_name) == "robot"
+
+
+def test_a_revision_records_nodes_and_no_stack(tmp_path: Path) -> None:
+    """So a rollback, or a job that describes a part, needs no file."""
+    raw = deploy(write(tmp_path, LISTENER)).raw
+    assert raw["nodes"] == {"r1/listener": {"package": "demo", "executable": "listener"}}
+    assert "muto" not in raw
+
+
+def test_an_entry_that_is_probably_misspelt_is_remarked_on(tmp_path: Path) -> None:
+    """It would be a further node, which runs what the image runs."""
+    path = write(tmp_path, LISTENER, nodes={"r1/listner": {"ports": [80]}})
+    assert findings(path) == [("Rigelfile", 1, "unknown-node", "warning")]
+    whole = {"package": "demo", "executable": "listener"}
+    assert findings(write(tmp_path, LISTENER, nodes={"r1/listner": whole})) == []
+
+
+def test_findings_as_json_name_the_stacks_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Editors and CI show them where they are."""
+    assert run(["-f", str(write(tmp_path, TALKER)), "check", "-o", "json"], "rigel") == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    assert found["file"] == str(tmp_path / "stack.json")
+    assert found["line"] == 8
+
+
+def test_a_template_in_a_stack_is_text(tmp_path: Path) -> None:
+    """A stack cannot read the environment of those who deploy it."""
+    path = write(tmp_path, {**LISTENER, "args": "{{ vars.HOME }}"})
+    assert findings(path) == []
+    assert deploy(path).options.nodes["r1/listener"].args == "{{ vars.HOME }}"
+
+
+def objects_of(rigelfile: Path) -> list[dict[str, Any]]:
+    """Return the objects that a Rigelfile's one job deploys; it must be right."""
+    result = rigelfiles.check(Settings(rigelfile=rigelfile))
+    assert not result.errors, result.render_findings()
+    loaded = load(rigelfile)
+    made = realise(loaded, loaded.jobs["deploy"], None, {}, OrchestrationJob.options)
+    assert "muto" not in made.raw
+    release = ReleaseId("robots", "stack")
+    drafted = draft(made.options, release, loaded.application, SCRIPTS)
+    return list(drafted.finish(raw=made.raw).objects)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_the_option_and_the_rigelfile_deploy_the_same(name: str, tmp_path: Path) -> None:
+    """A converted Rigelfile passes `rigel check`, and its objects are those of `muto: STACK`."""
+    directory, stack = SAMPLES[name]
+    golden = FOLDER / f"{name}.Rigelfile"
+    text = golden.read_text("utf-8")
+    before, _, _ = text.partition("      nodes:\n")
+    for file in (FOLDER / directory).glob("*.json"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    option = tmp_path / "Rigelfile"
+    option.write_text(f"{before}      muto: {stack}\n", "utf-8")
+    converted = objects_of(golden)
+    assert any(item["kind"] == "Deployment" for item in converted)
+    assert converted == objects_of(option)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
 from pathlib import Path
 
 import attrs
 
 from rigel_k8s.errors import UserError
 from rigel_k8s.muto.converting import Target, write_rigelfile
-from rigel_k8s.muto.library import NotFound, open_stack
+from rigel_k8s.muto.library import NotFound
+from rigel_k8s.muto.opening import open_stack
+from rigel_k8s.muto.options import Muto
 from rigel_k8s.muto.remarks import Unreadable, list_findings
 from rigel_k8s.muto.translation import translate
+from rigel_k8s.muto.twin import Twin
+from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile import Finding, Source, problems_error, render
 from rigel_k8s.rigelfile.findings import sort_findings
 
@@ -24,33 +28,36 @@ class Converted:
     warnings: tuple[str, ...]
 
 
-def convert(stack: str, given: Mapping[str, str], target: Target, *, strict: bool) -> Converted:
+def convert(source: Muto, target: Target) -> Converted:
     """Return the Rigelfile that deploys a stack.
 
     Args:
-        stack: a file, or the id of a stack in the files of the working directory.
-        given: values of the stack's arguments.
-        strict: refuse a stack of which something is not carried over.
+        source: the stack; files and ids are looked for in the working directory.
 
     Raises:
         ProblemsError: something is wrong with the stack, with its places.
         UserError: there is no such stack, or it may not be read.
+        RigelK8sError: the Ditto with the stack cannot be reached, or refuses.
     """
-    path = Path(stack)
+    path = Path(source.name)
     home = path.parent if path.exists() else Path()
-    nothing = Source(stack, "")
+    nothing = Source(source.stack, "")
+    given = {name: text_of(value) for name, value in source.args.items()}
+    url = source.base_url
+    ask = Twin(url, source.access, os.environ, {}).find if url else None
     try:
-        found, library = open_stack(stack, Path(), home)
-        made = translate(found, given, library.find)
+        stack, find = open_stack(source.name, Path(), home, ask)
+        made = translate(stack, given, find)
     except NotFound as error:
-        hint = "name a file, or the id of a stack in a file of the working directory"
+        hint = "name a file, the id of a stack in a file of the working directory, or a URL"
         raise UserError(str(error), hint=hint) from error
     except Unreadable as error:
         raise problems_error(nothing, [error.remark.finding]) from error
-    findings = sort_findings(list_findings(made.remarks, strict=strict))
+    findings = sort_findings(list_findings(made.remarks, strict=source.strict))
     if any(finding.severity == "error" for finding in findings):
         raise problems_error(nothing, findings)
-    return Converted(write_rigelfile(stack, found, made, target), _render(nothing, findings))
+    text = write_rigelfile(source.stack, stack, made, target)
+    return Converted(text, _render(nothing, findings))
 
 
 def _render(source: Source, findings: tuple[Finding, ...]) -> tuple[str, ...]:

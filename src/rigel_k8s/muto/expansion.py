@@ -8,20 +8,27 @@ from typing import Any
 import attrs
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.muto.library import NotFound, open_stack
+from rigel_k8s.muto.library import NotFound
+from rigel_k8s.muto.opening import Find, open_stack
 from rigel_k8s.muto.options import Muto, muto_of
 from rigel_k8s.muto.remarks import Remark, Unreadable, leave_out_replaced, list_findings, note
+from rigel_k8s.muto.stack import Stack
 from rigel_k8s.muto.translation import Translation, translate
+from rigel_k8s.muto.twin import Twin
 from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile.expansion import Expanded, Surroundings
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
 from rigel_k8s.rigelfile.source import YamlNode, locate
 from rigel_k8s.rigelfile.structure import structure
-from rigel_k8s.trust import Untrusted
+from rigel_k8s.trust import Untrusted, require_trust
 
 KEY, NODES = "muto", "nodes"
 #: Options one of which makes an entry of `nodes` a node of its own.
 PROGRAMS = frozenset(("package", "launch", "args", "command", "image"))
+
+
+class NotAsked(Exception):
+    """A stack is at another machine, which is not to be asked now."""
 
 
 def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
@@ -59,8 +66,12 @@ def _translate(
     given = {name: text_of(value) for name, value in options.args.items()}
     at = locate(written, ("stack",))
     try:
-        stack, library = open_stack(options.stack, surroundings.directory, surroundings.home)
-        return translate(stack, given, library.find)
+        ask = _choose_twin(options, surroundings)
+        stack, find = open_stack(options.name, surroundings.directory, surroundings.home, ask)
+        return translate(stack, given, find)
+    except NotAsked:
+        message = f"{options.base_url} is not asked for the stack: only render, diff and run do so"
+        return note(at, message, "not-fetched").finding
     except Unreadable as fault:
         return fault.remark.finding
     except NotFound as fault:
@@ -69,6 +80,25 @@ def _translate(
         kind = "untrusted" if isinstance(fault, Untrusted) else "bad-file"
         hint = f" ({fault.hint})" if fault.hint else ""
         return make_finding(at, f"{fault.message}{hint}", kind)
+
+
+def _choose_twin(options: Muto, surroundings: Surroundings) -> Find | None:
+    """Return what finds the stacks of the Ditto that the options name, None where they do not."""
+    url, access = options.base_url, options.access
+    if url is None:
+        return None
+    fetched = surroundings.fetched
+    twin = None if fetched is None else Twin(url, access, surroundings.environ, fetched)
+
+    def ask(identifier: str) -> Stack:
+        if twin is None:
+            raise NotAsked
+        if access.secret:
+            what = f"the environment variable {access.secret} would be sent to {url}"
+            require_trust(surroundings.home, what)
+        return twin.find(identifier)
+
+    return ask
 
 
 def _wait(node: YamlNode, written: YamlNode) -> YamlNode:

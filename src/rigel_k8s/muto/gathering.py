@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from rigel_k8s.muto.library import NotFound
-from rigel_k8s.muto.remarks import Remark, error
+from rigel_k8s.muto.remarks import Remark, Unreadable, error
 from rigel_k8s.muto.stack import Stack, text_at
 from rigel_k8s.rigelfile.source import YamlNode
 
@@ -14,7 +14,7 @@ class Gathering:
     """Collects stacks, each once; those that one refers to come before it.
 
     Args:
-        find: returns the stack of an id, or raises NotFound.
+        find: returns the stack of an id, or raises NotFound or Unreadable.
     """
 
     def __init__(self, find: Callable[[str], Stack]) -> None:
@@ -50,6 +50,8 @@ class Gathering:
             self.add(self._find(identifier))
         except NotFound as fault:
             self.remarks.append(error(reference, str(fault), "unknown-stack"))
+        except Unreadable as fault:
+            self.remarks.append(fault.remark)
 
     def _list_chain(self, identifier: str) -> Iterator[str]:
         """Yield the open stacks from the one of an id on; nothing where it is not open."""

@@ -22,7 +22,11 @@ SUFFIXES = (".json", ".yaml", ".yml")
 
 
 class NotFound(Exception):
-    """There is no such stack, or there are several; the text says so."""
+    """There is no such stack; the text says so."""
+
+
+class Ambiguous(NotFound):
+    """There are several stacks of that name, or too many to look at all."""
 
 
 class Library:
@@ -66,7 +70,7 @@ class Library:
         if not found:
             raise NotFound(f'no stack "{identifier}" in {place}')
         files = " and ".join(dict.fromkeys(file for file, _ in found))
-        raise NotFound(f'the stack "{identifier}" is there more than once in {place}: in {files}')
+        raise Ambiguous(f'the stack "{identifier}" is there more than once in {place}: in {files}')
 
     def _open_text(self, name: str) -> str:
         return read_text(self._directory / name, self._home, MOST_BYTES, what="a stack")
@@ -76,7 +80,7 @@ class Library:
         """The texts of the files; what cannot or may not be read is passed over.
 
         Raises:
-            NotFound: there is too much to search.
+            Ambiguous: there is too much to search.
         """
         texts: dict[str, str] = {}
         files = sorted(file for file in self._directory.iterdir() if file.suffix in SUFFIXES)
@@ -85,7 +89,7 @@ class Library:
                 texts[file.name] = self._open_text(file.name)
             if len(texts) > MOST_FILES or sum(map(len, texts.values())) > MOST_SEARCHED:
                 message = f"more than {MOST_FILES} files, or more than {MOST_SEARCHED} characters"
-                raise NotFound(f"{self._directory} has {message}: name the stack by its file")
+                raise Ambiguous(f"{self._directory} has {message}: name the stack by its file")
         return texts
 
     def _list_stacks(self, name: str) -> tuple[Stack, ...]:
@@ -100,32 +104,3 @@ class Library:
 
 def _parse(path: Path, text: str) -> tuple[Stack, ...]:
     return list_stacks(read(Source(str(path), text)))
-
-
-def open_stack(name: str, directory: Path, home: Path) -> tuple[Stack, Library]:
-    """Return the stack that a user names, and where those are that it refers to.
-
-    Args:
-        name: a file in or below the directory, or the id of a stack in one of its files.
-        home: the directory that files must not lie outside of, unless it is trusted.
-
-    Raises:
-        NotFound: there is no such stack, or no such file.
-        Unreadable: there is something wrong with its content.
-        UserError: it may not be read.
-    """
-    path = directory / name
-    if not path.exists() and path.suffix not in SUFFIXES:
-        library = Library(directory, home)
-        return library.find(name), library
-    library = Library(path.parent, home)
-    try:
-        stacks = library.open(path.name)
-    except OSError as error:
-        raise NotFound(f"{path} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise NotFound(f"{path} is not UTF-8") from error
-    if len(stacks) > 1:
-        ids = ", ".join(stack.label for stack in stacks)
-        raise NotFound(f"{path} has {len(stacks)} stacks, name one by its id: {ids}")
-    return stacks[0], library

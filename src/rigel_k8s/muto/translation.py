@@ -41,7 +41,7 @@ def translate(stack: Stack, given: Mapping[str, str], find: Callable[[str], Stac
 
     Args:
         given: values of arguments; each must be declared by one of the stacks.
-        find: returns the stack of an id, or raises NotFound.
+        find: returns the stack of an id, or raises NotFound or Unreadable.
     """
     gathering = Gathering(find)
     gathering.add(stack)

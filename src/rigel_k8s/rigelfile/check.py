@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -82,13 +82,15 @@ def load(
     """Return a Rigelfile whose grammar and vars are right.
 
     Args:
-        patient: variables that are nowhere are holes, wrong only where a value is needed.
+        patient: variables that are nowhere are holes, wrong only where a value is needed; no
+            other machine is asked for what the options bring in.
 
     Raises:
         ProblemsError: they are not; all of it is told.
         UserError: it cannot be read.
     """
-    reading = _Reading(open_source(path), path, environ, patient=patient)
+    fetched: dict[str, str] | None = None if patient else {}
+    reading = _Reading(open_source(path), path, environ, patient=patient, fetched=fetched)
     if reading.rigelfile is None:
         raise problems_error(reading.source, reading.findings)
     return reading.rigelfile
@@ -119,18 +121,25 @@ class _Reading:
     """A file as far as it can be read."""
 
     def __init__(
-        self, source: Source, path: Path, environ: Mapping[str, str], *, patient: bool = False
+        self,
+        source: Source,
+        path: Path,
+        environ: Mapping[str, str],
+        *,
+        patient: bool = False,
+        fetched: MutableMapping[str, str] | None = None,
     ) -> None:
         self.source = source
         with bounded(source, _NOTHING):
-            self._read(source, path, environ, patient=patient)
+            root, findings = parse(source)
+            self.root = root or _NOTHING
+            variables = _variables(self.root)
+            self.scope = Scope(source, variables, environ, patient=patient, fetched=fetched)
+            self._read(source, path, root, findings)
 
     def _read(
-        self, source: Source, path: Path, environ: Mapping[str, str], *, patient: bool
+        self, source: Source, path: Path, root: YamlNode | None, findings: list[Finding]
     ) -> None:
-        root, findings = parse(source)
-        self.root = root or _NOTHING
-        self.scope = Scope(source, _variables(self.root), environ, patient=patient)
         self.contents: Contents | None = None
         if root and isinstance(root.value, dict):
             self.root = _render_tree(root, self.scope)

@@ -7,12 +7,14 @@ places in that file (`YamlNode.source`), so that a problem with one of them is r
 
 from __future__ import annotations
 
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Any
 
 import attrs
 
 from rigel_k8s.rigelfile.findings import Finding
+from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import YamlNode
 
 
@@ -23,10 +25,20 @@ class Surroundings:
     Attributes:
         home: the Rigelfile's directory; what lies outside of it needs trust.
         directory: the application's, where relative paths begin; None: unknown.
+        environ: the environment.
+        fetched: what other machines answered so far, by URL; None: they are not to be asked, as
+            the options are only looked at.
     """
 
     home: Path
     directory: Path | None
+    environ: Mapping[str, str]
+    fetched: MutableMapping[str, str] | None
+
+    @classmethod
+    def of(cls, scope: Scope, directory: Path | None) -> Surroundings:
+        """Return the surroundings of options whose values a scope knows."""
+        return cls(Path(scope.source.name).parent, directory, scope.environ, scope.fetched)
 
 
 @attrs.frozen

@@ -152,8 +152,7 @@ def _look(
     if nesting_key(options):
         base, over = scope.fill(spec.options), overrides and scope.fill(overrides)
         node = merge_options(base, over, options)
-    home = Path(scope.source.name).parent
-    expanded = expand(node, options, Surroundings(home, directory))
+    expanded = expand(node, options, Surroundings.of(scope, directory))
     findings += expanded.findings
     result = structure(expanded.node, Any if options is dict else options)
     findings += [place(expanded.node, problem) for problem in result.problems]

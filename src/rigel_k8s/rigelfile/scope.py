@@ -6,7 +6,7 @@ template is wrong: that is reported once, and nothing else about it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, MutableMapping
 from typing import Any
 
 import attrs
@@ -53,6 +53,7 @@ class Scope:
         patient: a variable that is nowhere is a hole too, until `final`: who only wants to know
             what an application is called needs none of the values that deploy it.
         spent: what was made of the file before; None: nothing.
+        fetched: what other machines answered so far, by URL; None: they are not to be asked.
     """
 
     def __init__(
@@ -65,10 +66,12 @@ class Scope:
         final: bool = False,
         patient: bool = False,
         spent: Spending | None = None,
+        fetched: MutableMapping[str, str] | None = None,
     ) -> None:
         self.source = source
         self.variables = variables
         self.environ = environ
+        self.fetched = fetched
         self.findings: list[Finding] = []
         self._data = data or {}
         self._final = final
@@ -84,6 +87,7 @@ class Scope:
             final=final,
             patient=self._patient,
             spent=None if final else self._spent,  # what a run looks at grows with its data
+            fetched=self.fetched,
         )
 
     def add_look(self, options: YamlNode) -> None:

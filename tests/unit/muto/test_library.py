@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.muto import library
-from rigel_k8s.muto.library import Library, NotFound, open_stack
+from rigel_k8s.muto.library import Library, NotFound
+from rigel_k8s.muto.opening import open_stack
 
 
 def write(directory: Path, name: str, identifier: str) -> None:
@@ -44,8 +45,8 @@ def test_a_directory_with_too_much_in_it_is_not_searched(
         write(tmp_path, f"{number}.json", f"org:{number}")
     monkeypatch.setattr(library, "MOST_FILES", 2)
     with pytest.raises(NotFound, match="more than 2 files"):
-        open_stack("org:1", tmp_path, tmp_path)
-    assert open_stack("1.json", tmp_path, tmp_path)[0].ids == ("org:1",)
+        open_stack("org:1", tmp_path, tmp_path, None)
+    assert open_stack("1.json", tmp_path, tmp_path, None)[0].ids == ("org:1",)
 
 
 def test_a_file_with_several_stacks_needs_an_id(tmp_path: Path) -> None:
@@ -54,5 +55,5 @@ def test_a_file_with_several_stacks_needs_an_id(tmp_path: Path) -> None:
     ]
     (tmp_path / "found.json").write_text(json.dumps({"items": things}))
     with pytest.raises(NotFound, match="has 2 stacks, name one by its id: org:a, org:b"):
-        open_stack("found.json", tmp_path, tmp_path)
-    assert open_stack("org:b", tmp_path, tmp_path)[0].ids == ("org:b",)
+        open_stack("found.json", tmp_path, tmp_path, None)
+    assert open_stack("org:b", tmp_path, tmp_path, None)[0].ids == ("org:b",)

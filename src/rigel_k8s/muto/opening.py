@@ -1,0 +1,72 @@
+"""The stack that a user names: a file, an id, or a thing of a Ditto."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from rigel_k8s.muto.library import SUFFIXES, Ambiguous, Library, NotFound
+from rigel_k8s.muto.stack import Stack
+from rigel_k8s.muto.twin import THINGS
+
+#: Returns the stack of an id, or raises NotFound or Unreadable.
+Find = Callable[[str], Stack]
+
+
+def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tuple[Stack, Find]:
+    """Return the stack of a name, and what finds those that it refers to.
+
+    Args:
+        name: a file in or below the directory, or an id. Ids are looked for in the files of the
+            directory (of the file, where there is one), then by `ask`.
+        home: the directory that files must not lie outside of, unless it is trusted.
+        ask: finds stacks elsewhere; None: there is no such place.
+
+    Raises:
+        NotFound: there is no such stack, or no such file.
+        Unreadable: there is something wrong with its content.
+        UserError: it may not be read.
+    """
+    path = directory / name
+    if not path.exists() and path.suffix not in SUFFIXES:
+        find = _look_in_both(Library(directory, home), ask)
+        return find(name), find
+    library = Library(path.parent, home)
+    try:
+        stacks = library.open(path.name)
+    except OSError as error:
+        raise NotFound(f"{path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise NotFound(f"{path} is not UTF-8") from error
+    if len(stacks) > 1:
+        ids = ", ".join(stack.label for stack in stacks)
+        raise NotFound(f"{path} has {len(stacks)} stacks, name one by its id: {ids}")
+    return stacks[0], _look_in_both(library, ask)
+
+
+def _look_in_both(library: Library, ask: Find | None) -> Find:
+    def find(identifier: str) -> Stack:
+        try:
+            return library.find(identifier)
+        except NotFound as missing:
+            if ask is None or isinstance(missing, Ambiguous):
+                raise
+            return ask(identifier)
+
+    return find
+
+
+def split_url(stack: str) -> tuple[str, str] | None:
+    """Return what of a thing's URL stands before /api/2/things, and the thing's id.
+
+    None: it is no URL.
+
+    Raises:
+        ValueError: it is a URL, but not one of a thing.
+    """
+    if not stack.startswith(("http://", "https://")):
+        return None
+    base, things, identifier = stack.partition(THINGS)
+    if not things or not identifier or "/" in identifier:
+        raise ValueError(f"{stack} is not the URL of a Ditto thing: HOST{THINGS}ID")
+    return base, identifier

@@ -13,7 +13,7 @@ from rigel_k8s.muto.library import NotFound
 from rigel_k8s.muto.opening import open_stack
 from rigel_k8s.muto.options import Muto
 from rigel_k8s.muto.remarks import Unreadable, list_findings
-from rigel_k8s.muto.translation import translate
+from rigel_k8s.muto.translation import require_nodes, translate
 from rigel_k8s.muto.twin import Twin
 from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile import Finding, Source, problems_error, render
@@ -47,7 +47,7 @@ def convert(source: Muto, target: Target) -> Converted:
     ask = Twin(url, source.access, os.environ, {}).find if url else None
     try:
         stack, find = open_stack(source.name, Path(), home, ask)
-        made = translate(stack, given, find)
+        made = require_nodes(stack, translate(stack, given, find))
     except NotFound as error:
         hint = "name a file, the id of a stack in a file of the working directory, or a URL"
         raise UserError(str(error), hint=hint) from error

@@ -13,7 +13,7 @@ from rigel_k8s.muto.opening import Find, open_stack
 from rigel_k8s.muto.options import Muto, muto_of
 from rigel_k8s.muto.remarks import Remark, Unreadable, leave_out_replaced, list_findings, note
 from rigel_k8s.muto.stack import Stack
-from rigel_k8s.muto.translation import Translation, translate
+from rigel_k8s.muto.translation import Translation, require_nodes, translate
 from rigel_k8s.muto.twin import Twin
 from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile.expansion import Expanded, Surroundings
@@ -45,7 +45,7 @@ def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
     options = muto_of(found.value)
     assert options is not None, "there is a value"
     own = node.value.get(NODES)
-    translated = _translate(options, written, surroundings)
+    translated = _translate(options, written, _entries_of(own), surroundings)
     if isinstance(translated, Finding):
         return Expanded(_wait(node, written), (translated,))
     remarks = leave_out_replaced(translated.remarks, _entries_of(own))
@@ -59,16 +59,17 @@ def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
 
 
 def _translate(
-    options: Muto, written: YamlNode, surroundings: Surroundings
+    options: Muto, written: YamlNode, own: Mapping[str, YamlNode], surroundings: Surroundings
 ) -> Translation | Finding:
-    """Return the stack's nodes, or why there are none."""
+    """Return the stack's nodes, or why there are none; with nodes of its own a job needs none."""
     assert surroundings.directory is not None, "asked before"
     given = {name: text_of(value) for name, value in options.args.items()}
     at = locate(written, ("stack",))
     try:
         ask = _choose_twin(options, surroundings)
         stack, find = open_stack(options.name, surroundings.directory, surroundings.home, ask)
-        return translate(stack, given, find)
+        made = translate(stack, given, find)
+        return made if own else require_nodes(stack, made)
     except NotAsked:
         message = f"{options.base_url} is not asked for the stack: only render, diff and run do so"
         return note(at, message, "not-fetched").finding

@@ -12,6 +12,7 @@ from rigel_k8s.muto.arguments import Arguments, ContainerValue
 from rigel_k8s.muto.remarks import Remark, Unreadable, describe_unknown, error, loss, note
 from rigel_k8s.muto.stack import is_empty, text_at
 from rigel_k8s.option_text import text_of
+from rigel_k8s.problems import Path
 from rigel_k8s.rigelfile.limits import LONGEST_NUMBER
 from rigel_k8s.rigelfile.source import YamlNode, kind_of, node_of
 
@@ -23,7 +24,8 @@ PARAMETER = ("name", "value", "namespace", "sep")
 #: Keys that have no counterpart, with why, or what to do.
 LOST: Mapping[str, str] = {
     "lifecycle": "let the node activate itself, or call `ros2 lifecycle set` once it runs",
-    "launch-prefix": "give the node a `command` of its own in the Rigelfile",
+    "launch-prefix": "set the node's `package` and `executable` to null in the Rigelfile, and `args` to"
+    " the whole line, as in `nice rosrun PACKAGE EXECUTABLE`",
     "ros_args": "add its words to `args`",
     "required": "Kubernetes starts this node again, and stops no other one",
     "cwd": "set WORKDIR in the image",
@@ -131,10 +133,10 @@ class _Node:
 
     def _carry(self, key: str, option: str) -> None:
         value = self._content.get(key)
-        if value is not None and (known := self._resolve(f"`{key}`", option, value)) is not None:
+        if value is not None and (known := self._resolve(f"`{key}`", (option,), value)) is not None:
             self._put(option, known)
 
-    def _resolve(self, what: str, option: str, value: YamlNode) -> YamlNode | None:
+    def _resolve(self, what: str, option: Path, value: YamlNode) -> YamlNode | None:
         """Return a value, None with a remark where only a container could resolve it."""
         resolved = self._arguments.resolve(value)
         if not isinstance(resolved, ContainerValue):
@@ -143,11 +145,11 @@ class _Node:
         self._lose(resolved.node, message, option, kind="needs-container")
         return None
 
-    def _suggest(self, option: str) -> str:
-        return f"set nodes.{self.key}.{option} in the Rigelfile"
+    def _suggest(self, option: Path) -> str:
+        return f"set nodes.{self.key}.{'.'.join(map(str, option))} in the Rigelfile"
 
     def _lose(
-        self, at: YamlNode, message: str, option: str | None = None, kind: str = "not-carried"
+        self, at: YamlNode, message: str, option: Path = (), kind: str = "not-carried"
     ) -> None:
         self.remarks.append(loss(at, message, kind=kind, node=self.key, option=option))
 
@@ -186,7 +188,9 @@ class _Node:
 
     def _lose_parameters(self, entry: YamlNode, key: str) -> None:
         what = "a file of the image" if key == "from" else "a program of the image"
-        option = "parameter_files" if key == "from" else "parameters"
+        option = (
+            ("parameter_files",) if key == "from" else ("parameters", self._text(entry, "name"))
+        )
         message = f"parameters from {what} cannot be carried over: {self._suggest(option)}"
         self._lose(entry.value[key], message, option, kind="needs-container")
 
@@ -198,7 +202,7 @@ class _Node:
         value = entry.value.get("value")
         if value is None or value.value is None:
             raise Unreadable(error(entry, f'the parameter "{name}" has no value', "missing-key"))
-        resolved = self._resolve(f'the parameter "{name}"', "parameters", value)
+        resolved = self._resolve(f'the parameter "{name}"', ("parameters", name), value)
         return resolved and give_type(resolved)
 
     def _carry_remappings(self) -> None:
@@ -214,7 +218,7 @@ class _Node:
         for entry in self._list("env"):
             name = self._text(entry, "name")
             value = entry.value.get("value", attrs.evolve(entry, value="", raw=""))
-            known = self._resolve(f'the variable "{name}"', "env", value)
+            known = self._resolve(f'the variable "{name}"', ("env", name), value)
             if known is not None:
                 found[name] = attrs.evolve(known, key_span=entry.value["name"].span)
         self._gather("env", "env", found)
@@ -226,7 +230,7 @@ class _Node:
         for key, value in self._content.items():
             if key in LOST:
                 message = f"`{key}` is not carried over: {LOST[key]}"
-                self._lose(value, message, "command" if key == "launch-prefix" else None)
+                self._lose(value, message, ("package",) if key == "launch-prefix" else ())
             elif key not in CARRIED and key not in UNNEEDED:
                 self._lose(value, describe_unknown(key, "a node", (*CARRIED, *LOST)))
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import attrs
 
+from rigel_k8s.problems import Path
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
 from rigel_k8s.rigelfile.source import YamlNode
 
@@ -17,13 +18,13 @@ class Remark:
     Attributes:
         lost: something of the stack is not carried over; an error where the user is strict.
         node: the key of the node that it is about; None: the stack as a whole.
-        option: the node's option that would replace what is lost.
+        option: the path of the node's option that would replace what is lost.
     """
 
     finding: Finding
     lost: bool = False
     node: str | None = None
-    option: str | None = None
+    option: Path = ()
 
 
 class Unreadable(Exception):
@@ -51,7 +52,7 @@ def loss(
     *,
     kind: str = "not-carried",
     node: str | None = None,
-    option: str | None = None,
+    option: Path = (),
 ) -> Remark:
     """Return what of a stack is not carried over: shown at its key, if it has one."""
     remark = note(at, message, kind, key=True)
@@ -80,6 +81,14 @@ def leave_out_replaced(
     """Yield the remarks without losses that the Rigelfile's own `nodes` make good."""
     for remark in remarks:
         own = nodes.get(remark.node or "")
-        replaced = own is not None and isinstance(own.value, dict) and remark.option in own.value
-        if not (remark.lost and replaced):
+        if not (remark.lost and remark.option and own and has_path(own, remark.option)):
             yield remark
+
+
+def has_path(node: YamlNode, path: Path) -> bool:
+    """Return whether keys lead from a value to another one."""
+    for key in path:
+        if not isinstance(node.value, dict) or key not in node.value:
+            return False
+        node = node.value[str(key)]
+    return True

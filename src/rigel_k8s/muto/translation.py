@@ -48,10 +48,16 @@ def translate(stack: Stack, given: Mapping[str, str], find: Callable[[str], Stac
     work = _Work(given)
     for one in gathering.stacks:
         work.add(one)
-    remarks = [*gathering.remarks, *work.list_remarks(), *work.list_unknown_arguments(stack)]
-    if not work.nodes and not any(r.finding.severity == "error" for r in remarks):
-        remarks.append(error(stack.place, "this stack has no node that can be run", "no-node"))
-    return Translation(work.nodes, tuple(remarks))
+    remarks = (*gathering.remarks, *work.list_remarks(), *work.list_unknown_arguments(stack))
+    return Translation(work.nodes, remarks)
+
+
+def require_nodes(stack: Stack, made: Translation) -> Translation:
+    """Return a translation with an error in it where it has no nodes, and no error says why."""
+    if made.nodes or any(remark.finding.severity == "error" for remark in made.remarks):
+        return made
+    missing = error(stack.place, "this stack has no node that can be run", "no-node")
+    return attrs.evolve(made, remarks=(*made.remarks, missing))
 
 
 class _Work:

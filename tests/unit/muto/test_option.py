@@ -85,6 +85,34 @@ def test_a_loss_is_a_warning_until_the_rigelfile_makes_it_good(tmp_path: Path) -
     assert findings(write(tmp_path, TALKER, muto=strict, nodes={"talker": {"args": "x"}})) == []
 
 
+def test_one_parameter_makes_no_other_one_good(tmp_path: Path) -> None:
+    """Nor does a variable; what the warning names must be there."""
+    param = [{"name": name, "value": "$(env X)"} for name in ("a", "b")]
+    lost = {**LISTENER, "param": param, "env": [{"name": "C", "value": "$(env X)"}]}
+    own = {"parameters": {"a": 1}, "env": {"D": 1}}
+    path = write(tmp_path, lost, nodes={"r1/listener": own})
+    assert [found[1] for found in findings(path)] == [16, 22]
+    own = {"parameters": {"a": 1, "b": 2}, "env": {"C": 1}}
+    assert findings(write(tmp_path, lost, nodes={"r1/listener": own})) == []
+
+
+def test_a_prefix_is_made_good_by_a_line_of_ones_own(tmp_path: Path) -> None:
+    """As its warning says."""
+    prefixed = {**LISTENER, "launch-prefix": "nice"}
+    assert [found[2] for found in findings(write(tmp_path, prefixed))] == ["not-carried"]
+    own = {"package": None, "executable": None, "args": "nice rosrun demo listener"}
+    path = write(tmp_path, prefixed, nodes={"r1/listener": own})
+    assert findings(path) == []
+    assert deploy(path).options.nodes["r1/listener"].package is None
+
+
+def test_a_stack_without_programs_needs_nodes_of_the_rigelfile(tmp_path: Path) -> None:
+    """One that is all composable nodes is deployed by them."""
+    assert [found[2] for found in findings(write(tmp_path))] == ["no-node"]
+    own = {"eye": {"launch": {"package": "car", "file": "eye.launch"}}}
+    assert findings(write(tmp_path, nodes=own)) == []
+
+
 def test_warnings_of_a_stack_come_with_render_and_diff(tmp_path: Path) -> None:
     """They are part of what the commands on a job print."""
     (warning,) = deploy(write(tmp_path, TALKER)).warnings

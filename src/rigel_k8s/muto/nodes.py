@@ -24,8 +24,8 @@ PARAMETER = ("name", "value", "namespace", "sep")
 #: Keys that have no counterpart, with why, or what to do.
 LOST: Mapping[str, str] = {
     "lifecycle": "let the node activate itself, or call `ros2 lifecycle set` once it runs",
-    "launch-prefix": "set the node's `package` and `executable` to null in the Rigelfile, and `args` to"
-    " the whole line, as in `nice rosrun PACKAGE EXECUTABLE`",
+    "launch-prefix": "set the node's `package` and `executable` to null in the Rigelfile, and"
+    " `args` to the whole line, as in `nice rosrun PACKAGE EXECUTABLE`",
     "ros_args": "add its words to `args`",
     "required": "Kubernetes starts this node again, and stops no other one",
     "cwd": "set WORKDIR in the image",

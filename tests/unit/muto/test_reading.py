@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import json
 
 import pytest
 
 from rigel_k8s.muto.nodes import give_type
-from rigel_k8s.muto.reading import read
+from rigel_k8s.muto.reading import decode, read
 from rigel_k8s.muto.remarks import Unreadable
+from rigel_k8s.rigelfile.limits import MOST_BYTES
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
 
 TEXTS = [
@@ -40,6 +43,13 @@ def test_each_value_has_its_place() -> None:
 def test_what_cannot_be_read_says_why(text: str) -> None:
     with pytest.raises(Unreadable):
         read(Source("stack.json", text))
+
+
+def test_what_is_compressed_is_not_larger_than_a_rigelfile() -> None:
+    """A few bytes can hold gigabytes."""
+    bomb = base64.b64encode(gzip.compress(b" " * (MOST_BYTES + 1))).decode()
+    with pytest.raises(Unreadable, match="has more than"):
+        decode(YamlNode(bomb, Span(1, 1, 1, 2)), "a bomb")
 
 
 @pytest.mark.parametrize(

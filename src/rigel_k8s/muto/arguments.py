@@ -12,7 +12,7 @@ from rigel_k8s.muto.remarks import Remark, Unreadable, error
 from rigel_k8s.muto.stack import text_at
 from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile.findings import suggest
-from rigel_k8s.rigelfile.limits import LONGEST_TEXT, MOST_TEXT
+from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, LONGEST_TEXT, MOST_TEXT
 from rigel_k8s.rigelfile.source import YamlNode
 
 EXPRESSION = re.compile(r"\$\(([^()]*)\)")
@@ -105,6 +105,9 @@ class Arguments:
         if name in self._open:
             chain = " -> ".join([*self._open[self._open.index(name) :], name])
             raise Unreadable(error(at, f"this argument needs itself: {chain}", "argument-cycle"))
+        if len(self._open) == LONGEST_CHAIN:
+            message = f"more than {LONGEST_CHAIN} arguments need each other"
+            raise Unreadable(error(at, message, "too-large"))
         if name not in self._values:
             self._open.append(name)
             try:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from rigel_k8s.muto.library import NotFound
 from rigel_k8s.muto.remarks import Remark, Unreadable, error
 from rigel_k8s.muto.stack import Stack, text_at
+from rigel_k8s.rigelfile.limits import LONGEST_CHAIN
 from rigel_k8s.rigelfile.source import YamlNode
 
 
@@ -45,6 +46,10 @@ class Gathering:
         if chain := list(self._list_chain(identifier)):
             message = f"this stack refers to itself: {' -> '.join([*chain, identifier])}"
             self.remarks.append(error(reference, message, "stack-cycle"))
+            return
+        if len(self._open) > LONGEST_CHAIN:
+            message = f"more than {LONGEST_CHAIN} stacks refer to each other"
+            self.remarks.append(error(reference, message, "too-large"))
             return
         try:
             self.add(self._find(identifier))

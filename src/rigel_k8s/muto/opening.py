@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from rigel_k8s.muto.library import SUFFIXES, Ambiguous, Library, NotFound
 from rigel_k8s.muto.stack import Stack
 from rigel_k8s.muto.twin import THINGS
 
+SCHEMES = ("http://", "https://")
 #: Returns the stack of an id, or raises NotFound or Unreadable.
 Find = Callable[[str], Stack]
 
@@ -64,9 +66,19 @@ def split_url(stack: str) -> tuple[str, str] | None:
     Raises:
         ValueError: it is a URL, but not one of a thing.
     """
-    if not stack.startswith(("http://", "https://")):
+    if not stack.startswith(SCHEMES):
         return None
+    check_url(stack)
     base, things, identifier = stack.partition(THINGS)
     if not things or not identifier or "/" in identifier:
         raise ValueError(f"{stack} is not the URL of a Ditto thing: HOST{THINGS}ID")
     return base, identifier
+
+
+def check_url(url: str) -> None:
+    """Raise ValueError where a URL has no host, or a secret in it."""
+    parts = urlsplit(url)
+    if not url.startswith(SCHEMES) or not parts.hostname:
+        raise ValueError(f'"{url}" is not a URL such as https://ditto.example')
+    if parts.username or parts.password:
+        raise ValueError("a URL must have no password in it: use user and password, or token")

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import attrs
 
-from rigel_k8s.muto.opening import split_url
+from rigel_k8s.muto.opening import check_url, split_url
 from rigel_k8s.muto.twin import Access
 from rigel_k8s.objects.fields import option, required_field
 from rigel_k8s.objects.scalars import EnvName
@@ -37,8 +37,8 @@ class Muto:
         split = split_url(self.stack)
         if split and self.twin_url:
             raise ValueError("a stack that is a URL needs no twin_url: leave it out")
-        if self.twin_url and not self.twin_url.startswith(("http://", "https://")):
-            raise ValueError(f'twin_url "{self.twin_url}" must begin with http:// or https://')
+        if self.twin_url:
+            check_url(self.twin_url)
         if (self.user is None) != (self.password is None):
             raise ValueError("user and password belong together")
         if self.token and self.user:

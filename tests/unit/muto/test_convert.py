@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -76,3 +77,19 @@ def test_a_bad_stack_is_reported_with_its_places(
     code, text, errors = convert(capsys, file.name)
     assert (code, text) == (2, "")
     compare(errors, file.with_suffix(".out"), update=update_golden)
+
+
+def test_chains_have_a_limit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of arguments that need each other, and of stacks that refer to each other."""
+    monkeypatch.chdir(tmp_path)
+    arguments = [{"name": f"a{n}", "value": f"$(arg a{n + 1})"} for n in range(2000)]
+    node = {"name": "n", "pkg": "p", "exec": "e", "args": "$(arg a0)"}
+    Path("arguments.json").write_text(json.dumps({"arg": arguments, "node": [node]}))
+    code, _, errors = convert(capsys, "arguments.json")
+    assert (code, "more than 50 arguments need each other" in errors) == (2, True)
+    stacks = [{"stackId": f"org:{n}", "stack": [{"thingId": f"org:{n + 1}"}]} for n in range(2000)]
+    Path("stacks.json").write_text(json.dumps(stacks))
+    code, _, errors = convert(capsys, "org:0")
+    assert (code, "more than 50 stacks refer to each other" in errors) == (2, True)

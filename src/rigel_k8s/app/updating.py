@@ -137,7 +137,11 @@ def find_lifecycle_obstacle(
         return "it has no ROS"
     if node.launch:
         return "a launch file gives its nodes their names: use package and executable, or args"
-    if not takes_ros_arguments("2", program("2", node)):
+    try:
+        line = program("2", node)
+    except ValueError:
+        return "its command line cannot be split into words"
+    if not takes_ros_arguments("2", line):
         return "its services get names of their own, by arguments that only a program takes"
     if network is not None:
         mode = mode_of(network)

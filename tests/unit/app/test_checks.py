@@ -281,3 +281,12 @@ def test_golden_options_have_no_errors(path: object) -> None:
     """The shapes that are documented by golden files pass the checks."""
     text = (GOLDEN / str(path)).read_text("utf-8")
     assert [p for p in problems(text) if p.severity == "error"] == []
+
+
+@pytest.mark.parametrize("update", ["", ", update: {strategy: HandOver}"])
+def test_a_line_that_cannot_be_split_is_no_bug_of_ours(update: str) -> None:
+    """For ROS 2 too, where the line decides whether a node can be handed over."""
+    node = f'{{package: p, executable: e, args: "\'"{update}}}'
+    found = problems(f"image: a:1\nnetwork: peers\nnodes: {{a: {node}}}", "jazzy")
+    expected = ["hand-over"] * bool(update) + ["bad-command"]
+    assert [problem.kind for problem in found] == expected

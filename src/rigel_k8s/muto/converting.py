@@ -33,6 +33,20 @@ class Target:
     image: str | None = None
     distro: str | None = None
 
+    def choose_distro(self, stack: Stack) -> str:
+        """Return the ROS distribution."""
+        return self.distro or DISTROS[stack.ros2]
+
+
+def list_options(name: str, stack: Stack, target: Target) -> dict[str, Any]:
+    """Return the options of the job that deploys a stack, beside its nodes."""
+    ros2 = target.choose_distro(stack).lower() in ROS2
+    return {
+        "image": target.image or PLACEHOLDER,
+        "deployment_name": _name_release(name, stack),
+        **({"network": "peers"} if ros2 else {}),
+    }
+
 
 def write_rigelfile(name: str, stack: Stack, made: Translation, target: Target) -> str:
     """Return a Rigelfile whose one job deploys the nodes of a stack.
@@ -40,15 +54,14 @@ def write_rigelfile(name: str, stack: Stack, made: Translation, target: Target) 
     Args:
         name: what the user called the stack.
     """
-    distro = target.distro or DISTROS[stack.ros2]
+    distro = target.choose_distro(stack)
     job: dict[str, Any] = {"plugin": "rigel_k8s.OrchestrationPlugin"}
     lines = [
         f"# Made from {name} by `rigel muto convert`.",
         *_indent({"application": {"distro": distro}, "jobs": {"deploy": job}}, 0),
         "    with:",
-        *_indent({"deployment_name": _name_release(name, stack)}, 6),
-        *_write_image(target.image),
-        *_indent({"network": "peers"} if distro.lower() in ROS2 else {}, 6),
+        *([] if target.image else ["      # Write the image with the programs of the stack here."]),
+        *_indent(list_options(name, stack, target), 6),
         *_list_comments(made.remarks, None, 6),
         "      nodes:",
     ]
@@ -62,17 +75,10 @@ def _name_release(name: str, stack: Stack) -> str:
     return object_name(stack.name or next(iter(stack.ids), "") or PurePath(name).stem)
 
 
-def _write_image(image: str | None) -> Iterator[str]:
-    if image is None:
-        yield "      # Write the image with the programs of the stack here."
-    yield from _indent({"image": image or PLACEHOLDER}, 6)
-
-
 def _indent(content: Mapping[str, Any], indent: int) -> Iterator[str]:
     """Yield the lines of a mapping as YAML."""
-    if content:
-        text = document(_escape_templates(dict(content)))
-        yield from (f"{'':{indent}}{line}" for line in text.splitlines())
+    text = document(_escape_templates(dict(content)))
+    yield from (f"{'':{indent}}{line}" for line in text.splitlines())
 
 
 def _escape_templates(value: Any) -> Any:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import attrs
 
-from rigel_k8s.app.checks import check
+from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import UserError
 from rigel_k8s.muto.converting import Target, list_options, write_rigelfile

@@ -20,7 +20,7 @@ from rigel_k8s.rigelfile.expansion import Expanded, Surroundings
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
 from rigel_k8s.rigelfile.source import YamlNode, locate
 from rigel_k8s.rigelfile.structure import structure
-from rigel_k8s.trust import Untrusted, require_trust
+from rigel_k8s.system.trust import Untrusted, require_trust
 
 KEY, NODES = "muto", "nodes"
 #: Options one of which makes an entry of `nodes` a node of its own.

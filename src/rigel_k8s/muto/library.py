@@ -7,13 +7,13 @@ from functools import cached_property
 from pathlib import Path
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.local_files import read_text
 from rigel_k8s.muto.formats import list_stacks
 from rigel_k8s.muto.reading import read
 from rigel_k8s.muto.remarks import Unreadable
 from rigel_k8s.muto.stack import Stack
 from rigel_k8s.rigelfile.limits import MOST_BYTES
 from rigel_k8s.rigelfile.source import Source
+from rigel_k8s.system.local_files import read_text
 
 #: Files that are searched for an id: how many, how large together, and the endings of their names.
 MOST_FILES = 300

@@ -15,9 +15,9 @@ from rigel_k8s.muto.formats import list_stacks
 from rigel_k8s.muto.library import NotFound
 from rigel_k8s.muto.reading import read
 from rigel_k8s.muto.stack import Stack
-from rigel_k8s.proxy import environment_proxy, is_loopback
 from rigel_k8s.rigelfile.limits import MOST_BYTES
 from rigel_k8s.rigelfile.source import Source
+from rigel_k8s.system.proxy import environment_proxy, is_loopback
 
 if TYPE_CHECKING:
     import urllib3
@@ -162,7 +162,7 @@ def _pool(url: str, environ: Mapping[str, str]) -> urllib3.PoolManager:
     """Return connections that go through the environment's proxy, if it has one for the URL."""
     import urllib3
 
-    from rigel_k8s.tls import trust
+    from rigel_k8s.system.tls import trust
 
     options: dict[str, Any] = {"timeout": PATIENCE, "retries": False, "ssl_context": trust()}
     proxy = environment_proxy(urlsplit(url), environ)

@@ -17,7 +17,7 @@ from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile import load, realise
 from rigel_k8s.settings import Settings
-from rigel_k8s.trust import trust
+from rigel_k8s.system.trust import trust
 
 from .shapes import FOLDER, SAMPLES
 

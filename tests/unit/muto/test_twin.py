@@ -21,7 +21,7 @@ from rigel_k8s.muto.remarks import Unreadable
 from rigel_k8s.muto.twin import Access, Twin
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
-from rigel_k8s.trust import trust
+from rigel_k8s.system.trust import trust
 from tests.support.http_server import Exchange, HttpServer, serving
 
 SECRET = "s3cret"

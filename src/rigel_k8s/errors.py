@@ -20,7 +20,7 @@ keeps its traceback.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 
 class RigelK8sError(Exception):
@@ -42,6 +42,10 @@ class RigelK8sError(Exception):
         self.hint = hint
         self.details = tuple(details)
 
+    def fit_details(self, width: int) -> Sequence[str]:
+        """Return the details for lines of so many columns, where they can be shortened."""
+        return self.details
+
 
 class UserError(RigelK8sError):
     """What the user wrote (a Rigelfile, flags, the environment) is wrong."""
@@ -50,7 +54,20 @@ class UserError(RigelK8sError):
 
 
 class ProblemsError(UserError):
-    """Problems of one Rigelfile; `details` are the rendered problems, `message` counts them."""
+    """Problems of one Rigelfile; `message` counts them.
+
+    Args:
+        render: returns the problems as text, with lines of the file in so many columns.
+        width: the columns of `details`, for those who show them without asking for a width.
+    """
+
+    def __init__(self, message: str, render: Callable[[int], Sequence[str]], *, width: int) -> None:
+        super().__init__(message, details=render(width))
+        self._render = render
+
+    def fit_details(self, width: int) -> Sequence[str]:
+        """Return the problems with lines of the file in so many columns."""
+        return self._render(width)
 
 
 class JobFailed(RigelK8sError):

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import click
 
 from rigel_k8s import __version__, signals
+from rigel_k8s.cli.width import find_width
 from rigel_k8s.errors import RigelK8sError
 
 INTERRUPTED = 130
@@ -225,9 +226,10 @@ def show(error: RigelK8sError, *, causes: bool = False, color: bool | None = Non
         click.echo(format_exc(), err=True, nl=False)
     click.secho("error: ", fg="red", bold=True, nl=False, err=True, color=color)
     click.echo(error.message, err=True)
-    for detail in error.details:
+    margin = "  "
+    for detail in error.fit_details(find_width(sys.stderr) - len(margin)):
         for line in detail.splitlines():
-            click.echo(f"  {line}", err=True)
+            click.echo(f"{margin}{line}", err=True)
     if error.hint:
         click.secho("hint: ", fg="cyan", bold=True, nl=False, err=True, color=color)
         click.echo(error.hint, err=True)

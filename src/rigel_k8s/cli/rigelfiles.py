@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+
 import click
 
+from rigel_k8s.cli.width import find_width
 from rigel_k8s.cli.words import is_quiet, json_option, print_json, settings
 
 
@@ -37,7 +40,8 @@ def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FB
     if output == "json":
         print_json([finding_json(r.source.name, f) for r in results for f in r.findings])
         return 2 if failed else 0
-    for text in dict.fromkeys(text for result in results for text in result.render_findings()):
+    width = find_width(sys.stdout)
+    for text in dict.fromkeys(text for result in results for text in result.render_findings(width)):
         click.echo(text)
     if not failed and not is_quiet(ctx):
         click.echo(f"{results[0].source.name}: no problems")

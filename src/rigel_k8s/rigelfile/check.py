@@ -19,7 +19,7 @@ from rigel_k8s.rigelfile.findings import (
     sort_findings,
 )
 from rigel_k8s.rigelfile.grammar import Contents, read, used_name, uses
-from rigel_k8s.rigelfile.limits import MOST_BYTES, MOST_PROBLEMS
+from rigel_k8s.rigelfile.limits import LONGEST_LINE, MOST_BYTES, MOST_PROBLEMS
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.rigelfile.options import look
 from rigel_k8s.rigelfile.parse import parse
@@ -53,9 +53,9 @@ class CheckResult:
         """What is only told."""
         return tuple(f for f in self.findings if f.severity == "warning")
 
-    def render_findings(self) -> list[str]:
-        """Return all findings as text with the lines they are about."""
-        return [render(self.source, finding) for finding in self.findings]
+    def render_findings(self, width: int = LONGEST_LINE) -> list[str]:
+        """Return all findings as text with the lines they are about, in so many columns."""
+        return [render(self.source, finding, width=width) for finding in self.findings]
 
 
 def open_source(path: Path) -> Source:

@@ -16,6 +16,8 @@ from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate
 
 # Beyond these a search for what was meant takes longer than all else.
 _LONGEST_WORD, _MOST_NAMES, _FAR = 64, 300, 20
+# Columns of a line that are shown however narrow the terminal is.
+_LEAST_ROOM = 30
 
 
 @attrs.frozen
@@ -82,11 +84,15 @@ def _order(finding: Finding) -> tuple[str, Span, Span, str]:
     return name, finding.span, finding.defined_at or finding.span, finding.message
 
 
-def render(source: Source, finding: Finding, *, marked: bool = True) -> str:
+def render(
+    source: Source, finding: Finding, *, marked: bool = True, width: int = LONGEST_LINE
+) -> str:
     """Return a finding as text: the message, the line it is about, a caret below.
 
-    source: the Rigelfile; a finding about another text names that one.
-    marked: a warning says that it is one; whoever says so already leaves it out.
+    Args:
+        source: the Rigelfile; a finding about another text names that one.
+        marked: a warning says that it is one; where that is said already, it is left out.
+        width: columns; a longer line of the file is cut around the caret.
     """
     source = finding.source or source
     span = finding.span
@@ -96,7 +102,7 @@ def render(source: Source, finding: Finding, *, marked: bool = True) -> str:
     lines = source.lines
     shown = [span, finding.defined_at] if finding.defined_at else [span]
     gutter = len(str(max(place.line for place in shown)))
-    snippets = [text for place in shown for text in _snippet(lines, place, gutter)]
+    snippets = [text for place in shown for text in _snippet(lines, place, gutter, width)]
     return "\n".join([f"{head} [{finding.kind}]", *snippets])
 
 
@@ -119,18 +125,34 @@ def _show(text: str, longest: int) -> str:
     )
 
 
-def _snippet(lines: Sequence[str], span: Span, gutter: int) -> Iterator[str]:
+def _snippet(lines: Sequence[str], span: Span, gutter: int, width: int) -> Iterator[str]:
     """Yield the line of a place, and below it a caret under the place."""
     if span.line > len(lines) or not lines[span.line - 1].strip():
         return
     whole = lines[span.line - 1].rstrip()
-    first = max(0, span.column - LONGEST_LINE // 2) if len(whole) > LONGEST_LINE else 0
-    line = _show(whole[first : first + LONGEST_LINE], LONGEST_LINE)
+    line, first = _cut(whole, span.column - 1, max(_LEAST_ROOM, width - gutter - len(" | ")))
+    line = _show(line, len(line))
     lead = "".join("\t" if c == "\t" else " " for c in line[: span.column - 1 - first])
     end = span.end_column if span.end_line == span.line else len(whole) + 1
-    width = max(1, min(end - first, len(line) + 1) - (span.column - first))
+    marked = max(1, min(end - first, len(line) + 1) - (span.column - first))
     yield f"{span.line:>{gutter}} | {line}"
-    yield f"{'':>{gutter}} | {lead}^{'~' * (width - 1)}"
+    yield f"{'':>{gutter}} | {lead}^{'~' * (marked - 1)}"
+
+
+def _cut(line: str, at: int, room: int) -> tuple[str, int]:
+    """Return the part of a line around a character, and how many characters are before it.
+
+    `...` stands where the line goes on.
+    """
+    if len(line) <= room:
+        return line, 0
+    first = min(max(0, at - room // 2), len(line) - room)
+    part = line[first : first + room]
+    if first:
+        part = "..." + part[3:]
+    if first + room < len(line):
+        part = part[:-3] + "..."
+    return part, first
 
 
 def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError:
@@ -139,7 +161,8 @@ def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError
     count = sum(finding.severity == "error" for finding in found)
     return ProblemsError(
         f"{source.name} has {count} {'problem' if count == 1 else 'problems'}",
-        details=[render(source, finding) for finding in found],
+        lambda width: [render(source, finding, width=width) for finding in found],
+        width=LONGEST_LINE,
     )
 
 

@@ -31,6 +31,6 @@ MOST_COMBINATIONS = 1000
 MOST_LOOKED_AT = 100_000
 #: Problems that are reported.
 MOST_PROBLEMS = 300
-#: Characters of a line, and of a message, that are shown.
+#: Characters of a line, where no terminal says how many it has, and of a message, that are shown.
 LONGEST_LINE = 160
 LONGEST_MESSAGE = 1000

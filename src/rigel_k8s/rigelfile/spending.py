@@ -12,6 +12,7 @@ from rigel_k8s.errors import ProblemsError
 from rigel_k8s.rigelfile.findings import Finding, make_finding, render
 from rigel_k8s.rigelfile.limits import (
     DEEPEST,
+    LONGEST_LINE,
     LONGEST_TEXT,
     MOST_LOOKED_AT,
     MOST_TEXT,
@@ -29,7 +30,11 @@ class TooLarge(ProblemsError):
     """A file that makes more of itself than a limit allows; nothing more can be said about it."""
 
     def __init__(self, source: Source, finding: Finding) -> None:
-        super().__init__(f"{source.name} has 1 problem", details=[render(source, finding)])
+        super().__init__(
+            f"{source.name} has 1 problem",
+            lambda width: [render(source, finding, width=width)],
+            width=LONGEST_LINE,
+        )
         self.finding = finding
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s.jobs import registry
-from rigel_k8s.rigelfile import CheckResult, check_file, rigel03
+from rigel_k8s.rigelfile import CheckResult, Finding, Source, Span, check_file, render, rigel03
 
 HERE = Path(__file__).parent
 ENVIRON = {"REGISTRY": "localhost:5000", "WORD": "ten", "BASE_IMAGE": "ros:noetic"}
@@ -80,3 +80,19 @@ def test_eight_kinds_of_mistake_are_told_at_once(resolver: Callable[[str, str], 
     result = check_file(HERE / "err" / "eight-kinds.Rigelfile", ENVIRON, resolver)
     assert len({finding.kind for finding in result.findings}) >= 8
     assert sum(1 for finding in result.findings if finding.defined_at) >= 3
+
+
+@pytest.mark.parametrize("width", [50, 80, 160, 300])
+@pytest.mark.parametrize("before", [0, 10, 2500, 4985])
+def test_a_long_line_is_cut_around_the_caret(before: int, width: int) -> None:
+    """Of a line of 5,000 characters so much is shown as there are columns, with its place."""
+    line = "a" * before + "wrong" + "b" * (4995 - before)
+    place = Span(1, before + 1, 1, before + 6)
+    _, shown, caret = render(
+        Source("Rigelfile", line), Finding(place, "this is wrong", "kind"), width=width
+    ).split("\n")
+    assert len(shown) == width
+    marked = slice(caret.index("^"), caret.index("^") + 5)
+    assert (shown[marked], caret[marked]) == ("wrong", "^~~~~")
+    assert shown.startswith("1 | ...") is (before > width)
+    assert shown.endswith("...") is (4995 - before > width)

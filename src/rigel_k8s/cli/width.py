@@ -1,0 +1,17 @@
+"""How many columns an output has; imported before any command, so it imports nothing large."""
+
+from __future__ import annotations
+
+import os
+from typing import TextIO
+
+#: Columns of what is no terminal: a file, a pipe, the log of a CI system.
+WITHOUT_TERMINAL = 160
+
+
+def find_width(stream: TextIO) -> int:
+    """Return the columns of a stream's terminal."""
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or WITHOUT_TERMINAL
+    except (OSError, ValueError):  # not a terminal, or not a file at all
+        return WITHOUT_TERMINAL

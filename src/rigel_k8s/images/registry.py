@@ -11,7 +11,8 @@ import json
 import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode, urlsplit
@@ -20,7 +21,12 @@ import attrs
 
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.image_reference import DOCKER_HUB, Reference, parse_reference
-from rigel_k8s.images.credentials import RegistryCredentials, is_loopback, is_private
+from rigel_k8s.images.credentials import (
+    RegistryCredentials,
+    credentials_for,
+    is_loopback,
+    is_private,
+)
 from rigel_k8s.system.proxy import environment_proxy
 
 if TYPE_CHECKING:
@@ -72,6 +78,22 @@ def resolve_digest(
         return registry.digest(reference.repository, reference.version)
     except _Unclear:
         return None
+
+
+def resolve_digests(
+    images: Iterable[str], credentials: Sequence[RegistryCredentials] = ()
+) -> dict[str, str]:
+    """Return the digests of those images whose registries tell them, asked side by side."""
+    asked = list(images)
+    if not asked:
+        return {}
+
+    def ask(image: str) -> str | None:
+        return resolve_digest(image, credentials_for(parse_reference(image).registry, credentials))
+
+    with ThreadPoolExecutor(max_workers=min(8, len(asked))) as pool:
+        answers = zip(asked, pool.map(ask, asked), strict=True)
+        return {image: digest for image, digest in answers if digest}
 
 
 def find_architectures(

@@ -22,6 +22,15 @@ def containers(manifest: Manifest) -> Iterator[dict[str, Any]]:
         yield from spec.get(kind) or ()
 
 
+def list_loaded(nodes: Iterable[Manifest]) -> frozenset[str]:
+    """Return the images that nodes report to have, by tag (NAME:TAG) and by digest (NAME@DIGEST).
+
+    A kubelet reports its fifty largest.
+    """
+    images = (image for node in nodes for image in node.get("status", {}).get("images") or ())
+    return frozenset(name for image in images for name in image.get("names") or ())
+
+
 def pin_images(manifest: Manifest, digests: Mapping[str, str]) -> Manifest:
     """Return a workload with its images by digest where one is known; else the object as it is."""
     if not any(container.get("image") in digests for container in containers(manifest)):

@@ -22,6 +22,7 @@ from rigel_k8s.observability.manifests.stack import Boards, Stack
 from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.options import ObservabilityOptions
 from rigel_k8s.observability.request import StackRequest
+from rigel_k8s.pinning import pin
 from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
@@ -65,7 +66,7 @@ def desired_stack(request: StackRequest, cluster: Cluster) -> DesiredStack:
         claims=gives_storage(cluster),
         api_servers=api_servers(cluster),
     )
-    return DesiredStack(stack, stack_release(stack, said))
+    return DesiredStack(stack, pin(stack_release(stack, said), last, cluster.nodes))
 
 
 def _namespace(asked: str | None, there: str | None) -> str:

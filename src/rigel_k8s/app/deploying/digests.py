@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from rigel_k8s.image_reference import parse_reference
-from rigel_k8s.images.credentials import RegistryCredentials, credentials_for
-from rigel_k8s.images.registry import DIGESTS, resolve_digest
+from rigel_k8s.images.credentials import RegistryCredentials
+from rigel_k8s.images.registry import DIGESTS, resolve_digests
 from rigel_k8s.objects.images import images_of
 
 Manifests = Iterable[Mapping[str, Any]]
@@ -27,7 +26,7 @@ def pins(
     """
     digests = dict(_find_pushed(images, data))
     rest = [image for image in images if image not in digests and "@" not in image]
-    digests |= _ask_registries(rest, credentials)
+    digests |= resolve_digests(rest, credentials)
     found = {image: f"{image}@{digest}" for image, digest in digests.items()}
     rest = [image for image in rest if image not in found]
     if rest:
@@ -50,21 +49,6 @@ def _complete_name(image: str) -> str:
     """Return an image's full name: `app` is docker.io/library/app:latest."""
     reference = parse_reference(image)
     return f"{reference.name}:{reference.tag or 'latest'}"
-
-
-def _ask_registries(
-    images: Sequence[str], credentials: Sequence[RegistryCredentials]
-) -> dict[str, str]:
-    if not images:
-        return {}
-
-    def ask(image: str) -> str | None:
-        user = credentials_for(parse_reference(image).registry, credentials)
-        return resolve_digest(image, user)
-
-    with ThreadPoolExecutor(max_workers=min(8, len(images))) as pool:
-        answers = zip(images, pool.map(ask, images), strict=True)
-        return {image: digest for image, digest in answers if digest}
 
 
 def _read_revision(objects: Manifests) -> Iterator[tuple[str, str]]:

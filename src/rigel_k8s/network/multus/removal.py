@@ -16,12 +16,11 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.network.multus import RELEASE
-from rigel_k8s.network.multus.desired import network_release
 from rigel_k8s.network.multus.install import installation_of
 from rigel_k8s.network.multus.installation import Found, complete_options, find
 from rigel_k8s.network.multus.interfaces import list_asked
 from rigel_k8s.network.multus.proving import forget
-from rigel_k8s.network.multus.rollout import machine_script
+from rigel_k8s.network.multus.rollout import find_release
 from rigel_k8s.network.options import Install
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.removal import down
@@ -71,9 +70,7 @@ def remove(
     found = find(cluster, options)
     _refuse(cluster, found, report, force=force)
     installation = installation_of(found, options, retired=True)
-    _retire(
-        cluster, network_release(installation, machine_script()), found, report, cancel, timeout
-    )
+    _retire(cluster, find_release(cluster, installation, found), found, report, cancel, timeout)
     forget(cluster)
     plan = down(
         cluster, RELEASE, volumes=definitions, report=report, cancel=cancel, timeout=timeout

@@ -21,8 +21,9 @@ from rigel_k8s.network.multus.installation import Found
 from rigel_k8s.objects.facts import stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.pinning import pin
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, deploy, diff
+from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, deploy, diff, find_last_good
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.locking import bury_left
 from rigel_k8s.release.types import Desired
@@ -64,7 +65,7 @@ class Rollout:
             RolloutFailed: they are not, and a node that is away is not to blame.
             ClusterError, ConflictError, Refused: as deploy.
         """
-        desired = network_release(self.installation, machine_script())
+        desired = find_release(self.cluster, self.installation, self.found)
         end = time.monotonic() + self.bound
         while self._is_due(desired):
             self._let_be_away()
@@ -142,6 +143,12 @@ class Rollout:
             for part in (name for name, mine in ours.items() if mine):
                 if (node, part) not in ready:
                     yield f"{part} is not ready on {node}"
+
+
+def find_release(cluster: Cluster, installation: Installation, found: Found) -> Desired:
+    """Return what the release is to be, its images by digest."""
+    desired = network_release(installation, machine_script())
+    return pin(desired, find_last_good(cluster, RELEASE), lambda: found.nodes)
 
 
 def machine_script() -> str:

@@ -6,9 +6,7 @@ import base64
 import io
 import json
 import tarfile
-import threading
 from collections.abc import Iterator, Mapping
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +26,9 @@ from rigel_k8s.release.types import Desired, ReleaseId, Revision
 from rigel_k8s.settings import Application, Settings
 from tests.support.fake_cluster import FakeCluster
 from tests.support.options import options
+from tests.support.tag_registry import DIGEST, serve_tags
 
 NOETIC = Application("noetic")
-DIGEST = "sha256:" + "ab" * 32
 OTHER = "sha256:" + "cd" * 32
 
 
@@ -151,30 +149,11 @@ def test_observability_only_prunes_nothing() -> None:
 # Digests
 
 
-class Registry(BaseHTTPRequestHandler):
-    """A registry that knows one tag."""
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Say nothing."""
-
-    def do_HEAD(self) -> None:
-        known = self.path == "/v2/app/manifests/1"
-        self.send_response(200 if known else 404)
-        if known:
-            self.send_header("Docker-Content-Digest", DIGEST)
-        self.end_headers()
-
-
 @pytest.fixture
 def registry() -> Iterator[str]:
     """HOST:PORT of a registry that answers."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Registry)
-    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
-    thread.start()
-    yield f"127.0.0.1:{server.server_address[1]}"
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with serve_tags() as server:
+        yield server.host
 
 
 def test_digests_come_from_this_runs_push_first(registry: str, revision: object) -> None:

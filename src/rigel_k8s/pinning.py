@@ -1,0 +1,51 @@
+"""The images of what is installed for a whole cluster, by digest: Multus' and the stack's.
+
+A registry is asked once for each image. Later installations keep what the last revision has, so
+that a tag which is moved upstream changes nothing, and a cluster without a way to the registry is
+not asked to wait for it. Applications ask at each deploy (`app/deploying/digests.py`): their tags
+are meant to move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import attrs
+
+from rigel_k8s.image_reference import parse_reference
+from rigel_k8s.images.registry import resolve_digests
+from rigel_k8s.objects.images import images_of, list_loaded, pin_images
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.release.types import Desired, Revision
+
+
+def pin(
+    desired: Desired, last: Revision | None, list_nodes: Callable[[], Iterable[Manifest]]
+) -> Desired:
+    """Return a release with its images by digest, where a registry says which one a tag has.
+
+    An image that the machines have under its tag with another digest stays as it is written: it
+    was loaded onto them, and no registry has it.
+
+    Args:
+        last: the last good revision.
+        list_nodes: asks for the cluster's nodes; not called where the last revision has all images.
+    """
+    before = {image.partition("@")[0]: image for image in images_of(last.objects if last else ())}
+    images = [image for image in images_of(desired.objects) if "@" not in image]
+    pins = {image: before[image] for image in images if image in before}
+    new = [image for image in images if image not in before]
+    if new:
+        pins |= find_pins(new, list_loaded(list_nodes()))
+    objects = tuple(pin_images(manifest, pins) for manifest in desired.objects)
+    return attrs.evolve(desired, objects=objects)
+
+
+def find_pins(images: Iterable[str], loaded: frozenset[str]) -> dict[str, str]:
+    """Return {image: image@digest} of those whose registry says so, and that were not loaded."""
+    found = {}
+    for image, digest in resolve_digests(images).items():
+        reference = parse_reference(image)
+        if str(reference) not in loaded or f"{reference.name}@{digest}" in loaded:
+            found[image] = f"{image}@{digest}"
+    return found

@@ -136,6 +136,17 @@ def rigel(context: str) -> Rigel:
 
 
 @pytest.fixture(scope="session")
+def rigel_as_deployer(context: str, deployer_config: Path) -> Rigel:
+    """Run `rigel` as that user."""
+
+    def call(*words: str, **options: Any) -> subprocess.CompletedProcess[str]:
+        place = ("--kubeconfig", str(deployer_config), "--context", context)
+        return run_rigel(*place, *words, **options)
+
+    return call
+
+
+@pytest.fixture(scope="session")
 def registry(admin: Any) -> str:
     """HOST:PORT of a registry that we can push to and the nodes pull from."""
     from rigel_k8s.objects.refs import ObjectRef

@@ -1,4 +1,7 @@
-"""ROS 1 from a Rigelfile on a real cluster: readiness, storage, updates, placement, failures."""
+"""ROS 1 from a Rigelfile on a real cluster: readiness, storage, updates, placement, failures.
+
+`rigel` has the rights of the Role for deployers and no others.
+"""
 
 from __future__ import annotations
 
@@ -33,9 +36,11 @@ PUBLISHERS = (
 
 
 @pytest.fixture
-def robot(tmp_path: Path, namespace: str, base_image: str, rigel: Any, cluster: Any) -> Robot:
-    """A robot in a namespace of its own."""
-    return Robot(tmp_path, namespace, base_image, rigel, cluster)
+def robot(
+    tmp_path: Path, namespace: str, base_image: str, rigel_as_deployer: Any, cluster: Any
+) -> Robot:
+    """A robot in a namespace of its own; its `rigel` is that of a deployer."""
+    return Robot(tmp_path, namespace, base_image, rigel_as_deployer, cluster)
 
 
 def python(code: str) -> dict[str, Any]:

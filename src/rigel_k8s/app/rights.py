@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 from rigel_k8s.objects.rights import Right, grant
 from rigel_k8s.release.refusals.rights import (
+    WATCHED,
     need_for_kind,
     need_to_explain,
     need_to_record,
@@ -58,13 +59,16 @@ def need_always(namespace: str) -> Iterator[Right]:
 def need_to_have(kinds: Iterable[Kind], namespace: str) -> Iterator[Right]:
     """Yield what it takes to create, update and delete objects of some kinds."""
     for api_version, kind in kinds:
-        yield from need_for_kind(api_version, kind, namespace, "get list create patch delete")
+        watch = " watch" if kind in WATCHED else ""
+        verbs = f"get list create patch delete{watch}"
+        yield from need_for_kind(api_version, kind, namespace, verbs)
 
 
 def need_to_look(namespace: str) -> Iterator[Right]:
     """Yield what it takes to see what runs and why not, and to read logs: no Secret, no command."""
-    yield from grant("", "namespaces pods/log", "get", namespace)
-    yield from grant("", "pods events services configmaps", "get list watch", namespace)
+    yield from grant("", "pods/log", "get", namespace)
+    yield from grant("", "pods", "list watch", namespace)
+    yield from grant("", "events", "list", namespace)
     yield from grant("metrics.k8s.io", "pods", "list", namespace)
     for api_version, kind in SHOWN:
-        yield from need_for_kind(api_version, kind, namespace, "get list watch")
+        yield from need_for_kind(api_version, kind, namespace, "list")

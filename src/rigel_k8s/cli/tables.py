@@ -14,7 +14,7 @@ from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
 from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
-from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.release.status import UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.rosgraph.gate import GateStatus
 
 #: The kind of a node that its roscore has forgotten: nothing in ROS 1 registers it again.
@@ -51,6 +51,8 @@ def status_text(
 def headline(found: ReleaseStatus) -> str:
     """Return what it is about."""
     where = f"release {found.release.name} in namespace {found.release.namespace}"
+    if found.revision_status == UNSEEN:
+        return f"{where}; its revision cannot be seen (the right to list secrets)"
     if not found.revision:
         return f"{where}: no revision"
     state = {"good": "", "pending": " (not ended)"}

@@ -20,6 +20,7 @@ ORDER = (
     "NetworkPolicy",
     "Service",
 )
+BINDINGS = ("RoleBinding", "ClusterRoleBinding")
 #: Kinds that run pods, and the pod itself.
 WORKLOADS = ("DaemonSet", "StatefulSet", "Deployment", "Job", "CronJob", "Pod")
 #: Kinds that hold data: they go only when that is asked for. With a definition goes every object of
@@ -35,7 +36,12 @@ def rank(kind: str) -> int:
 
 
 def wave(kind: str) -> int:
-    """Return which objects are applied at once: 0 what defines kinds, 1 the rest, 2 workloads."""
+    """Return which objects are applied at once: 0 what defines kinds, 1 the rest, then workloads.
+
+    Between them are bindings: a user without the right to bind any Role may bind one that is there.
+    """
     if kind in FIRST:
         return 0
-    return 2 if kind in WORKLOADS else 1
+    if kind in WORKLOADS:
+        return 3
+    return 2 if kind in BINDINGS else 1

@@ -26,6 +26,8 @@ from rigel_k8s.release.types import ReleaseId
 Live = dict[str, Any]
 #: What a probe says last, where programs are to know what kind of failure it is.
 KIND = re.compile(r"\[([a-z-]+)\]$")
+#: The status of a revision for a user who may not read Secrets.
+UNSEEN = "unseen"
 KINDS = (
     ("apps/v1", "Deployment"),
     ("apps/v1", "DaemonSet"),
@@ -85,7 +87,7 @@ class ReleaseStatus:
 
     Attributes:
         revision: the newest revision's number, 0 where there is none.
-        revision_status: that revision's status, "" where there is none.
+        revision_status: its status, "" where there is none, UNSEEN where we may not see revisions.
     """
 
     release: ReleaseId
@@ -111,8 +113,7 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
         )
     return ReleaseStatus(
         release,
-        records[-1].number if records else 0,
-        records[-1].status if records else "",
+        *newest(records),
         tuple(
             describe_workload(live, around)
             for live in sorted(workloads, key=lambda live: str(live["metadata"]["name"]))
@@ -121,12 +122,19 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
     )
 
 
+def newest(records: Sequence[revisions.Record] | None) -> tuple[int, str]:
+    """Return number and status of the newest revision."""
+    if records is None:
+        return 0, UNSEEN
+    return (records[-1].number, records[-1].status) if records else (0, "")
+
+
 def collect(
     cluster: Cluster, release: ReleaseId
-) -> tuple[dict[str, list[Live]], Sequence[revisions.Record]]:
+) -> tuple[dict[str, list[Live]], Sequence[revisions.Record] | None]:
     """Return the release's objects, all pods of its namespace that may be its own, and warnings."""
     found: dict[str, list[Live]] = {}
-    records: list[revisions.Record] = []
+    records: list[Sequence[revisions.Record] | None] = []
 
     def list_kind(api_version: str, kind: str, **selectors: Any) -> Callable[[], None]:
         def call() -> None:
@@ -141,17 +149,17 @@ def collect(
     own = {RELEASE_LABEL: release.name}
     work = [list_kind(*kind, labels=own) for kind in KINDS]
     work += [list_kind("v1", "Pod", labels=own), list_kind("v1", "Event", fields="type=Warning")]
-    work.append(lambda: records.extend(list_records(cluster, release)))
+    work.append(lambda: records.append(list_records(cluster, release)))
     cluster.parallel(lambda call: call(), work)
-    return found, records
+    return found, records[0]
 
 
-def list_records(cluster: Cluster, release: ReleaseId) -> Sequence[revisions.Record]:
-    """Return the release's records; none for who may see what runs but no Secrets."""
+def list_records(cluster: Cluster, release: ReleaseId) -> Sequence[revisions.Record] | None:
+    """Return the release's records; None for a user who may see what runs but no Secrets."""
     try:
         return revisions.records(cluster, release)
     except Forbidden:
-        return []
+        return None
 
 
 def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:

@@ -9,10 +9,10 @@ import attrs
 import click
 import pytest
 
-from rigel_k8s.cli.tables import ORPHAN, age, status_json, status_text
+from rigel_k8s.cli.tables import ORPHAN, age, headline, status_json, status_text
 from rigel_k8s.graph.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.graph.words import GraphFinding
-from rigel_k8s.release.status import PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.release.status import UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.gate import GateStatus, NameConflict, WaitingNode
 
@@ -100,6 +100,12 @@ def test_nothing_runs() -> None:
     """Said in words."""
     text = status_text(release(revision=0, state=""), NOW)
     assert text == "release app in namespace robots: no revision\n\nnothing runs"
+
+
+def test_a_revision_that_may_not_be_seen_is_not_called_missing() -> None:
+    """A viewer may not list Secrets, and revisions are Secrets."""
+    found = ReleaseStatus(ReleaseId("robots", "app"), 0, UNSEEN, ())
+    assert "its revision cannot be seen (the right to list secrets)" in headline(found)
 
 
 def test_orphans_and_the_way_out() -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.kube.failures import Refusal, refusal
+from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import apply
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.removal import down
@@ -49,6 +51,26 @@ def seen(fake: FakeCluster) -> Callable[[str, str], Pods]:
 def slow(fake: FakeCluster, **ending: int) -> None:
     """Let the pods of some workloads take long to end."""
     fake.store.controllers = Controllers(ending=ending)
+
+
+def test_a_role_is_there_before_it_is_bound(fake: FakeCluster, report: Any) -> None:
+    """For a user without the right to bind any Role, Kubernetes looks up what the Role grants."""
+    api = "rbac.authorization.k8s.io"
+    meta = {"name": "gate", "namespace": "n"}
+    role = {"apiVersion": f"{api}/v1", "kind": "Role", "metadata": meta, "rules": []}
+    bound = {"apiGroup": api, "kind": "Role", "name": "gate"}
+    binding = {**role, "kind": "RoleBinding", "roleRef": bound}
+    del binding["rules"]
+
+    def refuse(live: Any, dry_run: Any) -> Refusal | None:
+        if live["kind"] != "RoleBinding" or ref_of(role) in fake.objects:
+            return None
+        answer = json.dumps({"message": 'rolebindings "gate" not found'}).encode()
+        return refusal(404, answer, "apply RoleBinding n/gate", context="c", server="s")
+
+    fake.store.refuse = refuse
+    deploy(desired(binding, role, workload()), fake, report=report)
+    assert ref_of(binding) in fake.objects
 
 
 def test_nodes_are_applied_when_their_master_is_ready(

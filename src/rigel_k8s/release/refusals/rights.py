@@ -13,7 +13,7 @@ from rigel_k8s.objects.rights import Right, grant
 from rigel_k8s.release.order import WORKLOADS
 
 #: What is done with the objects of a release, by the moment.
-LOOK, WRITE, PRUNE = "list", "create patch", "get delete"
+LOOK, WAIT, WRITE, PRUNE = "list", "watch", "create patch", "get delete"
 
 #: Kinds that are watched until they are ready.
 WATCHED = (*WORKLOADS, "PersistentVolumeClaim")
@@ -58,8 +58,7 @@ def need_for_kind(
     if resource is None:
         return
     group = api_version.rpartition("/")[0]
-    watch = " watch" if kind in WATCHED and LOOK in verbs else ""
-    yield from grant(group, resource.plural, verbs + watch, namespace or "")
+    yield from grant(group, resource.plural, verbs, namespace or "")
 
 
 def find_resource(api_version: str, kind: str) -> Resource | None:
@@ -88,7 +87,8 @@ def need_for(
     needed = {*need_to_record(namespace)}
     if any(manifest["kind"] in WORKLOADS for manifest in made):
         needed |= {*need_to_wait(namespace)}
-    for verbs, objects in ((LOOK, made), (WRITE, changing), (PRUNE, gone)):
+    watched = [manifest for manifest in made if manifest["kind"] in WATCHED]
+    for verbs, objects in ((LOOK, made), (WAIT, watched), (WRITE, changing), (PRUNE, gone)):
         for kind in {(m["apiVersion"], m["kind"], m["metadata"].get("namespace")) for m in objects}:
             needed |= {*need_for_kind(*kind, verbs)}
     if create_namespace:

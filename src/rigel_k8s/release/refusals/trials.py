@@ -130,12 +130,16 @@ def try_object(
 ) -> Live | Refusal:
     """Return what applying a manifest would make of it, or why it would be refused.
 
-    An object whose kind this very deploy defines cannot be tried, and is taken for a new one.
+    An object whose kind this very deploy defines cannot be tried, and is taken for a new one. Nor
+    can a binding of a Role that is still to come: for a user without the right to bind any Role,
+    Kubernetes looks up what the Role grants.
     """
     try:
         with naming_remedy(desired, manifest["kind"]):
             return cluster.apply(manifest, force=adopt, dry_run=True)
     except Missing as error:
+        if binds_own_role(desired, manifest):
+            return assume_result(cluster, manifest)
         return dict(manifest) if defines(desired, manifest) else error
     except Refusal as error:
         if error.status == 400 and "dry run" in error.message:
@@ -162,6 +166,15 @@ def defines(desired: Desired, manifest: Manifest) -> bool:
         (m["spec"]["group"], m["spec"]["names"]["kind"]) == (group, manifest["kind"])
         for m in desired.objects
         if m["kind"] == "CustomResourceDefinition"
+    )
+
+
+def binds_own_role(desired: Desired, manifest: Manifest) -> bool:
+    """Whether a manifest binds a Role of the release itself."""
+    role = manifest.get("roleRef") or {}
+    return any(
+        (m["kind"], m["metadata"]["name"]) == (role.get("kind"), role.get("name"))
+        for m in desired.objects
     )
 
 

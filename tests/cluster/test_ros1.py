@@ -205,8 +205,14 @@ def test_a_job_that_describes_a_part_resets_and_prunes_nothing(robot: Robot) -> 
     assert after == before
 
 
-def test_a_label_that_no_machine_has_is_told_before_anything_is_applied(robot: Robot) -> None:
-    """A pod that could never be scheduled is no roll-out to wait for."""
+def test_a_label_that_no_machine_has_is_told_before_anything_is_applied(
+    tmp_path: Path, namespace: str, base_image: str, rigel: Any, cluster: Any
+) -> None:
+    """A pod that could never be scheduled is no roll-out to wait for.
+
+    It takes the right to list nodes, which a deployer does not have.
+    """
+    robot = Robot(tmp_path, namespace, base_image, rigel, cluster)
     node = talker() | {"placement": {"labels": {"robot": "seven"}}}
     robot.write({"talker": node})
     done = robot.rigel("run", "job", "deploy", check=False)

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 from urllib.parse import quote
 
 from rigel_k8s.kube.answers import parse, read_kinds, read_object
-from rigel_k8s.kube.failures import Conflict, Missing, garbled_error, refusal
+from rigel_k8s.kube.failures import Conflict, Garbled, Missing, garbled_error, refusal
 from rigel_k8s.kube.resources import ApiResources, Resource, path
 from rigel_k8s.kube.streams import Stream
 from rigel_k8s.kube.target import Target
@@ -63,8 +63,7 @@ class Client:
                 return read(parse(answer.body))
             except ValueError as error:
                 if doubtful or not again:
-                    url = self.target.server + path
-                    raise garbled_error(what, url, answer.body, str(error)) from error
+                    raise self.garbled_error(what, path, answer.body, str(error)) from error
             doubtful = True
 
     def write(
@@ -113,9 +112,15 @@ class Client:
         """
         if answer.status >= 400:
             context, server = self.target.context, self.target.server
-            error = refusal(answer.status, answer.body, what, context=context, server=server)
+            body = self.transport.conceal(answer.body)
+            error = refusal(answer.status, body, what, context=context, server=server)
             error.doubtful = doubtful or answer.doubtful
             raise error
+
+    def garbled_error(self, what: str, path: str, body: bytes, reason: str) -> Garbled:
+        """Return the error for an answer that cannot be understood, without our credentials."""
+        url = self.target.server + path
+        return garbled_error(what, url, self.transport.conceal(body), reason)
 
     def resource(self, api_version: str, kind: str, what: str) -> Resource:
         """Return how the API calls a kind.

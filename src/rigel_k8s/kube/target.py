@@ -27,7 +27,7 @@ class Credentials:
     """
 
     certificate: str = ""
-    key: str = ""
+    key: str = attrs.field(default="", repr=False)
     headers: Callable[..., Headers] = no_headers
 
 

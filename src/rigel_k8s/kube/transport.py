@@ -208,6 +208,14 @@ class Transport:
         sock.settimeout(READ_TIMEOUT)
         return sock
 
+    def conceal(self, body: bytes) -> bytes:
+        """Return an answer to be shown, without our credentials: a proxy's page may repeat them."""
+        for name, value in self.connections.authorization():
+            if name.lower() == "authorization":
+                secret = value.rpartition(" ")[2].encode()
+                body = body.replace(secret, b"***") if secret else body
+        return body
+
     def connect(self, what: str) -> HTTPConnection:
         """Return a connection that belongs to the caller."""
         try:

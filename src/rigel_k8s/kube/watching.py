@@ -11,7 +11,7 @@ import attrs
 
 from rigel_k8s.kube.answers import parse, read_event, read_start
 from rigel_k8s.kube.client import Client
-from rigel_k8s.kube.failures import Garbled, Refusal, garbled_error
+from rigel_k8s.kube.failures import Garbled, Refusal
 from rigel_k8s.kube.resources import path
 from rigel_k8s.kube.threads import aborting
 
@@ -138,7 +138,7 @@ def events(
             try:
                 kind, found = read_event(parse(line))
             except ValueError as error:
-                raise garbled_error(what, client.target.server + url, line, str(error)) from error
+                raise client.garbled_error(what, url, line, str(error)) from error
             if kind == "ERROR":
                 refused = Refusal(f"cannot {what}: {found.get('message')}")
                 code = found.get("code")

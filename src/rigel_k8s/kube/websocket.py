@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.kube.client import Client
-from rigel_k8s.kube.failures import garbled_error
 from rigel_k8s.kube.transport import Answer
 
 if TYPE_CHECKING:
@@ -101,13 +100,14 @@ def connect(client: Client, path: str, what: str, protocols: Sequence[str]) -> W
     except websocket.WebSocketBadStatusException as error:
         connection.close()
         answer = read_refusal(error)
-        client.raise_for(answer, what)
-        place = client.target.server + path
-        raise garbled_error(what, place, answer.body, "it is not a websocket") from error
     except (websocket.WebSocketException, OSError, ssl.SSLError, ValueError) as error:
         connection.close()
         raise transport.unreachable_error(what, error) from error
-    return Websocket(inner)
+    else:
+        return Websocket(inner)
+    # Not while the first error is handled, whose text has the answer with all that is in it.
+    client.raise_for(answer, what)
+    raise client.garbled_error(what, path, answer.body, "it is not a websocket")
 
 
 def read_refusal(error: Any) -> Answer:

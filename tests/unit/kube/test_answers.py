@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import traceback
 from typing import Any
 
 import pytest
 
 from rigel_k8s.errors import ClusterError
-from rigel_k8s.kube import watching
+from rigel_k8s.kube import resending, watching
 from rigel_k8s.kube.failures import Garbled, Missing, refusal
+from rigel_k8s.kube.target import Credentials
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.http_server import Exchange
 
@@ -121,6 +123,32 @@ def test_no_error_shows_the_bytes_of_secrets(serve: Any) -> None:
         client.list("v1", "Secret", "robot")
     assert "cGxh" not in f"{caught.value.message} {caught.value.details}"
     assert "it may hold a secret" in caught.value.details[0]
+
+
+@pytest.mark.parametrize("status", [200, 401, 403, 404, 500])
+@pytest.mark.parametrize("call", ["get", "apply", "watch", "exec"])
+@pytest.mark.parametrize("header", ["Bearer planted-token", "Basic cGxhbnRlZDpwdw=="])
+def test_an_answer_that_repeats_our_credentials_is_shown_without_them(
+    serve: Any, call: str, status: int, header: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The page of a proxy may show the headers of the request."""
+    for name in ("RETRY_BUDGET", "FIRST_PAUSE"):
+        monkeypatch.setattr(resending, name, 0.01)
+    monkeypatch.setattr(watching, "PAUSE", 0.01)
+
+    def answer(exchange: Exchange) -> None:
+        exchange.say(status, f"<p>{exchange.headers['Authorization']}</p>".encode())
+
+    me = Credentials(headers=lambda *, fresh: [("Authorization", header)])
+    cluster, server = serve(answer, credentials=lambda: me)
+    run = {"exec": lambda cluster: cluster.run("n", "pod", ["true"], container="c")}
+    with pytest.raises(ClusterError) as caught:
+        (CALLS | run)[call](cluster)
+    assert server.requests[-1].headers["Authorization"] == header
+    told = "".join(traceback.format_exception(caught.value))
+    told += f"{caught.value.details} {caught.value.hint}"
+    assert "***" in told
+    assert header.split()[1] not in told
 
 
 @pytest.mark.parametrize("call", ["get", "apply", "create", "replace", "patch"])

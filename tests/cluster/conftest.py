@@ -17,7 +17,7 @@ import yaml
 from rigel_k8s.settings import Settings
 
 from ..support import shared
-from .rights import DEPLOYER, grant_role, write_impersonation
+from .rights import DEPLOYER, INSTALLER, grant_role, write_impersonation
 
 Rigel = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -160,9 +160,23 @@ def registry(admin: Any) -> str:
 
 
 @pytest.fixture(scope="session")
-def multus(context: str) -> None:
-    """Multus and whereabouts on the cluster, as the product installs them; they stay there."""
-    shared.once("multus", lambda: run_rigel("--context", context, "network", "install"))
+def installer(admin: Any, context: str, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The options with which `rigel` has the ClusterRole for installers, and nothing else."""
+    grant_role(admin, "", "installer", INSTALLER)
+    file = write_impersonation(context, INSTALLER, tmp_path_factory.mktemp("installer"))
+    return ["--kubeconfig", str(file), "--context", context]
+
+
+@pytest.fixture(scope="session")
+def multus(installer: list[str]) -> None:
+    """Multus and whereabouts on the cluster, as an installer installs them; they stay there."""
+
+    def install() -> None:
+        run_rigel(*installer, "network", "install")
+        assert "attaches pods" in run_rigel(*installer, "network", "install").stdout
+        assert "ready" in run_rigel(*installer, "network", "status").stdout
+
+    shared.once("multus", install)
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.kube.kubeconfig import load
 from rigel_k8s.settings import Settings
 
-DEPLOYER = "rigel-test-deployer"
+DEPLOYER, INSTALLER = "rigel-test-deployer", "rigel-test-installer"
 
 
 def grant_role(admin: Any, namespace: str, purpose: str, user: str) -> None:

@@ -17,11 +17,14 @@ from rigel_k8s.observability.desired import render_stack
 from rigel_k8s.observability.request import StackRequest
 from rigel_k8s.release.refusals.rights import (
     find_resource,
+    need_for_kind,
     need_to_explain,
     need_to_record,
     need_to_wait,
 )
+from rigel_k8s.release.status import KINDS as SHOWN
 
+ATTACHMENT = ("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition")
 #: Verbs for every kind of object that is installed.
 VERBS = "get list watch create patch delete"
 
@@ -35,12 +38,16 @@ def list_rights() -> Iterator[Right]:
     """Yield the rights: for the objects, for the look at the machines, and those passed on."""
     for need in (need_to_record, need_to_wait, need_to_explain):
         yield from need("")
-    yield from grant("", "namespaces", "get create")
+    yield from grant("", "namespaces", "get create patch")
     yield from grant("", "nodes", "get list")
     yield from grant("", "pods", "delete")
     yield from grant("", "pods/exec", "get create")
+    yield from grant("", "services/proxy", "get")  # `rigel observe status` asks the stack
     yield from grant("storage.k8s.io", "storageclasses", "list")
     yield from grant("discovery.k8s.io", "endpointslices", "list")
+    yield from need_for_kind(*ATTACHMENT, "", "list create delete")  # of the pods that prove it
+    for kind in SHOWN:
+        yield from need_for_kind(*kind, "", "list")
     for manifest in list_manifests():
         resource = find_resource(manifest["apiVersion"], manifest["kind"])
         if resource is not None:

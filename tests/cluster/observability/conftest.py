@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -37,20 +37,25 @@ def until(look: Callable[[], T], what: str, patience: float = PATIENCE) -> T:
 
 @attrs.frozen
 class Stack:
-    """The stack in its namespace, asked through the API server."""
+    """The stack in its namespace, asked through the API server.
+
+    Attributes:
+        user: the options with which `rigel` deploys it; those of the context's user otherwise.
+    """
 
     cluster: Any
     context: str
     namespace: str
     file: Path
+    user: Sequence[str] = ()
 
     def deploy(self, options: dict[str, Any] | None = None, *words: str) -> str:
         """Deploy it with options, and return what was told."""
         job = {"plugin": "rigel_k8s.ObservabilityPlugin", "with": {**OPTIONS, **(options or {})}}
         jobs = {"application": {"distro": "noetic"}, "jobs": {"stack": job}}
         self.file.write_text(json.dumps(jobs))
-        command = ("--context", self.context, "-f", str(self.file), "run", "job", "stack", *words)
-        done = run_rigel(*command)
+        user = self.user or ("--context", self.context)
+        done = run_rigel(*user, "-f", str(self.file), "run", "job", "stack", *words)
         return done.stdout + done.stderr
 
     def ask(self, service: str, port: int, path: str, **query: object) -> Any:
@@ -134,15 +139,21 @@ def _images(context: str) -> None:
 
 
 @pytest.fixture(scope="session")
-def watching(cluster: Any, context: str, tmp_path_factory: pytest.TempPathFactory) -> Stack:
-    """The cluster's one stack, deployed once for all processes; the run's end takes it away."""
+def watching(
+    cluster: Any, context: str, installer: list[str], tmp_path_factory: pytest.TempPathFactory
+) -> Stack:
+    """The cluster's one stack, deployed once for all processes; the run's end takes it away.
+
+    It is deployed by a user who has the ClusterRole for installers and nothing else.
+    """
     ours = shared.directory() / shared.STACK
     if not ours.exists() and (there := find_namespace(cluster)):
         namespace = there
     else:
         namespace = "monitoring"
         ours.write_text(namespace)
-    stack = Stack(cluster, context, namespace, tmp_path_factory.mktemp("stack") / "Rigelfile")
+    file = tmp_path_factory.mktemp("stack") / "Rigelfile"
+    stack = Stack(cluster, context, namespace, file, installer)
     shared.once("stack is deployed", stack.deploy)
     return stack
 

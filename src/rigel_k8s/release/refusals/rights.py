@@ -92,5 +92,5 @@ def need_for(
         for kind in {(m["apiVersion"], m["kind"], m["metadata"].get("namespace")) for m in objects}:
             needed |= {*need_for_kind(*kind, verbs)}
     if create_namespace:
-        needed |= {*grant("", "namespaces", "create")}
+        needed |= {*grant("", "namespaces", "create patch")}
     return needed

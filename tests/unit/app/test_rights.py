@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +39,21 @@ def test_who_looks_sees_no_secret_and_changes_nothing() -> None:
     assert {right.verb for right in rights} == {"get", "list", "watch"}
     assert not {"secrets", "pods/exec"} & {right.resource for right in rights}
     assert rights < set(need_to_deploy("n"))
+
+
+def test_the_documentation_says_what_each_right_is_needed_for() -> None:
+    """docs/rights.md has each resource of the Role with its verbs, and no other."""
+    page = (Path(__file__).parents[3] / "docs" / "rights.md").read_text()
+    text = page.partition("| right | verbs |")[2]
+    documented: dict[str, set[str]] = {}
+    for names, verbs in re.findall(r"^\| (`.*?) \| ([a-z][^|(]*?)(?: \(.*?\))? \|", text, re.M):
+        for name in re.findall(r"`(.*?)`", names):
+            documented[name] = set(re.split(r"[,;] ", verbs))
+    granted: dict[str, set[str]] = defaultdict(set)
+    for right in need_to_deploy("n"):
+        name = f"{right.resource}.{right.group}" if "metrics" in right.group else right.resource
+        granted[name].add(right.verb)
+    assert documented == granted
 
 
 def test_no_right_is_for_all_verbs_or_kinds() -> None:

@@ -214,3 +214,11 @@ def ros2_image(registry: str) -> str:
     words = ("image", "ros2-base", "--push", name)
     shared.once("ros2-base", lambda: run_rigel(*words, timeout=shared.BUILDS))
     return name
+
+
+@pytest.fixture(scope="session")
+def exporter_image(registry: str) -> str:
+    """The exporter of this checkout in the cluster's registry, under a name of this run."""
+    name = f"{registry}/test/ros-exporter:{shared.directory().name}"
+    shared.once("exporter", lambda: run_rigel("image", "ros-exporter", "--push", name))
+    return name

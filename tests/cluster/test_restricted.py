@@ -36,6 +36,7 @@ LISTENER2 = (
     " n.create_subscription(m.String, 'chatter',"
     " lambda s: n.get_logger().info('heard ' + s.data), 1); rclpy.spin(n)"
 )
+STORAGE = {"volumes": [{"name": "maps", "size": "10Mi"}]}
 ENFORCE = {"metadata": {"labels": {"pod-security.kubernetes.io/enforce": "restricted"}}}
 
 
@@ -53,23 +54,57 @@ def python(code: str, **env: str) -> dict[str, Any]:
     return {"args": ["python3", "-c", code], "env": env}
 
 
+def stored(node: dict[str, Any]) -> dict[str, Any]:
+    """Return a node that has a claim."""
+    return node | {"volumes": [{"name": "maps", "mount_path": "/maps"}]}
+
+
 def until_heard(robot: Robot, text: str) -> None:
     """Wait until the listener has logged a message."""
     until(lambda: f"heard {text}" in robot.rigel("logs", "listener").stdout, f"{text} is heard")
 
 
+def until_measured(robot: Robot, topic: str) -> None:
+    """Wait until the exporter has counted messages of a topic."""
+    [pod] = robot.pods("ros-exporter")
+    ref = ObjectRef("v1", "Pod", robot.namespace, f"{pod['metadata']['name']}:9419")
+    counted = f'ros_topic_messages_total{{topic="{topic}"'
+
+    def measured() -> bool:
+        text = robot.cluster.get_through_proxy(ref, "metrics").decode()
+        lines = (line for line in text.splitlines() if line.startswith(counted))
+        return any(float(line.rpartition(" ")[2]) > 0 for line in lines)
+
+    until(measured, f"messages of {topic} in the exporter")
+
+
+def exported(image: str) -> dict[str, Any]:
+    """Return the options of an exporter without a stack: a deployer may not install that."""
+    ros_metrics = {"image": image, "interval": "2s", "topics": ["/chatter"]}
+    return {"enabled": True, "collector": "promtail", "ros_metrics": ros_metrics}
+
+
 def test_ros1_works_and_hands_over(
-    tmp_path: Path, restricted: str, base_image: str, rigel: Any, cluster: Any
+    tmp_path: Path,
+    restricted: str,
+    base_image: str,
+    exporter_image: str,
+    rigel_as_deployer: Any,
+    cluster: Any,
 ) -> None:
-    """roscore, its gate and nodes run without root and are updated; roscore's log is written."""
-    robot = Robot(tmp_path, restricted, base_image, rigel, cluster)
-    storage = {"volumes": [{"name": "maps", "size": "10Mi"}]}
-    listener = python(LISTENER) | {"volumes": [{"name": "maps", "mount_path": "/maps"}]}
+    """roscore, its gate, nodes and the exporter run without root; roscore's log is written."""
+    robot = Robot(tmp_path, restricted, base_image, rigel_as_deployer, cluster)
+    options = {
+        "security": "restricted",
+        "persistent_storage": STORAGE,
+        "observability": exported(exporter_image),
+    }
     for version in ("v1", "v2"):
-        nodes = {"talker": python(TALKER, VERSION=version), "listener": listener}
-        robot.write(nodes, security="restricted", persistent_storage=storage)
+        nodes = {"talker": python(TALKER, VERSION=version), "listener": stored(python(LISTENER))}
+        robot.write(nodes, **options)
         robot.deploy()
         until_heard(robot, version)
+    until_measured(robot, "/chatter")
     assert "/talker" in robot.run("ros-master", "sh", "-c", "cat ~/.ros/log/latest/master.log")
     assert robot.run("listener", "sh", "-c", "id -u; touch /maps/file /tmp/file ~/file") == "1000\n"
     [talker] = cluster.list(
@@ -93,13 +128,27 @@ def test_without_the_key_no_pod_is_made(
 @pytest.mark.slow  # pods of all network modes: tests/unit/app/test_security.py
 @pytest.mark.parametrize("network", ["peers", "discovery-server"])
 def test_ros2_works(
-    network: str, tmp_path: Path, restricted: str, ros2_image: str, rigel: Any, cluster: Any
+    network: str,
+    tmp_path: Path,
+    restricted: str,
+    ros2_image: str,
+    exporter_image: str,
+    rigel_as_deployer: Any,
+    cluster: Any,
 ) -> None:
-    """Nodes and the discovery server run without root, and messages arrive."""
-    robot = Robot(tmp_path, restricted, ros2_image, rigel, cluster)
-    nodes = {"talker": python(TALKER2), "listener": python(LISTENER2)}
-    robot.write(nodes, security="restricted", network=network)
+    """Nodes, the exporter and the discovery server run without root, and messages arrive."""
+    robot = Robot(tmp_path, restricted, ros2_image, rigel_as_deployer, cluster)
+    nodes = {"talker": python(TALKER2), "listener": stored(python(LISTENER2))}
+    robot.write(
+        nodes,
+        security="restricted",
+        network=network,
+        persistent_storage=STORAGE,
+        observability=exported(exporter_image),
+    )
     text = robot.file.read_text().replace('"noetic"', '"jazzy"')
     robot.file.write_text(text.replace(f'"ros_master_image": "{ros2_image}", ', ""))
     robot.deploy()
     until_heard(robot, "v1")
+    until_measured(robot, "/chatter")
+    assert robot.run("listener", "sh", "-c", "id -u; touch /maps/file") == "1000\n"

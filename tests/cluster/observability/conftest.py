@@ -162,11 +162,3 @@ def watching(
 def stack(watching: Stack) -> str:
     """The namespace of the cluster's one stack."""
     return watching.namespace
-
-
-@pytest.fixture(scope="session")
-def exporter_image(registry: str) -> str:
-    """The exporter of this checkout in the cluster's registry, under a name that nobody pulled."""
-    name = f"{registry}/test/ros-exporter:{shared.directory().name}"
-    shared.once("exporter", lambda: run_rigel("image", "ros-exporter", "--push", name))
-    return name

@@ -32,8 +32,9 @@ WIDTH = 4096
 #: What PyYAML takes an unquoted text for.
 RESOLVER: Any = yaml.resolver.Resolver()
 
-#: LibYAML's emitter; PyYAML's own, which writes the same, where it was built without.
+#: LibYAML's emitter and reader; PyYAML's own, which do the same, where it was built without.
 Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 IMPLICIT = (True, True)
 MAPPING = yaml.MappingStartEvent(None, None, True, flow_style=False)
@@ -67,7 +68,9 @@ def write(objects: Iterable[Mapping[str, Any] | Sequence[Any]], *, explicit: boo
 
 def emit_value(emit: Callable[[yaml.Event], None], value: Any) -> None:
     """Emit a value of JSON's types; what occurs twice is written twice, without anchors."""
-    if isinstance(value, Mapping):
+    if isinstance(value, str):  # most are
+        emit(scalar(value))
+    elif isinstance(value, dict | Mapping):  # dict first: the question about Mapping is slow
         emit(MAPPING)
         for key, item in value.items():
             emit(scalar(key))

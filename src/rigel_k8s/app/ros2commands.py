@@ -26,6 +26,7 @@ from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
+from rigel_k8s.yaml_text import Dumper, Loader
 
 FLAG, END = "--ros-args", "--"
 #: The parameters of whatever nodes a process has.
@@ -119,7 +120,7 @@ def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
     }
     if node.parameters:
         own = {ANY_NODE: {PARAMETERS: simplify(node.parameters)}}
-        found["99-parameters.yaml"] = yaml.safe_dump(own, sort_keys=True, width=2**20)
+        found["99-parameters.yaml"] = yaml.dump(own, Dumper=Dumper, sort_keys=True, width=2**20)
     return found
 
 
@@ -128,7 +129,7 @@ def nest_parameters(text: str) -> str:
 
     The text itself is kept: rcl reads 1e3 as a number where this program's reader sees text.
     """
-    if has_key(yaml.safe_load(text), PARAMETERS):
+    if has_key(yaml.load(text, Loader), PARAMETERS):
         return text
     lines = (line for line in text.splitlines() if line.strip() not in ("---", "..."))
     body = textwrap.indent("\n".join(lines), "    ")

@@ -87,10 +87,13 @@ def simplify(value: Any) -> Any:
     if type(value) in SCALARS:  # most are, and each value of a release comes by several times
         return value
     if isinstance(value, dict | Mapping):  # dict first: the question about Mapping is slow
-        return {str(key): simplify(item) for key, item in value.items()}
+        return {
+            str(key): item if type(item) in SCALARS else simplify(item)
+            for key, item in value.items()
+        }
     for kind in (str, int, float):
         if isinstance(value, kind):
             return kind(value)
     if isinstance(value, list | tuple):
-        return [simplify(item) for item in value]
+        return [item if type(item) in SCALARS else simplify(item) for item in value]
     return str(value)

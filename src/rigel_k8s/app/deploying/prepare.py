@@ -33,6 +33,7 @@ from rigel_k8s.rigelfile.parse import check_depth
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
 from rigel_k8s.system.local_files import read_text
+from rigel_k8s.yaml_text import Loader
 
 #: Bytes of one parameter file: a ConfigMap holds a mebibyte.
 LARGEST_PARAMETER_FILE = 2**18
@@ -293,4 +294,4 @@ def _read_parameters(text: str) -> Any:
     """Return the content of a parameter file."""
     if deep := check_depth(text):
         raise yaml.YAMLError(f"{deep.span.line}:{deep.span.column}: {deep.message}")
-    return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    return yaml.load(text, Loader)

@@ -85,6 +85,9 @@ def apiserver(layout: Layout) -> list[str]:
         f"--proxy-client-cert-file={proxy}",
         f"--proxy-client-key-file={proxy_key}",
         "--enable-aggregator-routing=true",
+        # Debian's etcd cannot tell how far a watch is (3.4.25 and later can): with this feature, a
+        # watch from no or from any version (of KWOK, of scripts) would end with an error.
+        "--feature-gates=WatchList=false",
     ]
 
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from bench.requests import call
 from bench.tools import BenchBuild
 from rigel_lab.cluster.certificates import Authority
 
@@ -29,6 +29,8 @@ AGAIN = ("- 'Pending'", "- 'Pending'\n      - 'Running'")
 #: What marks a machine that KWOK plays.
 FAKE = "kwok.x-k8s.io/node"
 PORT = 10247
+#: What each container has logged, in the form in which a container runtime keeps it.
+LINE = "2026-01-01T00:00:00.000000000Z stdout F it runs\n"
 CONFIGURATION = """\
 apiVersion: config.kwok.x-k8s.io/v1alpha1
 kind: KwokConfiguration
@@ -65,24 +67,26 @@ def fake_machines(kubectl: list[str], count: int, address: str) -> Iterator[None
         try:
             create(kubectl, count)
             for name in real:
-                run(kubectl, "cordon", name)
+                call(kubectl, "cordon", name)
             yield
         finally:
             for name in real:
-                run(kubectl, "uncordon", name)
-            run(kubectl, "delete", "nodes", "-l", FAKE, "--wait=false")
+                call(kubectl, "uncordon", name)
+            call(kubectl, "delete", "nodes", "-l", FAKE, "--wait=false")
 
 
 @contextlib.contextmanager
 def controller(kubectl: list[str], directory: Path, address: str) -> Iterator[None]:
     """Run KWOK's controller; its log is written to standard error when it ends too early."""
-    log, own = directory / "container.log", directory / "kwok.yaml"
-    log.write_text("it runs\n")
+    logs, own = directory / "logs", directory / "kwok.yaml"
+    logs.mkdir()  # alone: a change beside a log wakes all that follow it
+    log = logs / "container.log"
+    log.write_text(LINE)
     programs = KWOK.programs()
     stages = [Path(programs[name]).read_text().replace(*AGAIN) for name in STAGES]
     own.write_text("\n---\n".join([CONFIGURATION.format(fake=FAKE, log=log), *stages]))
     kubeconfig = directory / "kubeconfig"
-    flat = run(kubectl, "config", "view", "--minify", "--flatten")
+    flat = call(kubectl, "config", "view", "--minify", "--flatten")
     kubeconfig.write_text(flat)
     certificate, key = Authority(directory / "pki").issue(
         "kubelet", "kubelet", alternatives=[f"IP:{address}"]
@@ -91,7 +95,7 @@ def controller(kubectl: list[str], directory: Path, address: str) -> Iterator[No
     command += [f"--node-ip={address}", f"--node-port={PORT}"]
     command += [f"--tls-cert-file={certificate}", f"--tls-private-key-file={key}"]
     with (directory / "kwok.log").open("w+") as output:
-        process = subprocess.Popen(command, stdout=output, stderr=output, env=os.environ)
+        process = subprocess.Popen(command, stdout=output, stderr=output)
         try:
             yield
             if process.poll() is not None:
@@ -116,25 +120,17 @@ def create(kubectl: list[str], count: int, seconds: float = 60) -> None:
         }
         for index in range(count)
     ]
-    run(
+    call(
         kubectl,
         "apply",
         "-f",
         "-",
         text=json.dumps({"kind": "List", "apiVersion": "v1", "items": items}),
     )
-    run(kubectl, "wait", "nodes", "-l", FAKE, "--for=condition=Ready", f"--timeout={seconds:g}s")
+    call(kubectl, "wait", "nodes", "-l", FAKE, "--for=condition=Ready", f"--timeout={seconds:g}s")
     time.sleep(2)  # the scheduler hears of them
 
 
 def names(kubectl: list[str], selector: str) -> list[str]:
     """Return the names of the nodes with some labels."""
-    return run(kubectl, "get", "nodes", "-l", selector, "-o", "name").split()
-
-
-def run(kubectl: list[str], *words: str, text: str | None = None) -> str:
-    """Run kubectl and return what it prints."""
-    done = subprocess.run(
-        [*kubectl, *words], check=True, capture_output=True, text=True, input=text
-    )
-    return done.stdout
+    return call(kubectl, "get", "nodes", "-l", selector, "-o", "name").split()

@@ -6,10 +6,19 @@ import os
 import statistics
 import subprocess
 import tempfile
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import attrs
+
+
+class CommandFailed(SystemExit):
+    """A command that failed or was too slow; where no one catches it, it ends the bench."""
+
+
+class TooSlow(CommandFailed):
+    """A command that was ended because it took longer than it may."""
 
 
 @attrs.frozen
@@ -32,9 +41,21 @@ class Figure:
         return statistics.median(getattr(sample, field) for sample in self.samples)
 
 
-def run(*commands: Sequence[str]) -> Sample:
-    """Run commands one after the other and add them up; a failing one ends the bench."""
-    samples = [one(command) for command in commands]
+def run(
+    *commands: Sequence[str], environment: Mapping[str, str] | None = None, limit: float = 3600
+) -> Sample:
+    """Run commands one after the other and add them up.
+
+    Args:
+        environment: variables beside those of this process.
+        limit: seconds that all commands together may take.
+
+    Raises:
+        CommandFailed: a command failed; those after it did not run.
+        TooSlow: they took longer.
+    """
+    end = time.monotonic() + limit
+    samples = [one(command, environment or {}, end - time.monotonic()) for command in commands]
     return Sample(
         wall=sum(s.wall for s in samples),
         cpu=sum(s.cpu for s in samples),
@@ -42,18 +63,33 @@ def run(*commands: Sequence[str]) -> Sample:
     )
 
 
-def one(command: Sequence[str]) -> Sample:
+def one(command: Sequence[str], environment: Mapping[str, str], limit: float) -> Sample:
     """Run one command."""
     with tempfile.TemporaryFile() as output:
         start = time.monotonic()
         child = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **environment},
         )
-        _, status, usage = os.wait4(child.pid, 0)
+        timer = threading.Timer(max(limit, 0), child.kill)
+        timer.start()
+        try:
+            _, status, usage = os.wait4(child.pid, 0)
+        except BaseException:  # a signal: what we started ends with us
+            child.kill()
+            child.wait()
+            raise
+        finally:
+            timer.cancel()
         wall = time.monotonic() - start
         child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode != 0 and wall >= limit:
+            raise TooSlow(f"{' '.join(command)} did not end in time")
         if child.returncode != 0:
             output.seek(0)
             text = output.read().decode(errors="replace")
-            raise SystemExit(f"{' '.join(command)} exited {child.returncode}\n{text}")
+            raise CommandFailed(f"{' '.join(command)} exited {child.returncode}\n{text}")
     return Sample(wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)

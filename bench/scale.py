@@ -1,218 +1,174 @@
 """Many ROS nodes in one release, and many releases, beside kubectl and helm; prints a table.
 
 usage: python -m bench.scale --context rigel-NAME [--nodes 100,300,1000] [--releases 1,10,100]
-                             [--tools rigel,kubectl,helm] [--per-release 5]
+                             [--tools rigel,kubectl,helm] [--per-release 5] [--limit 1800]
 
 Pods run on machines that exist only in the API (bench/fakenodes.py), which need a cluster of their
-own: its real machines take no pods meanwhile. With --releases each release is a robot in a
-namespace of its own; rigel deploys them by one sequence in waves, the other tools one by one.
+own: its real machines take no pods meanwhile. A step that fails, or takes longer than the limit,
+says so in the table, and the run goes on; what the command printed goes to standard error.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
+import signal
 import subprocess
+import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import attrs
 
-from bench.__main__ import NODE, tag_again
+from bench.__main__ import tag_again
 from bench.fakenodes import fake_machines
-from bench.measure import Sample, run
-from bench.tools import helm_program, program
+from bench.fleets import STEPS, TOOLS, Fleet
+from bench.measure import CommandFailed, Sample, TooSlow, run
+from bench.requests import CountedUser, counted_user
 from rigel_lab import cluster as localcluster
 
-Command = Sequence[str]
-STEPS = ("first deploy", "unchanged", "one image", "status", "down")
 MACHINES = 20
-WAVE = 10
-RIGELFILE = """\
-application: {{ distro: noetic }}
-jobs:
-  deploy:
-    plugin: rigel_k8s.OrchestrationPlugin
-    with:
-      namespace: "{{{{ data.robot }}}}"
-      deploy_ros_master: false
-      ros_master_uri: http://robot:11311
-      nodes:
-{nodes}
-sequences:
-  fleet:
-    stages:
-      - parallel: [{{ jobs: [deploy] }}]
-        matrix: {{ robot: {robots}, max_parallel: [{wave}] }}
-"""
 
 
 @attrs.frozen
-class Fleet:
-    """Releases of one size, each in its namespace, and how to reach their cluster."""
+class Shape:
+    """How large a fleet is."""
+
+    robots: int
+    nodes: int
+
+
+@attrs.frozen
+class Outcome:
+    """What a step of a tool took.
+
+    Attributes:
+        failure: what the table says instead of the figures, empty where the step succeeded.
+        sample: None where the step failed.
+    """
+
+    failure: str = ""
+    sample: Sample | None = None
+    requests: int = 0
+
+
+@attrs.frozen
+class Bench:
+    """Where is measured, and how long a step may take, in seconds."""
 
     context: str
-    kubectl: str
-    registry: str
-    directory: Path
-    nodes: int
-    robots: tuple[str, ...]
+    status: localcluster.ClusterStatus
+    user: CountedUser
+    limit: float
 
-    def write(self, name: str, *, changed: bool = False) -> Path:
-        """Write the Rigelfile; `changed` gives each release's first node another image."""
-        nodes = "".join(
-            NODE.format(index=n, registry=self.registry, tag=2 if changed and n == 0 else 1)
-            for n in range(self.nodes)
-        )
-        path = self.directory / name
-        text = RIGELFILE.format(nodes=nodes, robots=list(self.robots), wave=WAVE)
-        path.write_text(text)
-        return path
+    def measure(self, shape: Shape, tool: str) -> Iterator[tuple[str, Outcome]]:
+        """Yield the steps of one tool and what each took; a step that is too slow is the last."""
+        names = [f"scale-{tool}-{shape.nodes}-{number}" for number in range(shape.robots)]
+        with tempfile.TemporaryDirectory() as directory, self.namespaces(names):
+            fleet = Fleet(
+                self.context,
+                self.user.kubeconfig,
+                self.status.kubectl,
+                self.status.registry,
+                Path(directory),
+                shape.nodes,
+                tuple(names),
+            )
+            commands = TOOLS[tool](fleet)
+            for step in STEPS:
+                before = self.user.count()
+                try:
+                    sample = run(*commands[step], limit=self.limit)
+                except TooSlow:
+                    yield step, Outcome(f"over {self.limit:g} s")
+                    return
+                except CommandFailed as error:
+                    print(error, file=sys.stderr, flush=True)
+                    yield step, Outcome("failed")
+                else:
+                    yield step, Outcome("", sample, self.user.count() - before)
 
-    def on(self, robot: str) -> list[str]:
-        """Return kubectl's command line for a robot."""
-        return [self.kubectl, "--context", self.context, "-n", robot]
-
-    def render(self, robot: str, *, changed: bool) -> str:
-        """Return a robot's manifests."""
-        path = self.write("render", changed=changed)
-        path.write_text(path.read_text().replace("{{ data.robot }}", robot))
-        command = [*program(), "-f", str(path), "--context", self.context, "render", "deploy"]
-        return subprocess.run(command, check=True, capture_output=True, text=True).stdout
-
-
-def rigel(fleet: Fleet) -> dict[str, list[Command]]:
-    """Return what rigel runs for each step."""
-    plain, changed = fleet.write("plain"), fleet.write("changed", changed=True)
-    head = [*program(), "--context", fleet.context, "-q"]
-    deploy = ["run", "sequence", "fleet", "--timeout", "30m"]
-    return {
-        "first deploy": [[*head, "-f", str(plain), *deploy]],
-        "unchanged": [[*head, "-f", str(plain), *deploy]],
-        "one image": [[*head, "-f", str(changed), *deploy]],
-        "status": [[*head, "list", "-A"]]
-        if len(fleet.robots) > 1
-        else [[*head, "status", "--no-graph", "-n", fleet.robots[0], "rigel-k8s-application"]],
-        "down": [[*head, "down", "-n", r, "rigel-k8s-application"] for r in fleet.robots],
-    }
-
-
-def kubectl(fleet: Fleet) -> dict[str, list[Command]]:
-    """Return what kubectl runs for each step."""
-    files = {changed: manifests(fleet, changed=changed) for changed in (False, True)}
-    selector = ["-l", "app.kubernetes.io/managed-by=rigel"]
-
-    def deploy(*, changed: bool) -> list[Command]:
-        wait = ["rollout", "status", "deployment", *selector, "--timeout=1800s"]
-        return [
-            [*fleet.on(robot), *words]
-            for robot, path in files[changed].items()
-            for words in (["apply", "--server-side", "-f", str(path)], wait)
-        ]
-
-    return {
-        "first deploy": deploy(changed=False),
-        "unchanged": deploy(changed=False),
-        "one image": deploy(changed=True),
-        "status": [
-            [*fleet.on(robot), "get", "deployments,pods", *selector] for robot in files[True]
-        ],
-        "down": [
-            [*fleet.on(robot), "delete", "--wait", "-f", str(path)]
-            for robot, path in files[True].items()
-        ],
-    }
-
-
-def manifests(fleet: Fleet, *, changed: bool) -> dict[str, Path]:
-    """Write each robot's manifests; return their files."""
-    found = {}
-    for robot in fleet.robots:
-        found[robot] = fleet.directory / f"{robot}-{changed}.yaml"
-        found[robot].write_text(fleet.render(robot, changed=changed))
-    return found
-
-
-def helm(fleet: Fleet) -> dict[str, list[Command]]:
-    """Return what helm runs for each step: a chart for each robot with its manifests."""
-    tool, charts = helm_program(), {}
-    for changed in (False, True):
-        for robot, path in manifests(fleet, changed=changed).items():
-            chart = path.with_suffix(".chart")
-            (chart / "templates").mkdir(parents=True)
-            (chart / "files").mkdir()
-            (chart / "Chart.yaml").write_text("apiVersion: v2\nname: bench\nversion: 0.1.0\n")
-            (chart / "files" / "all.yaml").write_text(path.read_text())
-            (chart / "templates" / "all.yaml").write_text('{{ .Files.Get "files/all.yaml" }}\n')
-            charts[robot, changed] = chart
-
-    def each(*words: str, changed: bool | None = None) -> list[Command]:
-        chart = (lambda r: []) if changed is None else (lambda r: [str(charts[r, changed])])
-        return [
-            [tool, "--kube-context", fleet.context, "-n", robot, *words, "bench", *chart(robot)]
-            for robot in fleet.robots
-        ]
-
-    deploy = ("upgrade", "--install", "--wait", "--timeout", "1800s")
-    return {
-        "first deploy": each(*deploy, changed=False),
-        "unchanged": each(*deploy, changed=False),
-        "one image": each(*deploy, changed=True),
-        "status": each("status"),
-        "down": each("uninstall", "--wait", "--timeout", "1800s"),
-    }
-
-
-TOOLS = {"rigel": rigel, "kubectl": kubectl, "helm": helm}
+    @contextlib.contextmanager
+    def namespaces(self, names: list[str]) -> Iterator[None]:
+        """Make namespaces, and remove them with all that is still in them."""
+        kubectl = [self.status.kubectl, "--context", self.context]
+        try:
+            for name in names:
+                subprocess.run([*kubectl, "create", "ns", name], check=True, capture_output=True)
+            yield
+        finally:
+            gone = [*kubectl, "delete", "ns", *names, "--ignore-not-found", "--timeout=600s"]
+            subprocess.run(gone, check=False, capture_output=True)
 
 
 def main() -> None:
     """Measure and print."""
+    words = arguments()
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    status = localcluster.status(words.context.removeprefix("rigel-"))
+    kubectl = [status.kubectl, "--context", words.context]
+    tag_again(status.registry)
+    host = re.sub(r"\d+:\d+$", "1", status.registry)
+    tools = words.tools.split(",")
+    shapes = [Shape(1, int(nodes)) for nodes in words.nodes.split(",") if nodes]
+    shapes += [Shape(int(n), words.per_release) for n in words.releases.split(",") if n]
+    with (
+        fake_machines(kubectl, MACHINES, host),
+        tempfile.TemporaryDirectory() as directory,
+        counted_user(kubectl, Path(directory)) as user,
+    ):
+        bench = Bench(words.context, status, user, words.limit)
+        print(f"Cells: {' / '.join(tools)}")
+        print(
+            "| releases | nodes of each | step | wall s | cpu s | MiB | requests | cpu ms a node |"
+        )
+        print("|---|---|---|---|---|---|---|---|")
+        for shape in shapes:
+            found = {tool: dict(follow(bench, shape, tool)) for tool in tools}
+            for step in STEPS:
+                row = describe(shape, [by_step.get(step) for by_step in found.values()])
+                print(f"| {shape.robots} | {shape.nodes} | {step} | {row} |", flush=True)
+
+
+def arguments() -> argparse.Namespace:
+    """Read the command line."""
     parser = argparse.ArgumentParser(prog="python -m bench.scale", description=__doc__)
     parser.add_argument("--context", required=True, help="of a cluster of `rigel cluster`")
     parser.add_argument("--nodes", default="100,300,1000")
     parser.add_argument("--releases", default="1,10,100")
     parser.add_argument("--per-release", type=int, default=5, help="nodes of a fleet's robots")
     parser.add_argument("--tools", default="rigel,kubectl,helm")
-    words = parser.parse_args()
-    status = localcluster.status(words.context.removeprefix("rigel-"))
-    tag_again(status.registry)
-    host = re.sub(r"\d+:\d+$", "1", status.registry)
-    shapes = [(int(nodes), 1) for nodes in words.nodes.split(",") if nodes]
-    shapes += [(words.per_release, int(robots)) for robots in words.releases.split(",") if robots]
-    with fake_machines([status.kubectl, "--context", words.context], MACHINES, host):
-        print("| releases | nodes of each | step | tool | wall s | cpu s | MiB | ms a node |")
-        print("|---|---|---|---|---|---|---|---|")
-        for nodes, robots in shapes:
-            for tool in words.tools.split(","):
-                for row in measure(words.context, status, nodes, robots, tool):
-                    print(row, flush=True)
+    parser.add_argument("--limit", type=float, default=1800, help="seconds that a step may take")
+    return parser.parse_args()
 
 
-def measure(
-    context: str, status: localcluster.ClusterStatus, nodes: int, robots: int, tool: str
-) -> Iterator[str]:
-    """Yield the rows of one tool for one shape of a fleet."""
-    names = tuple(f"scale-{tool}-{nodes}-{number}" for number in range(robots))
-    with tempfile.TemporaryDirectory() as directory:
-        fleet = Fleet(context, status.kubectl, status.registry, Path(directory), nodes, names)
-        for name in names:
-            subprocess.run([*fleet.on(name), "create", "ns", name], check=True, capture_output=True)
-        try:
-            commands = TOOLS[tool](fleet)
-            for step in STEPS:
-                yield row(fleet, step, tool, run(*commands[step]))
-        finally:
-            gone = [*fleet.on("default"), "delete", "ns", *names, "--wait=false"]
-            subprocess.run(gone, check=False, capture_output=True)
+def follow(bench: Bench, shape: Shape, tool: str) -> Iterator[tuple[str, Outcome]]:
+    """Yield the steps as they are measured, with a line for each on standard error."""
+    for step, outcome in bench.measure(shape, tool):
+        print(f"{shape} {tool} {step}: {outcome}", file=sys.stderr, flush=True)
+        yield step, outcome
 
 
-def row(fleet: Fleet, step: str, tool: str, sample: Sample) -> str:
-    """Return one row of the table."""
-    each = 1000 * sample.wall / fleet.nodes / len(fleet.robots)
-    figures = f"{sample.wall:.2f} | {sample.cpu:.2f} | {sample.memory:.0f} | {each:.1f}"
-    return f"| {len(fleet.robots)} | {fleet.nodes} | {step} | {tool} | {figures} |"
+def describe(shape: Shape, outcomes: list[Outcome | None]) -> str:
+    """Return the cells of a row: in each the tools' figures, in the order of the tools."""
+    rows = [figures(shape, outcome) for outcome in outcomes]
+    return " | ".join(" / ".join(cell) for cell in zip(*rows, strict=True))
+
+
+def figures(shape: Shape, outcome: Outcome | None) -> list[str]:
+    """Return one tool's figures of a step, `-` where it was not run or has failed."""
+    if outcome is None or outcome.sample is None:
+        return [outcome.failure if outcome else "-", *"----"]
+    sample, nodes = outcome.sample, shape.robots * shape.nodes
+    return [
+        f"{sample.wall:.1f}",
+        f"{sample.cpu:.2f}",
+        f"{sample.memory:.0f}",
+        str(outcome.requests),
+        f"{1000 * sample.cpu / nodes:.1f}",
+    ]
 
 
 if __name__ == "__main__":

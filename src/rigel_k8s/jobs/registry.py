@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from rigel_k8s.errors import UserError
-from rigel_k8s.jobs import rigelstyle
 from rigel_k8s.jobs.importing import Places, importable, is_own_name, places_of
 from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import BUILTIN, ENTRY_POINT_GROUPS, Kind, index_by_name
@@ -71,8 +70,11 @@ def _make_usable(kind: Kind, name: str, found: Any) -> Any:
             f"{name} is a {type(found).__name__}, not a class",
             hint=f"write the import path of the {word(kind)}'s class: package.module.Class",
         )
-    if not looks_like(found, kind) and rigelstyle.fits(found, kind):
-        return rigelstyle.adapt(found, kind)
+    if not looks_like(found, kind):
+        from rigel_k8s.jobs import rigelstyle  # few Rigelfiles name such classes
+
+        if rigelstyle.fits(found, kind):
+            return rigelstyle.adapt(found, kind)
     validate(found, kind, name)
     return found()
 

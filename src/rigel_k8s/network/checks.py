@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from functools import cache
 
 import attrs
 
@@ -18,12 +19,6 @@ from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 
-#: The options that only some modes read, and those modes.
-READERS = {
-    field.name: [mode.name for mode in MODES.values() if field.name in mode.keys]
-    for field in attrs.fields(Network)
-    if any(field.name in mode.keys for mode in MODES.values())
-}
 #: What only they read who are told which addresses there are.
 OF_RANGES = ("subnet", "range_start", "range_end", "exclude", "gateway", "routes")
 
@@ -49,9 +44,19 @@ def check_options(network: Network, use: ModeUse) -> Iterator[Problem]:
     yield from check_ranges(network)
 
 
+@cache
+def index_readers() -> dict[str, list[str]]:
+    """Return the options that only some modes read, each with those modes."""
+    readers = {
+        field.name: [mode.name for mode in MODES.values() if field.name in mode.keys]
+        for field in attrs.fields(Network)
+    }
+    return {key: modes for key, modes in readers.items() if modes}
+
+
 def check_keys(network: Network) -> Iterator[Problem]:
     """Yield keys that the mode does not read."""
-    for key, modes in READERS.items():
+    for key, modes in index_readers().items():
         if not getattr(network, key):
             continue
         if network.mode not in modes:

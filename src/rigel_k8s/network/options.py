@@ -17,6 +17,8 @@ ModeName = Literal[
 
 #: The second network's interface in a pod, as Multus names it.
 INTERFACE = "net1"
+#: Where zenoh's router listens.
+ZENOH_PORT = 7447
 
 #: What a Rigelfile may call a middleware, and what ROS 2 calls it (RMW_IMPLEMENTATION).
 MIDDLEWARE = {

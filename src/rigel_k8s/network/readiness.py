@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from rigel_k8s.network.modes import mode_of
-from rigel_k8s.network.modes.zenoh import ZENOH_PORT
-from rigel_k8s.network.options import INTERFACE
+from rigel_k8s.network.options import INTERFACE, ZENOH_PORT
 from rigel_k8s.network.wiring import NetworkPlan
 
 

@@ -7,7 +7,7 @@ import typing
 import attrs
 import pytest
 
-from rigel_k8s.network.checks import READERS
+from rigel_k8s.network.checks import index_readers
 from rigel_k8s.network.modes import MODES, mode_of
 from rigel_k8s.network.options import ModeName, Network
 
@@ -15,6 +15,7 @@ from rigel_k8s.network.options import ModeName, Network
 def test_each_mode_of_the_grammar_is_there() -> None:
     """A word that the Rigelfile accepts has a module, and each module has its word."""
     assert list(MODES) == list(typing.get_args(ModeName))
+    assert [mode.name for mode in MODES.values()] == list(MODES)
 
 
 @pytest.mark.parametrize("name", MODES)
@@ -25,7 +26,7 @@ def test_a_mode_reads_only_options_that_there_are(name: str) -> None:
 
 def test_options_of_all_modes_are_read_by_all() -> None:
     """`mode` and `domain_id` belong to no mode alone; every other option belongs to some."""
-    assert {f.name for f in attrs.fields(Network)} - READERS.keys() == {"mode", "domain_id"}
+    assert {f.name for f in attrs.fields(Network)} - index_readers().keys() == {"mode", "domain_id"}
 
 
 def test_no_network_is_mode_none() -> None:

@@ -14,7 +14,6 @@ from rigel_k8s.app.checks.application import check as check_options
 from rigel_k8s.app.checks.exporter import speaks_zenoh
 from rigel_k8s.app.deploying.places import check_places
 from rigel_k8s.app.deploying.prepare import Preparation, prepare, timeout_of
-from rigel_k8s.app.deploying.results import copy_results
 from rigel_k8s.app.deploying.secrets import write_pull_secret
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.options import OrchestrationOptions
@@ -236,6 +235,8 @@ def _copy_results(prepared: Preparation, cluster: Cluster, job: JobContext) -> N
     results = prepared.options.results
     if results is None:
         return
+    from rigel_k8s.app.deploying.results import copy_results
+
     target = job.application.dir / results.target
     try:
         copied = copy_results(results, prepared.desired.release, cluster, target, job.cancel)

@@ -1,22 +1,18 @@
 """The network modes, one module each; a new one is a module, a line here and a word in options.py.
 
-Whoever wires pods asks this module and knows no single mode.
+What wires pods asks this package and does not know the modes; a mode's module is imported when the
+mode is asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from importlib import import_module
 
 import attrs
 
 from rigel_k8s.network.dds import EARLY
 from rigel_k8s.network.mode import Mode
-from rigel_k8s.network.modes.attached import ATTACHMENT, IPVLAN, MACVLAN
-from rigel_k8s.network.modes.discovery_server import DISCOVERY_SERVER
-from rigel_k8s.network.modes.host import HOST
-from rigel_k8s.network.modes.none import NONE
-from rigel_k8s.network.modes.peers import PEERS
-from rigel_k8s.network.modes.zenoh import ZENOH
 from rigel_k8s.network.options import MIDDLEWARE, Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring
 from rigel_k8s.objects.pods import Object
@@ -24,11 +20,38 @@ from rigel_k8s.problems import Path
 
 __all__ = ["MODES", "join", "mode_of", "network_objects", "wire_pod"]
 
-#: All modes by name, in the order of the documentation.
-MODES = {
-    mode.name: mode
-    for mode in (MACVLAN, IPVLAN, ATTACHMENT, PEERS, DISCOVERY_SERVER, ZENOH, HOST, NONE)
+#: Each mode's module in this package and its name there, in the order of the documentation.
+HOMES = {
+    "macvlan": "attached:MACVLAN",
+    "ipvlan": "attached:IPVLAN",
+    "attachment": "attached:ATTACHMENT",
+    "peers": "peers:PEERS",
+    "discovery-server": "discovery_server:DISCOVERY_SERVER",
+    "zenoh": "zenoh:ZENOH",
+    "host": "host:HOST",
+    "none": "none:NONE",
 }
+
+
+class Modes(Mapping[str, Mode]):
+    """All modes by name."""
+
+    def __getitem__(self, name: str) -> Mode:
+        """Import a mode."""
+        module, _, attribute = HOMES[name].partition(":")
+        mode: Mode = getattr(import_module(f"{__name__}.{module}"), attribute)
+        return mode
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names."""
+        return iter(HOMES)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(HOMES)
+
+
+MODES = Modes()
 
 BEFORE_IRON = EARLY - {"iron"}
 #: Nodes look for others beyond their own machine, whatever an image says; not LOCALHOST with peers,
@@ -40,7 +63,7 @@ OLD_RANGE = {"ROS_LOCALHOST_ONLY": {"value": "0"}}
 
 def mode_of(network: Network | None) -> Mode:
     """Return the mode of a network; without one nothing is done, as in mode none."""
-    return MODES[network.mode] if network else NONE
+    return MODES[network.mode if network else "none"]
 
 
 def wire_pod(plan: NetworkPlan, pod: PodIdentity) -> Wiring:

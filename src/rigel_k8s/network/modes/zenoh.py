@@ -15,13 +15,11 @@ from rigel_k8s.network.modes.servers import (
     server_probes,
     server_service,
 )
-from rigel_k8s.network.options import Network
+from rigel_k8s.network.options import ZENOH_PORT, Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
-
-ZENOH_PORT = 7447
 
 ROUTER = ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"]
 #: Its own default, [::], ends it on machines without IPv6.

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from rigel_k8s import kube
+from rigel_k8s.app.deploying import results
 from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed, UserError
 from rigel_k8s.graph import check as graph
 from rigel_k8s.jobs.job import JobContext
@@ -86,7 +87,7 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> tuple[list[str], dict[str, RigelK8
     monkeypatch.setattr(orchestration, "write_pull_secret", step("pull secret"))
     monkeypatch.setattr(deploys, "deploy", step("deploy", revision))
     monkeypatch.setattr(graph, "check", step("graph"))
-    monkeypatch.setattr(orchestration, "copy_results", step("results", "results/data"))
+    monkeypatch.setattr(results, "copy_results", step("results", "results/data"))
     return taken, fails
 
 

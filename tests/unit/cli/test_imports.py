@@ -1,0 +1,66 @@
+"""What a plain deploy imports: a feature that its Rigelfile does not use costs it nothing."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+RIGELFILE = """\
+application: {distro: noetic}
+jobs:
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with:
+      namespace: robot
+      deploy_ros_master: false
+      ros_master_uri: http://robot:11311
+      nodes:
+        talker: {image: "registry.lab/talker@sha256:DIGEST", command: [talk], readiness: none}
+"""
+#: Features that this Rigelfile does not use, and standard modules that take longest to import.
+UNUSED = (
+    "asyncio",
+    "html",
+    "http.server",
+    "jinja2",
+    "multiprocessing",
+    "regex",
+    "rich",
+    "rigel_k8s.commands.cluster",
+    "rigel_k8s.exporter",
+    "rigel_k8s.graph",
+    "rigel_k8s.images.docker",
+    "rigel_k8s.jobs.rigelstyle",
+    "rigel_k8s.network.modes.attached",
+    "rigel_k8s.network.modes.discovery_server",
+    "rigel_k8s.network.modes.peers",
+    "rigel_k8s.network.modes.zenoh",
+    "rigel_k8s.network.multus",
+    "rigel_k8s.network.preflight",
+    "rigel_k8s.observability.boards",
+    "rigel_k8s.observability.install",
+    "rigel_k8s.observability.reading",
+    "rigel_lab",
+    "tarfile",
+    "unittest",
+    "xml",
+)
+
+
+def test_a_plain_deploy_imports_no_feature_that_it_does_not_use(tmp_path: Path) -> None:
+    """Most of the time of a small deploy is imports: each of these would make all deploys slower.
+
+    `check` goes the deploy's way up to the cluster; the rest is imported here.
+    """
+    file = tmp_path / "Rigelfile"
+    file.write_text(RIGELFILE.replace("DIGEST", "0" * 64))
+    code = (
+        "import sys\n"
+        "from rigel_k8s.cli.main import run\n"
+        "import rigel_k8s.cli.runs, rigel_k8s.release.deploy, rigel_k8s.kube.cluster\n"
+        f"assert run(['-q', '-f', {str(file)!r}, 'check'], 'rigel') == 0\n"
+        f"print([m for m in {UNUSED!r} if m in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"

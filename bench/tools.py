@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import compileall
+import functools
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -13,6 +15,7 @@ import attrs
 from rigel_lab.cluster import gobuild
 
 Command = Sequence[str]
+CHECKOUT = Path(__file__).parents[1]
 
 
 class Tool(Protocol):
@@ -32,8 +35,18 @@ def rigel(context: str, namespace: str, rigelfile: Path, *words: str) -> list[st
 
 def program(checkout: Path | None = None) -> list[str]:
     """Return the command `rigel` of this checkout, or of another one."""
+    compile_modules(checkout or CHECKOUT)
     source = ["env", f"PYTHONPATH={checkout / 'src'}"] if checkout else []
     return [*source, sys.executable, "-m", "rigel_k8s"]
+
+
+@functools.cache
+def compile_modules(checkout: Path) -> None:
+    """Compile the modules of a checkout, as an installation compiles them.
+
+    Where PYTHONDONTWRITEBYTECODE is set, each start of a checkout compiles all that it imports.
+    """
+    compileall.compile_dir(checkout / "src" / "rigel_k8s", quiet=2)
 
 
 @attrs.frozen

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import pty
 import socket
@@ -317,3 +318,13 @@ def test_no_server_is_told_with_its_context(tmp_path: Path) -> None:
     ):
         cluster.nodes()
     assert "context gone" in (caught.value.hint or "")
+
+
+@pytest.mark.parametrize("version", ["", "&resourceVersion=0"])
+def test_a_watch_may_begin_at_no_version(cluster: Any, version: str) -> None:
+    """Scripts and other tools watch so; a storage that cannot stream lists made errors of it."""
+    path = f"/api/v1/namespaces?watch=true&timeoutSeconds=1{version}"
+    answer = cluster.client.transport.request("GET", path, "watch namespaces")
+    kinds = {json.loads(line)["type"] for line in answer.body.splitlines()}
+    assert "ADDED" in kinds
+    assert "ERROR" not in kinds

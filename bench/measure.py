@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import attrs
 
@@ -41,13 +41,10 @@ class Figure:
         return statistics.median(getattr(sample, field) for sample in self.samples)
 
 
-def run(
-    *commands: Sequence[str], environment: Mapping[str, str] | None = None, limit: float = 3600
-) -> Sample:
+def run(*commands: Sequence[str], limit: float = 3600) -> Sample:
     """Run commands one after the other and add them up.
 
     Args:
-        environment: variables beside those of this process.
         limit: seconds that all commands together may take.
 
     Raises:
@@ -55,7 +52,7 @@ def run(
         TooSlow: they took longer.
     """
     end = time.monotonic() + limit
-    samples = [one(command, environment or {}, end - time.monotonic()) for command in commands]
+    samples = [one(command, end - time.monotonic()) for command in commands]
     return Sample(
         wall=sum(s.wall for s in samples),
         cpu=sum(s.cpu for s in samples),
@@ -63,7 +60,7 @@ def run(
     )
 
 
-def one(command: Sequence[str], environment: Mapping[str, str], limit: float) -> Sample:
+def one(command: Sequence[str], limit: float) -> Sample:
     """Run one command."""
     with tempfile.TemporaryFile() as output:
         start = time.monotonic()
@@ -72,7 +69,6 @@ def one(command: Sequence[str], environment: Mapping[str, str], limit: float) ->
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            env={**os.environ, **environment},
         )
         timer = threading.Timer(max(limit, 0), child.kill)
         timer.start()

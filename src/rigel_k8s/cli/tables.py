@@ -14,7 +14,7 @@ from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
 from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
-from rigel_k8s.release.status import UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.rosgraph.gate import GateStatus
 
 #: The kind of a node that its roscore has forgotten: nothing in ROS 1 registers it again.
@@ -81,7 +81,8 @@ def reasons_of(found: ReleaseStatus) -> Iterator[str]:
             yield f"{workload.name}: {workload.message}"
         if not workload.done and (remedy := workload.annotations.get(REMEDY_ANNOTATION)):
             yield f"{workload.name}: {remedy}"
-        for pod in find_unready(workload):
+        stranded = (pod for pod in workload.pods if pod.phase == "Terminating" and pod.kind == AWAY)
+        for pod in (*find_unready(workload), *stranded):
             if pod.message and pod.message not in workload.message:
                 yield f"{pod.name}: {pod.message}"
 

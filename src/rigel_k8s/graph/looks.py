@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -32,6 +33,8 @@ LONGEST = 32  # seconds after which a script ends where nobody tells it anything
 ANNOUNCERS = 24  # more stand-ins would make every participant answer more than these show
 ROUTER = 7447  # zenoh's port
 SLOW = "its container did not answer in time; is its machine busy, or away?"
+#: How an API server reports that it has no connection to a kubelet.
+UNREACHED = re.compile(r"dial tcp [^ ]+: (?:connect: )?(.+)$")
 SCRIPT = ("python3", "-S", "-E", "-B", f"{MOUNT_PATH}/dds.py")
 
 
@@ -121,7 +124,7 @@ def look(
     Raises:
         Interrupted: `cancel` was set.
     """
-    running = [member for member in found if member.running]
+    running = [member for member in found if member.running and member.reachable]
     words = commands(running)
     runs = [Look(cluster, member, words[member.pod]) for member in running]
     wait(runs, lambda run: run.hears, START, cancel)
@@ -132,7 +135,14 @@ def look(
         run.finish()
     wait(runs, lambda run: run.ended, END, cancel)
     seen = {run.member.pod: run.read_observation() for run in runs}
-    return {m.pod: seen.get(m.pod, Observation("its container does not run")) for m in found}
+    return {m.pod: seen.get(m.pod) or Observation(why_unseen(m)) for m in found}
+
+
+def why_unseen(member: Member) -> str:
+    """Return why nothing was run in a pod."""
+    if not member.reachable:
+        return f"Kubernetes cannot reach the machine {member.machine}"
+    return "its container does not run"
 
 
 def wait(
@@ -237,4 +247,6 @@ def reason(error: ClusterError) -> str:
         return "looking into pods is not allowed here (the right `create pods/exec`)"
     if "executable file not found" in error.message or "no such file" in error.message:
         return "its image has no python3, so nothing can look from inside it"
+    if unreached := UNREACHED.search(error.message):
+        return f"the API server cannot reach its machine ({unreached[1]})"
     return error.message

@@ -11,6 +11,7 @@ import attrs
 from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.network.modes import MODES
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
+from rigel_k8s.objects.facts import is_out_of_reach
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION
 
 #: What a user may set in a pod without `network`: then discovery goes other ways than multicast.
@@ -38,6 +39,7 @@ class Member:
         servers: the discovery servers that it is told, HOST:PORT.
         own_ways: variables by which it goes its own way without `network`.
         running: whether its container runs, so that one can look into it.
+        reachable: whether Kubernetes hears from its machine.
         probed: whether it has our readiness probe; where a user set another one, or none, its
             program need not have DDS.
     """
@@ -56,6 +58,7 @@ class Member:
     servers: tuple[str, ...]
     own_ways: tuple[str, ...]
     running: bool
+    reachable: bool = True
     probed: bool = True
 
     @property
@@ -105,6 +108,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
         servers=tuple(filter(None, env.get("ROS_DISCOVERY_SERVER", "").split(";"))),
         own_ways=tuple(v for v in OWN_WAYS if env.get(v)) if note["mode"] == "none" else (),
         running=runs(status, str(container["name"])),
+        reachable=not is_out_of_reach(pod),
         probed=PROBE in probe_words(container),
     )
 

@@ -40,6 +40,18 @@ def stays_ready(pod: Manifest) -> bool:
     return is_ready(pod) and not is_ending(pod)
 
 
+def is_out_of_reach(pod: Manifest) -> bool:
+    """Whether Kubernetes has lost the machine that a pod was ready on; the pod may still run there.
+
+    Kubernetes' node controller then takes the condition Ready from the pod and changes no other.
+    A kubelet takes ContainersReady too, and a readiness gate gives a reason.
+    """
+    status = pod.get("status") or {}
+    ready = find_condition(status, "Ready")
+    lost = ready.get("status") == "False" and not ready.get("reason")
+    return lost and is_met(status, "ContainersReady")
+
+
 def is_default_class(storage_class: Manifest) -> bool:
     """Whether claims that name no StorageClass get this one."""
     annotations = storage_class["metadata"].get("annotations") or {}

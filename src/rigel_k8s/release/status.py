@@ -11,7 +11,7 @@ import attrs
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.objects.facts import is_ending, is_ready
+from rigel_k8s.objects.facts import is_ending, is_out_of_reach, is_ready
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
@@ -28,6 +28,8 @@ Live = dict[str, Any]
 KIND = re.compile(r"\[([a-z-]+)\]$")
 #: The status of a revision for a user who may not read Secrets.
 UNSEEN = "unseen"
+#: The kind of a pod on a machine that Kubernetes has lost.
+AWAY = "away"
 KINDS = (
     ("apps/v1", "Deployment"),
     ("apps/v1", "DaemonSet"),
@@ -45,7 +47,8 @@ class PodStatus:
     Attributes:
         node: the cluster node that it runs on, "" before one takes it.
         message: why it is not ready, "" where it is.
-        kind: what kind of failure its probe named, in brackets at the end of what it said.
+        kind: what kind of failure its probe named, in brackets at the end of what it said; AWAY
+            where Kubernetes cannot reach its machine.
         created: when it was made, as Kubernetes writes times.
         image: that of its first container.
     """
@@ -186,7 +189,6 @@ def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
 def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
     """Return the state of one pod."""
     meta, state = pod["metadata"], pod.get("status") or {}
-    kind = KIND.search("" if is_ready(pod) else probe_failure(pod, events))
     return PodStatus(
         meta["name"],
         (pod.get("spec") or {}).get("nodeName", ""),
@@ -197,8 +199,16 @@ def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
         "" if is_ready(pod) else explain_unready(pod, events),
         meta.get("creationTimestamp", ""),
         next((c.get("image", "") for c in (pod.get("spec") or {}).get("containers") or []), ""),
-        kind.group(1) if kind else "",
+        find_kind(pod, events),
     )
+
+
+def find_kind(pod: Manifest, events: Sequence[Manifest]) -> str:
+    """Return what kind of failure makes a pod unready, "" for none that has a name."""
+    if is_out_of_reach(pod):
+        return AWAY
+    named = KIND.search("" if is_ready(pod) else probe_failure(pod, events))
+    return named.group(1) if named else ""
 
 
 def explain_unready(pod: Manifest, events: Sequence[Manifest]) -> str:

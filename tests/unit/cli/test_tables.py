@@ -12,7 +12,7 @@ import pytest
 from rigel_k8s.cli.tables import ORPHAN, age, headline, status_json, status_text
 from rigel_k8s.graph.findings import DiscoveryGraph, PodGraph
 from rigel_k8s.graph.words import GraphFinding
-from rigel_k8s.release.status import UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
+from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rosgraph.gate import GateStatus, NameConflict, WaitingNode
 
@@ -89,6 +89,17 @@ def test_status_for_people() -> None:
         "listener-2: Readiness probe failed: no ROS node of this pod is registered\n"
         "camera: no pod can be made: quota"
     )
+
+
+def test_a_pod_that_cannot_end_is_told() -> None:
+    """Its machine is out of reach: it may still talk there while another one has its place."""
+    (pod,) = TALKER.pods
+    words = "Kubernetes cannot reach the machine node2, where the pod cannot be ended"
+    old = attrs.evolve(
+        pod, name="talker-0", phase="Terminating", ready=False, kind=AWAY, message=words
+    )
+    text = status_text(release(attrs.evolve(TALKER, pods=(pod, old))), NOW)
+    assert click.unstyle(text).splitlines()[-1] == f"talker-0: {words}"
 
 
 def test_a_release_that_is_in_order_has_no_reasons() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.errors import Interrupted
+from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.graph import check as graphs
 from rigel_k8s.graph import looks as graph_looks
 from rigel_k8s.graph.findings import DiscoveryGraph, graph
@@ -261,6 +261,27 @@ def test_not_running():
     """A container that does not run is not looked into."""
     found = look(Refusing(), [member("a", running=False)])  # type: ignore[arg-type]
     assert found["a"].problem == "its container does not run"
+
+
+def test_a_machine_that_is_lost_is_not_asked():
+    """Nothing is sent to it, so that nothing waits for its answer."""
+    gone = attrs.evolve(member("a"), machine="node1", reachable=False)
+    found = look(Refusing(), [gone])  # type: ignore[arg-type]
+    assert found["a"].problem == "Kubernetes cannot reach the machine node1"
+
+
+class Cut:
+    """A cluster whose API server cannot reach the machine of a pod that it calls ready."""
+
+    def exec(self, *_: Any, **__: Any) -> int:
+        url = 'Post "https://10.0.0.1:10250/exec/robots/a/ros-node?command=python3"'
+        raise ClusterError(f"Internal error: {url}: dial tcp 10.0.0.1:10250: connect: no route")
+
+
+def test_a_kubelet_without_a_route_is_told_in_few_words():
+    """Not the URL with the whole command."""
+    found = look(Cut(), [member("a")])  # type: ignore[arg-type]
+    assert found["a"].problem == "the API server cannot reach its machine (no route)"
 
 
 @pytest.fixture

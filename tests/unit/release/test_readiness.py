@@ -172,6 +172,26 @@ def test_nothing_is_wrong_with_a_pod_on_its_way(status: dict[str, Any]) -> None:
     assert causes(live("Deployment", {}), [pod(**status)], []) == []
 
 
+def test_an_old_pod_on_a_lost_machine_is_why_no_new_one_starts() -> None:
+    """It counts only where no other pod lives: where one does, that has its place."""
+    lost = [{"type": "Ready", "status": "False"}, {"type": "ContainersReady", "status": "True"}]
+    old = pod("old", conditions=lost)
+    old["spec"]["nodeName"] = "robot-1"
+    old["metadata"]["deletionTimestamp"] = "2026-01-01T00:00:00Z"
+    [found] = causes(live("Deployment", {}), [old], [])
+    assert (found.kind, found.pod) == ("away", "old")
+    assert "robot-1" in found.message
+    assert causes(live("Deployment", {}), [old, pod("new")], []) == []
+    assert list(ledger_of(found).find_hopeless(1e6)) == []  # a robot comes back when it does
+
+
+def ledger_of(cause: Cause) -> Ledger:
+    """Return a ledger that has seen a cause at its beginning."""
+    made = Ledger(Patience())
+    made.note(0.0, [(REF, cause)], others_coming=False)
+    return made
+
+
 def event(uid: str, reason: str, message: str, time: str = "1") -> dict[str, Any]:
     about = {"uid": uid}
     return {"involvedObject": about, "reason": reason, "message": message, "lastTimestamp": time}

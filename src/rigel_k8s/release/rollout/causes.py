@@ -11,6 +11,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.objects.facts import is_ending, is_out_of_reach
 from rigel_k8s.objects.refs import Manifest
 
 IMAGE = ("ErrImagePull", "ImagePullBackOff", "RegistryUnavailable", "ErrImageNeverPull")
@@ -34,7 +35,7 @@ class Cause:
 
     Attributes:
         kind: image, image-name, start, crash, restarted, unschedulable, claim, quota, mount,
-            sandbox, evicted or failed.
+            sandbox, evicted, failed or away.
         pod: the pod that shows it, "" where no pod is to blame.
         previous: its log is that of the container's life before the last restart.
     """
@@ -113,9 +114,11 @@ def causes(
     """
     warnings = list(events)
     found = [*explain_owner(workload, owners, warnings)]
-    for pod in pods:
-        if not pod["metadata"].get("deletionTimestamp"):
-            found += explain_pod(pod, warnings)
+    living = [pod for pod in pods if not is_ending(pod)]
+    for pod in living:
+        found += explain_pod(pod, warnings)
+    if not living:
+        found += [explain_loss(pod) for pod in pods if is_out_of_reach(pod)]
     return list({cause.key: cause for cause in reversed(found)}.values())[::-1]
 
 
@@ -147,6 +150,16 @@ def explain_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
     for container in containers(status):
         yield from explain_container(pod, container)
     yield from explain_by_events(pod, events)
+    if is_out_of_reach(pod):
+        yield explain_loss(pod)
+
+
+def explain_loss(pod: Manifest) -> Cause:
+    """Return that a pod is on a machine which Kubernetes has lost; there it cannot be ended."""
+    state = "cannot be ended" if is_ending(pod) else "may still run"
+    machine = pod["spec"]["nodeName"]
+    message = f"Kubernetes cannot reach the machine {machine}, where the pod {state}"
+    return Cause("away", message, pod["metadata"]["name"])
 
 
 def explain_scheduling(message: str, pod: str) -> Cause:

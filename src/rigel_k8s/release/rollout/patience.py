@@ -6,6 +6,7 @@ add nodes, and a ROS node that ends while there is no master yet is started agai
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator
 
 import attrs
@@ -21,6 +22,7 @@ class Patience:
     Attributes:
         crash: counted while nothing else of the release is still on its way up.
         crash_limit: counted from the first crash, whatever else happens.
+        away: a robot comes back when it does; the roll-out's own deadline is the limit.
     """
 
     image: float = 15.0
@@ -35,6 +37,7 @@ class Patience:
     sandbox: float = 60.0
     evicted: float = 30.0
     failed: float = 0.0
+    away: float = math.inf
 
     def of(self, kind: str) -> float:
         """Return the seconds for a kind of cause."""

@@ -66,7 +66,12 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 
 
 def peer_service(plan: NetworkPlan, pod: PodIdentity) -> Object:
-    """Return a workload's Service, which is there before its pod is ready: that waits for it."""
+    """Return a workload's Service.
+
+    It leads to pods that are ready: one on a machine that was lost still exists when another one
+    has taken its place, and would get half of what others send. A pod that is not ready yet is
+    found as well, since it announces itself to those that are.
+    """
     ports = [
         {"name": f"participant-{index}", "port": port, "targetPort": port, "protocol": "UDP"}
         for index in range(PARTICIPANTS)
@@ -80,7 +85,6 @@ def peer_service(plan: NetworkPlan, pod: PodIdentity) -> Object:
             "selector": selector(pod.name),
             "ipFamilies": ["IPv4"],
             "ports": ports,
-            "publishNotReadyAddresses": True,
         },
     }
 

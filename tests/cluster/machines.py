@@ -6,9 +6,92 @@ import json
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ..support import shared
+from ..support.until import until
+from .conftest import run_rigel
+
+#: The name of a cluster of `rigel cluster` whose machines the tests may lose, instead of a new one.
+GIVEN = "RIGEL_TEST_LOSE"
+#: Seconds that a machine stays cut off once Kubernetes has replaced what may leave it.
+AWAY = float(os.environ.get("AWAY", "30"))
+#: Seconds to wait for what Kubernetes does, on a machine that may be busy.
+PATIENCE = 600
+#: Seconds after which Kubernetes replaces a pod that says nothing about it.
+EVICTED = 300
+#: The taints of a machine that Kubernetes has lost.
+LOST = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
+#: A Rigelfile's `tolerations` for a node that leaves such a machine after five seconds.
+LEAVES = [{"key": key, "effect": "NoExecute", "seconds": 5} for key in LOST]
+
+
+@contextmanager
+def own_cluster(
+    name: str, *, nodes: int, extras: Collection[str] = ()
+) -> Iterator[tuple[str, str]]:
+    """Give (name, registry) of a cluster whose machines may be lost; it ends afterwards."""
+    if os.geteuid() != 0:
+        pytest.skip("the local cluster needs root")
+    given = os.environ.get(GIVEN)
+    name = given or shared.mine(name)
+    new = [] if given else ["--nodes", str(nodes)]
+    if not given:
+        run_rigel("cluster", "down", "--name", name)  # that of a run that was killed
+    words = [word for extra in extras for word in ("--with", extra)]
+    run_rigel("cluster", "up", "--name", name, *new, *words, timeout=900)
+    try:
+        found = run_rigel("cluster", "status", "--name", name, "-o", "json").stdout
+        yield name, json.loads(found)["registry"]
+    finally:
+        if not given:
+            run_rigel("cluster", "down", "--name", name)
+
+
+def choose_machines(cluster: Any) -> tuple[str, str]:
+    """Return a machine that may be lost, and the one that resolves names.
+
+    The only pod that does so would move after five minutes, and nodes find each other by names.
+    """
+    machines = {one["metadata"]["name"] for one in cluster.list("v1", "Node", None)}
+    (dns,) = cluster.list("v1", "Pod", "kube-system", labels={"app.kubernetes.io/name": "coredns"})
+    stays = str(dns["spec"]["nodeName"])
+    return min(machines - {stays}), stays
+
+
+def prefer(machine: str) -> dict[str, Any]:
+    """Return the part of a Deployment whose pods start on a machine, as long as it is there."""
+    term = {"key": "kubernetes.io/hostname", "operator": "In", "values": [machine]}
+    preferred = [{"weight": 100, "preference": {"matchExpressions": [term]}}]
+    affinity = {"nodeAffinity": {"preferredDuringSchedulingIgnoredDuringExecution": preferred}}
+    return {"spec": {"template": {"spec": {"affinity": affinity}}}}
+
+
+def until_away(look: Callable[[], Mapping[str, Any]], names: Collection[str]) -> None:
+    """Wait until `rigel status` says of exactly these workloads that they are out of reach.
+
+    Args:
+        look: returns what `rigel status -o json` prints.
+    """
+
+    def is_true() -> bool:
+        found = look()
+        unready = {one["name"]: one["message"] for one in found["workloads"] if not one["done"]}
+        graph = found["graph"] or {"findings": []}
+        return (
+            set(unready) == set(names)
+            and all("Kubernetes cannot reach the machine" in text for text in unready.values())
+            and found["ready"] is not bool(names)
+            and {one["kind"] for one in graph["findings"]} <= {"not-looked"}
+        )
+
+    what = f"`rigel status` in which {sorted(names)} are out of reach"
+    until(is_true, what, PATIENCE, every=1, last_words=look)
 
 
 def lose(cluster: str, machine: str) -> None:

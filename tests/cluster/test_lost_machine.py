@@ -6,7 +6,6 @@ No node has to restart for that, and what is bound to the machine is as it was w
 from __future__ import annotations
 
 import json
-import os
 import re
 import sys
 import time
@@ -18,11 +17,21 @@ from typing import Any
 import pytest
 
 from rigel_k8s.objects.refs import ObjectRef
-from tests.support import shared
 from tests.support.until import until
 
 from .conftest import run_rigel
-from .machines import cut_off, lose
+from .machines import (
+    AWAY,
+    LEAVES,
+    LOST,
+    PATIENCE,
+    choose_machines,
+    cut_off,
+    lose,
+    own_cluster,
+    prefer,
+    until_away,
+)
 from .robot import Robot
 
 pytestmark = [pytest.mark.cluster, pytest.mark.slow]  # a cluster of its own
@@ -72,36 +81,24 @@ for _ in range(20):
     except Exception as error:
         print(repr(error))
 """
-#: Seconds that a machine stays cut off once Kubernetes has replaced what may leave it.
-AWAY = float(os.environ.get("AWAY", "30"))
 #: How long ros-master waits for a machine that is out of reach; 300 s unless this is set.
-LEAVES = [
-    {"key": f"node.kubernetes.io/{state}", "operator": "Exists", "effect": "NoExecute"}
-    | {"tolerationSeconds": 5}
-    for state in ("not-ready", "unreachable")
+MASTER_LEAVES = [
+    {"key": key, "operator": "Exists", "effect": "NoExecute", "tolerationSeconds": 5}
+    for key in LOST
 ]
 
 
 @pytest.fixture(scope="module")
 def own() -> Iterator[tuple[str, str]]:
     """Return (name, registry with the base image) of a cluster whose machines may be lost."""
-    if os.geteuid() != 0:
-        pytest.skip("the local cluster needs root")
-    name = shared.mine("test-lost")
-    run_rigel("cluster", "down", "--name", name)  # that of a run that was killed
-    run_rigel("cluster", "up", "--name", name, "--nodes", "2", timeout=900)
-    try:
-        told = run_rigel("cluster", "status", "--name", name, "-o", "json").stdout
-        registry = json.loads(told)["registry"]
+    with own_cluster("test-lost", nodes=2) as (name, registry):
         run_rigel("image", "ros1-base", "--push", f"{registry}/ros:noetic")
         yield name, registry
-    finally:
-        run_rigel("cluster", "down", "--name", name)
 
 
 @pytest.fixture
 def robot(own: tuple[str, str], tmp_path: Any) -> Iterator[Robot]:
-    """A talker and a listener on one machine, ros-master on the other."""
+    """A talker and a listener on one machine; ros-master and two more talkers on the other."""
     from rigel_k8s.kube import connect
     from rigel_k8s.settings import Settings
 
@@ -109,13 +106,7 @@ def robot(own: tuple[str, str], tmp_path: Any) -> Iterator[Robot]:
     context = f"rigel-{name}"
     namespace = f"t-lost-{uuid.uuid4().hex[:6]}"
     with connect(Settings(context=context)) as cluster:
-        machines = {one["metadata"]["name"] for one in cluster.list("v1", "Node", None)}
-        # The only pod that resolves names would move after five minutes, and ros-master is a name.
-        (dns,) = cluster.list(
-            "v1", "Pod", "kube-system", labels={"app.kubernetes.io/name": "coredns"}
-        )
-        first = dns["spec"]["nodeName"]
-        (second,) = machines - {first}
+        second, first = choose_machines(cluster)
         cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace}})
         call = partial(run_rigel, "--context", context)
         made = Robot(tmp_path, namespace, f"{registry}/ros:noetic", call, cluster)
@@ -124,19 +115,24 @@ def robot(own: tuple[str, str], tmp_path: Any) -> Iterator[Robot]:
             key: {"args": ["python3", "-c", text], "placement": {"node": first}}
             for key, text in programs.items()
         }
-        args = ["python3", "-c", TALKER.replace("talker", "bound").replace("chatter", "bound")]
-        nodes["bound"] = {"args": args, "placement": {"node": second}}
-        made.write(nodes, additional_k8s_params={"ros_master": prefer(second)})
+        nodes["bound"] = {"args": talk("bound"), "placement": {"node": second}}
+        nodes["free"] = {"args": talk("free"), "tolerations": LEAVES, "patch": prefer(second)}
+        master = prefer(second)
+        master["spec"]["template"]["spec"]["tolerations"] = MASTER_LEAVES
+        made.write(nodes, additional_k8s_params={"ros_master": master})
         made.deploy()
         yield made
+        cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
 
 
-def prefer(machine: str) -> dict[str, Any]:
-    """Return the part of a Deployment that prefers a machine, and leaves it when it is lost."""
-    term = {"key": "kubernetes.io/hostname", "operator": "In", "values": [machine]}
-    preferred = [{"weight": 100, "preference": {"matchExpressions": [term]}}]
-    affinity = {"nodeAffinity": {"preferredDuringSchedulingIgnoredDuringExecution": preferred}}
-    return {"spec": {"template": {"spec": {"affinity": affinity, "tolerations": LEAVES}}}}
+def talk(name: str) -> list[str]:
+    """Return what a talker runs whose topic has its own name."""
+    return ["python3", "-c", TALKER.replace("talker", name).replace("chatter", name)]
+
+
+def status(robot: Robot) -> Any:
+    """Return what `rigel status` prints for scripts."""
+    return json.loads(robot.rigel("status", "-o", "json", check=False).stdout)
 
 
 def number(robot: Robot) -> int:
@@ -157,6 +153,8 @@ def test_a_machine_that_is_cut_off_and_returns(own: tuple[str, str], robot: Robo
     robot.run("talker", "rosparam", "set", "/robot/name", "rosie")
     until(lambda: number(robot) > 0, "messages")
     time.sleep(2)  # the gate writes to the cluster once a second
+    look = partial(status, robot)
+    until_away(look, ())
     (master,), (bound,), stayed = robot.pods("ros-master"), robot.pods("bound"), uids(robot)
     machine = master["spec"]["nodeName"]
     assert machine == bound["spec"]["nodeName"]
@@ -164,7 +162,7 @@ def test_a_machine_that_is_cut_off_and_returns(own: tuple[str, str], robot: Robo
         until(
             lambda: robot.ready("ros-master") and name_of(robot) != master["metadata"]["name"],
             "another master",
-            180,
+            PATIENCE,
             every=1,
         )
         end = time.time() + AWAY
@@ -174,12 +172,22 @@ def test_a_machine_that_is_cut_off_and_returns(own: tuple[str, str], robot: Robo
                 break
             time.sleep(5)
         assert "rosie" in robot.run("talker", "rosparam", "get", "/robot/name")
+        assert "number" in robot.run("listener", "sh", "-c", HEARS.replace("chatter", "free"))
+        until_away(look, {"bound"})
         before = number(robot)
-    until(lambda: robot.ready("bound"), "the node on the machine that was cut off", 120, every=1)
     until(
-        lambda: len(robot.every_pod("ros-master")) == 1, "the end of the old master", 120, every=1
+        lambda: robot.ready("bound"), "the node on the machine that was cut off", PATIENCE, every=1
     )
-    assert "number" in robot.run("listener", "sh", "-c", HEARS.replace("chatter", "bound"))
+    until(
+        lambda: len(robot.every_pod("ros-master")) == 1,
+        "the end of the old master",
+        PATIENCE,
+        every=1,
+    )
+    until(lambda: len(robot.every_pod("free")) == 1, "the end of the old node", PATIENCE, every=1)
+    until_away(look, ())
+    for topic in ("bound", "free"):
+        assert "number" in robot.run("listener", "sh", "-c", HEARS.replace("chatter", topic))
     assert robot.pods("bound")[0]["metadata"]["uid"] == bound["metadata"]["uid"]
     assert uids(robot) == stayed
     assert number(robot) > before
@@ -202,7 +210,7 @@ def test_a_master_whose_machine_is_lost_goes_on_elsewhere(
     time.sleep(2)  # the gate writes to the cluster once a second
     lose(own[0], machine)
     lost = time.time()
-    until(lambda: not is_up(robot, machine), f"the end of {machine}", 180, every=1)
+    until(lambda: not is_up(robot, machine), f"the end of {machine}", PATIENCE, every=1)
     before = number(robot)
     name = master["metadata"]["name"]
     robot.cluster.delete(ObjectRef("v1", "Pod", robot.namespace, name), grace_seconds=0)
@@ -212,7 +220,7 @@ def test_a_master_whose_machine_is_lost_goes_on_elsewhere(
     found = until(
         lambda: robot.run("listener", *watch).split(),
         "a master that knows everything",
-        240,
+        PATIENCE,
         last_words=lambda: [pod["status"] for pod in robot.pods("ros-master")],
     )
     answered, complete = map(float, found)

@@ -23,7 +23,7 @@ import yaml
 from rigel_k8s.objects.refs import ObjectRef
 from tests.support.until import until
 
-from ...support import shared
+from .. import machines
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 HEARD = re.compile(r"I heard hello world from (\w+): \S+ (\d+)")
@@ -193,15 +193,8 @@ def own_cluster(tmp_path_factory: Any) -> Iterator[Make]:
     from rigel_k8s.kube import connect
     from rigel_k8s.settings import Settings
 
-    if os.geteuid() != 0:
-        pytest.skip("the local cluster needs root")
-    name = shared.mine("test-ros2")
-    context = f"rigel-{name}"
-    rigel("cluster", "down", "--name", name)  # that of a run that was killed
-    rigel("cluster", "up", "--name", name, "--nodes", "3", "--with", "multus")
-    try:
-        told = rigel("cluster", "status", "--name", name, "-o", "json").stdout
-        registry = json.loads(told)["registry"]
+    with machines.own_cluster("test-ros2", nodes=3, extras=["multus"]) as (name, registry):
+        context = f"rigel-{name}"
         rigel("image", "ros2-base", "--push", f"{registry}/ros:jazzy")
         rigel("--context", context, "network", "install")
         directory = tmp_path_factory.mktemp("own")
@@ -210,5 +203,3 @@ def own_cluster(tmp_path_factory: Any) -> Iterator[Make]:
             projects(cluster, context, registry, directory) as make,
         ):
             yield lambda example, **more: make(example, f"{registry}/ros:jazzy", **more)
-    finally:
-        rigel("cluster", "down", "--name", name)

@@ -26,7 +26,7 @@ import pytest
 
 import rigel_k8s.inpod
 from rigel_k8s.app.gate import LOOPBACK, PACKAGE_PATH, PROGRAM_PATH, ROSCORE_PATH
-from rigel_k8s.app.master import ROSCORE
+from rigel_k8s.app.master import MASTER_OPTIONS, ROSCORE
 from rigel_k8s.gate.program import program
 from rigel_k8s.objects.pods import MASTER_PORT, ROSCORE_PORT
 from rigel_k8s.system.cache import locked
@@ -185,7 +185,7 @@ class Pods:
 
     def rosmaster(self) -> Pod:
         """Start what most tests need of a roscore, in half the time: no roslaunch, no /rosout."""
-        return self._master("rosmaster", "--core", *ROSCORE[1:])
+        return self._master("rosmaster", "--core", *MASTER_OPTIONS)
 
     def gated(self, *options: str) -> tuple[Pod, Pod]:
         """Start roscore behind a gate, as the ros-master pod has them; return (gate, roscore)."""

@@ -23,6 +23,7 @@ from rigel_k8s.objects.pods import (
     GATE_PORT,
     MASTER_NAME,
     MASTER_PORT,
+    SCRIPTS_PATH,
     Object,
     drop_empty,
     inpod_volume,
@@ -36,7 +37,8 @@ MASTER_CONTAINER = "ros-master-container"
 #: A replaced pod's address swallows what is sent to it. roscore tells the old node to end (and its
 #: cached parameters to change) all the same, each time in one of 3 threads, for two minutes: three
 #: such pods and no node hears of a new publisher. So 10 threads, and 3 s for a connection.
-ROSCORE = ["roscore", "-w", "10", "-t", "3"]
+MASTER_OPTIONS = ["-w", "10", "-t", "3"]
+ROSCORE = ["/bin/sh", f"{SCRIPTS_PATH}/roscore.sh", *MASTER_OPTIONS]
 
 
 def master_deployment(

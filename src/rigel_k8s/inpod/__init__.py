@@ -30,6 +30,8 @@ _NAMES = (
     "rc.sh",
     "ready.py",
     "ready.sh",
+    "roscore.py",
+    "roscore.sh",
     "rosrpc.py",
     "rtps.py",
     "spdp.py",

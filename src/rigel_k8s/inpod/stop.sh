@@ -63,7 +63,7 @@ classify() {
     case $before${word##*/} in
       python*) continue ;;
       ros2) before='ros2 ' && continue ;;
-      roscore) cores="$cores$1 " ;;
+      roscore | roscore.py) cores="$cores$1 " ;;
       roslaunch | 'ros2 launch') launches="$launches$1 " ;;
     esac
     break

@@ -49,6 +49,8 @@ DDS = {
 }
 #: Beside a lifecycle node only, whose image has them.
 ROS2 = {"rclpy", "rclpy.executors", "rclpy.signals", "lifecycle_msgs.msg", "lifecycle_msgs.srv"}
+#: What a script needs besides, which its image has: `lifecycle.py` runs beside a lifecycle node.
+MORE = {"lifecycle.py": ROS2 | {"signal"}, "roscore.py": {"roslaunch.launch", "runpy"}}
 #: What runs when somebody asks for the graph.
 LOOK = ("dds.py", "dds_standin.py", "spdp.py")
 
@@ -78,8 +80,7 @@ def test_standard_library_only():
     quick = {"os", "sys", "time", "_socket", "socket", "_thread", "thread", "struct", "fcntl"}
     for name, text in scripts().items():
         if name.endswith(".py") and name not in LOOK:
-            more = ROS2 | {"signal"} if name == "lifecycle.py" else set()
-            assert imported(text) <= own | quick | more, name
+            assert imported(text) <= own | quick | MORE.get(name, set()), name
 
 
 def test_the_look_needs_the_standard_library_only():

@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.objects.facts import is_ready
+
 from ..support import shared
 from ..support.until import until
 from .conftest import run_rigel
@@ -57,8 +59,15 @@ def choose_machines(cluster: Any) -> tuple[str, str]:
     """Return a machine that may be lost, and the one that resolves names.
 
     The only pod that does so would move after five minutes, and nodes find each other by names.
+    Before that all machines are up: what prefers one is started there.
     """
-    machines = {one["metadata"]["name"] for one in cluster.list("v1", "Node", None)}
+
+    def find_machines() -> set[str]:
+        found = cluster.list("v1", "Node", None)
+        up = all(is_ready(one) and not one["spec"].get("taints") for one in found)
+        return {one["metadata"]["name"] for one in found} if up else set()
+
+    machines = until(find_machines, "machines that are all up", PATIENCE, every=1)
     (dns,) = cluster.list("v1", "Pod", "kube-system", labels={"app.kubernetes.io/name": "coredns"})
     stays = str(dns["spec"]["nodeName"])
     return min(machines - {stays}), stays

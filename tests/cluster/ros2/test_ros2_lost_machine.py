@@ -107,14 +107,19 @@ def heard(robot: Project, workload: str, *, since: int | None = None) -> dict[st
     return numbers
 
 
+def until_heard(robot: Project, workload: str, talkers: set[str]) -> None:
+    """Wait until a listener hears exactly these talkers."""
+    robot.until(
+        lambda: set(heard(robot, workload, since=2)) == talkers,
+        f"messages of exactly {sorted(talkers)}",
+        seconds=PATIENCE,
+    )
+
+
 def test_a_machine_that_is_cut_off_and_returns(robot: Project) -> None:
     """Pods that may leave are replaced and talk; those that stay go on when it is back."""
     cluster, look = robot.context.removeprefix("rigel-"), partial(status, robot)
-    robot.until(
-        lambda: set(heard(robot, "listener", since=2)) == TALKERS,
-        "messages of all",
-        seconds=PATIENCE,
-    )
+    until_heard(robot, "listener", TALKERS)
     until_away(look, ())
     uids, leaving = every_uid(robot), {"free", "ears"}
     stay = {"bound"} | ({"waits"} if AWAY < EVICTED else set())
@@ -128,8 +133,8 @@ def test_a_machine_that_is_cut_off_and_returns(robot: Project) -> None:
         )
         time.sleep(AWAY)
         until_away(look, stay)
-        assert set(heard(robot, "listener", since=2)) == TALKERS - stay
-        assert set(heard(robot, "ears", since=2)) == {"free"}
+        until_heard(robot, "listener", TALKERS - stay)
+        until_heard(robot, "ears", {"free"})
         before = heard(robot, "listener")["bound"][-1]
     robot.until(
         lambda: all(len(pods) == 1 for pods in every_uid(robot).values()),
@@ -137,11 +142,7 @@ def test_a_machine_that_is_cut_off_and_returns(robot: Project) -> None:
         seconds=PATIENCE,
     )
     until_away(look, ())
-    robot.until(
-        lambda: set(heard(robot, "listener", since=2)) == TALKERS,
-        "messages of all",
-        seconds=PATIENCE,
-    )
+    until_heard(robot, "listener", TALKERS)
     after = every_uid(robot)
     assert {name for name in uids if uids[name] == after[name]} == stay | {"listener"}
     numbers = heard(robot, "listener")["bound"]

@@ -45,14 +45,20 @@ class Rollouts:
         self.kubectl("delete", "namespace", self.namespace, "--ignore-not-found", "--wait")
         self.kubectl("create", "namespace", self.namespace)
 
-    def deploy(self, distro: str, nodes: Mapping[str, Any], more: Mapping[str, Any]) -> bool:
+    def deploy(
+        self,
+        distro: str,
+        nodes: Mapping[str, Any],
+        more: Mapping[str, Any],
+        timeout: str = "60s",
+    ) -> bool:
         """Deploy nodes, with more options of the job; return whether all became ready."""
         options = {"namespace": self.namespace, "image": self.image, "nodes": nodes, **more}
         job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
         file = self.directory / "Rigelfile"
         file.write_text(json.dumps({"application": {"distro": distro}, "jobs": {"deploy": job}}))
         head = [sys.executable, "-m", "rigel_k8s", "-f", str(file), "--context", self.context]
-        words = ["run", "job", "deploy", "--timeout", "60s"]
+        words = ["run", "job", "deploy", "--timeout", timeout]
         return subprocess.run([*head, *words], capture_output=True).returncode == 0
 
     def logs(self, workload: str) -> str:

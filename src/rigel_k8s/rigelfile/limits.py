@@ -8,8 +8,8 @@ from __future__ import annotations
 
 #: Bytes of a Rigelfile.
 MOST_BYTES = 4 * 2**20
-#: Values of a file, those that aliases and templates make included.
-MOST_VALUES = 50_000
+#: Values of a file with those that its aliases make; and values that its templates make.
+MOST_VALUES = 20_000
 #: Lists and mappings in each other.
 DEEPEST = 100
 #: Variables that need each other.

@@ -21,6 +21,9 @@ _TAG = "tag:yaml.org,2002:"
 _TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
 _NUMBER_TAGS = frozenset({f"{_TAG}int", f"{_TAG}float"})
 _START = Span(1, 1, 1, 2)
+#: Each value but the first comes after one of these.
+_SEPARATORS = "\n,:[{?-"
+TOO_MANY = f"the file has more than {MOST_VALUES} values, with those that its aliases make"
 _BRACKET = re.compile(r"[\[\]{}]")
 _DEEP_LINE = re.compile(rf"^[ ?:-]{{{DEEPEST},}}", re.MULTILINE)
 _BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\}[^\s,\]}]*)")
@@ -28,9 +31,8 @@ _BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\}[^\s,\]}]*)")
 
 def parse(source: Source) -> tuple[YamlNode | None, list[Finding]]:
     """Return the root of a YAML text and what is wrong with it; None where it cannot be read."""
-    deep = check_depth(source.text)
-    if deep:
-        return None, [deep]
+    if excess := find_excess(source.text):
+        return None, [excess]
     try:
         root = yaml.compose(source.text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -40,16 +42,22 @@ def parse(source: Source) -> tuple[YamlNode | None, list[Finding]]:
     if root is None:
         return None, [Finding(_START, "the file is empty: `rigel init` writes a start", "yaml")]
     reader = _Reader()
-    return reader.node(root), reader.findings
+    node = reader.node(root)
+    return (None if reader.is_full else node), reader.findings
 
 
-def check_depth(text: str) -> Finding | None:
-    """Refuse what would exhaust the C reader's stack, before it reads that."""
-    if _brackets(text) < DEEPEST and not _DEEP_LINE.search(text):
+def find_excess(text: str) -> Finding | None:
+    """Return what would exhaust the C reader's stack or the memory, before it is read as a whole.
+
+    Keys and values are counted here, so a file may have up to twice as many as it may have values.
+    """
+    is_deep = _brackets(text) >= DEEPEST or _DEEP_LINE.search(text)
+    if not is_deep and sum(map(text.count, _SEPARATORS)) < MOST_VALUES:
         return None
-    depth = 0
+    depth = values = 0
     try:
         for event in yaml.parse(text, Loader=_Loader):
+            values += isinstance(event, yaml.NodeEvent)
             if isinstance(event, yaml.CollectionStartEvent):
                 depth += 1
             elif isinstance(event, yaml.CollectionEndEvent):
@@ -57,7 +65,9 @@ def check_depth(text: str) -> Finding | None:
             if depth > DEEPEST:
                 message = f"values are nested more than {DEEPEST} deep"
                 return Finding(_event_span(event), message, "yaml")
-    except yaml.YAMLError:  # told by whoever reads it
+            if values > 2 * MOST_VALUES:
+                return Finding(_event_span(event), TOO_MANY, "yaml")
+    except yaml.YAMLError:  # reported by whoever reads it
         pass
     return None
 
@@ -121,6 +131,7 @@ class _Reader:
 
     def __init__(self) -> None:
         self.findings: list[Finding] = []
+        self.is_full = False  # the file has more values than are looked at
         self._open: set[int] = set()
         self._done: dict[int, tuple[YamlNode, int]] = {}
         self._count = 0
@@ -130,12 +141,14 @@ class _Reader:
         if id(item) in self._done:
             node, size = self._done[id(item)]
             self._count += size
-            return node if self._count <= MOST_VALUES else self._refuse_aliases(item)
+            return node if self._count <= MOST_VALUES else self._refuse_more(item)
         if id(item) in self._open:
             return self._refuse(item, "an alias of the value that it stands in")
-        self._open.add(id(item))
         before = self._count
         self._count += 1
+        if self._count > MOST_VALUES:
+            return self._refuse_more(item)
+        self._open.add(id(item))
         result = self._make(item)
         self._open.discard(id(item))
         self._done[id(item)] = result, self._count - before
@@ -146,11 +159,11 @@ class _Reader:
         self.findings.append(Finding(span, message, kind))
         return YamlNode(None, span, hole=True)
 
-    def _refuse_aliases(self, item: yaml.Node) -> YamlNode:
-        if self._count > 2 * MOST_VALUES:  # told once
+    def _refuse_more(self, item: yaml.Node) -> YamlNode:
+        if self.is_full:  # reported once
             return YamlNode(None, _span(item.start_mark, item.end_mark), hole=True)
-        self._count += 2 * MOST_VALUES
-        return self._refuse(item, f"aliases make more than {MOST_VALUES} values of this file")
+        self.is_full = True
+        return self._refuse(item, TOO_MANY)
 
     def _make(self, item: yaml.Node) -> YamlNode:
         span = _span(item.start_mark, item.end_mark)

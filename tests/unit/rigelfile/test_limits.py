@@ -75,6 +75,10 @@ FILES = {
     "aliases": HEAD
     + "vars:\n  a0: &a0 [x, x, x, x, x, x, x, x, x]\n"
     + "".join(f"  a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 9)),
+    "two million numbers": HEAD + f"vars: {{a: [{'1,' * 2_000_000}1]}}",
+    "a million lines": HEAD + "vars:\n  a:\n" + "  - a\n" * 600_000,
+    "as many values as are read, and no more": HEAD + f"vars: {{a: [{'1,' * 19_990}1]}}",
+    "one more": HEAD + f"vars: {{a: [{'1,' * 20_000}1]}}",
     "deep brackets": HEAD + "vars: {a: " + "[" * 90_000 + "]" * 90_000 + "}",
     "deep dashes": HEAD + "vars:\n  a:\n    " + "- " * 90_000 + "x",
     "a number without end": HEAD + f"vars: {{a: {'9' * 900_000}}}",

@@ -29,7 +29,7 @@ from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
-from rigel_k8s.rigelfile.parse import check_depth
+from rigel_k8s.rigelfile.parse import find_excess
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
 from rigel_k8s.system.local_files import read_text
@@ -292,6 +292,6 @@ def _parameter_file(path: Path, home: Path, where: str) -> str:
 
 def _read_parameters(text: str) -> Any:
     """Return the content of a parameter file."""
-    if deep := check_depth(text):
-        raise yaml.YAMLError(f"{deep.span.line}:{deep.span.column}: {deep.message}")
+    if excess := find_excess(text):
+        raise yaml.YAMLError(f"{excess.span.line}:{excess.span.column}: {excess.message}")
     return yaml.load(text, Loader)

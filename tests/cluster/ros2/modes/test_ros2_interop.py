@@ -43,9 +43,17 @@ def test_it_came_over_the_second_network(interop: Any) -> None:
 
 
 def test_ros_tools_see_the_node_of_another_implementation(interop: Any) -> None:
-    """RustDDS' nodes stand in ROS 2's graph; Cyclone's are DDS alone, and publish all the same."""
+    """RustDDS' nodes stand in ROS 2's graph; Cyclone's are DDS alone, and publish all the same.
+
+    A tool that has just started may not have discovered all of them when it prints.
+    """
     project = interop.project
-    nodes = project("exec", "fast_listener", "--", "ros2", "node", "list").stdout.split()
-    assert {"/fast_talker", "/fast_listener", "/rust_talker", "/rust_listener"} <= set(nodes)
-    told = project("exec", "fast_listener", "--", "ros2", "topic", "info", "/chatter").stdout
-    assert "Publisher count: 3" in told
+    wanted = {"/fast_talker", "/fast_listener", "/rust_talker", "/rust_listener"}
+
+    def ask(*words: str) -> str:
+        return str(project("exec", "fast_listener", "--", "ros2", *words).stdout)
+
+    project.until(lambda: wanted <= set(ask("node", "list").split()), "nodes of ROS 2")
+    project.until(
+        lambda: "Publisher count: 3" in ask("topic", "info", "/chatter"), "all three publishers"
+    )

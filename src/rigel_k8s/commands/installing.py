@@ -40,6 +40,7 @@ def list_rights() -> Iterator[Right]:
         yield from need("")
     yield from grant("", "namespaces", "get create patch")
     yield from grant("", "nodes", "get list")
+    yield from grant("", "secrets", "get")  # Grafana's password is made once
     yield from grant("", "pods", "delete")
     yield from grant("", "pods/exec", "get create")
     yield from grant("", "services/proxy", "get")  # `rigel observe status` asks the stack

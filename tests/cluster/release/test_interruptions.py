@@ -8,6 +8,7 @@ import sys
 import textwrap
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -157,8 +158,9 @@ def test_a_lease_of_another_machine_is_taken_over_when_it_expires(
     assert cluster.get(ref) is None
 
 
-def is_running(cluster: Any, namespace: str, name: str) -> bool:
-    pod = cluster.get(ObjectRef("v1", "Pod", namespace, name)) or {}
+def is_running(cluster: Any, namespace: str) -> bool:
+    """Whether the only pod runs; a deployer may list pods."""
+    (pod,) = cluster.list("v1", "Pod", namespace, labels={RELEASE_LABEL: "demo"})
     states = pod.get("status", {}).get("containerStatuses") or []
     return any("running" in state["state"] for state in states)
 
@@ -169,16 +171,23 @@ def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     """Ctrl-C: the revision stays pending, the Lease is free, the next run sees it through."""
     slow = {"exec": {"command": ["sh", "-c", "test -e /ready"]}, "periodSeconds": 1}
     cancel = threading.Event()
-    timer = threading.Timer(3, cancel.set)
-    timer.start()
+    mine = {RELEASE_LABEL: "demo"}
+
+    def interrupt() -> None:
+        until(lambda: cluster.list("v1", "Pod", make.namespace, labels=mine), "a pod")
+        time.sleep(1)
+        cancel.set()
+
     wanted = make.desired(make.deployment(readinessProbe=slow))
-    with pytest.raises(Interrupted, match="the cluster goes on with it"):
-        deploy(wanted, cluster, report=report, cancel=cancel)
+    with ThreadPoolExecutor(1) as user:
+        user.submit(interrupt)
+        with pytest.raises(Interrupted, match="the cluster goes on with it"):
+            deploy(wanted, cluster, report=report, cancel=cancel)
     assert [r.status for r in history(cluster, make.release)] == ["pending"]
     assert cluster.get(lease_ref(make.release)) is None
-    pods = cluster.list("v1", "Pod", make.namespace, labels={RELEASE_LABEL: "demo"})
-    name = pods[0]["metadata"]["name"]
-    until(lambda: is_running(cluster, make.namespace, name), "the pod runs")
+    (pod,) = cluster.list("v1", "Pod", make.namespace, labels=mine)
+    name = pod["metadata"]["name"]
+    until(lambda: is_running(cluster, make.namespace), "the pod runs")
     cluster.run(make.namespace, name, ["sh", "-c", ": > /ready"])
     deploy(wanted, cluster, report=report)
     assert [r.status for r in history(cluster, make.release)] == ["failed", "good"]

@@ -11,7 +11,7 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Refusal, refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release import apply
+from rigel_k8s.release import apply, order
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.removal import down
 from tests.support.controllers import Controllers, is_ready
@@ -51,6 +51,13 @@ def seen(fake: FakeCluster) -> Callable[[str, str], Pods]:
 def slow(fake: FakeCluster, **ending: int) -> None:
     """Let the pods of some workloads take long to end."""
     fake.store.controllers = Controllers(ending=ending)
+
+
+def test_what_is_bound_and_used_is_applied_before() -> None:
+    """Objects of one wave are applied side by side, in any order."""
+    kinds = ("CustomResourceDefinition", "Role", "RoleBinding", "Deployment")
+    waves = [order.wave(kind) for kind in kinds]
+    assert waves == sorted(set(waves))
 
 
 def test_a_role_is_there_before_it_is_bound(fake: FakeCluster, report: Any) -> None:

@@ -132,19 +132,17 @@ def place_node(node: GraphNode, pods: Sequence[GraphPod]) -> GraphNode:
     return attrs.evolve(node, machine=machines.pop() if len(machines) == 1 else "")
 
 
-def find_leaving(nodes: Iterable[GraphNode], items: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
-    """Return the names of nodes whose address is that of a pod that is being terminated.
+def find_leaving(items: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return the names of nodes whose pods are being terminated.
+
+    Their addresses would not do: where another process has taken a node's name, the master knows
+    the new address, and the topics of the old process until that unregisters them.
 
     Args:
         items: all pods of the release, as the API server returns them.
     """
-    ending: set[str] = set()
-    staying: set[str] = set()
-    for item in items:
-        addresses = read_pod(item).addresses
-        (ending if is_ending(dict(item)) else staying).update(addresses)
-    # Pods in their machine's own network share its address.
-    return tuple(sorted(node.name for node in nodes if node.address in ending - staying))
+    ending = [read_pod(item) for item in items if is_ending(dict(item))]
+    return tuple(sorted({pod.ros_name or pod.workload for pod in ending}))
 
 
 def missing_node(name: str, workload: str, pods: Sequence[GraphPod]) -> GraphNode:

@@ -40,5 +40,5 @@ def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
     return attrs.evolve(
         graph,
         nodes=place_nodes(graph.nodes, pods, expected_nodes(deployments)),
-        leaving=find_leaving(graph.nodes, items),
+        leaving=find_leaving(items),
     )

@@ -77,8 +77,8 @@ class RosGraph:
     addresses and rates, which differ after each restart, do not count.
 
     Attributes:
-        leaving: the names of nodes in pods that are being terminated. The graph will be another
-            one when they are gone.
+        leaving: the names of nodes whose pods are being terminated. What they publish may be in
+            the graph until they are gone.
     """
 
     nodes: tuple[GraphNode, ...] = ()

@@ -63,6 +63,16 @@ def warm(serve: Any, answers: list[Any], last: Any = fine) -> tuple[Cluster, Any
     return cluster, server
 
 
+def lose_server() -> tuple[Cluster, int]:
+    """Return a cluster whose server has answered and listens no more, and the server's port."""
+    with serving(fine) as first:
+        port = first.server_port
+        cluster = Cluster(Target(first.url))
+        cluster.get(REF)
+    cluster.client.transport.connections.close()
+    return cluster, port
+
+
 def say(status: int, body: object = b"", **headers: str) -> Any:
     return lambda exchange: exchange.say(status, body, **headers)
 
@@ -213,12 +223,8 @@ def test_long_work_waits_for_a_server_that_is_away(
 
 def test_a_server_that_listens_again_is_found(serve: Any) -> None:
     """Refused connections are waited for too; a create that never arrived is sent then."""
-    with serving(fine) as first:
-        port = first.server_port
-        cluster = Cluster(Target(first.url))
-        cluster.get(REF)
+    cluster, port = lose_server()
     lines, _ = endure(cluster)
-    cluster.client.transport.connections.close()
     results: list[Any] = []
     thread = threading.Thread(target=lambda: results.append(cluster.create(MANIFEST)))
     thread.start()
@@ -305,12 +311,8 @@ def test_a_short_pause_is_not_worth_a_line(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_what_never_arrived_is_sent_again(serve: Any) -> None:
     """Even steps on what was there: no one can have carried them out."""
-    with serving(fine) as first:
-        port = first.server_port
-        cluster = Cluster(Target(first.url))
-        cluster.get(REF)
+    cluster, port = lose_server()
     lines, _ = endure(cluster)
-    cluster.client.transport.connections.close()
     results: list[Any] = []
     patch = threading.Thread(target=lambda: results.append(cluster.patch(REF, [], style="json")))
     patch.start()

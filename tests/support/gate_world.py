@@ -178,6 +178,8 @@ class SimNode:
         heard: topic -> the list of publishers that came last.
         lists: (topic, list) of all that came, in order.
         learnt: parameter -> the value that came last.
+        stops: it has been told to end.
+        lingers: seconds for which it then goes on to publish, and a moment more.
     """
 
     def __init__(self, world: World, pod: SimPod, name: str, port: int, plan: Plan) -> None:
@@ -185,6 +187,8 @@ class SimNode:
         self.api = f"http://{pod.host}:{port}/"
         self.plan = list(plan)
         self.alive = True
+        self.stops = False
+        self.lingers = 0.0
         self.registered: set[tuple[str, str]] = set()
         self.offers: set[tuple[str, str]] = set()
         self.heard: dict[str, list[str]] = {}
@@ -223,6 +227,11 @@ class SimNode:
     async def unregister(self, *entries: tuple[str, str]) -> Answer:
         """Take things back in one `system.multicall`, as rospy does."""
         self.offers -= set(entries)
+        answer = await self._unregister(*entries)
+        self.registered -= set(entries)
+        return answer
+
+    async def _unregister(self, *entries: tuple[str, str]) -> Answer:
         calls = []
         for kind, key in entries:
             uri = self.detail(kind, key) if kind == SERVICE else self.api
@@ -230,19 +239,18 @@ class SimNode:
             method = {PARAMETER: "unsubscribeParam"}.get(kind, f"unregister{kind.capitalize()}")
             calls.append({"methodName": method, "params": words})
         await self.world.reach(self.pod.host)
-        answer = await self.world.call(
+        return await self.world.call(
             Call("system.multicall", (calls,)), hands_over=self.pod.workload is not None
         )
-        self.registered -= set(entries)
-        return answer
 
     def take(self, method: str, *params: Any) -> Any:
         if method == "publisherUpdate":
             self._hear(params[0], list(params[1]))
         elif method == "paramUpdate":
             self.learnt[params[0]] = params[1]
-        elif method == "shutdown":
-            self.end()
+        elif method == "shutdown" and not self.stops:
+            self.stops = True
+            self.world.spawn(self._stop())
         elif method == "getPublications":
             return [[key, "t/T"] for kind, key in sorted(self.offers) if kind == PUBLISHER]
         return 0
@@ -251,6 +259,12 @@ class SimNode:
         self.world.heard(self, topic, publishers)
         self.heard[topic] = publishers
         self.lists.append((topic, publishers))
+
+    async def _stop(self) -> None:
+        """End as rospy does when it is shut down: it publishes until it has unregistered all."""
+        await asyncio.sleep(self.lingers + self.world.pause(0.05))
+        await self._unregister(*sorted(self.registered))
+        self.end()
 
     async def leave(self) -> None:
         """End in order, as after SIGINT: what listens is closed first."""
@@ -444,6 +458,8 @@ class World:
         ours = old.pod.workload is not None and old.pod.workload == new.workload
         if ours and old.pod is not new and not old.pod.leaving:
             self.broken.append(f"{one.node} at {before} is shut down by {one.api} before its time")
+        if ours and old.pod is not new:
+            self.broken.append(f"{one.api} gets the name of {before}, which publishes still")
 
     def is_rospy(self, api: str) -> bool:
         """Whether a node that listens is rospy's."""

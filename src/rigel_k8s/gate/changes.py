@@ -6,6 +6,7 @@ A registration goes to the master, or its node waits for the name (newcomers.py)
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 
 from rigel_k8s.gate.calls import Answer, Call, Removal, fault, registration_of, removal_of
 from rigel_k8s.gate.context import Context
@@ -79,8 +80,7 @@ class Changes:
                 if self._master.is_ready:
                     if lives:
                         self._takeover.note_conflict(one, str(before))
-                    await self._nodes.settle(one)
-                    answer = await self._master.call(call)
+                    answer = await self._master.call(call, partial(self._nodes.settle, one))
                     if answer.is_success and not self._state.registry.has(one):
                         self._context.note("register", *one, hands_over)
                         self._newcomers.send_publishers(one)
@@ -89,6 +89,8 @@ class Changes:
         return await self._newcomers.answer(one)
 
     async def _unregister(self, call: Call, removal: Removal) -> Answer:
+        if removal in self._context.lapsing:
+            return answer_removal(removal)
         self._context.removals.append(removal)
         try:
             return await self._remove(call, removal)
@@ -98,9 +100,8 @@ class Changes:
     async def _remove(self, call: Call, removal: Removal) -> Answer:
         async with self._context.turn:
             if self._newcomers.take_back(removal):
-                return Answer.good(f"Unregistered [{removal.node}]", 1)
-            await self._nodes.settle(removal)
-            answer = await self._master.call(call)
+                return answer_removal(removal)
+            answer = await self._master.call(call, partial(self._nodes.settle, removal))
             if answer.is_success:
                 self._context.note("unregister", *removal)
                 self._newcomers.send_publishers(removal)
@@ -115,3 +116,8 @@ class Changes:
                 self._context.note(*event)
                 self._newcomers.send_parameter(event[1])
             return answer
+
+
+def answer_removal(removal: Removal) -> Answer:
+    """Return what the master answers where it has removed a registration."""
+    return Answer.good(f"Unregistered [{removal.node}]", 1)

@@ -25,6 +25,9 @@ class Context:
             turns, so that who has the turn finds in the state what the master knows.
         removals: what nodes unregister at this moment. They have forgotten it already, and the
             master knows it still.
+        lapsing: what a node can take back that is about to lose its name. It stops to publish only
+            once it is answered, and its name changes hands only once it has stopped: so these calls
+            do not wait for their turn. The master drops it all with the name.
     """
 
     def __init__(
@@ -39,6 +42,7 @@ class Context:
         self.log = log
         self.turn = asyncio.Lock()
         self.removals: list[Removal] = []
+        self.lapsing: frozenset[Removal] = frozenset()
         self._keep = keep
         self._tasks: set[asyncio.Task[Any]] = set()
         self._looks: set[tuple[str, Callable[[str], Any]]] = set()

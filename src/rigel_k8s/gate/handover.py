@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Container, Iterator
 
+from rigel_k8s.gate.calls import Removal
 from rigel_k8s.gate.registry import PUBLISHER, SERVICE, SUBSCRIBER, Registration, host_of
 from rigel_k8s.gate.state import GatePod, Newcomer, State
 
@@ -63,6 +64,16 @@ def list_names_of(state: State, host: str) -> list[str]:
     """Return the names that nodes at an address have."""
     entries = state.registry.nodes.values()
     return [one.name for one in entries if host_of(one.api) == host]
+
+
+def list_removals(state: State, node: str) -> frozenset[Removal]:
+    """Return what a node takes back when it takes back all that it has registered."""
+    entry = state.registry.nodes.get(node)
+    found = entry.registrations.values() if entry else ()
+    return frozenset(
+        Removal(one.kind, one.key, one.node, one.detail if one.kind == SERVICE else one.api)
+        for one in found
+    )
 
 
 def list_publishers(state: State, topic: str) -> list[str]:

@@ -69,10 +69,17 @@ class Master:
             await self._context.links.sleep(RETRY)
         return self._ready.is_set()
 
-    async def call(self, call: Call) -> Answer:
-        """Pass a call on as soon as the master answers and knows everything."""
+    async def call(self, call: Call, settle: Callable[[], Awaitable[None]] | None = None) -> Answer:
+        """Pass a call on as soon as the master answers and knows everything.
+
+        Args:
+            settle: awaited just before each try. A master that comes back makes the gate send
+                things to nodes, and a call that changes these things must not overtake them.
+        """
         while True:
             await self._ready.wait()
+            if settle is not None:
+                await settle()
             try:
                 return await self._context.links.master(call)
             except MasterGone as error:

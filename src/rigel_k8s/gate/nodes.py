@@ -11,7 +11,7 @@ import asyncio
 from contextlib import suppress
 from typing import Any, Tuple
 
-from rigel_k8s.gate.calls import Call, Removal
+from rigel_k8s.gate.calls import GATE, Call, Removal
 from rigel_k8s.gate.context import Context
 from rigel_k8s.gate.handover import find_waiting, list_heard, list_publishers
 from rigel_k8s.gate.links import NodeGone, NodeSilent
@@ -21,6 +21,8 @@ from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SUBSCRIBER, Registrati
 PATIENCE = 3.0
 #: Seconds that a change waits for a node to get what was true before it.
 SETTLE = 0.5
+#: Seconds that a node has to cease to publish once it is shut down, for one look, and between two.
+STOP, STOP_LOOK, STOP_PAUSE = 1.0, 0.03, 0.01
 #: What nodes are sent: the publishers of a topic, the value of a parameter.
 PUBLISHERS, VALUE = "publisherUpdate", "paramUpdate"
 #: What the HTTP server of roscpp's nodes is called.
@@ -58,15 +60,35 @@ class Nodes:
             return None
         return True
 
-    def end(self, api: str) -> None:
-        """Shut a node down, without waiting for it."""
+    async def stop(self, api: str) -> None:
+        """Shut a node down; return when it publishes nothing any more, or when STOP is over.
 
-        async def ask() -> None:
-            with suppress(NodeGone, NodeSilent):
-                why = "another node has taken over its name"
-                await self._context.links.node(api, Call("shutdown", (MASTER, why)), PATIENCE)
+        Its answer to the shutdown does not say that: roscpp's comes before the node stops, rospy's
+        a tenth of a second after. Both close all publishers at once, after they have unregistered.
+        """
+        self._context.spawn(self._shut_down(api))
+        until = self._context.links.now() + STOP
+        while self._context.links.now() < until and await self._publishes(api):
+            await self._context.links.sleep(STOP_PAUSE)
 
-        self._context.spawn(ask())
+    async def _shut_down(self, api: str) -> None:
+        with suppress(NodeGone, NodeSilent):
+            why = "another node has taken over its name"
+            await self._context.links.node(api, Call("shutdown", (MASTER, why)), PATIENCE)
+
+    async def _publishes(self, api: str) -> bool:
+        """Return whether a node has publishers; one that does not say so in time may have some.
+
+        rospy often leaves the last call without an answer. The next one is refused then.
+        """
+        call = Call("getPublications", (GATE,))
+        try:
+            answer = await self._context.links.node(api, call, STOP_LOOK)
+        except NodeGone:
+            return False
+        except NodeSilent:
+            return True
+        return bool(answer.result)
 
     # -- what they hear --
 
@@ -92,6 +114,11 @@ class Nodes:
                 del self._unsent[target]
             elif due <= self._context.links.now():
                 self._send(target)
+
+    def forget_gone(self) -> None:
+        """Forget the client libraries of publishers that have gone: others may get their URIs."""
+        if self._tolerant:
+            self._tolerant &= {one.api for one in self._state.registry.nodes.values()}
 
     async def settle(self, changed: Registration | Removal) -> None:
         """Wait before a topic's publishers change until nodes have got the list as it is.

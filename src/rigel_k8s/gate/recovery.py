@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any, Iterable, Iterator, Set, Tuple
 
 from rigel_k8s.gate.parameters import leaves
-from rigel_k8s.gate.registry import PUBLISHER, SERVICE, SUBSCRIBER, Registration
+from rigel_k8s.gate.registry import PUBLISHER, ROSOUT, SERVICE, SUBSCRIBER, Registration
 from rigel_k8s.gate.state import State
 
-#: The node that each roscore starts, and registers, by itself; the topic that all nodes publish.
-ROSOUT = "/rosout"
 _PARTS = (PUBLISHER, SUBSCRIBER, SERVICE)
 
 Known = Set[Tuple[str, str, str]]

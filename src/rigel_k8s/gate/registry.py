@@ -11,6 +11,8 @@ PUBLISHER, SUBSCRIBER, SERVICE, PARAMETER = "publisher", "subscriber", "service"
 #: A new master learns publishers first: it sends each subscriber the list as far as it knows it,
 #: and roscpp ends connections to publishers that are not on it.
 KINDS = (PUBLISHER, SERVICE, SUBSCRIBER, PARAMETER)
+#: The node that each roscore starts, and registers, by itself; the topic that all nodes publish.
+ROSOUT = "/rosout"
 
 
 class Registration(NamedTuple):

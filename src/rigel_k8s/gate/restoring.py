@@ -7,6 +7,7 @@ gate is believed. recovery.py compares the two; this module asks, waits and note
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import Any, Iterable
 
 from rigel_k8s.gate.calls import GATE, Call, call_of
@@ -15,7 +16,6 @@ from rigel_k8s.gate.links import NodeGone, NodeSilent
 from rigel_k8s.gate.master import Master
 from rigel_k8s.gate.nodes import PATIENCE, Nodes
 from rigel_k8s.gate.recovery import (
-    ROSOUT,
     Known,
     batch,
     find_lost_nodes,
@@ -28,6 +28,7 @@ from rigel_k8s.gate.recovery import (
 )
 from rigel_k8s.gate.registry import (
     KINDS,
+    ROSOUT,
     SERVICE,
     SUBSCRIBER,
     NodeEntry,
@@ -142,12 +143,17 @@ class Restoring:
                 self._context.note("forget", name)
                 self._send_shrunk(entry.registrations.values() if entry else ())
                 return
-            for one in sorted(entry.registrations.values(), key=lambda o: KINDS.index(o.kind)):
-                await self._nodes.settle(one)
-                await self._master.call(call_of(one))
-                self._nodes.send_answer(one)
+            run = None
+            while run != self._state.run:  # another master may come meanwhile, which has none of it
+                run = self._state.run
+                await self._register_all(entry)
             self._context.note("answers", name)
             self._context.log(f"{name} answers again: the new master knows it")
+
+    async def _register_all(self, entry: NodeEntry) -> None:
+        for one in sorted(entry.registrations.values(), key=lambda o: KINDS.index(o.kind)):
+            await self._master.call(call_of(one), partial(self._nodes.settle, one))
+            self._nodes.send_answer(one)
 
     def _send_shrunk(self, gone: Iterable[Registration]) -> None:
         """Send subscribers the publishers that are left."""

@@ -10,7 +10,7 @@ import xmlrpc.client
 from typing import Any, Iterator, List, NamedTuple
 
 from rigel_k8s.gate.parameters import Parameters
-from rigel_k8s.gate.registry import KINDS, Registration, Registry, host_of
+from rigel_k8s.gate.registry import KINDS, ROSOUT, Registration, Registry, host_of
 
 Event = List[Any]
 
@@ -52,8 +52,13 @@ class Newcomer:
         return host_of(self.api)
 
     def all(self) -> list[Registration]:
-        """Return its registrations, in the order in which the master learns them."""
-        return sorted(self.registrations.values(), key=lambda one: KINDS.index(one.kind))
+        """Return its registrations, in the order in which the master learns them.
+
+        Its log comes after its other topics, whose subscribers hear no one meanwhile.
+        """
+        return sorted(
+            self.registrations.values(), key=lambda one: (KINDS.index(one.kind), one.key == ROSOUT)
+        )
 
 
 class State:

@@ -8,11 +8,18 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from functools import partial
 from typing import Any
 
 from rigel_k8s.gate.calls import Answer, Call, call_of
 from rigel_k8s.gate.context import Context
-from rigel_k8s.gate.handover import choose_heir, find_strangers, is_quiet, list_names_of
+from rigel_k8s.gate.handover import (
+    choose_heir,
+    find_strangers,
+    is_quiet,
+    list_names_of,
+    list_removals,
+)
 from rigel_k8s.gate.master import Master
 from rigel_k8s.gate.newcomers import Newcomers
 from rigel_k8s.gate.nodes import Nodes
@@ -141,10 +148,10 @@ class TakeOver:
     # -- how it changes hands --
 
     async def _pass_name(self, name: str, api: str, owner: str | None) -> None:
-        """Give a waiting node its name; who had it is shut down.
+        """Give a waiting node its name; who had it is shut down, and has stopped to publish before.
 
-        The master does that, too, but as late as it tells others of the new one: a busy machine
-        would hear both for a moment.
+        The master shuts it down, too, but only when it already introduces the new one to others,
+        which would hear both for a moment.
 
         Args:
             owner: who has the name, as the caller has seen it. Another one may have got it before
@@ -156,16 +163,22 @@ class TakeOver:
                 return
             async with self._master.handing_over():
                 if owner not in (None, api):
-                    self._nodes.end(str(owner))
+                    await self._stop_owner(name, str(owner))
                 await self._register_all(newcomer)
             self._context.note("dismiss", name, api)
         self._context.log(f"{name} at {api} has taken over")
 
+    async def _stop_owner(self, name: str, api: str) -> None:
+        self._context.lapsing = list_removals(self._state, name)
+        try:
+            await self._nodes.stop(api)
+        finally:
+            self._context.lapsing = frozenset()
+
     async def _register_all(self, newcomer: Newcomer) -> None:
         """Register all that a newcomer has, and send it what the master answers."""
         for one in newcomer.all():
-            await self._nodes.settle(one)
-            answer = await self._master.call(call_of(one))
+            answer = await self._master.call(call_of(one), partial(self._nodes.settle, one))
             if not answer.is_success:
                 self._context.log(
                     f"the master refuses {one.kind} {one.key} of {one.node}: {answer.value}"

@@ -28,7 +28,7 @@ from tests.support.gate_stage import (
     start,
     up,
 )
-from tests.support.gate_world import ROSCPP, ROSPY, Plan, SimPod, World
+from tests.support.gate_world import ROSCPP, ROSPY, Plan, SimNode, SimPod, World
 
 # -- what newcomers hear --
 
@@ -88,6 +88,24 @@ async def test_a_warm_newcomer_leaves_publishers_to_the_old_node_that_serve_only
     await asyncio.sleep(0.1)
     assert new.nodes[0].heard["/chatter"] == old.nodes[0].heard["/chatter"]
     assert len(new.nodes[0].heard["/chatter"]) == 2
+
+
+@play
+async def test_what_a_publisher_was_is_forgotten_with_it(world: World) -> None:
+    """Its port may be another process's then, which serves only one node of a name."""
+    first = (await up(world, TALKER)).nodes[0]
+    await up(world, LISTENER)
+    warm = (await up(world, LISTENER, warm=True)).nodes[0]
+    assert warm.heard["/chatter"] == [first.api]
+    await first.leave()
+    await asyncio.sleep(0.5)
+    world.servers = [ROSPY]
+    port = int(first.api.rpartition(":")[2].strip("/"))
+    again = SimNode(world, first.pod, "/talker", port, TALKER["/talker"])
+    assert again.api == first.api
+    await again.start()
+    await asyncio.sleep(1)
+    assert warm.heard["/chatter"] == []
 
 
 @play
@@ -366,16 +384,20 @@ async def test_a_look_up_that_waits_for_the_master_sees_no_half_of_a_hand_over(
 
 @play
 async def test_publishers_change_hands_first(world: World) -> None:
-    """A subscriber that gets a list without a publisher ends its connection to it."""
-    plans: dict[str, Plan] = {"/all": [RATE, HEARS, ASK, CHATTER, ROSOUT]}
+    """A subscriber that gets a list without a publisher ends its connection to it.
+
+    Of the publishers, that of the log is the last.
+    """
+    plans: dict[str, Plan] = {"/all": [ROSOUT, RATE, HEARS, ASK, CHATTER]}
     old, _ = await up(world, plans), await up(world, plans)
     calls = note_calls(world)
     await world.hand_over(old)
-    made = [call.method for call in calls if call.method.startswith(("register", "subscribe"))]
-    assert made == [
+    made = [call for call in calls if call.method.startswith(("register", "subscribe"))]
+    assert [call.method for call in made] == [
         *("registerPublisher", "registerPublisher", "registerService"),
         *("registerSubscriber", "subscribeParam"),
     ]
+    assert [call.params[1] for call in made[:2]] == ["/chatter", "/rosout"]
 
 
 @play

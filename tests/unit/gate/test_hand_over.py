@@ -6,6 +6,8 @@ import asyncio
 from unittest.mock import patch
 
 from rigel_k8s.gate.calls import Answer, Call
+from rigel_k8s.gate.links import NodeSilent
+from rigel_k8s.gate.nodes import STOP
 from rigel_k8s.gate.registry import PUBLISHER
 from tests.support.gate_stage import (
     ASK,
@@ -51,6 +53,54 @@ async def test_a_pod_that_ends_hands_its_names_over(world: World) -> None:
     await asyncio.sleep(0.1)
     assert not old.nodes[0].alive, "the master shuts it down"
     assert (await describe(world))["waiting"] == []
+
+
+@play
+async def test_a_name_changes_hands_once_the_old_node_has_stopped(world: World) -> None:
+    """No one hears both. What the old one unregisters as it stops does not wait for its turn."""
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    node, started = old.nodes[0], world.now()
+    node.lingers = 0.6
+    leaving = asyncio.ensure_future(world.hand_over(old))
+    await asyncio.sleep(0.5)
+    assert node.alive
+    assert publishers(world, "/chatter") == [node.api]
+    assert await leaving == ["/talker"]
+    assert not node.alive
+    assert publishers(world, "/chatter") == [new.nodes[0].api]
+    assert 0.6 <= world.now() - started < 0.8
+
+
+@play
+async def test_an_old_node_that_stops_without_an_answer_is_asked_again(world: World) -> None:
+    """rospy closes its server while a call waits there; the next call is refused."""
+    old, _ = await up(world, TALKER), await up(world, TALKER)
+    real, unanswered = world.node, 1
+
+    async def node(api: str, call: Call, patience: float) -> Answer:
+        nonlocal unanswered
+        if call.method == "getPublications" and unanswered:
+            unanswered -= 1
+            await asyncio.sleep(patience)
+            raise NodeSilent("no answer")
+        return await real(api, call, patience)
+
+    world.node = node  # type: ignore[method-assign]
+    started = world.now()
+    assert await world.hand_over(old) == ["/talker"]
+    assert not unanswered
+    assert world.now() - started < STOP / 4
+
+
+@play
+async def test_an_old_node_that_does_not_stop_is_not_waited_for_long(world: World) -> None:
+    old, new = await up(world, TALKER), await up(world, TALKER)
+    old.nodes[0].lingers = 60
+    started = world.now()
+    assert await world.hand_over(old) == ["/talker"]
+    assert world.now() - started < STOP + 0.2
+    assert owner(world, "/talker") == new.nodes[0].api
+    world.broken.clear()  # that both publish is what happens then
 
 
 @play
@@ -200,7 +250,7 @@ async def test_a_newcomer_that_is_not_ready_inherits_too(world: World) -> None:
 async def test_the_name_of_a_machine_that_is_away_is_free(world: World) -> None:
     old, new = await up(world, TALKER), await up(world, TALKER)
     world.unreachable.add(old.host)
-    await asyncio.sleep(4)
+    await asyncio.sleep(5)
     assert owner(world, "/talker") == new.nodes[0].api
 
 

@@ -19,6 +19,7 @@ from tests.support.gate_stage import (
     play,
     publishers,
     registered,
+    slow_down,
     start,
     up,
 )
@@ -70,6 +71,27 @@ async def test_the_next_gate_finishes_a_hand_over(world: World) -> None:
     world.start_gate()
     assert (await look_up(world)).result == new.nodes[0].detail(*ASK)
     assert (await describe(world))["waiting"] == []
+
+
+@play
+async def test_a_removal_that_waits_for_the_master_comes_after_the_next_gates_lists(
+    world: World,
+) -> None:
+    """The next gate sends subscribers their publishers; the master's shorter list comes last."""
+    await up(world, TALKER)
+    ears = (await up(world, LISTENER)).nodes[0]
+    camera = (await up(world, {"/camera": [ROSOUT, CHATTER]})).nodes[0]
+    world.kill_master()
+    await world.kill_gate()
+    slow_down(world, "publisherUpdate", 0.3)
+    world.start_gate()
+    leaving = asyncio.ensure_future(camera.unregister(CHATTER))
+    await asyncio.sleep(1)
+    world.start_master()
+    await leaving
+    await asyncio.sleep(1)
+    lengths = [len(heard) for _, heard in ears.lists]
+    assert lengths[-2:] == [2, 1], lengths
 
 
 @play

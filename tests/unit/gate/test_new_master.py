@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 
-from rigel_k8s.gate.calls import Call
+from rigel_k8s.gate.calls import Answer, Call
 from rigel_k8s.gate.links import MasterGone
 from rigel_k8s.gate.registry import PUBLISHER
 from tests.support.gate_stage import (
@@ -203,6 +203,33 @@ async def test_a_silent_node_is_registered_when_it_answers_again(world: World) -
     assert set(node.heard["/chatter"]) == set(publishers(world, "/chatter"))
     assert (await look_up(world)).is_success
     assert (await describe(world))["silent"] == []
+
+
+@play
+async def test_a_silent_node_answers_as_the_master_starts_once_more(world: World) -> None:
+    """The next master gets also what the one before it was given."""
+    lost = await up(world, TALKER)
+    world.unreachable.add(lost.host)
+    world.kill_master()
+    world.start_master()
+    await asyncio.sleep(8)
+    real = world.master
+
+    async def master(call: Call) -> Answer:
+        answer = await real(call)
+        if call.method == "registerPublisher":
+            world.master = real  # type: ignore[method-assign]
+            world.kill_master()
+            await asyncio.sleep(0.1)
+            world.start_master()
+        return answer
+
+    world.master = master  # type: ignore[method-assign]
+    world.unreachable.discard(lost.host)
+    await asyncio.sleep(8)
+    for topic in ("/rosout", "/chatter"):
+        assert publishers(world, topic) == [lost.nodes[0].api]
+    assert (await look_up(world)).is_success
 
 
 @play

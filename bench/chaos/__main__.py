@@ -16,7 +16,8 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import attrs
@@ -60,8 +61,10 @@ def play_all(
     """
     started, wrong = time.monotonic(), 0
     read, write = os.pipe()
+    workers = []
     for i, caller in enumerate(callers):
-        if not os.fork():
+        workers.append(os.fork())
+        if not workers[-1]:
             try:
                 os.close(read)
                 mine = (seed for seed in seeds[i :: len(callers)] if time.monotonic() < end)
@@ -70,7 +73,7 @@ def play_all(
                 os._exit(0)
     os.close(write)
     codes, faults, stories = Counter[str](), Counter[str](), 0
-    with kubelet(server), os.fdopen(read) as lines:
+    with ending(workers), kubelet(server), os.fdopen(read) as lines:
         for line in lines:
             told = json.loads(line)
             if "faults" in told:
@@ -87,6 +90,17 @@ def play_all(
     print_figures(stories, started, wrong, codes)
     print("faults:", ", ".join(f"{n} {word}" for word, n in faults.most_common()))
     return 1 if wrong or not stories else 0
+
+
+@contextmanager
+def ending(workers: Iterable[int]) -> Iterator[None]:
+    """End the processes that play when the context ends, in the middle of a story if need be."""
+    try:
+        yield
+    finally:
+        for worker in workers:
+            os.kill(worker, signal.SIGTERM)
+            os.waitpid(worker, 0)
 
 
 def print_figures(stories: int, started: float, wrong: int, codes: Counter[str]) -> None:

@@ -50,6 +50,24 @@ def read_object(value: Any) -> dict[str, Any]:
     return found
 
 
+def read_deleted(value: Any) -> dict[str, Any]:
+    """Return the answer to a deletion: a Status of success, or the object while it ends."""
+    found = read_mapping(value)
+    if found.get("kind") != "Status":
+        return read_object(found)
+    if found.get("status") != "Success":
+        raise ValueError("it is a Status without success")
+    return found
+
+
+def read_review(value: Any) -> dict[str, Any]:
+    """Return a review that the API server has answered: it has a status."""
+    found = read_mapping(value)
+    if not isinstance(found.get("status"), dict):
+        raise ValueError("it has no status")
+    return found
+
+
 def read_list(value: Any) -> dict[str, Any]:
     """Return a list of Kubernetes objects; `items` may be null."""
     found = read_mapping(value)
@@ -102,8 +120,10 @@ def read_version(value: Any) -> str:
 
 
 def read_kinds(value: Any) -> dict[str, Any]:
-    """Return the resource list of an API version."""
+    """Return the resource list of an API version; `resources` may be null."""
     found = read_mapping(value)
+    if "resources" not in found or not isinstance(found["resources"] or [], list):
+        raise ValueError("it has no list of resources")
     for entry in find_mappings(found, "resources"):
         if not isinstance(entry.get("name"), str) or not isinstance(entry.get("kind"), str):
             raise ValueError("it lists a resource without a name")

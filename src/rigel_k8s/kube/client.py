@@ -56,9 +56,16 @@ class Client:
         doubtful = False
         while True:
             answer = self.transport.request(
-                method, path, what, body=data, media=media if data else "", accept=accept, safe=safe
+                method,
+                path,
+                what,
+                body=data,
+                media=media if data else "",
+                accept=accept,
+                safe=safe,
+                doubtful=doubtful,
             )
-            self.raise_for(answer, what, doubtful=doubtful)
+            self.raise_for(answer, what)
             try:
                 return read(parse(answer.body))
             except ValueError as error:
@@ -104,17 +111,13 @@ class Client:
             raise AssertionError("an answer that is no stream is an error")
         return opened
 
-    def raise_for(self, answer: Answer, what: str, *, doubtful: bool = False) -> None:
-        """Raise where the server refused.
-
-        Args:
-            doubtful: the request may have been carried out before.
-        """
+    def raise_for(self, answer: Answer, what: str) -> None:
+        """Raise where the server refused."""
         if answer.status >= 400:
             context, server = self.target.context, self.target.server
             body = self.transport.conceal(answer.body)
             error = refusal(answer.status, body, what, context=context, server=server)
-            error.doubtful = doubtful or answer.doubtful
+            error.doubtful = answer.doubtful
             raise error
 
     def garbled_error(self, what: str, path: str, body: bytes, reason: str) -> Garbled:

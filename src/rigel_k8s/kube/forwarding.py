@@ -15,6 +15,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.kube.client import Client
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.kube.resources import path
 from rigel_k8s.kube.websocket import Websocket, connect
 
@@ -31,10 +32,12 @@ class Forward:
     Attributes:
         ports: the pod's port to the local one.
         errors: what went wrong with single connections, newest last.
+        denied: the API server's answer that we lack the right: no connection will work.
     """
 
     ports: dict[int, int] = attrs.field(factory=dict)
     errors: list[str] = attrs.field(factory=list)
+    denied: Forbidden | None = None
 
 
 @contextmanager
@@ -95,6 +98,8 @@ def carry(
             url = path("v1", resource, namespace, pod, "portforward", query={"ports": port})
             session = connect(client, url, what, PROTOCOLS)
         except ClusterError as error:
+            if isinstance(error, Forbidden) and error.ground == "right":
+                forward.denied = error
             forward.errors.append(error.message)
             return
         over = threading.Event()

@@ -81,7 +81,7 @@ class Resending:
     @property
     def is_resent(self) -> bool:
         """Whether it has been sent before."""
-        return bool(self.losses or self.refusals)
+        return bool(self.losses or self.refusals or self.doubtful)
 
     def after_loss(self, *, sent: bool) -> float | None:
         """Return the seconds to wait after a lost answer, None to give up.

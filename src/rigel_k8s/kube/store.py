@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
-from rigel_k8s.kube.answers import find_mapping, read_list, read_mapping, read_object
+from rigel_k8s.kube.answers import read_deleted, read_list, read_object, read_review
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.conditions import ANYTHING, Onto, another_object_error
 from rigel_k8s.kube.failures import Conflict, Missing, Refusal
@@ -127,8 +127,9 @@ class Store:
         # It stores nothing anyway; a dry run shows that to who reads the requests of a deploy.
         url = with_query(url, {"dryRun": "All"})
         body = {"apiVersion": api_version, "kind": kind, "spec": spec}
-        answer = self.client.call("POST", url, what, read_mapping, body=body, safe=True)
-        return find_mapping(answer, "status")
+        answer = self.client.call("POST", url, what, read_review, body=body, safe=True)
+        status: Mapping[str, Any] = answer["status"]
+        return status
 
     def replace(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
         """Replace an object; Conflict where its resourceVersion is said and no longer true."""
@@ -201,7 +202,7 @@ class Store:
         what = f"delete {ref}"
         try:
             url = self.client.path_of(ref, what)
-            self.client.call("DELETE", url, what, read_mapping, body=options, safe=True)
+            self.client.call("DELETE", url, what, read_deleted, body=options, safe=True)
         except Missing as error:
             return error.doubtful
         return True

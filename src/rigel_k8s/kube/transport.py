@@ -60,6 +60,7 @@ class Transport:
         accept: str = "application/json",
         safe: bool | None = None,
         endures: bool = True,
+        doubtful: bool = False,
     ) -> Answer:
         """Send a request and return the whole answer, whatever its status is.
 
@@ -69,13 +70,14 @@ class Transport:
             what: what is asked, for people.
             safe: whether sending it twice is harmless; None is: where the method only reads.
             endures: whether an answer such as 503 means that the server is away.
+            doubtful: it was sent before, and may have been carried out.
 
         Raises:
             ClusterError: there is no answer.
         """
         own = {"Accept": accept, **({"Content-Type": media} if media else {})}
         safe = method == "GET" if safe is None else safe
-        again, fresh = Resending(safe, self.is_enduring()), False
+        again, fresh = Resending(safe, self.is_enduring(), doubtful=doubtful), False
         while True:
             if again.is_resent and method != "GET" and self.guard:
                 self.guard()

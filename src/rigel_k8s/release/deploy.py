@@ -52,6 +52,7 @@ class Run:
     keep: frozenset[ObjectRef] = frozenset()
     away: frozenset[str] = frozenset()
     before: Callable[[Plan], None] | None = None
+    applied: Callable[[], None] | None = None
     verify: Callable[[], None] | None = None
 
     @property
@@ -73,6 +74,7 @@ def deploy(
     lock_timeout: float | None = None,
     away: Collection[str] = (),
     before: Callable[[Plan], None] | None = None,
+    applied: Callable[[], None] | None = None,
     verify: Callable[[], None] | None = None,
 ) -> Revision:
     """Make a release what is desired, wait until it is ready, and return its revision.
@@ -87,6 +89,7 @@ def deploy(
         lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
         away: the names of nodes whose pods are not waited for.
         before: called with the plan when the Lease is held and nothing is written yet.
+        applied: called when all objects are stored, and only the wait for them is left.
         verify: called when all is ready and pruned; what it raises makes the revision a failed one.
 
     Raises:
@@ -109,6 +112,7 @@ def deploy(
             lock_timeout,
             away=frozenset(away),
             before=before,
+            applied=applied,
             verify=verify,
         )
     )
@@ -158,6 +162,8 @@ def carry_out(run: Run) -> Revision:
 
 def wait_settled(run: Run, found: Survey, last: Revision, plan: Plan) -> Revision:
     """Return the last revision, which is what is wanted, when all of it is ready."""
+    if run.applied is not None:
+        run.applied()
     live = [step.live for step in plan.steps if step.action == "keep" and step.live]
     waiter(run, found, lambda: None).wait(live)
     return last
@@ -221,6 +227,8 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
     try:
         applied = applier.apply(plan)
         pending = attrs.evolve(pending, inventory=with_uids(pending.inventory, applied))
+        if run.applied is not None:
+            run.applied()
         waiter(run, found, lease.check).wait(list(applied.values()))
         early = {step.ref for step in predecessors(plan)}
         applier.prune(step for step in plan.steps if step.ref not in early)

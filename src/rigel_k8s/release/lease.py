@@ -57,9 +57,13 @@ def holder(lease: dict[str, Any]) -> str:
 
 def is_same_holder(lease: dict[str, Any], other: dict[str, Any]) -> bool:
     """Whether two states of a Lease are of the same process that took it at the same time."""
+    return is_taken_by(lease, other) and lease["metadata"]["uid"] == other["metadata"]["uid"]
+
+
+def is_taken_by(lease: dict[str, Any], sent: dict[str, Any]) -> bool:
+    """Whether a Lease was made from a manifest: by the same process, at the same time."""
     keys = ("holderIdentity", "acquireTime")
-    same = all(lease["spec"].get(key) == other["spec"].get(key) for key in keys)
-    return same and lease["metadata"]["uid"] == other["metadata"]["uid"]
+    return all(lease["spec"].get(key) == sent["spec"].get(key) for key in keys)
 
 
 def timestamp() -> str:

@@ -24,6 +24,7 @@ from rigel_k8s.release.lease import (
     holder,
     is_alive,
     is_same_holder,
+    is_taken_by,
     lease_ref,
     manifest,
     timestamp,
@@ -153,14 +154,19 @@ def hold(
 def acquire(
     cluster: Cluster, ref: ObjectRef, report: Reporter, cancel: threading.Event, patience: float
 ) -> Held:
-    """Return the Lease when it is ours."""
+    """Return the Lease when it is ours.
+
+    A conflict may be about a Lease that an earlier sending of ours has made.
+    """
     deadline = time.monotonic() + patience
     while not cancel.is_set():
-        sent = time.monotonic()
+        wanted, sent = manifest(ref), time.monotonic()
         try:
-            return Held(cluster, cluster.create(manifest(ref)), sent)
+            return Held(cluster, cluster.create(wanted), sent)
         except ConflictError:
             other = cluster.get(ref)
+        if other is not None and is_taken_by(other, wanted):
+            return Held(cluster, other, sent)
         dead = None if other is None else outlive(cluster, ref, other, report, cancel, deadline)
         if dead is None:
             continue

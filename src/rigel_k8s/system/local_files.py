@@ -24,10 +24,12 @@ def read_text(path: Path, directory: Path, most: int, *, what: str) -> str:
 
     Raises:
         Untrusted: it lies elsewhere.
-        UserError: it is too large, or not a file.
+        UserError: it is too large, or not a file, or no file can have this name.
         OSError: it cannot be read.
         UnicodeDecodeError: it is not UTF-8.
     """
+    if "\0" in str(path):
+        raise UserError(f"{what}: {str(path)!r} cannot be the name of a file")
     real = path.resolve()
     if not real.is_relative_to(directory.resolve()):
         require_trust(directory, f"{what}: {real} lies outside of the Rigelfile's directory")

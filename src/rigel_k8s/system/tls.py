@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ssl
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class SharedContext(ssl.SSLContext):
@@ -18,7 +18,7 @@ class SharedContext(ssl.SSLContext):
         """Keep the protocols of the beginning."""
 
 
-def trust(authorities: str = "") -> ssl.SSLContext:
+def trust(authorities: str = "", *, protocols: Sequence[str] = ("http/1.1",)) -> ssl.SSLContext:
     """Return the settings of a client.
 
     Unlike `ssl.create_default_context` of Python 3.13, and like kubectl, they accept authorities
@@ -26,12 +26,14 @@ def trust(authorities: str = "") -> ssl.SSLContext:
 
     Args:
         authorities: certificates in PEM; "" is those of this machine.
+        protocols: what the connections are for, as ALPN names it.
 
     Raises:
         ssl.SSLError, ValueError: `authorities` has no certificates.
     """
     context = SharedContext(ssl.PROTOCOL_TLS_CLIENT)
-    ssl.SSLContext.set_alpn_protocols(context, ["http/1.1"])
+    if protocols:
+        ssl.SSLContext.set_alpn_protocols(context, protocols)
     context.verify_flags |= ssl.VERIFY_X509_PARTIAL_CHAIN
     if authorities:
         context.load_verify_locations(cadata=authorities)

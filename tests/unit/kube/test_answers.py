@@ -51,8 +51,18 @@ CALLS = {
     "watch": lambda cluster: list(cluster.watch("v1", "ConfigMap", "robot", seconds=20)),
     "version": lambda cluster: cluster.server_version(),
 }
-#: What a delete or a look for kinds accepts: they need less of an answer.
-NOT_EVEN_JSON = ("empty", "bad UTF-8", "HTML", "null", "a list", "text", "truncated", "nested")
+#: What is answered without an object of its own; a login page must not look like success there.
+OTHER_CALLS = {
+    "delete": lambda cluster: cluster.delete(REF),
+    "look for a kind": lambda cluster: cluster.serves("x.example/v1", "Robot"),
+    "review": lambda cluster: cluster.review("authorization.k8s.io/v1", "SelfSubjectReview", {}),
+}
+NO_SUCCESS = {
+    **{name: GARBAGE[name] for name in ("empty", "bad UTF-8", "HTML", "null", "a list", "text")},
+    **{name: GARBAGE[name] for name in ("truncated", "nested")},
+    "a bare object": b'{"kind": "Thing"}',
+    "a failure": b'{"kind": "Status", "status": "Failure"}',
+}
 
 
 @pytest.mark.parametrize("body", GARBAGE.values(), ids=GARBAGE)
@@ -70,16 +80,13 @@ def test_garbage_is_one_error_that_shows_where_it_came_from(
     assert bool(caught.value.details) == bool(body)
 
 
-@pytest.mark.parametrize("body", NOT_EVEN_JSON)
-@pytest.mark.parametrize(
-    "call",
-    [lambda cluster: cluster.delete(REF), lambda cluster: cluster.serves("x.example/v1", "Robot")],
-)
-def test_garbage_is_no_success(serve: Any, call: Any, body: str) -> None:
-    """Nothing is deleted and no kind is known because a login page said 200."""
-    client, _ = serve(lambda exchange: exchange.say(200, GARBAGE[body]))
+@pytest.mark.parametrize("body", NO_SUCCESS.values(), ids=NO_SUCCESS)
+@pytest.mark.parametrize("call", OTHER_CALLS)
+def test_garbage_is_no_success(serve: Any, call: str, body: bytes) -> None:
+    """Nothing is deleted, allowed or unknown because a login page said 200."""
+    client, _ = serve(lambda exchange: exchange.say(200, body))
     with pytest.raises(Garbled):
-        call(client)
+        OTHER_CALLS[call](client)
 
 
 @pytest.mark.parametrize(

@@ -313,6 +313,24 @@ def test_what_went_wrong_with_a_port_is_kept(serve: Any) -> None:
         assert "pods talker not found" in forward.errors[1]
 
 
+@pytest.mark.parametrize(
+    ("message", "ground"),
+    [
+        ('pods "talker" is forbidden: User "ann" cannot get resource "pods/portforward"', "right"),
+        ('admission webhook "calm" denied the request: not now', None),
+    ],
+)
+def test_a_missing_right_to_forward_is_kept_apart(
+    serve: Any, message: str, ground: str | None
+) -> None:
+    """Each connection would be refused; what else is wrong may be over with the next one."""
+    cluster, _ = serve(lambda exchange: exchange.say(403, {"kind": "Status", "message": message}))
+    with cluster.port_forward(*POD, {7000: 0}) as forward:
+        assert ask(forward.ports[7000], b"") == b""
+        assert message in forward.errors[0]
+        assert (forward.denied and forward.denied.ground) == ground
+
+
 def test_an_answer_may_come_after_the_last_byte_of_the_question(serve: Any) -> None:
     """A client that says no more still listens; a websocket cannot be closed by half."""
 

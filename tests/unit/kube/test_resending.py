@@ -21,6 +21,7 @@ REF = ObjectRef("v1", "ConfigMap", "robot", "c")
 META = {"name": "c", "namespace": "robot"}
 MANIFEST = {"apiVersion": "v1", "kind": "ConfigMap", "metadata": META, "data": {"a": "1"}}
 EXISTS = {"kind": "Status", "reason": "AlreadyExists", "message": "it is there"}
+DELETED = {"kind": "Status", "status": "Success"}
 WRITES = {
     "create": lambda cluster: cluster.create(MANIFEST),
     "replace": lambda cluster: cluster.replace(MANIFEST),
@@ -134,7 +135,7 @@ def test_what_a_lost_delete_has_deleted_was_there(serve: Any) -> None:
 def test_a_conflict_about_the_same_object_is_no_reason_to_leave_it(serve: Any) -> None:
     """Something wrote to it at the same moment."""
     live = {**MANIFEST, "metadata": {**META, "uid": "u"}}
-    cluster, server = warm(serve, [say(409, EXISTS), say(200, live), say(200, {})])
+    cluster, server = warm(serve, [say(409, EXISTS), say(200, live), say(200, DELETED)])
     assert cluster.delete(REF, uid="u") is True
     assert len(server.requests) == 4
 
@@ -357,10 +358,12 @@ def test_slow_bytes_have_a_limit(serve: Any, monkeypatch: pytest.MonkeyPatch) ->
         cluster.get(REF)
 
 
-@pytest.mark.parametrize("trouble", [away, say(503)])
+@pytest.mark.parametrize(
+    "trouble", [away, say(503), say(200, b"{")], ids=["away", "503", "garbled"]
+)
 @pytest.mark.parametrize("write", WRITES)
 def test_a_write_is_sent_again_only_with_leave(serve: Any, write: str, trouble: Any) -> None:
-    """Another process may have begun to change the same while the server was away."""
+    """Another process may have begun to change the same before the answer was there."""
     cluster, server = warm(serve, [trouble])
     endure(cluster)
 

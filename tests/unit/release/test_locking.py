@@ -9,7 +9,7 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.errors import ClusterError, Interrupted
+from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import locking
 from rigel_k8s.release.deploy import deploy, history
@@ -152,6 +152,23 @@ def test_a_holder_that_no_one_has_followed_goes_on(fake: FakeCluster, report: An
     """After an outage it renews its Lease first, and then writes."""
     assert deploy(desired(config()), fake, report=report).status == "good"
     assert ("patch", LEASE) in fake.calls
+    assert LEASE not in fake.objects
+
+
+class Conflicting(FakeCluster):
+    """Carries a creation out, and answers that it is in conflict."""
+
+    def create(self, manifest: Any, **more: Any) -> Any:
+        super().create(manifest, **more)
+        raise ConflictError("it has been modified")
+
+
+def test_a_lease_that_was_made_by_a_request_in_conflict_is_ours(
+    fake: FakeCluster, report: Any
+) -> None:
+    """Otherwise the process would wait for its own end (bench.chaos, seed 11212)."""
+    with hold(Conflicting(fake.store), RELEASE, report, threading.Event(), patience=0):
+        assert LEASE in fake.objects
     assert LEASE not in fake.objects
 
 

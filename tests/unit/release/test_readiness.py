@@ -114,8 +114,8 @@ def waiting(reason: str, message: str = "") -> dict[str, Any]:
     return {"waiting": {"reason": reason, "message": message}}
 
 
-def ended(code: int, reason: str = "Error") -> dict[str, Any]:
-    return {"terminated": {"exitCode": code, "reason": reason}}
+def ended(code: int, reason: str = "Error", message: str = "") -> dict[str, Any]:
+    return {"terminated": {"exitCode": code, "reason": reason, "message": message}}
 
 
 @pytest.mark.parametrize(
@@ -126,6 +126,7 @@ def ended(code: int, reason: str = "Error") -> dict[str, Any]:
         (container(waiting("InvalidImageName", "bad")), "image-name", "is no image name"),
         (container(waiting("CreateContainerConfigError", "no x")), "start", "no x"),
         (container(ended(3)), "crash", "exited with code 3"),
+        (container(ended(3, message="no package\nnav\n")), "crash", "code 3 (no package nav)"),
         (container(ended(139)), "crash", "killed by signal 11"),
         (container(ended(137, "OOMKilled")), "crash", "lack of memory"),
         (

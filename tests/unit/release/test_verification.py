@@ -38,6 +38,18 @@ def test_nothing_is_asked_of_an_unchanged_release(fake: Any, report: Any) -> Non
     deploy(desired(workload()), fake, report=report, before=fail, verify=fail)
 
 
+def test_the_caller_learns_that_only_the_wait_is_left(fake: Any, report: Any) -> None:
+    """Also where nothing had to be written: it may be that what is there is not ready."""
+    seen: list[tuple[set[str], list[str]]] = []
+
+    def applied() -> None:
+        seen.append((fake.names("Deployment"), statuses(fake)))
+
+    deploy(desired(workload()), fake, report=report, applied=applied)
+    deploy(desired(workload()), fake, report=report, applied=applied)
+    assert seen == [({"talker"}, ["pending"]), ({"talker"}, ["good"])]
+
+
 def test_a_release_is_verified_when_all_is_ready_and_pruned(fake: Any, report: Any) -> None:
     """Until then it is not good."""
     deploy(desired(config("old")), fake, report=report)

@@ -16,6 +16,8 @@ from rigel_k8s.objects.refs import Manifest
 
 IMAGE = ("ErrImagePull", "ImagePullBackOff", "RegistryUnavailable", "ErrImageNeverPull")
 BAD_NAME = "InvalidImageName"
+#: Characters of what a container says at its end; Kubernetes keeps 4096 bytes.
+LONGEST_MESSAGE = 300
 START = ("CreateContainerConfigError", "CreateContainerError", "RunContainerError")
 EVENTS = {
     "FailedMount": "mount",
@@ -222,7 +224,8 @@ def exit_words(ended: Mapping[str, Any]) -> str:
     if ended.get("reason") == "StartError":
         return f"could not be started: {ended.get('message', '')}"
     signal = f", killed by signal {code - 128}" if code and code > 128 else ""
-    return f"exited with code {code}{signal}"
+    own = " ".join((ended.get("message") or "").split())
+    return f"exited with code {code}{signal}" + (f" ({own[:LONGEST_MESSAGE]})" if own else "")
 
 
 def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:

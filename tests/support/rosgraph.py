@@ -103,6 +103,9 @@ class Master(Rpc):
         known = key in self.parameters
         return [1, "", self.parameters[key]] if known else [-1, "is not set", 0]
 
+    def getParamNames(self, caller: str) -> Answer:
+        return [1, "", list(self.parameters)]
+
     def hasParam(self, caller: str, key: str) -> Answer:
         return [1, "", key in self.parameters]
 

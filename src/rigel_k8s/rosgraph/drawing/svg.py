@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from xml.sax.saxutils import escape, quoteattr
 
-from rigel_k8s.rosgraph.drawing.layout import Layout, Point, Shape, lay_out
+from rigel_k8s.rosgraph.drawing.columns import Shape
+from rigel_k8s.rosgraph.drawing.layout import Layout, Point, lay_out
 from rigel_k8s.rosgraph.drawing.picture import Arrow, Box, Picture, Pill, show_name
 
 MARGIN, HEAD, LANE_GAP, LANE_PAD = 24.0, 40.0, 14.0, 18.0

@@ -1,0 +1,45 @@
+"""The parameters of the ROS master, as one line of JSON. Python 2.7 and 3.
+
+    ros1_parameters.py [NAME]
+
+Contract: without a name "names" has those of all parameters. With one "value" is its value, in the
+types that XML-RPC has; it is missing where there is no such parameter. "error" says why the master
+could not be asked.
+"""
+
+import json
+import os
+import socket
+import sys
+
+try:
+    from xmlrpc import client
+except ImportError:
+    import xmlrpclib as client
+
+CALLER = "/rigel_k8s"
+ANSWER = 5.0  # seconds
+
+
+def look(uri, name):
+    """Return what the master at this URI knows."""
+    master = client.ServerProxy(uri)
+    if name is None:
+        return {"names": sorted(master.getParamNames(CALLER)[2])}
+    code, _, value = master.getParam(CALLER, name)
+    return {"value": value} if code == 1 else {}
+
+
+def main(words):
+    """Print it."""
+    uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
+    socket.setdefaulttimeout(ANSWER)
+    try:
+        found = look(uri, words[0] if words else None)
+    except Exception as error:
+        found = {"error": "the ROS master at %s does not answer: %s" % (uri, error)}
+    sys.stdout.write(json.dumps(found, default=str) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

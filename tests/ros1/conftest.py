@@ -404,3 +404,13 @@ def eventually() -> Callable[..., None]:
         until(condition, what, seconds)
 
     return wait
+
+
+@pytest.fixture(scope="session")
+def nodelet(
+    tmp_path_factory: pytest.TempPathFactory, base_image: BaseImage
+) -> dict[str, str | bytes]:
+    """The files of a package with a nodelet."""
+    from .nodelets import make_package  # it takes what is above from here
+
+    return make_package(tmp_path_factory.mktemp("devel"))

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
-import shutil
-import subprocess
 import sys
 import time
 
 import pytest
 
-from rigel_k8s.system.cache import cache_dir, locked
-from rigel_lab.images.ros1base import build
 from tests.support.until import until
 
-from .conftest import Reporter, unpack
 from .gated import LISTENER, hands_over, heard, listener, ready, talker, versions
+from .nodelets import MANAGER_AND_LOADER
 
 pytestmark = pytest.mark.cluster
 
@@ -61,75 +56,8 @@ while not rospy.is_shutdown():
     ask(0, 5)
     rospy.sleep(0.2)
 """
-#: Says on one topic what it hears on another.
-NODELET = """
-#include <nodelet/nodelet.h>
-#include <pluginlib/class_list_macros.hpp>
-#include <ros/ros.h>
-#include <std_msgs/String.h>
-namespace echo {
-class Echo : public nodelet::Nodelet {
-  ros::Publisher publisher_;
-  ros::Subscriber subscriber_;
-  void onInit() override {
-    publisher_ = getNodeHandle().advertise<std_msgs::String>("/echoed", 10);
-    subscriber_ = getNodeHandle().subscribe("/chatter", 10, &Echo::hear, this);
-  }
-  void hear(const std_msgs::String::ConstPtr& message) { publisher_.publish(message); }
-};
-}
-PLUGINLIB_EXPORT_CLASS(echo::Echo, nodelet::Nodelet)
-"""
-COMPILE = (
-    "g++ -shared -fPIC -I/usr/include/pluginlib -I/usr/include/class_loader"
-    " -I/usr/include/rcpputils -I/usr/include/rcutils -I/usr/include/ament_index_cpp"
-    " /echo.cpp -o /libecho.so -lnodeletlib -lroscpp -lrosconsole -lroscpp_serialization"
-    " -lrostime -lclass_loader"
-)
-PACKAGE = """<package format="2">
-  <name>echo</name>
-  <version>1.0.0</version>
-  <description>A nodelet</description>
-  <maintainer email="a@example.org">A</maintainer>
-  <license>MIT</license>
-  <depend>nodelet</depend>
-  <export><nodelet plugin="${prefix}/plugins.xml"/></export>
-</package>
-"""
-PLUGINS = """<library path="libecho">
-  <class name="echo/Echo" type="echo::Echo" base_class_type="nodelet::Nodelet"/>
-</library>
-"""
-MANAGER_AND_LOADER = """<launch>
-  <node pkg="nodelet" type="nodelet" name="manager" args="manager"/>
-  <node pkg="nodelet" type="nodelet" name="echo" args="load echo/Echo manager"/>
-</launch>
-"""
 #: Seconds after which the two would give each other up, had they not found each other.
 BOND_PATIENCE = 10
-
-
-@pytest.fixture(scope="session")
-def nodelet(tmp_path_factory: pytest.TempPathFactory, base_image: object) -> dict[str, str | bytes]:
-    """Return the files of a package with a nodelet, compiled once for all runs."""
-    devel = build(Reporter(), variant="devel").archive
-    made = hashlib.sha256(f"{devel.name} {NODELET} {COMPILE}".encode()).hexdigest()[:16]
-    target = cache_dir() / "tests" / f"libecho-{made}.so"
-    with locked(target.with_suffix(".lock")):
-        if not target.exists():
-            root = tmp_path_factory.mktemp("devel")
-            unpack(devel, root)
-            (root / "echo.cpp").write_text(NODELET)
-            subprocess.run(["chroot", str(root), "sh", "-c", COMPILE], check=True)
-            shutil.copy(root / "libecho.so", target)
-            shutil.rmtree(root)
-    folder = "/usr/share/echo"
-    return {
-        f"{folder}/package.xml": PACKAGE,
-        f"{folder}/plugins.xml": PLUGINS,
-        f"{folder}/libecho.so": target.read_bytes(),
-        "/nodelets.launch": MANAGER_AND_LOADER,
-    }
 
 
 def test_a_goal_ends_with_its_action_server_and_the_next_one_succeeds(pods):
@@ -171,7 +99,8 @@ def test_a_nodelet_is_updated_with_its_manager(pods, nodelet, seconds):
     """The new pod's loader loads it into the new pod's manager, however long both have waited."""
     gate, _ = pods.gated()
     ready(talker(pods, "v1"))
-    more = {"env": hands_over(pods, "echo"), "files": nodelet}
+    files = {**nodelet, "/nodelets.launch": MANAGER_AND_LOADER}
+    more = {"env": hands_over(pods, "echo"), "files": files}
     command = ("roslaunch", "--wait", "/nodelets.launch")
     ready(old := pods.start("echo-1", *command, **more))
     ears = listener(pods, topic="/echoed")

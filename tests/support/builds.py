@@ -49,6 +49,7 @@ STEPS: dict[str, Callable[[], object]] = {
 #: What `--all` wants besides.
 MORE: dict[str, Callable[[], object]] = {
     "the ROS 2 base image, kilted": image("ros2-base", "--distro", "kilted"),
+    "the image of Muto's agent": image("muto-agent"),
 }
 
 

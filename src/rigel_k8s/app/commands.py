@@ -13,19 +13,20 @@ import attrs
 import yaml
 
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.parameters import PARAMETERS_PATH, flat, list_local, tree
+from rigel_k8s.app.starting import begin, list_steps, needs_script, split, write_values
 from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify
-from rigel_k8s.objects.text import split_words
 from rigel_k8s.option_text import text_of
-
-#: Where a node's parameter files are mounted.
-PARAMETERS_PATH = "/rigel-k8s-parameters"
 
 #: Programs that would take `__name:=x` for something else, or do not pass it on.
 NO_ROS_ARGUMENTS = frozenset(
     ("sh", "bash", "dash", "ash", "zsh", "busybox", "env")
     + ("roslaunch", "roscore", "rosmaster", "sleep", "tail", "true", "cat")
 )
+
+#: What loads nodelets where a node has components and names no program.
+MANAGER = ("rosrun", "nodelet", "nodelet", "manager")
 
 #: Loads the parameter files into $0, then becomes the program. A master may not be there yet.
 LOADER = f"""\
@@ -44,11 +45,14 @@ class Command:
 
     Attributes:
         files: name to text, to be mounted at PARAMETERS_PATH.
+        start: the words of start.sh, which `programs.prepare` puts in front of all others; none
+            where there is nothing to prepare.
     """
 
     command: Sequence[str] | None = None
     args: Sequence[str] | None = None
     files: Mapping[str, str] = attrs.field(factory=dict)
+    start: Sequence[str] = ()
 
 
 def full_name(key: str, node: NodeOptions) -> str:
@@ -72,23 +76,28 @@ def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command
     if not line:
         return Command()
     mounted = parameter_files(node, files)
-    if mounted:
+    start: tuple[str, ...] = ()
+    if needs_script(node):
+        steps = [] if node.anonymous else list_steps(node, parameter_namespace(key, node))
+        start = (*begin("1", node, node.env), *steps)
+    elif mounted:
         line = ["/bin/sh", "-c", LOADER, parameter_namespace(key, node), *line]
     if node.command is not None:
-        return Command(command=line, files=mounted)
-    return Command(args=line, files=mounted)
+        return Command(command=line, files=mounted, start=start)
+    return Command(args=line, files=mounted, start=start)
 
 
 def program(node: NodeOptions) -> list[str]:
     """Return the program and its own arguments; empty for the image's CMD."""
-    own = split_words(node.args or [])
+    own = split(node, node.args or [])
     if node.launch:
         # Without --wait it ends at once where there is no master yet.
         package = [node.launch.package] if node.launch.package else []
         return ["roslaunch", "--wait", *package, node.launch.file, *assignments(node.launch.args)]
     if node.package:
         return ["rosrun", node.package, node.executable or "", *own]
-    return split_words(node.command) if node.command is not None else own
+    line = split(node, node.command) if node.command is not None else own
+    return line or list(MANAGER if node.components else ())
 
 
 def ros_arguments(key: str, node: NodeOptions) -> Iterator[str]:
@@ -106,16 +115,6 @@ def ros_arguments(key: str, node: NodeOptions) -> Iterator[str]:
 def assignments(pairs: Mapping[Any, Any]) -> Iterator[str]:
     """Yield `name:=value` for each pair."""
     return (f"{name}:={text_of(value)}" for name, value in pairs.items())
-
-
-def flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the parameters of nested mappings, names joined by /."""
-    for name, value in parameters.items():
-        full = f"{prefix}{str(name).lstrip('~')}"
-        if isinstance(value, Mapping):
-            yield from flat(value, f"{full}/")
-        else:
-            yield full, value
 
 
 def scalar(value: Any) -> str:
@@ -150,6 +149,8 @@ def wants_file(node: NodeOptions) -> bool:
     So are those that a command line cannot carry: roscpp reads no list from it, and text that looks
     like a number as a number. Nothing can be loaded for a name that is made at start.
     """
+    if needs_script(node):
+        return not node.anonymous
     if node.anonymous or node.launch:
         return bool(node.parameter_files) and not node.anonymous
     return bool(node.parameter_files) or any(
@@ -168,28 +169,9 @@ def parameter_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, st
     """Return the files to mount, in the order of loading; `parameters` win over files."""
     if not wants_file(node):
         return {}
-    found = {
-        f"{number:02}-{make_key(name)}.yaml": files[name]
-        for number, name in enumerate(node.parameter_files)
-    }
-    if node.parameters:
+    found = {name: files[path] for name, path in list_local(node)}
+    if node.parameters and needs_script(node):
+        found |= write_values(tree(node.parameters))
+    elif node.parameters:
         found["99-parameters.yaml"] = yaml.safe_dump(tree(node.parameters), sort_keys=True)
     return found
-
-
-def tree(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters as a tree of plain data: `a/b` as b in a."""
-    result: dict[str, Any] = {}
-    for name, value in flat(parameters):
-        *parents, last = name.split("/")
-        place = result
-        for parent in parents:
-            place = place.setdefault(parent, {})
-        place[last] = simplify(value)
-    return result
-
-
-def make_key(name: str) -> str:
-    """Return a file's name as a key of a ConfigMap may be."""
-    stem = PurePosixPath(name).stem
-    return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in stem)[:200]

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import attrs
 
 from rigel_k8s.app.application import application_deployment, application_identity, has_application
+from rigel_k8s.app.binding import bind_to_master, bind_to_parameters
 from rigel_k8s.app.checks.exporter import can_be_seen
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.gate import gate_objects, has_gate, remedies_of
+from rigel_k8s.app.globalparameters import list_keys, setter_identity, setter_objects
 from rigel_k8s.app.master import master_deployment, master_service
 from rigel_k8s.app.networkpolicy.objects import policy_objects
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
@@ -27,10 +27,8 @@ from rigel_k8s.network.plan import network_plan
 from rigel_k8s.network.readiness import ready_words
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.images import add_pull_secrets, images_of, pin_images
-from rigel_k8s.objects.naming import ROS_ANNOTATION, Ros
-from rigel_k8s.objects.overlay import merge
+from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.pods import (
-    GATE_CONTAINER,
     MASTER_NAME,
     MASTER_PORT,
     MASTER_URI,
@@ -46,9 +44,6 @@ from rigel_k8s.observability.options import RosMetrics
 from rigel_k8s.problems import Path
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Application
-
-#: On the pods of ROS nodes: which roscore they register with.
-MASTER_ANNOTATION = "rigel-k8s/master"
 
 #: The node that each roscore has.
 ROSOUT = "/rosout"
@@ -166,44 +161,13 @@ class Draft:
         ]
         return Desired(
             release=self.release,
-            objects=tuple(bind_to_master(final)),
+            objects=tuple(bind_to_parameters([*bind_to_master(final)])),
             origins={ref_of(item): path for path, item in self.traced},
             options=options_to_keep(raw or {}),
             create_namespace=create_namespace,
             protected=frozenset(list_protected(self.objects)),
             remedies={**REMEDIES, **remedies_of(self.objects)},
         )
-
-
-def bind_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
-    """Yield the objects, the pods of all nodes bound to the very roscore that they register with.
-
-    The exporter registers anew by itself, and would forget that there was another roscore.
-    A roscore that is changed is started anew and knows nobody; nobody registers again. So its nodes
-    must start anew too, after it: a hash of its pod template stands in theirs. A roscore behind a
-    gate gets its registrations back from that.
-    """
-    masters = [item for item in made if is_master(item) and not is_gated(item)]
-    text = json.dumps([item["spec"]["template"] for item in masters], sort_keys=True)
-    mark = {MASTER_ANNOTATION: hashlib.sha256(text.encode()).hexdigest()[:12]}
-    over = {"spec": {"template": {"metadata": {"annotations": mark}}}}
-    for item in made:
-        notes = item["metadata"].get("annotations", {})
-        without_ros = notes.get(ROS_ANNOTATION) == "none"
-        stays = is_master(item) or item["metadata"]["name"] == EXPORTER or without_ros
-        follows = masters and item["kind"] == "Deployment" and not stays
-        yield merge(item, over) if follows else item
-
-
-def is_master(item: Manifest) -> bool:
-    """Return whether an object is our roscore."""
-    return bool(item["kind"] == "Deployment" and item["metadata"]["name"] == MASTER_NAME)
-
-
-def is_gated(master: Manifest) -> bool:
-    """Return whether a roscore is behind a gate."""
-    containers = master["spec"]["template"]["spec"]["containers"]
-    return any(one["name"] == GATE_CONTAINER for one in containers)
 
 
 @attrs.frozen
@@ -239,10 +203,19 @@ class Parts:
         seen = has_workloads(self.options) and can_be_seen(self.options, self.around.ros)
         return found if seen else None
 
+    @property
+    def setter(self) -> PodIdentity | None:
+        """What the network knows the setter of global parameters by; None where there is none."""
+        if self.around.ros != "1" or not list_keys(self.options):
+            return None
+        return setter_identity(self.around, self.options)
+
     def identities(self) -> Iterator[PodIdentity]:
         """Yield all workloads as the network knows them."""
         if self.has_master:
             yield self.master
+        if self.setter:
+            yield self.setter
         if has_application(self.options):
             yield application_identity(self.around, self.options)
         yield from (node.identity for node in self.nodes())
@@ -293,6 +266,10 @@ def objects(
         master = master_deployment(around, own.master.image, params, wired)
         yield ("deploy_ros_master",), master_service(around, master)
         yield ("deploy_ros_master",), master
+    if own.setter:
+        wired = wire_pod(plan, own.setter)
+        for item in setter_objects(around, options, own.files, wired, placement(options)):
+            yield (list_keys(options)[0],), item
     if has_application(options):
         path = "application_image" if options.application_image else "additional_k8s_params"
         wired = wire_pod(plan, application_identity(around, options))
@@ -324,6 +301,10 @@ def graph_of(own: Parts, plan: NetworkPlan) -> WatchedGraph:
     named = {node.ros_name: node for node in near if node.ros_name and own.around.ros != "none"}
     told = {name: node.name for name, node in named.items() if is_told(own.around.ros, node)}
     rest = {name: node.name for name, node in named.items() if name not in told}
+    if own.around.ros == "2":  # a nodelet is no node of its own in the graph of ROS 1
+        told |= {
+            one.full_name(key): n.name for n in near for key, one in n.options.components.items()
+        }
     if own.has_master:
         told[ROSOUT] = MASTER_NAME
     return WatchedGraph(told, rest, domain or 0, placement(own.options))

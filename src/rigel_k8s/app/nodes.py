@@ -5,16 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 
 import attrs
 
-from rigel_k8s.app.commands import PARAMETERS_PATH, Command, full_name
+from rigel_k8s.app.commands import Command, full_name
+from rigel_k8s.app.components.running import load_components
 from rigel_k8s.app.environment import environment, find_literal, ros_variables
+from rigel_k8s.app.lifecycle.running import list_variables, make_transitions
 from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.parameters import PARAMETERS_PATH
 from rigel_k8s.app.placing import affinity, node_selector, tolerations
-from rigel_k8s.app.programs import command_of
-from rigel_k8s.app.ros2commands import run_by_lifecycle
+from rigel_k8s.app.programs import command_of, prepare, run_by_lifecycle
 from rigel_k8s.app.updating import Way, choose_way, find_lifecycle_obstacle, find_obstacle
 from rigel_k8s.network.modes import wire_pod
 from rigel_k8s.network.readiness import ready_words
@@ -111,6 +114,8 @@ def node_objects(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> It
     if node.options.ros == "none":
         around = attrs.evolve(around, ros="none")
     command = command_of(around.ros, node.key, node.options, node.files)
+    command = load_components(command, around.ros, node.key, node.options)
+    command = make_transitions(command, node.key, node.options)
     if command.files:
         yield config_map(around, parameters_config(node), command.files, part_of=node.name)
     yield node_deployment(around, node, command, plan_of(node, plan))
@@ -134,6 +139,7 @@ def node_deployment(
     way = way_of(around, node, plan, wired)
     if way.lifecycle:
         command = run_by_lifecycle(command)
+    command = prepare(command)
     told = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
     if node.options.ros == "none":
         told[ROS_ANNOTATION] = "none"
@@ -228,17 +234,32 @@ def container(
             "imagePullPolicy": pull_policy(options.image_pull_policy, pinned=node.pinned),
             "command": command.command and list(command.command),
             "args": command.args and list(command.args),
-            "env": environment(defaults, {**wired.env, **way.env(node.name)}, options.env),
+            "env": environment(defaults, {**wired.env, **own_variables(node, way)}, options.env),
             "ports": [container_port(port) for port in ports_of(options)],
             "resources": resources(options.resources, device_resources(options.devices)),
             "securityContext": simplify(options.security_context),
-            **probes(
-                readiness_of(around, options.readiness), ready_words(plan, lifecycle=way.lifecycle)
-            ),
+            **probes(readiness_of(around, options.readiness), asked_words(node, plan, way)),
             "lifecycle": stop_hook(grace_seconds(options)),
             "volumeMounts": list(volume_mounts),
         }
     )
+
+
+def own_variables(node: RosNode, way: Way) -> dict[str, Object]:
+    """Return the variables for the scripts in a node's pod."""
+    return {**way.env(node.name), **list_variables(node.key, node.options)}
+
+
+def asked_words(node: RosNode, plan: NetworkPlan, way: Way) -> tuple[str, ...]:
+    """Return what the readiness probe of a node asks: the network, then who works beside it."""
+    options = node.options
+    waited_for = {
+        "--lifecycle": bool(way.lifecycle),
+        "--transitions": bool(options.lifecycle and options.lifecycle.start),
+        "--components": bool(options.components),
+    }
+    beside = ((option, full_name(node.key, options)) for option, on in waited_for.items() if on)
+    return (*ready_words(plan), *chain.from_iterable(beside))
 
 
 def grace_seconds(options: NodeOptions) -> int | None:

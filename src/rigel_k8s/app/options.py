@@ -7,14 +7,15 @@ it. It knows no Kubernetes object.
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
 import attrs
 
+from rigel_k8s.app.components.options import Component
+from rigel_k8s.app.lifecycle.options import Lifecycle
 from rigel_k8s.app.networkpolicy.options import NetworkPolicy
 from rigel_k8s.app.security.options import Level, Security, security_of
-from rigel_k8s.muto.expansion import expand
 from rigel_k8s.muto.options import Muto, muto_of
 from rigel_k8s.network.options import ModeName, Network, middleware_name, network_of
 from rigel_k8s.objects.fields import option, required_field, true_is_default
@@ -100,6 +101,17 @@ class Launch:
 
 
 @attrs.frozen(kw_only=True)
+class ParameterFile:
+    """A YAML file of parameters: one beside the Rigelfile, or one of the image."""
+
+    file: str | None = option("a file, from the application's directory")
+    image_file: str | None = option(
+        "a file of the image; with `substitution_args` as in $(find PACKAGE)/config/rates.yaml"
+    )
+    namespace: RosName | None = option("ROS 1: where its parameters go, below the node's name")
+
+
+@attrs.frozen(kw_only=True)
 class NodeOptions:
     """One ROS node: a Deployment of one container, called ros-node."""
 
@@ -117,13 +129,29 @@ class NodeOptions:
     package: str | None = option("a ROS package: rosrun (or ros2 run) PACKAGE EXECUTABLE ARGS")
     executable: str | None = option("an executable of `package`")
     launch: Launch | None = option("a launch file: roslaunch (or ros2 launch) PACKAGE FILE")
+    components: Mapping[str, Component] = option(
+        "composable nodes (ROS 1: nodelets) by ROS name, which this node loads at its start; it is"
+        " rclcpp_components' component_container (nodelet's manager) where it names no program",
+        {},
+    )
+    lifecycle: Lifecycle | None = option(
+        "ROS 2: the transitions of a lifecycle node, as in {start: [configure, activate]}"
+    )
     anonymous: bool = option(
         "its ROS name is made at start: replicas and surge are safe", default=False
     )
     env: Mapping[EnvName, Scalar] | list[EnvVar] = option("environment variables", {})
     parameters: Mapping[str, Any] = option("private parameters", {})
-    parameter_files: list[str] = option(
-        "YAML files of private parameters, from the application's directory", []
+    parameter_files: list[str | ParameterFile] = option(
+        "YAML files of private parameters; a path is short for a `file`", []
+    )
+    parameter_commands: Mapping[str, str | list[Scalar]] = option(
+        "private parameters whose values are printed by programs of the image: xacro FILE", {}
+    )
+    substitution_args: bool = option(
+        "replace $(find PACKAGE), $(env NAME) and $(optenv NAME DEFAULT) inside of the container,"
+        " in what it runs, in `env`, and in the parameters of it and its components",
+        default=False,
     )
     remappings: Mapping[RosName, RosName] = option("ROS names: from -> to", {})
     replicas: Replicas | None = option("how many pods; more than one only where anonymous")
@@ -154,8 +182,6 @@ class OrchestrationOptions:
 
     #: src.plugin's users write all keys below this one; both shapes mean the same.
     nested_under: ClassVar[str] = "orchestration"
-    #: The nodes of a stack stand in place of `muto` before anything else reads the options.
-    expand: ClassVar[Callable[[YamlNode, Surroundings], Expanded]] = staticmethod(expand)
 
     namespace: ObjectName | None = option("the Kubernetes namespace; made where it is missing")
     deployment_name: ObjectName = option(
@@ -176,6 +202,20 @@ class OrchestrationOptions:
     application_image: ImageRef | None = option("the image of the one application's Deployment")
     image: ImageRef | None = option("the image of all `nodes` that name none")
     nodes: Mapping[str, NodeOptions] = option("the ROS nodes, each a Deployment, by ROS name", {})
+    parameters: Mapping[str, Any] = option(
+        "ROS 1: global parameters, which are set before the nodes start", {}
+    )
+    parameter_files: list[str | ParameterFile] = option(
+        "ROS 1: YAML files of global parameters; a path is short for a `file`", []
+    )
+    parameter_commands: Mapping[str, str | list[Scalar]] = option(
+        "ROS 1: global parameters whose values are printed by programs of the image", {}
+    )
+    substitution_args: bool = option(
+        "replace $(find PACKAGE), $(env NAME) and $(optenv NAME DEFAULT) in global parameters; a"
+        " node has an option of its own",
+        default=False,
+    )
     muto: Muto | None = option(
         "a stack of Eclipse Muto, whose nodes `nodes` are laid over; a word is short for its"
         " `stack`",
@@ -232,3 +272,12 @@ class OrchestrationOptions:
     )
     image_pull_secrets: list[ObjectName] = option("Secrets with registry credentials", [])
     timeout: Duration | None = option("how long the roll-out may take (default 5m)")
+
+    @staticmethod
+    def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
+        """Put a stack's nodes in place of `muto`, before anything else reads the options."""
+        if "muto" not in node.value:
+            return Expanded(node)
+        from rigel_k8s.muto.expansion import expand
+
+        return expand(node, surroundings)

@@ -11,27 +11,31 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any
 
-import attrs
 import yaml
 
-from rigel_k8s.app.commands import (
-    NO_ROS_ARGUMENTS,
-    PARAMETERS_PATH,
-    Command,
-    assignments,
-    full_name,
-    make_key,
-)
+from rigel_k8s.app.commands import NO_ROS_ARGUMENTS, Command, assignments, full_name
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.parameters import PARAMETERS_PATH, list_local, list_paths
+from rigel_k8s.app.starting import (
+    begin,
+    list_run_steps,
+    load_values,
+    needs_script,
+    split,
+    write_values,
+)
 from rigel_k8s.objects.overlay import simplify
-from rigel_k8s.objects.pods import SCRIPTS_PATH
-from rigel_k8s.objects.text import split_words
+from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper, Loader
 
 FLAG, END = "--ros-args", "--"
 #: The parameters of whatever nodes a process has.
 ANY_NODE = "/**"
 PARAMETERS = "ros__parameters"
+#: What loads components where a node names no program of its own.
+CONTAINER = ("ros2", "run", "rclcpp_components", "component_container")
+#: The node's own `parameters`, as rcl reads them.
+OWN_FILE = "99-parameters.yaml"
 
 
 def takes_ros_arguments(line: Sequence[str]) -> bool:
@@ -56,28 +60,25 @@ def command_of(key: str, node: NodeOptions, files: Mapping[str, str]) -> Command
     line += ros_arguments(key, node, line, mounted)
     if not line:
         return Command()
+    start: tuple[str, ...] = ()
+    if needs_script(node):
+        steps = (*load_values(mounted, ANY_NODE), *list_run_steps(node))
+        start = (*begin("2", node, node.env), *steps)
     if node.command is not None:
-        return Command(command=line, files=mounted)
-    return Command(args=line, files=mounted)
-
-
-def run_by_lifecycle(command: Command) -> Command:
-    """Return a command whose lifecycle node is handed over; see docs/in-pod-scripts.md."""
-    script = ["/bin/sh", f"{SCRIPTS_PATH}/lifecycle.sh"]
-    if command.command is not None:
-        return attrs.evolve(command, command=[*script, *command.command])
-    return attrs.evolve(command, args=[*script, *(command.args or ())])
+        return Command(command=line, files=mounted, start=start)
+    return Command(args=line, files=mounted, start=start)
 
 
 def program(node: NodeOptions) -> list[str]:
     """Return the program and its own arguments; empty for the image's CMD."""
-    own = split_words(node.args or [])
+    own = split(node, node.args or [])
     if node.launch:
         package = [node.launch.package] if node.launch.package else []
         return ["ros2", "launch", *package, node.launch.file, *assignments(node.launch.args)]
     if node.package:
         return ["ros2", "run", node.package, node.executable or "", *own]
-    return split_words(node.command) if node.command is not None else own
+    line = split(node, node.command) if node.command is not None else own
+    return line or list(CONTAINER if node.components else ())
 
 
 def ros_arguments(
@@ -87,8 +88,10 @@ def ros_arguments(
     if node.launch or not takes_ros_arguments(line):
         return []
     found = [word for rule in rules(key, node) for word in ("-r", rule)]
-    for name in mounted:
-        found += ["--params-file", f"{PARAMETERS_PATH}/{name}"]
+    paths = [path for path, _ in list_paths(node)]
+    if OWN_FILE in mounted:
+        paths.append(f"{PARAMETERS_PATH}/{OWN_FILE}")
+    found += [word for path in paths for word in ("--params-file", path)]
     if not found or reads_ros_arguments(line):
         return found
     return [FLAG, *found]
@@ -114,13 +117,18 @@ def reads_ros_arguments(line: Sequence[str]) -> bool:
 
 def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
     """Return the files to mount, in the order of loading; `parameters` win over files."""
-    found = {
-        f"{number:02}-{make_key(name)}.yaml": nest_parameters(files[name])
-        for number, name in enumerate(node.parameter_files)
+    found = {name: nest_parameters(files[path]) for name, path in list_local(node)}
+    later = {
+        name: value
+        for name, value in node.parameters.items()
+        if node.substitution_args and has_substitution(value)
     }
-    if node.parameters:
-        own = {ANY_NODE: {PARAMETERS: simplify(node.parameters)}}
-        found["99-parameters.yaml"] = yaml.dump(own, Dumper=Dumper, sort_keys=True, width=2**20)
+    now = {name: value for name, value in node.parameters.items() if name not in later}
+    if now:
+        own = {ANY_NODE: {PARAMETERS: simplify(now)}}
+        found[OWN_FILE] = yaml.dump(own, Dumper=Dumper, sort_keys=True, width=2**20)
+    if later:
+        found |= write_values(simplify(later))
     return found
 
 

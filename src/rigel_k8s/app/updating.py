@@ -137,6 +137,10 @@ def find_lifecycle_obstacle(
         return "it has no ROS"
     if node.launch:
         return "a launch file gives its nodes their names: use package and executable, or args"
+    if node.lifecycle:
+        return "it makes the transitions of `lifecycle`: leave one of the two out"
+    if node.components:
+        return "its components are loaded anew, and would work beside those of the old pod"
     try:
         line = program("2", node)
     except ValueError:

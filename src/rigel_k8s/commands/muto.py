@@ -11,9 +11,18 @@ import attrs
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import UserError
-from rigel_k8s.muto.converting import Target, list_options, write_rigelfile
+from rigel_k8s.images.dockerfile import Recipe
+from rigel_k8s.muto.archives import find_archive, translate_archive, unpack_archive
+from rigel_k8s.muto.converting import (
+    SOURCES,
+    Target,
+    list_options,
+    name_release,
+    write_building_rigelfile,
+    write_rigelfile,
+)
 from rigel_k8s.muto.library import NotFound
-from rigel_k8s.muto.opening import open_stack
+from rigel_k8s.muto.opening import Find, open_stack
 from rigel_k8s.muto.options import Muto
 from rigel_k8s.muto.remarks import Unreadable, list_findings
 from rigel_k8s.muto.stack import Stack
@@ -23,14 +32,22 @@ from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile import Finding, Source, place, problems_error, render, structure
 from rigel_k8s.rigelfile.findings import sort_findings
 from rigel_k8s.rigelfile.source import node_of
+from rigel_k8s.system.trees import File, Tree, write_tree
 
 
 @attrs.frozen
 class Converted:
-    """A Rigelfile's text, and what there is to say about the stack, rendered."""
+    """A Rigelfile, and what there is to say about the stack.
+
+    Attributes:
+        text: the Rigelfile's.
+        warnings: rendered.
+        sources: what the Rigelfile builds an image of, in the directory SOURCES.
+    """
 
     text: str
     warnings: tuple[str, ...]
+    sources: Tree = attrs.field(factory=dict)
 
 
 def convert(source: Muto, target: Target) -> Converted:
@@ -40,19 +57,39 @@ def convert(source: Muto, target: Target) -> Converted:
         source: the stack; files and ids are looked for in the working directory.
 
     Raises:
-        ProblemsError: something is wrong with the stack, with its places.
+        ProblemsError: something is wrong with the stack, with its places; or it needs a build.
         UserError: there is no such stack, or it may not be read.
         RigelK8sError: the Ditto with the stack cannot be reached, or refuses.
     """
-    path = Path(source.name)
-    home = path.parent if path.exists() else Path()
+    return _convert(source, target, builds=False)
+
+
+def write(source: Muto, target: Target, directory: Path) -> Converted:
+    """Write a new directory with the Rigelfile that deploys a stack, and an archive's sources.
+
+    Raises: as convert; and UserError where the directory is there already. Nothing is written then.
+    """
+    made = _convert(source, target, builds=True)
+    sources = {f"{SOURCES}/{path}": entry for path, entry in made.sources.items()}
+    write_tree({"Rigelfile": File(made.text.encode()), **sources}, directory)
+    return made
+
+
+def _convert(source: Muto, target: Target, *, builds: bool) -> Converted:
+    """Return a stack's Rigelfile; that of an archive only where it may have sources beside it."""
     nothing = Source(source.stack, "")
-    given = {name: text_of(value) for name, value in source.args.items()}
-    url = source.base_url
-    ask = Twin(url, source.access, os.environ, {}).find if url else None
+    sources: Tree = {}
     try:
-        stack, find = open_stack(source.name, Path(), home, ask)
-        made = require_nodes(stack, translate(stack, given, find))
+        stack, find = _open(source)
+        archive = find_archive(stack) if builds else None
+        given = {name: text_of(value) for name, value in source.args.items()}
+        if archive:
+            sources = unpack_archive(archive)
+            directory = Recipe(target.choose_distro(stack), base="", source_name=SOURCES).sources
+            key = name_release(source.stack, stack)
+            made = translate_archive(archive, key, sources, directory, given)
+        else:
+            made = require_nodes(stack, translate(stack, given, find, ros2=target.is_ros2(stack)))
     except NotFound as error:
         hint = "name a file, the id of a stack in a file of the working directory, or a URL"
         raise UserError(str(error), hint=hint) from error
@@ -62,8 +99,18 @@ def convert(source: Muto, target: Target) -> Converted:
     findings = sort_findings([*about, *_check(source.stack, stack, made, target)])
     if any(finding.severity == "error" for finding in findings):
         raise problems_error(nothing, findings)
-    text = write_rigelfile(source.stack, stack, made, target)
-    return Converted(text, _render(nothing, findings))
+    compose = write_building_rigelfile if archive else write_rigelfile
+    text = compose(source.stack, stack, made, target)
+    return Converted(text, _render(nothing, findings), sources)
+
+
+def _open(source: Muto) -> tuple[Stack, Find]:
+    """Return the stack, and what finds those that it refers to."""
+    path = Path(source.name)
+    home = path.parent if path.exists() else Path()
+    url = source.base_url
+    ask = Twin(url, source.access, os.environ, {}).find if url else None
+    return open_stack(source.name, Path(), home, ask)
 
 
 def _check(name: str, stack: Stack, made: Translation, target: Target) -> Iterator[Finding]:
@@ -71,7 +118,7 @@ def _check(name: str, stack: Stack, made: Translation, target: Target) -> Iterat
     at = stack.place
     options = {k: node_of(v, at) for k, v in list_options(name, stack, target).items()}
     nodes = attrs.evolve(at, value=dict(made.nodes), raw=None)
-    root = attrs.evolve(at, value={**options, "nodes": nodes}, raw=None)
+    root = attrs.evolve(at, value={**options, **made.options, "nodes": nodes}, raw=None)
     found = structure(root, OrchestrationOptions)
     yield from (place(root, problem) for problem in found.problems)
     if found.draft is not None:

@@ -228,6 +228,7 @@ def _install_by_system(recipe: Recipe) -> str:
         ubuntu.append(f"ros-{recipe.distro}-catkin")
     if recipe.compiler == "colcon":
         debian += ["colcon", *(f"python3-colcon-{part}" for part in _COLCON_PARTS)]
+        debian.append("python3-setuptools")  # builds ament_python packages
         ubuntu.append("python3-colcon-common-extensions")
     if recipe.rosdep:
         debian.append("python3-rosdep2")

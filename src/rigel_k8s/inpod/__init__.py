@@ -16,26 +16,37 @@ __all__ = ["MOUNT_PATH", "scripts"]
 MOUNT_PATH = "/rigel-k8s"
 
 _NAMES = (
+    "beside.sh",
+    "components.py",
     "container.py",
     "dds.py",
     "dds_local.py",
     "dds_ready.py",
     "dds_standin.py",
     "exec.sh",
+    "globalparameters.py",
     "interfaces.py",
     "keep.sh",
     "lifecycle.py",
     "lifecycle.sh",
+    "loading.py",
     "memory.py",
+    "nodelets.py",
+    "progress.py",
     "rc.sh",
     "ready.py",
     "ready.sh",
     "roscore.py",
     "roscore.sh",
+    "rosparameters.py",
     "rosrpc.py",
     "rtps.py",
     "spdp.py",
+    "start.py",
+    "start.sh",
     "stop.sh",
+    "substitution.py",
+    "transitions.py",
 )
 
 

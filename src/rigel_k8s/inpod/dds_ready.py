@@ -5,8 +5,10 @@ Each of that shows inside the pod; nobody else has to be there, so no pod waits 
 
     dds_ready.py dds [--domain N] [--interface NAME] [--wait SECONDS]    any domain without N
     dds_ready.py dds --port N [--wait SECONDS]         a discovery server's port
-    dds_ready.py dds ... --lifecycle /NODE             besides: this node is active, or waits to be
     dds_ready.py zenoh --port N [--wait SECONDS]       the router's port
+    dds_ready.py ... --lifecycle /NODE      besides: this node is active, or waits to take over
+    dds_ready.py ... --transitions /NODE    besides: the transitions of this node are made
+    dds_ready.py ... --components /NODE     besides: the components of this node are loaded
 
 Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output says why:
 the kubelet makes it the probe event's message. It sends one packet to each of the container's own
@@ -31,6 +33,12 @@ except ImportError:  # not CPython
 READS = 8.0  # seconds that a participant has to read what it was sent; a busy machine needs some
 GLANCE = 0.001  # seconds until a second look at its queue; then twice as long each time
 TICK = 0.2  # seconds between two looks while waiting
+#: Who works beside a node, by the option that asks for it.
+BESIDE = {
+    "--lifecycle": "lifecycle.py",
+    "--transitions": "transitions.py",
+    "--components": "components.py",
+}
 DAEMON = "ros2-daemon"  # of the ros2 command line, left behind by whoever called it in this pod
 
 
@@ -45,14 +53,14 @@ class Arguments(object):
         """Raise ValueError where they are wrong."""
         self.kind, words = words[0] if words else "", words[1:]
         values = {words[i]: words[i + 1] for i in range(0, len(words) - 1, 2)}
-        known = {"--domain", "--interface", "--port", "--wait", "--lifecycle"}
+        known = {"--domain", "--interface", "--port", "--wait", *BESIDE}
         if self.kind not in ("dds", "zenoh") or len(words) % 2 or set(values) - known:
-            usage = "dds|zenoh [--domain N|--port N] [--interface NAME] [--lifecycle /NODE]"
-            raise ValueError(usage + " [--wait SECONDS]")
+            usage = "dds|zenoh [--domain N|--port N] [--interface NAME] [--wait SECONDS]"
+            raise ValueError(usage + " [--lifecycle|--transitions|--components /NODE]")
         self.domain = int(values["--domain"]) if "--domain" in values else None
         self.port = int(values["--port"]) if "--port" in values else None
         self.interface = values.get("--interface")
-        self.lifecycle = values.get("--lifecycle")
+        self.beside = [(script, values[key]) for key, script in BESIDE.items() if key in values]
         self.wait = float(values.get("--wait", 0))
         if self.kind == "zenoh" and self.port is None:
             raise ValueError("zenoh --port N: which port has the router?")
@@ -62,20 +70,24 @@ def look(arguments):
     """Return what is in order, in one line; raise NotReady otherwise."""
     if arguments.interface:
         check_interface(arguments.interface)
-    if arguments.kind == "zenoh":
-        return check_zenoh(arguments.port)
+    lines = [check_zenoh(arguments.port)] if arguments.kind == "zenoh" else look_dds(arguments)
+    if arguments.beside:
+        import progress  # others do without
+
+        for script, node in arguments.beside:
+            ready, line = progress.describe(script, node)
+            if not ready:
+                raise NotReady(line)
+            lines.append(line)
+    return ", ".join(lines)
+
+
+def look_dds(arguments):
+    """Return the container's processes that take part in DDS, each in one line."""
     found = own(arguments.domain, arguments.port)
     for process in found:
         check_process(process, arguments.port)
-    lines = [told(process, arguments.port) for process in found]
-    if arguments.lifecycle:
-        import lifecycle  # others do without
-
-        ready, line = lifecycle.describe(arguments.lifecycle)
-        if not ready:
-            raise NotReady(line)
-        lines.append(line)
-    return ", ".join(lines)
+    return [told(process, arguments.port) for process in found]
 
 
 def told(process, port):

@@ -21,17 +21,11 @@ import os
 import sys
 import time
 
-import container
-
-NAME = ".rigel-k8s-lifecycle"
-LOGS = "/rigel-k8s-logs"  # every pod of ROS 2 can write there
-FILES = tuple(os.path.join(d, NAME) for d in (LOGS, os.environ.get("TMPDIR") or "/tmp", "/dev/shm"))
+from progress import Progress
 
 ACTIVE, INACTIVE, UNCONFIGURED, FINALIZED = "active", "inactive", "unconfigured", "finalized"
 #: What a node of another pod does that must have ended first; None: it does not answer.
 WORKING = (ACTIVE, "activating", "deactivating", None)
-#: Steps that count as ready.
-READY = ("waits", "active")
 
 SETTLE = 3.5  # seconds until whoever works was heard; DDS announces itself at least every 3 s
 SLOW = (
@@ -45,53 +39,6 @@ PAUSE = (
 )
 GLANCE = 0.05  # seconds between looks at the graph
 DELAYS = (1.0, 2.0, 5.0)  # seconds until a transition that failed is tried again
-
-
-class Progress(object):
-    """How far the hand-over is, in a file that the probe reads.
-
-    Attributes:
-        step: starts, waits, activates, active or failed.
-        line: the same for people.
-    """
-
-    def __init__(self, step="", line="", token="", pid=0):
-        self.step, self.line, self.token, self.pid = step, line, token, pid
-
-    def save(self):
-        """Write it where this container can write."""
-        words = (container.started(), self.step, self.line, self.token, self.pid)
-        for path in FILES:
-            try:
-                with open("%s.%d" % (path, os.getpid()), "w") as file:
-                    file.write("\t".join(str(word) for word in words))
-                os.rename(file.name, path)
-                return
-            except (IOError, OSError):
-                continue
-
-    @classmethod
-    def load(cls):
-        """Return what was written since the container started, None for nothing."""
-        for path in FILES:
-            try:
-                with open(path) as file:
-                    words = file.read().split("\t")
-            except (IOError, OSError):
-                continue
-            if len(words) == 5 and words[0] == container.started():
-                return cls(words[1], words[2], words[3], int(words[4]))
-        return None
-
-
-def describe(name):
-    """Return (whether the pod's node is as far as it can be now, how far it is)."""
-    found = Progress.load()
-    if found is None:
-        return False, "the hand-over of %s has not started yet" % name
-    if found.step != "active" and not os.path.isdir("/proc/%d" % found.pid):
-        return False, "the hand-over of %s has ended early; the log tells why" % name
-    return found.step in READY, found.line
 
 
 def pod_of(token):
@@ -170,7 +117,10 @@ class Hand(object):
         return sum(1 for n, space in names if space.rstrip("/") + "/" + n == self.name)
 
     def state(self, token):
-        """Return the state of a pod's node, None where it does not answer."""
+        """Return the state of a pod's node, None where it does not answer.
+
+        Without a token it is the node whose services have their usual names.
+        """
         answer = self._call(self._get, token, "get_available_transitions", self._get.Request())
         if answer is None:
             return None
@@ -178,17 +128,17 @@ class Hand(object):
         return found[0] if found else FINALIZED
 
     def change(self, token, transition, seconds):
-        """Return whether a pod's node has made a transition."""
+        """Return whether a pod's node has made a transition; a token as in `state`."""
         request = self._change.Request()
         request.transition.label = transition
         answer = self._call(self._change, token, "change_state", request, seconds)
         return answer is not None and answer.success
 
     def _call(self, kind, token, service, request, seconds=ANSWER):
-        key = token + "/" + service
-        if key not in self._clients:
-            self._clients[key] = self.node.create_client(kind, self.base + key)
-        client, until = self._clients[key], time.time() + seconds
+        name = (self.base + token if token else self.name) + "/" + service
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, name)
+        client, until = self._clients[name], time.time() + seconds
         while not client.service_is_ready():
             if time.time() > until:
                 return None
@@ -295,11 +245,7 @@ class Taker(object):
 
     def tell(self, step, line):
         """Note how far it is, and log it once."""
-        last = Progress.load()
-        if last is None or (last.step, last.line) != (step, line):
-            Progress(step, line, self.token, os.getpid()).save()
-            sys.stdout.write("[rigel-k8s] %.3f %s\n" % (time.time(), line))
-            sys.stdout.flush()
+        Progress(step, line, self.token, os.getpid()).tell()
 
 
 def take(name, token):

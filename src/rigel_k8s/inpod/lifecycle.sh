@@ -4,18 +4,12 @@
 # Why: two pods of one node offer the same services, so a request to /talker/change_state reaches
 # both. Each pod's node therefore gets a change_state of a name of its own, which lifecycle.py calls.
 # Contract: the line must end in ROS arguments, to which two remappings are added; PROGRAM becomes the
-# process that this was, and lifecycle.py runs beside it until the node is active. RIGEL_K8S_LIFECYCLE
-# is the node's full ROS name, RIGEL_K8S_POD the pod's name. RIGEL_K8S_EXEC keeps lifecycle.py from being
-# taken for a node of the pod (container.py).
+# process that this was, and lifecycle.py runs beside it (beside.sh) until the node is active.
+# RIGEL_K8S_LIFECYCLE is the node's full ROS name, RIGEL_K8S_POD the pod's name.
 # Needs sh, date, tr; without Python 3 or rclpy the probe tells it, since the node is never activated.
 
-folder=${0%/*}
 token=t$(date +%s)_$(printf %s "${RIGEL_K8S_POD:-pod}" | tr -cs 'A-Za-z0-9' _)
-(
-  export RIGEL_K8S_EXEC=1
-  if [ -n "${ROS_DISCOVERY_SERVER:-}" ]; then export ROS_SUPER_CLIENT=TRUE; fi
-  exec python3 -B "$folder/lifecycle.py" take "$token" </dev/null
-) &
 own="~/_rigel_k8s/$token"
-exec "$@" -r "~/change_state:=$own/change_state" \
+exec /bin/sh "${0%/*}/beside.sh" lifecycle.py take "$token" -- "$@" \
+  -r "~/change_state:=$own/change_state" \
   -r "~/get_available_transitions:=$own/get_available_transitions"

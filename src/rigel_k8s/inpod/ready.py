@@ -4,12 +4,13 @@ Why: a pod that is "Running" may be deaf. A node counts when the master knows it
 address and it answers; that fails when it hangs, when its name went to another pod, and when the
 master came back empty (nothing in ROS 1 registers a node again).
 
-    ready.py node [--wait SECONDS] [--name /ros/name]
+    ready.py node [--wait SECONDS] [--name /ros/name] [--components /ros/name]
     ready.py master [--wait SECONDS]
 
 Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output says why:
 the kubelet makes it the probe event's message. --wait asks again until ready or SECONDS are over,
-so that a start-up is noticed at once without a process for each look.
+so that a start-up is noticed at once without a process for each look. --components: besides, all
+nodelets of this manager must be loaded (nodelets.py).
 
     ready.py leave [--wait SECONDS]
 
@@ -268,15 +269,26 @@ def leave(seconds):
     return (0, "handed over: " + ", ".join(names)) if names else (1, "no one waits")
 
 
-def look_node(name, elsewhere):
-    """Return the line for a pod whose nodes are in order; raise NotReady otherwise."""
+def look_node(name, elsewhere, manager=None):
+    """Return the line for a pod whose nodes are in order; raise NotReady otherwise.
+
+    The nodelets of a `manager` must be loaded, too.
+    """
     uri = os.environ.get("ROS_MASTER_URI")
     if not uri:
         raise NotReady("ROS_MASTER_URI is not set in this container")
     try:
-        return "ready: " + ", ".join(Look(uri, name, elsewhere).run())
+        lines = Look(uri, name, elsewhere).run()
     except CallFailed as error:
         raise NotReady("ROS_MASTER_URI: %s" % error)
+    if manager:
+        from progress import describe  # other nodes do without
+
+        are_loaded, line = describe("nodelets.py", manager)
+        if not are_loaded:
+            raise NotReady(line)
+        lines.append(line)
+    return "ready: " + ", ".join(lines)
 
 
 def look_master(starting):
@@ -317,26 +329,26 @@ def finish(code, line):
 
 
 def arguments(words):
-    """Return (kind, seconds to wait, name); raise ValueError for anything else."""
-    kind, wait, name = words[0] if words else "", 0.0, None
+    """Return (kind, seconds to wait, options); raise ValueError for anything else."""
+    kind, wait, options = words[0] if words else "", 0.0, {}
     rest = list(words[1:])
     while rest:
         option = rest.pop(0)
         if option == "--wait" and rest:
             wait = float(rest.pop(0))
-        elif option == "--name" and rest and kind == "node":
-            name = "/" + rest.pop(0).strip("/")
+        elif option in ("--name", "--components") and rest and kind == "node":
+            options[option] = "/" + rest.pop(0).strip("/")
         else:
             raise ValueError("unknown argument %s" % option)
     if kind not in ("node", "master", "leave"):
         raise ValueError("say node, master or leave first")
-    return kind, wait, name
+    return kind, wait, options
 
 
 def main(words):
     """Look until ready or the time is over; never returns."""
     try:
-        kind, wait, name = arguments(words)
+        kind, wait, options = arguments(words)
     except ValueError as error:
         finish(2, "ready.py: %s" % error)
     end, last, elsewhere, looks = time.time() + wait, [], {}, 0
@@ -345,7 +357,9 @@ def main(words):
         finish(*leave(wait))
     while True:
         try:
-            finish(0, look_node(name, elsewhere) if kind == "node" else look_master(wait > 0))
+            if kind == "node":
+                finish(0, look_node(options.get("--name"), elsewhere, options.get("--components")))
+            finish(0, look_master(wait > 0))
         except NotReady as why:
             last[:] = [str(why)]
         looks += 1

@@ -17,13 +17,18 @@
 # (ready.py leave), for which that has a quarter of SECONDS to become ready. Gate and master end those nodes
 # then; that is not disturbed for a moment, since others find their new publishers meanwhile. Where
 # RIGEL_K8S_LIFECYCLE is set, the node is deactivated first (lifecycle.py leave), for which it has half of
-# SECONDS; what it has sent reaches its hearers meanwhile.
+# SECONDS; what it has sent reaches its hearers meanwhile. Where RIGEL_K8S_TRANSITIONS is set, it is a node and
+# the transitions that it makes first (transitions.py stop), in the same time.
 # Needs sh, sleep, tr and /proc.
 
 if [ -n "$RIGEL_K8S_WORKLOAD" ]; then
   if /bin/sh "${0%/*}/ready.sh" leave --wait $((${1:-8} / 4)); then
     sleep 0.5 2>/dev/null || sleep 1
   fi
+elif [ -n "$RIGEL_K8S_TRANSITIONS" ]; then
+  here=${0%/*}
+  # The words are split on purpose: the node and its transitions.
+  /bin/sh "$here/exec.sh" python3 -B "$here/transitions.py" stop $((${1:-8} / 2)) $RIGEL_K8S_TRANSITIONS
 elif [ -n "$RIGEL_K8S_LIFECYCLE" ]; then
   here=${0%/*}
   if /bin/sh "$here/exec.sh" python3 -B "$here/lifecycle.py" leave --wait $((${1:-8} / 2)); then

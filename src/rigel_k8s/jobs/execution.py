@@ -55,6 +55,7 @@ class RunContext:
         matrix: a Branches' matrix and the shared data to {key: values}; raises UserErrors.
         place: a job, the shared data and problems with its options to texts with their places.
         grace: seconds that a job may take to end after it was asked to.
+        applied: set when a job that deploys has stored its objects.
     """
 
     application: Application
@@ -68,6 +69,7 @@ class RunContext:
     vars: Mapping[str, Any] = attrs.field(factory=dict)
     providers: Mapping[str, Any] = attrs.field(factory=dict)
     grace: float = 30.0
+    applied: threading.Event = attrs.field(factory=threading.Event)
 
 
 class Execution:
@@ -265,6 +267,7 @@ class Execution:
             raw=raw,
             serving=ready is not None,
             ready=ready or threading.Event(),
+            applied=around.applied,
             place=partial(around.place, job, branch.data),
         )
         with self._holds.hold(self._find_key(job, options), where):

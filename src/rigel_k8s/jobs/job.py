@@ -39,6 +39,7 @@ class JobContext:
         raw: the job's `with` as plain data, templates rendered, before it became options.
         serving: the job is a dependency of a concurrent stage: it serves until `cancel` is set.
         ready: what a serving job sets when others may use it (one that returns need not).
+        applied: what a job that deploys sets when its objects are stored, and it waits for them.
         place: problems with the options to texts with their lines in the Rigelfile.
     """
 
@@ -53,6 +54,7 @@ class JobContext:
     raw: Mapping[str, Any] = attrs.field(factory=dict)
     serving: bool = False
     ready: threading.Event = attrs.field(factory=threading.Event)
+    applied: threading.Event = attrs.field(factory=threading.Event)
     place: Callable[[Sequence[Problem]], Sequence[str]] = lambda found: list(map(str, found))
 
     @property

@@ -71,6 +71,11 @@ BUILTIN: Mapping[Kind, tuple[Builtin, ...]] = {
             "rigel_k8s.jobs.types.observability:ObservabilityJob",
             ("rigel_k8s.ObservabilityPlugin",),
         ),
+        Builtin(
+            "muto-agent",
+            "rigel_k8s.jobs.types.muto_agent:MutoAgentJob",
+            ("rigel_k8s.MutoAgentPlugin",),
+        ),
     ),
     "provider": (
         Builtin(

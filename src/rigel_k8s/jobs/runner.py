@@ -5,6 +5,7 @@ What a job does stays behind its job type, how a run goes behind live.py.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -131,6 +132,7 @@ def run(
     data: dict[str, Any] | None = None,
     connected: Mapping[str, Any] | None = None,
     scope: CancelScope | None = None,
+    applied: threading.Event | None = None,
 ) -> dict[str, Any]:
     """Run what was prepared; return the data that the jobs stored. It reports no warnings.
 
@@ -140,6 +142,7 @@ def run(
         data: what was stored before; jobs write into it.
         connected: connections that the caller has made for providers.
         scope: what stops the run from outside.
+        applied: set when a job that deploys has stored its objects.
 
     Raises:
         JobFailed: a job failed; the error names it.
@@ -157,6 +160,7 @@ def run(
         vars=values.vars(),
         providers=connected or {},
         grace=GRACE,
+        applied=applied or threading.Event(),
     )
     with importable(prepared.settings.rigelfile.parent):
         return run_steps(prepared.steps, around, declared, data=data, scope=scope)

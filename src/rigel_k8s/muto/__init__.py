@@ -6,9 +6,11 @@ options' classes: what comes out is a tree of values that a Rigelfile could have
 
 expansion, converting   what others call: the option `muto` of a job, and a whole Rigelfile
 translation, nodes      from stacks to nodes
+archives, unpacking     sources that come with a stack, and the node that launches them
 gathering               a stack with those that it names
 opening, library, twin  where stacks are found: in files, and in a Ditto
 arguments               `$(arg x)`, and what only a container can resolve
+parameters, types       parameters of a node or a stack; what a text means as a value
 formats, stack          the forms of stacks, told apart by their keys; the model
 reading, remarks        text with places; what there is to say about a value
 """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -14,8 +13,7 @@ from rigel_k8s.option_text import text_of
 from rigel_k8s.rigelfile.findings import suggest
 from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, LONGEST_TEXT, MOST_TEXT
 from rigel_k8s.rigelfile.source import YamlNode
-
-EXPRESSION = re.compile(r"\$\(([^()]*)\)")
+from rigel_k8s.substitution_args import EXPRESSION, FORMS, is_substituted
 
 
 @attrs.frozen
@@ -29,6 +27,18 @@ class ContainerValue:
 
     node: YamlNode
     calls: tuple[str, ...]
+
+    @property
+    def is_substituted(self) -> bool:
+        """Whether a container resolves all of it."""
+        return all(map(is_substituted, self.calls))
+
+    def explain(self) -> str:
+        """Return why it is not known here, for a message."""
+        unknown = [call for call in self.calls if not is_substituted(call)]
+        if unknown:
+            return f"{', '.join(unknown)} is none of {FORMS}"
+        return f"only the image knows {', '.join(self.calls)}"
 
 
 @attrs.define

@@ -22,6 +22,19 @@ PLACEHOLDER = "registry.example/robot:1"
 #: What is taken for the ROS of a stack whose form does not say it.
 DISTROS: Mapping[bool, str] = {False: "noetic", True: "jazzy"}
 WIDTH = 100
+IMAGE = "Write the image with the programs of the stack here."
+DEPLOY: Mapping[str, Any] = {"plugin": "rigel_k8s.OrchestrationPlugin"}
+#: Beside a Rigelfile that builds: the directory with the sources of an archive.
+SOURCES = "sources"
+#: The jobs that build an image of them. Its name stands in one place.
+BUILD_JOBS: Mapping[str, Any] = {
+    "dockerfile": {"plugin": "rigel_k8s.DockerfilePlugin"},
+    "build": {
+        "plugin": "rigel_k8s.BuildXPlugin",
+        "with": {"image": "{{ vars.image }}", "push": True, "platforms": []},
+    },
+}
+DEPLOY_ALL = {"deploy": {"stages": [{"jobs": [*BUILD_JOBS, "deploy"]}]}}
 #: An opening brace of a template that stands for itself.
 LITERAL = '{{ "{{" }}'
 
@@ -37,47 +50,80 @@ class Target:
         """Return the ROS distribution."""
         return self.distro or DISTROS[stack.ros2]
 
+    def is_ros2(self, stack: Stack) -> bool:
+        """Return whether the distribution is one of ROS 2."""
+        return self.choose_distro(stack).lower() in ROS2
+
 
 def list_options(name: str, stack: Stack, target: Target) -> dict[str, Any]:
     """Return the options of the job that deploys a stack, beside its nodes."""
-    ros2 = target.choose_distro(stack).lower() in ROS2
     return {
         "image": target.image or PLACEHOLDER,
-        "deployment_name": _name_release(name, stack),
-        **({"network": "peers"} if ros2 else {}),
+        "deployment_name": name_release(name, stack),
+        **({"network": "peers"} if target.is_ros2(stack) else {}),
     }
 
 
 def write_rigelfile(name: str, stack: Stack, made: Translation, target: Target) -> str:
-    """Return a Rigelfile whose one job deploys the nodes of a stack.
+    """Return a Rigelfile that deploys the nodes of a stack.
 
     Args:
         name: what the user called the stack.
     """
-    distro = target.choose_distro(stack)
-    job: dict[str, Any] = {"plugin": "rigel_k8s.OrchestrationPlugin"}
     lines = [
         f"# Made from {name} by `rigel muto convert`.",
-        *_indent({"application": {"distro": distro}, "jobs": {"deploy": job}}, 0),
+        *_indent({"application": {"distro": target.choose_distro(stack)}}, 0),
+        *_indent({"jobs": {"deploy": DEPLOY}}, 0),
         "    with:",
-        *([] if target.image else ["      # Write the image with the programs of the stack here."]),
-        *_indent(list_options(name, stack, target), 6),
-        *_list_comments(made.remarks, None, 6),
-        "      nodes:",
+        *([] if target.image else [f"      # {IMAGE}"]),
+        *_indent(_escape_templates(list_options(name, stack, target)), 6),
+        *_list_nodes(made),
     ]
-    for key, options in made.nodes.items():
-        lines += _list_comments(made.remarks, key, 8)
-        lines += _indent({key: strip_places(options)}, 8)
     return "\n".join([*lines, ""])
 
 
-def _name_release(name: str, stack: Stack) -> str:
+def write_building_rigelfile(name: str, stack: Stack, made: Translation, target: Target) -> str:
+    """Return a Rigelfile that builds an image of the directory SOURCES beside it, and deploys it.
+
+    Args:
+        name: what the user called the stack.
+    """
+    options = _escape_templates(list_options(name, stack, target))
+    image = {"vars": {"image": options.pop("image")}}
+    lines = [
+        f"# Made from {name} by `rigel muto convert`.",
+        "# `rigel run sequence deploy` builds an image of its sources and deploys it.",
+        *_indent({"application": {"distro": target.choose_distro(stack), "dir": SOURCES}}, 0),
+        *([] if target.image else ["# Write here what the image is to be called."]),
+        *_indent(image, 0),
+        *_indent({"jobs": {**BUILD_JOBS, "deploy": DEPLOY}}, 0),
+        "    with:",
+        *_indent({"image": "{{ vars.image }}", **options}, 6),
+        *_list_nodes(made),
+        *_indent({"sequences": DEPLOY_ALL}, 0),
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _list_nodes(made: Translation) -> Iterator[str]:
+    """Yield global parameters and `nodes`, each with what is not carried over of it."""
+    yield from _list_comments(made.remarks, None, 6)
+    for key, option in made.options.items():
+        yield from _indent(_escape_templates({key: strip_places(option)}), 6)
+    yield "      nodes:"
+    for key, options in made.nodes.items():
+        yield from _list_comments(made.remarks, key, 8)
+        yield from _indent(_escape_templates({key: strip_places(options)}), 8)
+
+
+def name_release(name: str, stack: Stack) -> str:
+    """Return the name of the release: the stack's, or that of its file."""
     return object_name(stack.name or next(iter(stack.ids), "") or PurePath(name).stem)
 
 
 def _indent(content: Mapping[str, Any], indent: int) -> Iterator[str]:
     """Yield the lines of a mapping as YAML."""
-    text = document(_escape_templates(dict(content)))
+    text = document(dict(content))
     yield from (f"{'':{indent}}{line}" for line in text.splitlines())
 
 

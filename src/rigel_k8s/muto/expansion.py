@@ -42,20 +42,23 @@ def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
     found = None if written.has_hole() else structure(written, Muto | str)
     if found is None or found.value is None or surroundings.directory is None:
         return Expanded(_wait(node, written))
-    options = muto_of(found.value)
+    try:
+        options = muto_of(found.value)
+    except ValueError:
+        return Expanded(_wait(node, written))
     assert options is not None, "there is a value"
     own = node.value.get(NODES)
     translated = _translate(options, written, _entries_of(own), surroundings)
     if isinstance(translated, Finding):
         return Expanded(_wait(node, written), (translated,))
-    remarks = leave_out_replaced(translated.remarks, _entries_of(own))
+    remarks = leave_out_replaced(translated.remarks, node, _entries_of(own))
     findings = (
         *list_findings(remarks, strict=options.strict),
         *(remark.finding for remark in _remark_on_further(own, translated.nodes)),
     )
     if any(finding.severity == "error" for finding in findings):
         return Expanded(_wait(node, written), findings)
-    return Expanded(_replace(node, written, translated.nodes), findings)
+    return Expanded(_replace(node, written, translated), findings)
 
 
 def _translate(
@@ -108,12 +111,15 @@ def _wait(node: YamlNode, written: YamlNode) -> YamlNode:
     return attrs.evolve(node, value={**node.value, NODES: unknown})
 
 
-def _replace(node: YamlNode, written: YamlNode, nodes: Mapping[str, YamlNode]) -> YamlNode:
-    """Return options with nodes, the Rigelfile's own laid over them, in place of `muto`."""
-    own = node.value.get(NODES)
-    stacked = attrs.evolve(written, value=dict(nodes), raw=None)
+def _replace(node: YamlNode, written: YamlNode, made: Translation) -> YamlNode:
+    """Return options with those of a stack, the Rigelfile's own laid over them, for `muto`."""
     rest = {key: value for key, value in node.value.items() if key != KEY}
-    return attrs.evolve(node, value={**rest, NODES: lay_over(stacked, own) if own else stacked})
+    nodes = attrs.evolve(written, value=dict(made.nodes), raw=None)
+    stacked = {NODES: nodes, **made.options}
+    merged = {
+        key: lay_over(value, rest[key]) if key in rest else value for key, value in stacked.items()
+    }
+    return attrs.evolve(node, value={**rest, **merged})
 
 
 def lay_over(base: YamlNode, over: YamlNode) -> YamlNode:

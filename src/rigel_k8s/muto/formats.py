@@ -4,7 +4,7 @@ bare stack        node, composable, stack, arg or param
 Ditto thing       features.stack.properties is a bare stack; `items` is a list of things
 stack/json        metadata.content_type, and launch with the sections of a bare stack
 Symphony          spec.components with properties {type: stack, data: any of these as base64}
-archives          stack/archive, and the older `artifact` and `on_start`: sources to build
+archives          stack/archive, and the older `artifact`: sources to build
 """
 
 from __future__ import annotations
@@ -15,17 +15,25 @@ import attrs
 
 from rigel_k8s.muto.reading import decode, read
 from rigel_k8s.muto.remarks import Unreadable, error
-from rigel_k8s.muto.stack import SECTIONS, Stack, read_sections, text_at
+from rigel_k8s.muto.stack import (
+    SECTIONS,
+    Archive,
+    Stack,
+    is_empty,
+    read_sections,
+    text_at,
+)
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
-#: Keys that only stacks with sources have.
-LEGACY = ("artifact", "launch_description_source", "on_start", "on_kill")
+#: What runs a device's own files, and what to do instead: a pod has only those of its image.
+ON_DEVICE = {
+    "on_start": "deploy a node with `args: [bash, FILE]` and an image that has the script",
+    "on_kill": "let the node's program do that work when it gets SIGINT",
+    "launch_description_source": "deploy a node with `launch: {file: FILE}` and an image that has"
+    " the file",
+}
 #: Components of a solution; the text of each may be as large as a Rigelfile.
 MOST_COMPONENTS = 50
-BUILD = (
-    "this stack is an archive with sources, which needs a build: unpack it, build an image of it"
-    " with the jobs dockerfile and buildx, and deploy its launch file as one node with `launch`"
-)
 UNKNOWN = (
     "this is not a stack: expected `node`, `composable` or `stack`, a Ditto thing with the feature"
     " `stack`, `metadata.content_type: stack/json`, or a Symphony solution"
@@ -36,7 +44,7 @@ def list_stacks(root: YamlNode) -> tuple[Stack, ...]:
     """Return the stacks of a document, at least one.
 
     Raises:
-        Unreadable: it is none, or one that needs a build.
+        Unreadable: it is none, or runs files of a device.
     """
     if isinstance(root.value, dict) and "items" in root.value:
         root = root.value["items"]
@@ -59,9 +67,8 @@ def read_stack(root: YamlNode) -> Stack:
         return _read_described(root)
     if "spec" in content:
         return _read_solution(root)
-    for key in LEGACY:
-        if key in content:
-            raise Unreadable(error(content[key], BUILD, "needs-build", key=True))
+    if any(key in content and not is_empty(content[key]) for key in ("artifact", *ON_DEVICE)):
+        return _read_legacy(root)
     if any(key in content for key in SECTIONS):
         return read_sections(root)
     raise Unreadable(error(root, UNKNOWN, "not-a-stack"))
@@ -78,13 +85,39 @@ def _read_described(root: YamlNode) -> Stack:
     """Return a stack with `metadata` and `launch`, the form of Muto's ROS 2 generation."""
     metadata, launch = _descend(root, "metadata"), _descend(root, "launch")
     form = text_at(metadata.value, "content_type")
-    if form == "stack/archive" or "data" in launch.value or "url" in launch.value:
-        raise Unreadable(error(launch, BUILD, "needs-build", key=True))
+    name = text_at(metadata.value, "name")
+    if form == "stack/archive":
+        properties = launch.value.get("properties")
+        more = properties.value if properties and isinstance(properties.value, dict) else {}
+        values = {key: value for key, value in launch.value.items() if key != "properties"}
+        return _make_archive(name, root, Archive(launch, {**values, **more}))
     if form != "stack/json":
         place = metadata.value.get("content_type", metadata)
         message = f'unknown content_type "{form}": expected stack/json or stack/archive'
         raise Unreadable(error(place, message, "not-a-stack"))
-    return read_sections(launch, ids=[text_at(metadata.value, "name")], ros2=True)
+    return read_sections(launch, ids=[name], ros2=True)
+
+
+def _read_legacy(root: YamlNode) -> Stack:
+    """Return an older stack with an `artifact`, which is an archive."""
+    artifact = root.value.get("artifact")
+    for key, remedy in ON_DEVICE.items():
+        value = root.value.get(key)
+        launches = key == "launch_description_source" and artifact is not None
+        if value is not None and not is_empty(value) and not launches:
+            message = f"`{key}` runs a file of a device, which no pod has: {remedy}"
+            raise Unreadable(error(value, message, "needs-image", key=True))
+    artifact = _descend(root, "artifact")
+    launch_file = root.value.get("launch_description_source")
+    more = {} if launch_file is None else {"launch_file": launch_file}
+    values = {key: value for key, value in artifact.value.items() if key != "type"}
+    return _make_archive(text_at(root.value, "name"), root, Archive(artifact, {**values, **more}))
+
+
+def _make_archive(name: str, root: YamlNode, archive: Archive) -> Stack:
+    """Return a stack of sources; both forms of them are ROS 2's."""
+    ids = tuple(filter(None, (text_at(root.value, "stackId"), name)))
+    return Stack(ids, name, root, archive=archive, ros2=True)
 
 
 def _read_solution(root: YamlNode) -> Stack:
@@ -120,8 +153,6 @@ def _read_component(item: YamlNode) -> Iterator[Stack]:
     if data is None:
         message = f'the component "{name}" has no data'
         raise Unreadable(error(properties, message, "not-a-stack", key=True))
-    if text_at(properties.value, "content-type") == "stack/archive":
-        raise Unreadable(error(data, BUILD, "needs-build", key=True))
     inner = data if isinstance(data.value, dict) else read(decode(data, f"component {name}"))
     if isinstance(inner.value, dict) and "spec" in inner.value:
         message = "a component of a solution cannot be a solution"

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from typing import Any
 
 import attrs
 
 from rigel_k8s.muto.arguments import Arguments, ContainerValue
+from rigel_k8s.muto.lifecycle import list_losses, read_lifecycle
+from rigel_k8s.muto.parameters import Parameters
 from rigel_k8s.muto.remarks import Remark, Unreadable, describe_unknown, error, loss, note
 from rigel_k8s.muto.stack import is_empty, text_at
 from rigel_k8s.option_text import text_of
 from rigel_k8s.problems import Path
-from rigel_k8s.rigelfile.limits import LONGEST_NUMBER
 from rigel_k8s.rigelfile.source import YamlNode, kind_of, node_of
 
 #: Keys of a node that become options, and those that only Muto needs.
-CARRIED = ("name", "namespace", "pkg", "exec", "args", "param", "remap", "env", "if", "unless")
+CARRIED = (
+    *("name", "namespace", "pkg", "exec", "args", "param", "remap", "env", "lifecycle"),
+    *("if", "unless"),
+)
 UNNEEDED = ("output", "action", "respawn", "respawn_delay")
-#: Keys of a parameter; the last two have no effect in Muto either.
-PARAMETER = ("name", "value", "namespace", "sep")
 #: Keys that have no counterpart, with why, or what to do.
 LOST: Mapping[str, str] = {
-    "lifecycle": "let the node activate itself, or call `ros2 lifecycle set` once it runs",
     "launch-prefix": "set the node's `package` and `executable` to null in the Rigelfile, and"
     " `args` to the whole line, as in `nice rosrun PACKAGE EXECUTABLE`",
     "ros_args": "add its words to `args`",
@@ -31,13 +30,6 @@ LOST: Mapping[str, str] = {
     "cwd": "set WORKDIR in the image",
     "plugin": "only a container loads components",
 }
-NODELET = (
-    "a nodelet runs in a pod of its own, so its messages cross the network: let one node of the"
-    " Rigelfile start manager and nodelets with `launch`"
-)
-_WHOLE_NUMBER = re.compile(r"[-+]?\d+")
-_NUMBER = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE]))([eE][-+]?\d+)?")
-_TRUTHS = {"true": True, "false": False}
 _CONDITIONS = {"true": True, "1": True, "false": False, "0": False}
 
 
@@ -50,9 +42,13 @@ class Translated:
     remarks: tuple[Remark, ...]
 
 
-def translate_node(entry: YamlNode, arguments: Arguments) -> Translated:
-    """Return a node of a stack as an entry of `nodes`."""
-    work = _Node(entry, arguments)
+def translate_node(entry: YamlNode, arguments: Arguments, above: Path = ()) -> Translated:
+    """Return a node of a stack as an entry of `nodes`.
+
+    Args:
+        above: the path in `nodes` of a mapping that it is an entry of instead.
+    """
+    work = _Node(entry, arguments, above)
     try:
         options = work.translate()
     except Unreadable as fault:
@@ -63,13 +59,15 @@ def translate_node(entry: YamlNode, arguments: Arguments) -> Translated:
 class _Node:
     """One node on its way."""
 
-    def __init__(self, entry: YamlNode, arguments: Arguments) -> None:
+    def __init__(self, entry: YamlNode, arguments: Arguments, above: Path) -> None:
         self.remarks: list[Remark] = []
+        self._above = above
         self.key = text_at(entry.value, "name")
         self._entry = entry
         self._content = {k: v for k, v in entry.value.items() if not is_empty(v)}
         self._arguments = arguments
         self._options: dict[str, YamlNode] = {}
+        self._substitutes = False
 
     def translate(self) -> YamlNode | None:
         """Return the options; None where a condition leaves the node out."""
@@ -83,6 +81,9 @@ class _Node:
         self._carry_parameters()
         self._carry_remappings()
         self._carry_environment()
+        self._carry_lifecycle()
+        if self._substitutes:
+            self._put("substitution_args", node_of(True, self._entry))
         self._remark_on_rest()
         return attrs.evolve(self._entry, value=self._options, raw=None, key_span=name.span)
 
@@ -104,7 +105,7 @@ class _Node:
         """Return a scalar without expressions. Raises Unreadable where a container is needed."""
         resolved = self._arguments.resolve(value)
         if isinstance(resolved, ContainerValue):
-            message = f'"{key}" must be known before the node runs: {_explain(resolved)}'
+            message = f'"{key}" must be known before the node runs: {resolved.explain()}'
             raise Unreadable(error(resolved.node, message, "needs-container"))
         if isinstance(resolved.value, dict | list):
             message = f'"{key}" must be text, got {kind_of(resolved.value)}'
@@ -141,17 +142,23 @@ class _Node:
         resolved = self._arguments.resolve(value)
         if not isinstance(resolved, ContainerValue):
             return resolved
-        message = f"{what} cannot be carried over: {_explain(resolved)}; {self._suggest(option)}"
+        if resolved.is_substituted:
+            self._substitutes = True
+            return resolved.node
+        message = f"{what} cannot be carried over: {resolved.explain()}; {self._suggest(option)}"
         self._lose(resolved.node, message, option, kind="needs-container")
         return None
 
     def _suggest(self, option: Path) -> str:
-        return f"set nodes.{self.key}.{'.'.join(map(str, option))} in the Rigelfile"
+        path = (*self._above, self.key, *option)
+        return f"set nodes.{'.'.join(map(str, path))} in the Rigelfile"
 
     def _lose(
         self, at: YamlNode, message: str, option: Path = (), kind: str = "not-carried"
     ) -> None:
-        self.remarks.append(loss(at, message, kind=kind, node=self.key, option=option))
+        node, *below = (*self._above, self.key)
+        path = (*below, *option) if option else ()
+        self.remarks.append(loss(at, message, kind=kind, node=str(node), option=path))
 
     def _list(self, key: str) -> list[YamlNode]:
         """Return the mappings of a list."""
@@ -177,33 +184,16 @@ class _Node:
             self._put(option, attrs.evolve(self._content[section], value=found, raw=None))
 
     def _carry_parameters(self) -> None:
-        found: dict[str, YamlNode] = {}
+        parameters = Parameters(self._arguments, self._lose_parameter)
         for entry in self._list("param"):
-            lost = next((k for k in ("from", "command") if _says(entry, k)), None)
-            if lost is not None:
-                self._lose_parameters(entry, lost)
-            elif (name := self._text(entry, "name")) and (value := self._parameter(entry, name)):
-                found[name] = attrs.evolve(value, key_span=entry.value["name"].span)
-        self._gather("parameters", "param", found)
+            parameters.add(entry)
+        section = self._content.get("param", self._entry)
+        self._options.update(parameters.options(section))
+        self._substitutes |= parameters.substitutes
 
-    def _lose_parameters(self, entry: YamlNode, key: str) -> None:
-        what = "a file of the image" if key == "from" else "a program of the image"
-        option = (
-            ("parameter_files",) if key == "from" else ("parameters", self._text(entry, "name"))
-        )
-        message = f"parameters from {what} cannot be carried over: {self._suggest(option)}"
-        self._lose(entry.value[key], message, option, kind="needs-container")
-
-    def _parameter(self, entry: YamlNode, name: str) -> YamlNode | None:
-        """Return a parameter's value; a text that is a number or truth becomes one."""
-        for key in entry.value:
-            if key not in PARAMETER and _says(entry, key):
-                self._lose(entry.value[key], describe_unknown(key, "a parameter", PARAMETER))
-        value = entry.value.get("value")
-        if value is None or value.value is None:
-            raise Unreadable(error(entry, f'the parameter "{name}" has no value', "missing-key"))
-        resolved = self._resolve(f'the parameter "{name}"', ("parameters", name), value)
-        return resolved and give_type(resolved)
+    def _lose_parameter(self, at: YamlNode, message: str, option: Path, kind: str) -> None:
+        advice = f"; {self._suggest(option)}" if option else ""
+        self._lose(at, message + advice, option, kind)
 
     def _carry_remappings(self) -> None:
         found: dict[str, YamlNode] = {}
@@ -223,35 +213,19 @@ class _Node:
                 found[name] = attrs.evolve(known, key_span=entry.value["name"].span)
         self._gather("env", "env", found)
 
+    def _carry_lifecycle(self) -> None:
+        section = self._content.get("lifecycle")
+        if section is not None:
+            transitions = read_lifecycle(section)
+            if transitions.value:
+                self._put("lifecycle", transitions)
+            self.remarks += list_losses(section, str((*self._above, self.key)[0]))
+
     def _remark_on_rest(self) -> None:
         """Remark on what the node says beside its options."""
-        if text_at(self._content, "pkg") == "nodelet":
-            self._lose(self._content["pkg"], NODELET)
         for key, value in self._content.items():
             if key in LOST:
                 message = f"`{key}` is not carried over: {LOST[key]}"
                 self._lose(value, message, ("package",) if key == "launch-prefix" else ())
             elif key not in CARRIED and key not in UNNEEDED:
                 self._lose(value, describe_unknown(key, "a node", (*CARRIED, *LOST)))
-
-
-def give_type(node: YamlNode) -> YamlNode:
-    """Return a text that is written as a number or truth as one: "2" is 2; others as they are."""
-    text: Any = node.value
-    if not isinstance(text, str):
-        return node
-    if text.lower() in _TRUTHS:
-        return node_of(_TRUTHS[text.lower()], node)
-    if len(text) > LONGEST_NUMBER:
-        return node
-    if _WHOLE_NUMBER.fullmatch(text):
-        return node_of(int(text), node)
-    return node_of(float(text), node) if _NUMBER.fullmatch(text) else node
-
-
-def _says(entry: YamlNode, key: str) -> bool:
-    return key in entry.value and not is_empty(entry.value[key])
-
-
-def _explain(value: ContainerValue) -> str:
-    return f"only the image knows {', '.join(value.calls)}"

@@ -1,16 +1,24 @@
-"""The stack that a user names: a file, an id, or a thing of a Ditto."""
+"""The stack that a user names: a file, an id, a thing of a Ditto, or its own text as a data URL."""
 
 from __future__ import annotations
 
+import base64
+import os
 from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from rigel_k8s.muto.ditto import THINGS
+from rigel_k8s.muto.formats import list_stacks
 from rigel_k8s.muto.library import SUFFIXES, Ambiguous, Library, NotFound
+from rigel_k8s.muto.reading import decode, read
+from rigel_k8s.muto.remarks import Unreadable, error
 from rigel_k8s.muto.stack import Stack
-from rigel_k8s.muto.twin import THINGS
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode
 
 SCHEMES = ("http://", "https://")
+#: Before a stack's own text in base64.
+DATA = "data:;base64,"
 #: Returns the stack of an id, or raises NotFound or Unreadable.
 Find = Callable[[str], Stack]
 
@@ -19,8 +27,8 @@ def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tupl
     """Return the stack of a name, and what finds those that it refers to.
 
     Args:
-        name: a file in or below the directory, or an id. Ids are looked for in the files of the
-            directory (of the file, where there is one), then by `ask`.
+        name: a file in or below the directory, an id, or a data URL. Ids are looked for in the
+            files of the directory (of the file, where there is one), then by `ask`.
         home: the directory that files must not lie outside of, unless it is trusted.
         ask: finds stacks elsewhere; None: there is no such place.
 
@@ -29,8 +37,12 @@ def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tupl
         Unreadable: there is something wrong with its content.
         UserError: it may not be read.
     """
+    if name.startswith(DATA):
+        find = _look_in_both(Library(directory, home), ask)
+        return _open_data(name.removeprefix(DATA)), find
     path = directory / name
-    if not path.exists() and path.suffix not in SUFFIXES:
+    # os.path's answers False for a name that no file can have.
+    if not os.path.exists(path) and path.suffix not in SUFFIXES:  # noqa: PTH110
         find = _look_in_both(Library(directory, home), ask)
         return find(name), find
     library = Library(path.parent, home)
@@ -44,6 +56,20 @@ def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tupl
         ids = ", ".join(stack.label for stack in stacks)
         raise NotFound(f"{path} has {len(stacks)} stacks, name one by its id: {ids}")
     return stacks[0], _look_in_both(library, ask)
+
+
+def write_data(text: str) -> str:
+    """Return a stack's text as a data URL: no template in it is seen as one."""
+    return DATA + base64.b64encode(text.encode()).decode()
+
+
+def _open_data(data: str) -> Stack:
+    """Return the one stack of a text in base64."""
+    place = YamlNode(data, Span(1, 1, 1, 2), source=Source("stack", ""))
+    stacks = list_stacks(read(decode(place, "its own text")))
+    if len(stacks) > 1:
+        raise Unreadable(error(place, f"this is a list of {len(stacks)} stacks", "not-a-stack"))
+    return stacks[0]
 
 
 def _look_in_both(library: Library, ask: Find | None) -> Find:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import attrs
 
+from rigel_k8s.muto.ditto import Access
 from rigel_k8s.muto.opening import check_url, split_url
-from rigel_k8s.muto.twin import Access
 from rigel_k8s.objects.fields import option, required_field
 from rigel_k8s.objects.scalars import EnvName
 from rigel_k8s.option_text import Scalar
@@ -20,7 +20,8 @@ class Muto:
 
     stack: str = required_field(
         "a file with a stack, from the application's directory; the id (stackId, thingId) of a"
-        " stack in one of the files there, or at twin_url; or the URL of a Ditto thing"
+        " stack in one of the files there, or at twin_url; the URL of a Ditto thing; or a stack's"
+        " text as a data URL, `data:;base64,TEXT`"
     )
     args: Mapping[str, Scalar] = option("values of the stack's arguments, `$(arg NAME)`", {})
     strict: bool = option("refuse a stack of which something is not carried over", default=False)

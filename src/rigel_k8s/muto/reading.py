@@ -70,10 +70,7 @@ def decode(data: YamlNode, what: str) -> Source:
     Raises:
         Unreadable: it is not such a text.
     """
-    try:
-        content = base64.b64decode("".join(str(data.value).split()), validate=True)
-    except (binascii.Error, ValueError) as fault:
-        raise Unreadable(error(data, f"this is not base64: {fault}", "bad-data")) from fault
+    content = decode_base64(data)
     if content.startswith(_GZIP):
         content = _decompress(content, data)
     try:
@@ -83,6 +80,14 @@ def decode(data: YamlNode, what: str) -> Source:
         raise Unreadable(error(data, message, "bad-data")) from fault
     name = data.source.name if data.source else "stack"
     return Source(f"{name} ({what})", text)
+
+
+def decode_base64(data: YamlNode) -> bytes:
+    """Return what stands in a value as base64. Raises Unreadable where it is not base64."""
+    try:
+        return base64.b64decode("".join(str(data.value).split()), validate=True)
+    except (binascii.Error, ValueError) as fault:
+        raise Unreadable(error(data, f"this is not base64: {fault}", "bad-data")) from fault
 
 
 def _decompress(content: bytes, data: YamlNode) -> bytes:

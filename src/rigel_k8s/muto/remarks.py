@@ -18,7 +18,7 @@ class Remark:
     Attributes:
         lost: something of the stack is not carried over; an error where the user is strict.
         node: the key of the node that it is about; None: the stack as a whole.
-        option: the path of the node's option that would replace what is lost.
+        option: the path of the node's option, or the job's, that would replace what is lost.
     """
 
     finding: Finding
@@ -76,11 +76,11 @@ def list_findings(remarks: Iterable[Remark], *, strict: bool) -> Iterator[Findin
 
 
 def leave_out_replaced(
-    remarks: Iterable[Remark], nodes: Mapping[str, YamlNode]
+    remarks: Iterable[Remark], job: YamlNode, nodes: Mapping[str, YamlNode]
 ) -> Iterator[Remark]:
-    """Yield the remarks without losses that the Rigelfile's own `nodes` make good."""
+    """Yield the remarks without losses that the Rigelfile makes good: the job, or its `nodes`."""
     for remark in remarks:
-        own = nodes.get(remark.node or "")
+        own = job if remark.node is None else nodes.get(remark.node)
         if not (remark.lost and remark.option and own and has_path(own, remark.option)):
             yield remark
 

@@ -15,6 +15,19 @@ DESCRIPTIONS = ("name", "context", "stackId", "description", "title", "version",
 
 
 @attrs.frozen
+class Archive:
+    """Sources that a stack consists of, in place of nodes.
+
+    Attributes:
+        place: the mapping that they stand in.
+        values: what it says of them: `data` or `url`, `launch_file`, `checksum` and so on.
+    """
+
+    place: YamlNode
+    values: Mapping[str, YamlNode]
+
+
+@attrs.frozen
 class Stack:
     """One stack.
 
@@ -24,6 +37,7 @@ class Stack:
         place: the mapping that it stands in.
         arguments, parameters, nodes, containers, references: the entries of its sections.
         parts: stacks that it consists of: the components of a Symphony solution.
+        archive: the sources that it consists of; it has no sections then.
         remarks: what is wrong with its form.
         ros2: its form is known to ROS 2 only.
     """
@@ -37,8 +51,14 @@ class Stack:
     containers: tuple[YamlNode, ...] = ()
     references: tuple[YamlNode, ...] = ()
     parts: tuple[Stack, ...] = ()
+    archive: Archive | None = None
     remarks: tuple[Remark, ...] = ()
     ros2: bool = False
+
+    @property
+    def needs_build(self) -> bool:
+        """Whether it, or a part of it, is an archive with sources."""
+        return self.archive is not None or any(part.needs_build for part in self.parts)
 
     @property
     def label(self) -> str:
@@ -65,8 +85,13 @@ def read_sections(place: YamlNode, *, ids: Iterable[str] = (), ros2: bool = Fals
         containers=found["composable"],
         references=found["stack"],
         remarks=tuple(remarks),
-        ros2=ros2 or bool(found["composable"]),
+        ros2=ros2 or bool(found["composable"]) or any(map(has_lifecycle, found["node"])),
     )
+
+
+def has_lifecycle(node: YamlNode) -> bool:
+    """Return whether a node has transitions, which only ROS 2 knows."""
+    return "lifecycle" in node.value and not is_empty(node.value["lifecycle"])
 
 
 def _list_entries(

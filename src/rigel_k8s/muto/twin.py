@@ -2,66 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import time
 from collections.abc import Mapping, MutableMapping
-from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, urlsplit
 
-import attrs
-
-from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.muto.ditto import Access, Ditto
 from rigel_k8s.muto.formats import list_stacks
 from rigel_k8s.muto.library import NotFound
 from rigel_k8s.muto.reading import read
 from rigel_k8s.muto.stack import Stack
-from rigel_k8s.rigelfile.limits import MOST_BYTES
 from rigel_k8s.rigelfile.source import Source
-from rigel_k8s.system.proxy import environment_proxy, is_loopback
-
-if TYPE_CHECKING:
-    import urllib3
-
-#: Where Ditto has its things.
-THINGS = "/api/2/things/"
-#: Seconds for a connection and for each answer's next part; for the whole of it.
-PATIENCE, DEADLINE = 5.0, 30.0
-
-
-@attrs.frozen
-class Access:
-    """How to log in: the names of the environment's variables that hold the secrets."""
-
-    token: str | None = None
-    user: str | None = None
-    password: str | None = None
-
-    @property
-    def secret(self) -> str | None:
-        """The variable that is sent; None: none."""
-        return self.token or self.password
-
-    def header(self, environ: Mapping[str, str]) -> str | None:
-        """Return the header Authorization, None for none.
-
-        Raises:
-            UserError: a variable is not set.
-        """
-        if self.token:
-            return f"Bearer {_read_secret(self.token, environ)}"
-        if self.user and self.password:
-            secret = f"{self.user}:{_read_secret(self.password, environ)}"
-            return f"Basic {base64.b64encode(secret.encode()).decode()}"
-        return None
-
-
-def _read_secret(name: str, environ: Mapping[str, str]) -> str:
-    value = environ.get(name, "").strip()
-    if not value:
-        raise UserError(
-            f"the environment variable {name} is not set", hint=f"export {name}, or name another"
-        )
-    return value
 
 
 class Twin:
@@ -79,9 +28,7 @@ class Twin:
         environ: Mapping[str, str],
         fetched: MutableMapping[str, str],
     ) -> None:
-        self._url = url.rstrip("/")
-        self._access = access
-        self._environ = environ
+        self._ditto = Ditto(url, access, environ)
         self._fetched = fetched
         self._stacks: dict[str, Stack] = {}
 
@@ -90,80 +37,25 @@ class Twin:
 
         Raises:
             NotFound: there is no such thing.
-        Unreadable: it is not a stack.
+            Unreadable: it is not a stack.
             UserError: the variable of a secret is not set, or the secret would go unencrypted.
             RigelK8sError: Ditto cannot be reached, or refuses.
         """
         if identifier not in self._stacks:
-            url = f"{self._url}{THINGS}{quote(identifier, safe=':')}"
+            url = self._ditto.url_of(identifier)
             if url not in self._fetched:
                 self._fetched[url] = self._fetch(url)
             self._stacks[identifier] = list_stacks(read(Source(url, self._fetched[url])))[0]
         return self._stacks[identifier]
 
     def _fetch(self, url: str) -> str:
-        """Return what Ditto answers."""
-        import urllib3
-
-        authorization = self._access.header(self._environ)
-        headers = {"Accept": "application/json"}
-        if authorization:
-            _refuse_plain(url)
-            headers["Authorization"] = authorization
-        try:
-            answer = _pool(url, self._environ).request(
-                "GET", url, headers=headers, redirect=False, preload_content=False
-            )
-            try:
-                return self._read_answer(answer, url)
-            finally:
-                answer.close()
-        except urllib3.exceptions.HTTPError as error:
-            reason = getattr(error, "reason", None) or error
-            raise RigelK8sError(
-                f"{url} cannot be reached: {reason}", hint="check twin_url and the network"
-            ) from error
-
-    def _read_answer(self, answer: urllib3.BaseHTTPResponse, url: str) -> str:
+        """Return what Ditto has at a URL."""
+        answer = self._ditto.request("GET", url)
         if answer.status == 404:
             raise NotFound(f"there is no thing {url}")
-        if answer.status in (401, 403):
-            raise RigelK8sError(
-                f"{url} answered {answer.status}: it refuses these credentials",
-                hint="set token, or user and password, of `muto`; each names a variable",
-            )
         if answer.status != 200:
             raise RigelK8sError(f"{url} answered {answer.status}", hint="check twin_url")
-        until = time.monotonic() + DEADLINE
-        content = b""
-        for part in answer.stream(2**16):
-            content += part
-            if len(content) > MOST_BYTES:
-                raise UserError(f"{url} has more than {MOST_BYTES} bytes")
-            if time.monotonic() > until:
-                raise RigelK8sError(f"{url} did not answer within {DEADLINE:g} s")
         try:
-            return content.decode("utf-8")
+            return answer.content.decode("utf-8")
         except UnicodeDecodeError as error:
             raise NotFound(f"{url} is not UTF-8") from error
-
-
-def _refuse_plain(url: str) -> None:
-    """Refuse to send a secret that others can read on its way."""
-    parts = urlsplit(url)
-    host = parts.hostname or ""
-    if parts.scheme != "https" and not (host == "localhost" or is_loopback(host)):
-        raise UserError(
-            f"the credentials for {url} would not be encrypted", hint="use https:// in twin_url"
-        )
-
-
-def _pool(url: str, environ: Mapping[str, str]) -> urllib3.PoolManager:
-    """Return connections that go through the environment's proxy, if it has one for the URL."""
-    import urllib3
-
-    from rigel_k8s.system.tls import trust
-
-    options: dict[str, Any] = {"timeout": PATIENCE, "retries": False, "ssl_context": trust()}
-    proxy = environment_proxy(urlsplit(url), environ)
-    return urllib3.ProxyManager(proxy, **options) if proxy else urllib3.PoolManager(**options)

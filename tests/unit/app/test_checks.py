@@ -47,6 +47,27 @@ WRONG = [
         "additional_k8s_params.ros_master.spec.selector",
         "{additional_k8s_params: {ros_master: {spec: {selector: {}}}}}",
     ),
+    ("bad-ros-name", "parameters.a-b", "{image: a, nodes: {b: {}}, parameters: {a-b: {c: 1}}}"),
+    (
+        "bad-parameter-file",
+        "parameter_files.1",
+        "{image: a, nodes: {b: {}}, parameter_files: [a.yaml, {namespace: n}]}",
+    ),
+    (
+        "no-substitution",
+        "parameter_files",
+        "{image: a, nodes: {b: {}}, parameter_files: [{image_file: $(find a)/b}]}",
+    ),
+    (
+        "unknown-substitution",
+        "parameters",
+        "{image: a, nodes: {b: {}}, parameters: {a: $(eval 1)}, substitution_args: true}",
+    ),
+    (
+        "name-taken",
+        "nodes.rigel_k8s_application_global_parameters",
+        "{image: a, nodes: {rigel_k8s_application_global_parameters: {}}, parameters: {a: 1}}",
+    ),
     ("no-application", "results", "{image: a, nodes: {b: {}}, results: {source_path: /r}}"),
 ]
 
@@ -70,6 +91,43 @@ WRONG_NODES = [
     ("not-appendable", "remappings", "n", "{launch: {file: x}, remappings: {a: b}}"),
     ("not-appendable", "parameter_files", "n", "{args: x, anonymous: true, parameter_files: [a]}"),
     ("bad-ros-name", "parameters.a-b", "n", "{args: x, parameters: {a-b: 1}}"),
+    (
+        "not-appendable",
+        "parameter_commands",
+        "n",
+        "{args: x, anonymous: true, parameter_commands: {a: b}}",
+    ),
+    ("not-appendable", "parameter_commands", "n", "{parameter_commands: {a: b}}"),
+    ("bad-ros-name", "parameters./", "n", "{args: x, parameters: {/: 1}}"),
+    ("bad-parameter-file", "parameter_files.0", "n", "{args: x, parameter_files: ['']}"),
+    ("bad-ros-name", "parameter_commands.a-b", "n", "{args: x, parameter_commands: {a-b: b}}"),
+    ("bad-command", "parameter_commands.a", "n", "{args: x, parameter_commands: {a: ''}}"),
+    (
+        "bad-parameter-file",
+        "parameter_files.0",
+        "n",
+        "{args: x, parameter_files: [{file: a, image_file: b}]}",
+    ),
+    (
+        "no-substitution",
+        "parameter_commands",
+        "n",
+        "{args: x, parameter_commands: {a: cat $(find p)/b}}",
+    ),
+    ("unknown-substitution", "args", "n", "{args: x $(arg y), substitution_args: true}"),
+    ("unknown-substitution", "env", "n", "{env: {A: $(dirname /b)}, substitution_args: true}"),
+    (
+        "unknown-substitution",
+        "components",
+        "n",
+        "{components: {c: {plugin: a/B, parameters: {d: $(anon e)}}}, substitution_args: true}",
+    ),
+    (
+        "unknown-substitution",
+        "parameter_files",
+        "n",
+        "{args: x, parameter_files: [{image_file: $(find a b)}], substitution_args: true}",
+    ),
     ("conflict", "env.0.value", "n", "{env: [{name: A, value: 1, valueFrom: {fieldRef: {}}}]}"),
     ("name-taken", "env.1.name", "n", "{env: [{name: A, value: 1}, {name: A, value: 2}]}"),
     ("unknown-volume", "volumes.0", "n", "{volumes: [data]}"),
@@ -99,9 +157,35 @@ WRONG_NODES = [
     ),
     ("bad-update", "update.max_surge", "n", "{update: {strategy: recreate, max_surge: 1}}"),
     ("conflict", "readiness.file", "n", "{readiness: {command: a, file: /b}}"),
+    ("components", "components", "n", "{launch: {file: a}, components: {c: {plugin: a/B}}}"),
+    ("components", "components", "n", "{anonymous: true, components: {c: {plugin: a/B}}}"),
+    ("components", "components", "n", "{args: [bash, -c, x], components: {c: {plugin: a/B}}}"),
+    ("components", "components", "n", "{ros: none, components: {c: {plugin: a/B}}}"),
+    ("duplicate-node", "replicas", "n", "{replicas: 2, components: {c: {plugin: a/B}}}"),
+    ("name-taken", "components.n", "n", "{components: {n: {plugin: a/B}}}"),
+    (
+        "name-taken",
+        "components.c",
+        "n",
+        "{components: {b: {plugin: a/B, name: c}, c: {plugin: a/B}}}",
+    ),
+    ("bad-ros-name", "components.b-c", "n", "{components: {b-c: {plugin: a/B}}}"),
+    ("not-ros1", "components.c.package", "n", "{components: {c: {package: a, plugin: a/B}}}"),
+    (
+        "bad-parameter",
+        "components.c.parameters.a",
+        "n",
+        "{components: {c: {plugin: a/B, parameters: {a: null}}}}",
+    ),
 ]
 
 WARNINGS = [
+    ("incomplete", "substitution_args", "{image: a, nodes: {b: {}}, substitution_args: true}"),
+    (
+        "no-substitution",
+        "nodes.b.components",
+        "{image: a, nodes: {b: {components: {c: {plugin: a/B, parameters: {d: $(env E)}}}}}}",
+    ),
     ("surge", "rolling_update", "{application_image: a, rolling_update: {strategy: Rolling}}"),
     ("surge", "nodes.n.update", "{image: a, nodes: {n: {update: {max_unavailable: 1}}}}"),
     ("no-master", "deploy_ros_master", "{image: a, deploy_ros_master: false, nodes: {n: {}}}"),
@@ -181,6 +265,29 @@ WRONG2 = [
         " {spec: {template: {spec: {containers: [{name: tool, image: b}]}}}}}}",
     ),
     ("duplicate-node", "nodes.n.replicas", "{image: a, nodes: {n: {args: x, replicas: 2}}}"),
+    ("incomplete", "nodes.n.lifecycle", "{image: a, nodes: {n: {args: x, lifecycle: {}}}}"),
+    (
+        "components",
+        "nodes.n.components",
+        "{image: a, nodes: {n: {update: {strategy: Rolling},"
+        " components: {c: {package: a, plugin: b}}}}}",
+    ),
+    (
+        "incomplete",
+        "nodes.n.components.c",
+        "{image: a, nodes: {n: {components: {c: {plugin: a}}}}}",
+    ),
+    (
+        "bad-parameter",
+        "nodes.n.components.c.parameters.a",
+        "{image: a, nodes: {n: {components:"
+        " {c: {package: a, plugin: b, parameters: {a: [1, x]}}}}}}",
+    ),
+    (
+        "name-taken",
+        "nodes.b",
+        "{image: a, nodes: {a: {components: {c: {package: a, plugin: b}}}, b: {args: x, name: c}}}",
+    ),
     (
         "reserved-label",
         "nodes.n.labels.rigel-k8s/release",
@@ -214,6 +321,34 @@ def test_surge_of_a_named_ros2_node_is_warned_of() -> None:
     assert ("surge", "nodes.n.update") in told(text, "warning", "jazzy")
 
 
+#: Why a node cannot have transitions: its options, and what is said.
+NO_TRANSITIONS = {
+    "anonymous": "args: x, anonymous: true",
+    "a launch file": "launch: {file: a.launch.py}",
+    "component container": "components: {c: {package: a, plugin: b}}",
+    "rolling update": "args: x, update: {strategy: Rolling}",
+    "the image's CMD": "labels: {}",
+    "bash does not pass": "args: [bash, -c, x]",
+    "only ROS 2": "args: x, ros: none",
+}
+
+
+@pytest.mark.parametrize("reason", NO_TRANSITIONS)
+def test_transitions_that_cannot_be_made_are_refused(reason: str) -> None:
+    """At the option that asks for them; HandOver is refused at its own place."""
+    node = f"{NO_TRANSITIONS[reason]}, lifecycle: {{start: [configure]}}"
+    text = f"{{image: a, {NET}, nodes: {{n: {{{node}}}}}}}"
+    found = [one for one in problems(text, "jazzy") if one.severity == "error"]
+    assert [one.path for one in found] == [("nodes", "n", "lifecycle")]
+    assert reason in found[0].message
+
+
+def test_a_node_of_ros1_has_no_lifecycle() -> None:
+    """It is told so where it asks for one."""
+    text = "{image: a, nodes: {n: {args: x, lifecycle: {stop: [shutdown]}}}}"
+    assert told(text, "error") == {("lifecycle", "nodes.n.lifecycle")}
+
+
 LAN = "network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24}"
 STATIC = LAN.replace("}", ", ipam: static}")
 #: Why a node of ROS 2 cannot be handed over: what is said of it, and of its network.
@@ -230,6 +365,8 @@ NO_HAND_OVER = {
     "this is zenoh": ("args: x", "network: zenoh"),
     "DDS, and this is zenoh": ("args: x", "middleware: zenoh, network: none"),
     "it has no ROS": ("args: x, ros: none", LAN),
+    "the transitions of `lifecycle`": ("args: x, lifecycle: {start: [configure]}", LAN),
+    "its components are loaded anew": ("components: {c: {package: a, plugin: b}}", LAN),
     "another one in each pod": ("args: x, anonymous: true", LAN),
     "its volume a is ReadWriteOnce": (
         "args: x, volumes: [a]",
@@ -262,6 +399,30 @@ def test_hand_over_is_for_lifecycle_nodes_of_nodes() -> None:
     assert told(text, "error", "jazzy") == {("hand-over", "nodes.n.update.strategy")}
     text = node("strategy: HandOver, warm: true")
     assert told(text, "error", "jazzy") == {("bad-update", "nodes.n.update.warm")}
+
+
+@pytest.mark.parametrize("key", ["parameters", "parameter_files", "parameter_commands"])
+@pytest.mark.parametrize("distro", ["jazzy", "dds"])
+def test_only_ros1_has_global_parameters(key: str, distro: str) -> None:
+    """The remedy is the nodes' own option of the same name."""
+    value = {"parameter_files": "[a.yaml]", "parameter_commands": "{a: b}"}.get(key, "{a: 1}")
+    ros = "2" if distro == "jazzy" else "none"
+    text = f"{{image: a, ros: '{ros}', network: none, nodes: {{n: {{args: x}}}}, {key}: {value}}}"
+    assert told(text, "error", "jazzy") == {("no-global-parameters", key)}
+
+
+def test_ros2_has_no_namespaces_of_parameters() -> None:
+    """And ros2 launch reads neither files nor commands."""
+
+    def node(text: str) -> str:
+        return f"{{image: a, nodes: {{n: {text}}}}}"
+
+    text = node("{args: x, parameter_files: [{file: a.yaml, namespace: b}]}")
+    assert told(text, "error", "jazzy") == {
+        ("no-parameter-namespace", "nodes.n.parameter_files.0.namespace")
+    }
+    text = node("{launch: {file: x}, parameter_commands: {a: b}}")
+    assert told(text, "error", "jazzy") == {("not-appendable", "nodes.n.parameter_commands")}
 
 
 def test_anonymous_nodes_may_be_many_and_surge() -> None:

@@ -65,6 +65,21 @@ def test_an_image_may_say_all() -> None:
 
 
 @pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ("a $(find b c)/d", ["a", "$(find", "b", "c)/d"]),
+        ("a --x=$(find b)/c '$(env D e f)'", ["a", "--x=$(find b)/c", "$(env D e f)"]),
+        ('"$(find b)/c d"', ["$(find b)/c d"]),
+    ],
+)
+def test_a_substitution_arg_stays_in_its_word(args: str, words: list[str]) -> None:
+    """A text is split as a shell does it, but there is no space inside of an expression."""
+    made = command(f"{{args: {args!r}, substitution_args: true}}")
+    assert made.args is not None
+    assert [*made.args] == [*words, "__name:=n"]
+
+
+@pytest.mark.parametrize(
     "value", ["[1, 2]", "'10'", "'1e3'", "'yes'", "''", "'a: b'", "'0x10'", "'nan'"]
 )
 def test_what_a_command_line_cannot_carry_is_loaded_from_a_file(value: str) -> None:

@@ -48,7 +48,7 @@ def test_every_object_is_marked_as_the_releases(case: str) -> None:
 
 
 #: Containers that are no ROS program: exporter, gate, and what a Rigelfile brings itself.
-NOT_ROS = ("ros-exporter", "gate", "sidecar", "mine")
+NOT_ROS = ("ros-exporter", "gate", "sidecar", "mine", "global-parameters")
 
 
 def ros_containers(case: str) -> list[dict[str, Any]]:

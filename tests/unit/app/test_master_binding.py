@@ -1,4 +1,4 @@
-"""Nodes start anew with their roscore, and only with their own."""
+"""Nodes start again with their roscore and their global parameters, and only with their own."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from typing import Any
 
 import pytest
 
-from rigel_k8s.app.desired import MASTER_ANNOTATION, draft
+from rigel_k8s.app.binding import MASTER_ANNOTATION
+from rigel_k8s.app.desired import draft
+from rigel_k8s.app.globalparameters import PARAMETERS_ANNOTATION
 from rigel_k8s.app.options import KubernetesParams, NodeOptions, OrchestrationOptions
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
 from rigel_k8s.objects.scalars import ImageRef, RosUri
@@ -92,3 +94,44 @@ def test_the_pod_of_a_lost_machine_is_left_out_of_the_service(
     [service] = [item for item in made.objects if item["kind"] == "Service"]
     assert service["metadata"]["name"] == "ros-master"
     assert service["spec"].get("publishNotReadyAddresses") is published
+
+
+def test_changed_global_parameters_start_nodes_again() -> None:
+    """They read parameters at their start; what sets them is ready before, and roscore stays."""
+
+    def notes(**options: Any) -> dict[str, Any]:
+        found = templates(**options)
+        return {name: notes.get(PARAMETERS_ANNOTATION) for name, notes in found.items()}
+
+    first = notes(parameters={"speed": 1})
+    again = notes(parameters={"speed": 2})
+    assert first["talker"] == first["app-global-parameters"] is not None
+    assert first["talker"] != again["talker"]
+    assert first["ros-master"] is None
+    assert notes(parameters={"speed": 1}) == first
+    assert notes() == {"ros-master": None, "talker": None}
+
+
+def test_global_parameters_are_set_by_an_image_that_is_there() -> None:
+    """The job's; roscore's where each node has one of its own."""
+
+    def image(**options: Any) -> str:
+        talker = NodeOptions(image=ImageRef("talker:1"), args=["talker"])
+        made = draft(
+            OrchestrationOptions(nodes={"talker": talker}, parameters={"a": 1}, **options),
+            ReleaseId("lab", "app"),
+            Application("noetic"),
+            {"ready.sh": ""},
+        )
+        (setter,) = (
+            item
+            for item in made.objects
+            if item["kind"] == "Deployment" and "global" in item["metadata"]["name"]
+        )
+        assert setter["metadata"]["annotations"][FIRST_ANNOTATION] == "true"
+        return str(setter["spec"]["template"]["spec"]["containers"][0]["image"])
+
+    assert image(image=ImageRef("robot:1")) == "robot:1"
+    assert image(application_image=ImageRef("app:1")) == "app:1"
+    assert image(ros_master_image=ImageRef("master:1")) == "master:1"
+    assert image() == "ros:noetic-ros-core"

@@ -227,6 +227,29 @@ def test_ready_ends_with_0(pod: Pod, capsys: pytest.CaptureFixture[str]):
     assert capsys.readouterr().out.startswith("ready: process ")
 
 
+@pytest.mark.parametrize(
+    ("option", "script_name"),
+    [("--transitions", "transitions.py"), ("--components", "components.py")],
+)
+def test_a_node_is_ready_once_the_script_beside_it_is_done(
+    pod: Pod,
+    script: Callable[[str], ModuleType],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    option: str,
+    script_name: str,
+):
+    """The line is the script's own; before it has one, it says which script it is."""
+    progress = script("progress")
+    monkeypatch.setattr(progress, "FILES", (str(tmp_path / "file"),))
+    pod.participates()
+    assert pod.dds(option, "/n") == f"{script_name} has not started yet for /n"
+    progress.Progress("failed", "/n cannot", pid=os.getpid()).save()
+    assert pod.dds(option, "/n") == "/n cannot"
+    progress.Progress("done", "/n has").save()
+    assert pod.dds(option, "/n").endswith(", /n has")
+
+
 def test_a_node_that_hands_over_is_ready_by_its_turn(
     pod: Pod,
     script: Callable[[str], ModuleType],
@@ -234,12 +257,12 @@ def test_a_node_that_hands_over_is_ready_by_its_turn(
     tmp_path: Path,
 ):
     """It takes part in DDS, and it works or waits for that; the line says which."""
-    lifecycle = script("lifecycle")
-    monkeypatch.setattr(lifecycle, "FILES", (str(tmp_path / "file"),))
+    progress = script("progress")
+    monkeypatch.setattr(progress, "FILES", (str(tmp_path / "file"),))
     pod.participates()
-    assert pod.dds("--lifecycle", "/talker") == "the hand-over of /talker has not started yet"
+    assert pod.dds("--lifecycle", "/talker") == "lifecycle.py has not started yet for /talker"
     for step, line in (("failed", "no, it failed"), ("waits", "/talker waits")):
-        lifecycle.Progress(step, line, "t1_pod", os.getpid()).save()
+        progress.Progress(step, line, "t1_pod", os.getpid()).save()
         told = pod.dds("--lifecycle", "/talker")
         assert told.endswith(line)
         assert (told == line) == (step == "failed")

@@ -24,10 +24,17 @@ OLD, OWN, NEW = "t100_talker_old", "t200_talker_own", "t300_talker_new"
 def lifecycle(
     script: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> ModuleType:
-    """The script, whose file is the test's own."""
+    """The script, whose progress is in a file of the test's own."""
     made = script("lifecycle")
-    monkeypatch.setattr(made, "FILES", (str(tmp_path / "missing" / "file"), str(tmp_path / "file")))
+    places = (str(tmp_path / "missing" / "file"), str(tmp_path / "file"))
+    monkeypatch.setattr(script("progress"), "FILES", places)
     return made
+
+
+@pytest.fixture
+def progress(lifecycle: ModuleType, script: Callable[[str], ModuleType]) -> Callable[[], Any]:
+    """What the probe finds of it."""
+    return lambda: script("progress").describe("lifecycle.py", "/talker")
 
 
 #: own state, other pods, what is decided, for whom it waits
@@ -158,14 +165,14 @@ def times(world: World, transition: str) -> list[float]:
 
 
 def test_the_first_pod_is_active_once_others_would_have_been_heard(
-    lifecycle: ModuleType, world: World
+    lifecycle: ModuleType, world: World, progress: Callable[[], Any]
 ):
     """At its very start a pod has heard no one, whoever is there."""
     world.states[OWN] = "unconfigured"
     take(lifecycle, world)
     assert times(world, "configure")[0] < 0.1
     assert lifecycle.SETTLE < times(world, "activate")[0] < lifecycle.SETTLE + 0.2
-    assert lifecycle.describe("/talker") == (True, "/talker is active")
+    assert progress() == (True, "/talker is active")
 
 
 def test_a_node_that_starts_late_is_active_at_once(lifecycle: ModuleType, world: World):
@@ -221,11 +228,13 @@ def test_what_a_crash_has_left_is_no_company(lifecycle: ModuleType, world: World
     assert lifecycle.SETTLE < times(world, "activate")[0] < lifecycle.SETTLE + 0.2
 
 
-def test_the_old_one_is_waited_for(lifecycle: ModuleType, world: World):
+def test_the_old_one_is_waited_for(
+    lifecycle: ModuleType, world: World, progress: Callable[[], Any]
+):
     """It is ready as long as it waits, so that Kubernetes ends the old pod."""
     world.states.update({OWN: "unconfigured", OLD: "active"})
     told = []
-    world.events[1030.0] = lambda: told.append(lifecycle.describe("/talker"))
+    world.events[1030.0] = lambda: told.append(progress())
     world.events[1040.0] = world.set(OLD, "inactive")
     take(lifecycle, world)
     assert 40 <= times(world, "activate")[0] <= 40 + lifecycle.PAUSE + 0.1
@@ -258,7 +267,7 @@ def test_a_transition_of_anyone_is_looked_at_at_once(lifecycle: ModuleType, worl
 
 
 def test_a_node_that_cannot_be_configured_is_not_ready_and_tried_again(
-    lifecycle: ModuleType, world: World
+    lifecycle: ModuleType, world: World, progress: Callable[[], Any]
 ):
     """The old one works on meanwhile."""
     world.states.update({OWN: "unconfigured", OLD: "active"})
@@ -267,16 +276,18 @@ def test_a_node_that_cannot_be_configured_is_not_ready_and_tried_again(
         take(lifecycle, world)
     assert not times(world, "activate")
     assert len(times(world, "configure")) > 10
-    ready, line = lifecycle.describe("/talker")
+    ready, line = progress()
     assert not ready
     assert line.startswith("/talker has refused to configure, ")
 
 
-def test_a_node_that_is_no_lifecycle_node_says_so(lifecycle: ModuleType, world: World):
+def test_a_node_that_is_no_lifecycle_node_says_so(
+    lifecycle: ModuleType, world: World, progress: Callable[[], Any]
+):
     with pytest.raises(Refused):
         take(lifecycle, world)
     line = "/talker offers no lifecycle services: HandOver is for lifecycle nodes"
-    assert lifecycle.describe("/talker") == (False, line)
+    assert progress() == (False, line)
 
 
 def test_what_someone_else_has_activated_is_left_alone(lifecycle: ModuleType, world: World):
@@ -285,26 +296,31 @@ def test_what_someone_else_has_activated_is_left_alone(lifecycle: ModuleType, wo
     assert world.history == []
 
 
-def test_a_hand_over_that_ended_early_is_not_ready(lifecycle: ModuleType):
+def test_a_hand_over_that_ended_early_is_not_ready(
+    lifecycle: ModuleType, progress: Callable[[], Any]
+):
     """An image without rclpy, say."""
-    assert lifecycle.describe("/talker")[0] is False
+    assert progress()[0] is False
     lifecycle.Progress("waits", "/talker waits", OWN, os.getpid()).save()
-    assert lifecycle.describe("/talker") == (True, "/talker waits")
+    assert progress() == (True, "/talker waits")
     done = subprocess.Popen([sys.executable, "-S", "-c", ""])
     done.wait()
     lifecycle.Progress("waits", "/talker waits", OWN, done.pid).save()
-    line = "the hand-over of /talker has ended early; the log tells why"
-    assert lifecycle.describe("/talker") == (False, line)
+    line = "lifecycle.py has ended early for /talker; the log tells why"
+    assert progress() == (False, line)
 
 
 def test_what_an_earlier_container_wrote_does_not_count(
-    lifecycle: ModuleType, monkeypatch: pytest.MonkeyPatch, script: Callable[[str], ModuleType]
+    lifecycle: ModuleType,
+    progress: Callable[[], Any],
+    monkeypatch: pytest.MonkeyPatch,
+    script: Callable[[str], ModuleType],
 ):
     """A volume may outlive it."""
     lifecycle.Progress("active", "/talker is active", OWN, 0).save()
-    assert lifecycle.describe("/talker")[0]
+    assert progress()[0]
     monkeypatch.setattr(script("container"), "started", lambda: "another")
-    assert not lifecycle.describe("/talker")[0]
+    assert not progress()[0]
 
 
 @pytest.mark.parametrize(
@@ -352,7 +368,8 @@ def test_no_one_waits_any_more_when_the_hook_goes_on(lifecycle: ModuleType):
 @pytest.fixture
 def wrapped(tmp_path: Path) -> Callable[..., tuple[list[str], list[str]]]:
     """Run lifecycle.sh with a program and a Python that note how they were called."""
-    shutil.copy(SCRIPTS / "lifecycle.sh", tmp_path)
+    for name in ("lifecycle.sh", "beside.sh"):
+        shutil.copy(SCRIPTS / name, tmp_path)
     note = '#!/bin/sh\nprintf "%s\\n" "$$" "$ROS_SUPER_CLIENT" "$RIGEL_K8S_EXEC" "$@" >"{}"\n'
     for name in ("program", "python3"):
         (tmp_path / name).write_text(note.format(tmp_path / f"{name}.txt"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -33,10 +34,10 @@ class Pod:
         """Say that the pod is not ready."""
         raise self.ready.NotReady(why)
 
-    def probe(self, name: str | None = None) -> str:
+    def probe(self, name: str | None = None, manager: str | None = None) -> str:
         """Return the line of one look, as the probe prints it."""
         try:
-            return str(self.ready.look_node(name, {}))
+            return str(self.ready.look_node(name, {}, manager))
         except self.ready.NotReady as why:
             return str(why)
 
@@ -325,6 +326,25 @@ def test_exit_codes(pod: Pod, graph: RosGraph, ended: Callable[..., tuple[int, s
     assert ended("master") == (0, f"ready: ROS master at port {graph.master.port}")
     pod.runs(graph.node("/talker", ["/chatter"]))
     assert ended("node", "--name", "talker") == (0, "ready: /talker")
+
+
+def test_a_manager_is_ready_once_its_nodelets_are_loaded(
+    pod: Pod,
+    graph: RosGraph,
+    script: Callable[[str], ModuleType],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """What keeps one from being loaded is the line, as long as the manager itself is in order."""
+    progress = script("progress")
+    monkeypatch.setattr(progress, "FILES", (str(tmp_path / "progress"),))
+    pod.runs(graph.node("/manager", ["/rosout"]))
+    assert pod.probe(manager="/manager") == "nodelets.py has not started yet for /manager"
+    progress.Progress("failed", "/manager cannot load /wheel", pid=os.getpid()).save()
+    assert pod.probe(manager="/manager") == "/manager cannot load /wheel"
+    assert pod.probe() == "ready: /manager"
+    progress.Progress("done", "/manager has loaded /wheel").save()
+    assert pod.probe(manager="/manager") == "ready: /manager, /manager has loaded /wheel"
 
 
 @pytest.mark.parametrize("words", [(), ("nod",), ("node", "--wait"), ("master", "--name", "/a")])

@@ -44,13 +44,24 @@ def test_shell_syntax(name: str, shell: str):
 
 #: For ROS 2 and plain DDS, whose images have Python 3.
 DDS = {
-    *("dds.py", "dds_local.py", "dds_ready.py", "dds_standin.py"),
-    *("interfaces.py", "lifecycle.py", "rtps.py", "spdp.py"),
+    *("components.py", "dds.py", "dds_local.py", "dds_ready.py", "dds_standin.py"),
+    *("interfaces.py", "lifecycle.py", "rtps.py", "spdp.py", "transitions.py"),
 }
 #: Beside a lifecycle node only, whose image has them.
 ROS2 = {"rclpy", "rclpy.executors", "rclpy.signals", "lifecycle_msgs.msg", "lifecycle_msgs.srv"}
 #: What a script needs besides, which its image has: `lifecycle.py` runs beside a lifecycle node.
-MORE = {"lifecycle.py": ROS2 | {"signal"}, "roscore.py": {"roslaunch.launch", "runpy"}}
+#: What runs once, beside a node, may load slowly.
+MORE = {
+    "components.py": {"json", "rclpy", "rclpy.parameter", "composition_interfaces.srv"},
+    "globalparameters.py": {"hashlib", "json", "signal"},
+    "lifecycle.py": ROS2 | {"signal"},
+    "loading.py": {"signal"},
+    "nodelets.py": {"json", "xmlrpc.client", "xmlrpclib"},
+    "roscore.py": {"roslaunch.launch", "runpy"},
+    "start.py": {"json", "shlex", "subprocess", "tempfile"},
+    "substitution.py": {"subprocess"},
+    "transitions.py": {"signal"},
+}
 #: What runs when somebody asks for the graph.
 LOOK = ("dds.py", "dds_standin.py", "spdp.py")
 

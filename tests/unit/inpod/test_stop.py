@@ -199,3 +199,19 @@ def test_a_lifecycle_node_is_deactivated_before_it_is_signalled(
     log = log_of(script)
     assert log[:2] == [f"lifecycle.py leave --wait {wait}, 1", "the node runs"]
     assert ("sleep 0.5" in log) == (code == 0)
+
+
+def test_a_lifecycle_node_makes_its_transitions_before_it_is_signalled(
+    stopped: Callable[..., list[str]], hook: Callable[[int], Path]
+):
+    """In the node's environment, within half of the time."""
+    script = hook(0)
+    for name in ("exec.sh", "rc.sh"):
+        shutil.copy(STOP.parent / name, script.parent)
+    (script.parent / "python3").write_text(PYTHON.replace("$5", "$5 $6 $7"))
+    (script.parent / "python3").chmod(0o755)
+    env = {**env_of(script, ""), "RIGEL_K8S_TRANSITIONS": "/talker deactivate cleanup"}
+    lines = stopped("one", seconds=20, script=script, env=env)
+    assert lines == ["one SIGINT", "first SIGINT"]
+    asked = "transitions.py stop 10 /talker deactivate cleanup, 1"
+    assert log_of(script)[:2] == [asked, "the node runs"]

@@ -12,5 +12,8 @@ SAMPLES = {
     "race": ("things", "org.example.robots:race"),
     "described": (".", "described.json"),
     "solution": (".", "solution.json"),
+    "composed": (".", "composed.json"),
+    "nodelets": (".", "nodelets.json"),
+    "container": (".", "container.json"),
     "not-carried": (".", "not-carried.json"),
 }

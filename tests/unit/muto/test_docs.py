@@ -10,6 +10,7 @@ import pytest
 
 from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import job_of
+from rigel_k8s.muto import archives
 from rigel_k8s.muto.nodes import CARRIED, LOST
 from rigel_k8s.muto.stack import SECTIONS
 from rigel_k8s.settings import Settings
@@ -42,8 +43,7 @@ def test_the_example_is_clean(monkeypatch: pytest.MonkeyPatch) -> None:
     assert nodes["robot7/listener"].placement.apart_from == ["talker"]
 
 
-@pytest.mark.parametrize("key", [*CARRIED, *LOST, *SECTIONS])
+@pytest.mark.parametrize("key", [*CARRIED, *LOST, *SECTIONS, *archives.CARRIED])
 def test_each_key_of_a_stack_is_explained(key: str) -> None:
     """What it becomes, or what to do instead."""
-    if key != "plugin":  # a component's: part of `composable`
-        assert f"`{key}`" in PAGE or f"`{key}: " in PAGE
+    assert f"`{key}`" in PAGE or f"`{key}: " in PAGE

@@ -14,6 +14,7 @@ from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import TargetJob, job_of, names_of
 from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
+from rigel_k8s.muto.opening import write_data
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile import load, realise
 from rigel_k8s.settings import Settings
@@ -23,7 +24,7 @@ from .shapes import FOLDER, SAMPLES
 
 SCRIPTS = {"ready.sh": "exit 0\n", "stop.sh": "exit 0\n"}
 
-TALKER = {"name": "talker", "pkg": "demo", "exec": "talker", "args": "$(find demo)/a"}
+TALKER = {"name": "talker", "pkg": "demo", "exec": "talker", "args": "$(dirname)/a"}
 LISTENER = {"name": "listener", "namespace": "r1", "pkg": "demo", "exec": "listener"}
 
 
@@ -87,13 +88,65 @@ def test_a_loss_is_a_warning_until_the_rigelfile_makes_it_good(tmp_path: Path) -
 
 def test_one_parameter_makes_no_other_one_good(tmp_path: Path) -> None:
     """Nor does a variable; what the warning names must be there."""
-    param = [{"name": name, "value": "$(env X)"} for name in ("a", "b")]
-    lost = {**LISTENER, "param": param, "env": [{"name": "C", "value": "$(env X)"}]}
+    param = [{"name": name, "value": "$(anon X)"} for name in ("a", "b")]
+    lost = {**LISTENER, "param": param, "env": [{"name": "C", "value": "$(anon X)"}]}
     own = {"parameters": {"a": 1}, "env": {"D": 1}}
     path = write(tmp_path, lost, nodes={"r1/listener": own})
     assert [found[1] for found in findings(path)] == [16, 22]
     own = {"parameters": {"a": 1, "b": 2}, "env": {"C": 1}}
     assert findings(write(tmp_path, lost, nodes={"r1/listener": own})) == []
+
+
+def write_globals(directory: Path, **more: Any) -> Path:
+    """Write two stacks with global parameters, of which one refers to the other."""
+    path = write(directory, LISTENER, **more)
+    base = {
+        "stackId": "org:base",
+        "param": [{"name": "a", "value": 1}, {"name": "b", "value": 2}, {"from": "/base.yaml"}],
+    }
+    upper = {
+        **json.loads((directory / "stack.json").read_text()),
+        "param": [{"name": "b", "value": "$(env B)"}, {"from": "/upper.yaml", "namespace": "n"}],
+        "stack": [{"thingId": "org:base"}],
+    }
+    (directory / "base.json").write_text(json.dumps(base))
+    (directory / "stack.json").write_text(json.dumps(upper, indent=1))
+    return path
+
+
+def test_global_parameters_of_stacks_are_laid_over_each_other(tmp_path: Path) -> None:
+    """Those of a stack that it refers to come first, those of the Rigelfile last."""
+    options = deploy(write_globals(tmp_path, parameters={"a": None, "c": 3})).options
+    assert options.parameters == {"b": "$(env B)", "c": 3}
+    assert [(str(f.image_file), f.namespace) for f in options.parameter_files] == [
+        ("/base.yaml", None),
+        ("/upper.yaml", "n"),
+    ]
+    assert options.substitution_args is True
+    assert not options.nodes["r1/listener"].substitution_args
+
+
+def test_global_parameters_are_refused_in_ros2_at_their_place(tmp_path: Path) -> None:
+    """A stack without a form of its own may be for either; `null` removes what ROS 2 lacks."""
+    path = write_globals(tmp_path, ros="2")
+    wrong = [found for found in findings(path) if found[2] == "no-global-parameters"]
+    assert wrong
+    assert {(file, severity) for file, _, _, severity in wrong} == {("stack.json", "error")}
+    own = {"parameters": {"a": None, "b": None}, "parameter_files": []}
+    path = write_globals(tmp_path, ros="2", network="none", substitution_args=False, **own)
+    assert findings(path) == []
+
+
+def test_a_global_parameter_of_the_rigelfile_makes_a_lost_one_good(tmp_path: Path) -> None:
+    """As one of a node does; another one does not."""
+    path = write(tmp_path, LISTENER, parameters={"other": 1})
+    stack = json.loads((tmp_path / "stack.json").read_text())
+    lost = {**stack, "param": [{"name": "home", "value": "$(dirname)"}]}
+    (tmp_path / "stack.json").write_text(json.dumps(lost))
+    assert findings(path) == [("stack.json", 1, "needs-container", "warning")]
+    write(tmp_path, LISTENER, parameters={"home": "/"})
+    (tmp_path / "stack.json").write_text(json.dumps(lost))
+    assert findings(path) == []
 
 
 def test_a_prefix_is_made_good_by_a_line_of_ones_own(tmp_path: Path) -> None:
@@ -106,6 +159,45 @@ def test_a_prefix_is_made_good_by_a_line_of_ones_own(tmp_path: Path) -> None:
     assert deploy(path).options.nodes["r1/listener"].package is None
 
 
+def test_a_nodelet_is_a_component_of_its_manager(tmp_path: Path) -> None:
+    """What it loses names the path of the component, whose options make it good."""
+    manager = {"name": "m", "pkg": "nodelet", "exec": "nodelet", "args": "manager"}
+    load = {"name": "l", "pkg": "nodelet", "exec": "nodelet", "args": "load a/B m", "cwd": "node"}
+    left_out = {**load, "if": "0"}
+    lost = {**load, "param": [{"name": "map", "command": "cat map"}]}
+    found = findings(write(tmp_path, manager, lost, left_out))
+    assert {kind for _, _, kind, _ in found} == {"left-out", "not-carried", "needs-container"}
+    own = {"m": {"components": {"l": {"parameters": {"map": 1}}}}}
+    path = write(tmp_path, manager, lost, nodes=own)
+    assert [kind for _, _, kind, _ in findings(path)] == ["not-carried"]
+    (node,) = deploy(path).options.nodes.values()
+    assert (node.components["l"].plugin, node.components["l"].parameters) == ("a/B", {"map": 1})
+
+
+def test_a_manager_completes_what_its_nodelets_have(tmp_path: Path) -> None:
+    """But parameters from programs are lost, until the Rigelfile has them as `parameters`."""
+    manager = {"name": "m", "pkg": "nodelet", "exec": "nodelet", "args": "manager"}
+    load = {"name": "l", "pkg": "nodelet", "exec": "nodelet", "args": "load $(env EYE) m"}
+    load["param"] = [{"name": "urdf", "command": "xacro $(find a)/a.urdf"}]
+    (lost,) = findings(write(tmp_path, manager, load))
+    assert lost[2:] == ("needs-container", "warning")
+    own = {"m": {"components": {"l": {"parameters": {"urdf": "<robot/>"}}}}}
+    path = write(tmp_path, manager, load, nodes=own)
+    assert findings(path) == []
+    node = deploy(path).options.nodes["m"]
+    assert node.components["l"].plugin == "$(env EYE)"
+    assert node.substitution_args
+
+
+def test_a_lifecycle_without_transitions_is_lost_only(tmp_path: Path) -> None:
+    """A key of it that has no counterpart leaves nothing behind that the job would refuse."""
+    path = write(tmp_path, {**LISTENER, "lifecycle": {"kill": ["shutdown"]}})
+    assert [(kind, severity) for _, _, kind, severity in findings(path)] == [
+        ("not-carried", "warning")
+    ]
+    assert deploy(path).options.nodes["r1/listener"].lifecycle is None
+
+
 def test_a_stack_without_programs_needs_nodes_of_the_rigelfile(tmp_path: Path) -> None:
     """One that is all composable nodes is deployed by them."""
     assert [found[2] for found in findings(write(tmp_path))] == ["no-node"]
@@ -116,7 +208,7 @@ def test_a_stack_without_programs_needs_nodes_of_the_rigelfile(tmp_path: Path) -
 def test_warnings_of_a_stack_come_with_render_and_diff(tmp_path: Path) -> None:
     """They are part of what the commands on a job print."""
     (warning,) = deploy(write(tmp_path, TALKER)).warnings
-    assert "only the image knows $(find demo)" in warning
+    assert "$(dirname) is none of $(find PACKAGE)" in warning
 
 
 def test_a_wrong_value_of_a_stack_is_reported_in_the_stack(tmp_path: Path) -> None:
@@ -146,6 +238,10 @@ def test_a_wrong_value_beside_the_stack_is_reported_in_the_rigelfile(tmp_path: P
         ("org:nowhere", "unknown-stack"),
         ({"stack": "stack.json", "args": {"x": 1}}, "unknown-argument"),
         (".", "unknown-stack"),
+        ("9" * 300, "unknown-stack"),
+        ("9" * 300 + ".json", "unknown-stack"),
+        ("a\0b.json", "bad-file"),
+        ("http://a:99999", "bad-value"),
     ],
 )
 def test_what_is_wrong_with_the_option_is_all_that_is_reported(
@@ -247,3 +343,30 @@ def test_the_option_and_the_rigelfile_deploy_the_same(name: str, tmp_path: Path)
     converted = objects_of(golden)
     assert any(item["kind"] == "Deployment" for item in converted)
     assert converted == objects_of(option)
+
+
+def test_a_stack_may_stand_in_a_data_url(tmp_path: Path) -> None:
+    """Its references are found in the application's directory, and no template in it is filled."""
+    other = {"stackId": "org:other", "node": [LISTENER]}
+    (tmp_path / "other.json").write_text(json.dumps(other))
+    stack = {"node": [{**TALKER, "args": "{{ vars.HOME }}"}], "stack": [{"thingId": "org:other"}]}
+    path = write(tmp_path, muto={"stack": write_data(json.dumps(stack))})
+    nodes = deploy(path).options.nodes
+    assert list(nodes) == ["r1/listener", "talker"]
+    assert nodes["talker"].args == "{{ vars.HOME }}"
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "[1]", '{"node": 1}'])
+def test_a_data_url_without_a_stack_is_an_error(tmp_path: Path, text: str) -> None:
+    path = write(tmp_path, muto={"stack": write_data(text)})
+    assert [severity for *_, severity in findings(path)] == ["error"]
+
+
+def test_arguments_are_filled_into_names(tmp_path: Path) -> None:
+    """Of nodes and of their namespaces."""
+    node = {**LISTENER, "name": "$(arg side)_eye", "namespace": "$(arg robot)"}
+    path = write(tmp_path, node)
+    stack = json.loads((tmp_path / "stack.json").read_text())
+    stack["arg"] = [{"name": "side", "value": "left"}, {"name": "robot", "default": "r7"}]
+    (tmp_path / "stack.json").write_text(json.dumps(stack))
+    assert list(deploy(path).options.nodes) == ["r7/left_eye"]

@@ -8,9 +8,9 @@ import json
 
 import pytest
 
-from rigel_k8s.muto.nodes import give_type
 from rigel_k8s.muto.reading import decode, read
 from rigel_k8s.muto.remarks import Unreadable
+from rigel_k8s.muto.types import give_type
 from rigel_k8s.rigelfile.limits import MOST_BYTES
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate, strip_places
 

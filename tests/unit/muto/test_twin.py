@@ -15,10 +15,11 @@ from rigel_k8s.commands import rigelfiles
 from rigel_k8s.commands.targets import job_of, names_of
 from rigel_k8s.errors import ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs.runner import prepare_job
-from rigel_k8s.muto import twin
+from rigel_k8s.muto import ditto as http
+from rigel_k8s.muto.ditto import Access
 from rigel_k8s.muto.library import NotFound
 from rigel_k8s.muto.remarks import Unreadable
-from rigel_k8s.muto.twin import Access, Twin
+from rigel_k8s.muto.twin import Twin
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
@@ -37,7 +38,7 @@ def node(name: str, **more: Any) -> dict[str, Any]:
 
 
 THINGS: dict[str, Any] = {
-    "org:robot": thing("org:robot", node("talker", args="$(find demo)/a"), "org:base"),
+    "org:robot": thing("org:robot", node("talker", args="$(dirname)/a"), "org:base"),
     "org:base": thing("org:base", node("wheels")),
     "org:car": {"thingId": "org:car", "features": {"telemetry": {"properties": {}}}},
 }
@@ -119,7 +120,7 @@ def test_a_run_knows_the_nodes_before_it_begins(
     """So a stack that is wrong stops it, and warnings come first; it is fetched once."""
     settings = rigelfile(stack="org:robot", twin_url=ditto.url)
     (warning,) = prepare_job(load(settings.rigelfile), "deploy", settings).warnings
-    assert "only the image knows $(find demo)" in warning
+    assert "$(dirname) is none of $(find PACKAGE)" in warning
     assert len(ditto.requests) == 2
     with pytest.raises(ProblemsError, match="has 1 problem"):
         prepare_job(
@@ -188,7 +189,7 @@ def test_a_thing_without_a_stack_is_reported_at_its_place(ditto: HttpServer) -> 
     [
         (lambda e: e.say(401), "refuses these credentials"),
         (lambda e: e.say(500), "answered 500"),
-        (lambda e: e.say(200, b"x" * (twin.MOST_BYTES + 1)), "has more than"),
+        (lambda e: e.say(200, b"x" * (http.MOST_BYTES + 1)), "has more than"),
         (lambda e: e.say(200, b"x", Content_Length="5"), "cannot be reached"),
     ],
 )

@@ -21,11 +21,13 @@ from rigel_k8s.app.application import (
 from rigel_k8s.app.checks.exporter import check_exporter, speaks_zenoh
 from rigel_k8s.app.checks.network import check_network
 from rigel_k8s.app.checks.nodes import check_node
+from rigel_k8s.app.checks.parameters import check_global_parameters
 from rigel_k8s.app.checks.patches import check_patch
 from rigel_k8s.app.commands import full_name
 from rigel_k8s.app.desired import deploys_master
 from rigel_k8s.app.distros import guess_distro, ros_of
 from rigel_k8s.app.gate import has_gate
+from rigel_k8s.app.globalparameters import list_keys, setter_name
 from rigel_k8s.app.networkpolicy.checks import check_network_policy
 from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
@@ -70,6 +72,7 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
     yield from check_network_policy(options)
     yield from check_names(options, ros)
     yield from check_volumes(options)
+    yield from check_global_parameters(options, ros)
     yield from check_hand_over(options, ros, distro)
     yield from check_readiness(("readiness",), options.readiness)
     yield from check_update(("rolling_update",), options.rolling_update, ros, anonymous=False)
@@ -135,6 +138,8 @@ def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     if options.deployment_name == MASTER_NAME and ros == "1":
         yield Problem(("deployment_name",), f'"{MASTER_NAME}" is roscore\'s name', "name-taken")
     taken = {MASTER_NAME: "roscore"} if deploys_master(options, ros) else {}
+    if list_keys(options):
+        taken[setter_name(str(options.deployment_name))] = "what sets the global parameters"
     if has_application(options):
         taken[str(options.deployment_name)] = "the application"
     ros_names: dict[str, list[str]] = defaultdict(list)
@@ -146,8 +151,10 @@ def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
         taken.setdefault(name, f'"{key}"')
         if "none" not in (ros, node.ros) and not node.anonymous and not node.launch:
             ros_names[full_name(key, node)].append(str(key))
+        for name, component in node.components.items():
+            ros_names[component.full_name(name)].append(str(key))
     for name, keys in ros_names.items():
-        for key in keys[1:]:
+        for key in (key for key in keys if key != keys[0]):
             message = (
                 f'the ROS name {name} is that of "{keys[0]}" already; ROS allows one node of it'
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rigel_k8s.app.checks.pods import check_pods, workloads_of
+from rigel_k8s.app.globalparameters import list_keys
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.network.checks import check_options
 from rigel_k8s.network.mode import ModeUse
@@ -32,7 +33,8 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
     yield from check_images(options, middleware or mode_of(network).middleware)
     masters = int(ros == "1" and options.ros_master_uri is None)
     watching = int(options.observability.exporter is not None)
-    yield from check_pods(options, network, others=masters + watching)
+    setters = int(ros == "1" and bool(list_keys(options)))
+    yield from check_pods(options, network, others=masters + watching + setters)
 
 
 def check_missing(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
-from rigel_k8s.app.commands import PARAMETERS_PATH, flat, make_key
+from rigel_k8s.app.checks.lines import check_line
+from rigel_k8s.app.checks.parameters import IN_NODES, check_parameters, check_substitution
+from rigel_k8s.app.components.checks import check_components
+from rigel_k8s.app.lifecycle.checks import check_lifecycle
 from rigel_k8s.app.mounts import device_of, mount_of, source_count
 from rigel_k8s.app.nodes import port_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
+from rigel_k8s.app.parameters import PARAMETERS_PATH, list_paths
 from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.podoptions import EnvVar
 from rigel_k8s.objects.scalars import RosName
-from rigel_k8s.objects.text import split_words
 from rigel_k8s.problems import Problem
 
 #: What two nodes of one name do to each other.
@@ -23,8 +25,10 @@ CLASH: Mapping[str, str] = {
 }
 #: Labels by which objects are found again.
 RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
+#: What is read by a node that is started with it.
+APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
 #: What only ROS can read.
-ROS_ONLY = ("name", "namespace", "package", "launch", "parameters", "parameter_files", "remappings")
+ROS_ONLY = ("name", "namespace", "package", "launch", "substitution_args", *APPENDED)
 
 
 def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
@@ -38,6 +42,9 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     yield from check_name(key, node, ros)
     problems = list(check_command(node)) if ros != "none" else list(check_plain(node))
     yield from problems or check_appended(node, ros)
+    yield from check_components(key, node, ros)
+    yield from check_lifecycle(node, ros)
+    yield from check_substitution(node, IN_NODES)
     yield from check_labels(node)
     yield from check_env(node)
     yield from check_volumes(node, {str(v.name) for v in options.persistent_storage.volumes})
@@ -81,7 +88,7 @@ def check_plain(node: NodeOptions) -> Iterator[Problem]:
             message = f"a {what} (ros: none) has no {key}: use args and env"
             yield Problem((key,), message, "not-ros", at_key=True)
     for name in ("command", "args"):
-        yield from check_line(name, getattr(node, name))
+        yield from check_line(node, (name,), getattr(node, name))
 
 
 def check_labels(node: NodeOptions) -> Iterator[Problem]:
@@ -108,41 +115,15 @@ def check_command(node: NodeOptions) -> Iterator[Problem]:
             message += " (args keeps the image's ENTRYPOINT, which sets up ROS)"
         yield Problem((given[1],), message, "conflict", at_key=True)
     for name in ("command", "args"):
-        yield from check_line(name, getattr(node, name))
-
-
-def check_line(name: str, line: Any) -> Iterator[Problem]:
-    """Yield why a command line is none."""
-    if line is None:
-        return
-    try:
-        empty = not split_words(line)
-    except ValueError as error:
-        message = f"it cannot be split into words: {str(error).lower()}"
-        yield Problem((name,), message, "bad-command")
-    else:
-        if empty:
-            yield Problem((name,), "an empty command line, leave it out instead", "bad-command")
+        yield from check_line(node, (name,), getattr(node, name))
 
 
 def check_appended(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
     """Yield parameters and remappings that no program would read."""
-    for key, name in flat_keys(node.parameters) if ros == "1" else ():
-        try:
-            RosName.parse(name)
-        except ValueError as error:
-            yield Problem(("parameters", key), str(error), RosName.kind, at_key=True)
-    wanted = [k for k in ("parameters", "remappings", "parameter_files") if getattr(node, k)]
-    for key in wanted:
+    yield from check_parameters(node, ros)
+    for key in (k for k in APPENDED if getattr(node, k)):
         if reason := explain_unreadable(node, key, ros):
             yield Problem((key,), reason, "not-appendable", at_key=True)
-
-
-def flat_keys(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield each parameter's first key and full name."""
-    for key, value in parameters.items():
-        for name, _ in flat({key: value}):
-            yield str(key), name
 
 
 def explain_unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
@@ -155,7 +136,7 @@ def explain_unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
         )
     if node.launch:
         return explain_unreadable_to_launch(node, key, ros)
-    if ros == "1" and key == "parameter_files":
+    if ros == "1" and key in ("parameter_files", "parameter_commands"):
         unknown = "the name of an anonymous node is unknown before it starts: use parameters"
         return unknown if node.anonymous else None
     if not takes_ros_arguments(ros, line):
@@ -169,10 +150,12 @@ def explain_unreadable_to_launch(node: NodeOptions, key: str, ros: Ros) -> str |
         named = any(PARAMETERS_PATH in str(value) for value in node.launch.args.values())  # type: ignore[union-attr]
         if ros == "1" or named:
             return None
+        path, _ = next(list_paths(node))
         return (
-            "ros2 launch reads no parameter files by itself: name them in launch.args, as"
-            f" {PARAMETERS_PATH}/00-{make_key(node.parameter_files[0])}.yaml"
+            f"ros2 launch reads no parameter files by itself: name them in launch.args, as {path}"
         )
+    if key == "parameter_commands" and ros == "1":
+        return None
     where = "launch.args" if key == "parameters" else "the launch file"
     tool = "roslaunch" if ros == "1" else "ros2 launch"
     return f"{tool} reads no {key} from its command line: write them in {where}"

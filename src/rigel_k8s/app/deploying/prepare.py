@@ -18,10 +18,12 @@ from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.deploying.architectures import find_unfit_machines
 from rigel_k8s.app.deploying.digests import pins
 from rigel_k8s.app.deploying.secrets import choose_credentials, has_pull_secret, secret_name
+from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.parameters import list_local
 from rigel_k8s.app.partial import flat, is_partial, overlay
-from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.errors import UserError
 from rigel_k8s.gate.program import program
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.inpod import scripts
@@ -189,27 +191,6 @@ class _LastRevision:
         return self.revision.objects if self.revision else ()
 
 
-def release_of(
-    options: OrchestrationOptions, settings: Settings, cluster: Cluster | None = None
-) -> ReleaseId:
-    """Return the release: -n, else the Rigelfile's namespace, else the context's, else default."""
-    namespace = settings.namespace or options.namespace
-    if not namespace:
-        namespace = cluster.namespace if cluster else _context_namespace(settings)
-    return ReleaseId(str(namespace), str(options.deployment_name))
-
-
-def _context_namespace(settings: Settings) -> str:
-    """Return the context's namespace; nobody is asked, and no context is no reason to fail."""
-    from rigel_k8s.kube import connect
-
-    try:
-        with connect(settings) as cluster:
-            return cluster.namespace
-    except RigelK8sError:
-        return "default"
-
-
 def timeout_of(options: OrchestrationOptions, settings: Settings) -> float | None:
     """Return how long the roll-out may take, in seconds; None: deploy's own default.
 
@@ -258,13 +239,18 @@ def _lay_over(
 
 def _parameter_files(options: OrchestrationOptions, directory: Path, home: Path) -> dict[str, str]:
     """Return the texts of all parameter files, by the names in the Rigelfile."""
-    names = {name: key for key, node in options.nodes.items() for name in node.parameter_files}
+    uses = [
+        *((path, "parameter_files") for _, path in list_local(options)),
+        *(
+            (path, f"nodes.{key}.parameter_files")
+            for key, node in options.nodes.items()
+            for _, path in list_local(node)
+        ),
+    ]
     texts = {
-        name: _parameter_file(directory / name, home, f"nodes.{key}.parameter_files")
-        for name, key in names.items()
+        path: _parameter_file(directory / path, home, where) for path, where in dict(uses).items()
     }
-    uses = (name for node in options.nodes.values() for name in node.parameter_files)
-    if sum(len(texts[name]) for name in uses) > MOST_PARAMETERS:
+    if sum(len(texts[path]) for path, _ in uses) > MOST_PARAMETERS:
         raise UserError(
             f"the parameter files of all nodes have more than {MOST_PARAMETERS} characters",
             hint="a file counts once for each node that names it: divide it",

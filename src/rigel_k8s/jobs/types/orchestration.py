@@ -1,7 +1,7 @@
 """The job that deploys: options to objects, objects to the cluster, results back.
 
 It joins app/, network/, graph/, rosgraph/ and observability/; each of them decides purely and asks
-apart.
+apart. They are imported where they are used: `rigel status` and the like need the options alone.
 """
 
 from __future__ import annotations
@@ -10,22 +10,16 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
-from rigel_k8s.app.checks.application import check as check_options
-from rigel_k8s.app.checks.exporter import speaks_zenoh
-from rigel_k8s.app.deploying.places import check_places
-from rigel_k8s.app.deploying.prepare import Preparation, prepare, timeout_of
-from rigel_k8s.app.deploying.secrets import write_pull_secret
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
 from rigel_k8s.errors import Interrupted, RigelK8sError, RolloutFailed
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types.observability import run as run_stack
-from rigel_k8s.observability.request import request_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
 if TYPE_CHECKING:
+    from rigel_k8s.app.deploying.prepare import Preparation
     from rigel_k8s.kube.cluster import Cluster
 
 Failure = TypeVar("Failure", bound=RigelK8sError)
@@ -44,7 +38,9 @@ class OrchestrationJob:
 
     def check(self, options: OrchestrationOptions, application: Application) -> Sequence[Problem]:
         """Return what Kubernetes or ROS would refuse, or do otherwise than it looks."""
-        return tuple(check_options(options, application.distro))
+        from rigel_k8s.app.checks.application import check
+
+        return tuple(check(options, application.distro))
 
     def exclusive(
         self, options: OrchestrationOptions, application: Application, settings: Settings
@@ -65,7 +61,12 @@ class OrchestrationJob:
         Where only the observability stack does not become ready, the application is deployed and
         the stack's RolloutFailed raised afterwards.
         """
+        from rigel_k8s.app.deploying.places import check_places
+        from rigel_k8s.app.deploying.prepare import prepare
+        from rigel_k8s.app.deploying.secrets import write_pull_secret
+        from rigel_k8s.jobs.types.observability import run as run_stack
         from rigel_k8s.kube import connect
+        from rigel_k8s.observability.request import request_of
 
         if options.observability_only:
             run_stack(request_of(flat(job.raw).get("observability") or {}), job)
@@ -100,6 +101,8 @@ class OrchestrationJob:
 
 def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     """Deploy, and report what an update did to the ROS graph; roll back where that is asked for."""
+    from rigel_k8s.app.checks.exporter import speaks_zenoh
+    from rigel_k8s.app.deploying.prepare import timeout_of
     from rigel_k8s.release.deploy import deploy
     from rigel_k8s.release.rollback import find_target
     from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
@@ -120,6 +123,7 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
                 description=job.name,
                 lock_timeout=job.settings.lock_timeout,
                 before=watch.begin if readable else None,
+                applied=job.applied.set,
                 verify=watch.insist if within else None,
             )
     except RolloutFailed as failure:
@@ -171,6 +175,7 @@ def _undo(
     job: JobContext,
 ) -> Failure:
     """Roll an update back, and return the error that says why, and what became of it."""
+    from rigel_k8s.app.deploying.prepare import timeout_of
     from rigel_k8s.release.rollback import undo
 
     return undo(

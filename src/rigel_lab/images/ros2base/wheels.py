@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import io
 import re
-import shutil
-import sys
 import tarfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -20,13 +18,12 @@ import attrs
 
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.report import Reporter
-from rigel_k8s.system.process import run, succeeds
+from rigel_lab.images.base.wheels import fetch as fetch_wheels
 from rigel_lab.images.ros2base.packages import PLATFORM, PYTHON
 
 #: Where Python looks below the prefix.
 SITE = f"lib/python{PYTHON}/site-packages"
 
-_KEY = "ROS 2 wheels"
 #: Where wheels keep the libraries of others that they need; their names end in a digest.
 _BUNDLED = re.compile(r"ros_\w+\.libs/(?P<name>.+)")
 _DATA = re.compile(r"[^/]+\.data/data/(?P<path>.+)")
@@ -46,26 +43,8 @@ class _Part:
 
 
 def fetch(lock: str, directory: Path, report: Reporter) -> list[Path]:
-    """Download the wheels of a requirements file with digests, from where pip is set up to look.
-
-    Raises:
-        RigelK8sError: there is no pip here.
-        CommandFailed: pip failed, or a wheel is not what the digests say.
-    """
-    directory.mkdir(parents=True, exist_ok=True)
-    requirements = directory / "requirements.txt"
-    requirements.write_text(lock, "utf-8")
-    report.progress(_KEY, "downloading")
-    command = [*_pip(), "download", "--quiet", "--no-deps", "--require-hashes"]
-    command += ["--only-binary=:all:", "--python-version", PYTHON, "--platform", PLATFORM]
-    command += ["--requirement", str(requirements), "--dest", str(directory)]
-    run(
-        command,
-        what="downloading ROS 2's wheels with pip",
-        hint="check that PyPI, or the index that pip is set up with, can be reached",
-    )
-    report.progress(_KEY, "downloaded", done=True)
-    return sorted(directory.glob("*.whl"))
+    """Download ROS 2's wheels. Raises as images.base.wheels."""
+    return fetch_wheels(lock, directory, report, what="ROS 2", python=PYTHON, platforms=(PLATFORM,))
 
 
 def tree(wheels: Iterable[Path], prefix: str, target: Path, *, mtime: int) -> None:
@@ -86,20 +65,6 @@ def tree(wheels: Iterable[Path], prefix: str, target: Path, *, mtime: int) -> No
             info.size, info.mode = part.size, 0o755 if path.startswith("bin/") else 0o644
             with zipfile.ZipFile(part.wheel) as wheel:
                 tar.addfile(info, io.BytesIO(wheel.read(part.member)))
-
-
-def _pip() -> list[str]:
-    """Return a pip: that of this Python, or the first on PATH."""
-    own = [sys.executable, "-m", "pip"]
-    if succeeds([*own, "--version"]):
-        return own
-    if other := shutil.which("pip3") or shutil.which("pip"):
-        return [other]
-    raise RigelK8sError(
-        "pip, which downloads ROS 2's wheels, is not installed",
-        hint=f"install it for {sys.executable}, or put one on PATH "
-        "(Debian: sudo apt-get install python3-pip), and retry",
-    )
 
 
 def _parts(wheels: Iterable[Path]) -> dict[str, _Part]:

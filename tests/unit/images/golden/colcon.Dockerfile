@@ -14,7 +14,7 @@ RUN { id -u rigeluser >/dev/null 2>&1 || useradd --create-home --user-group --sh
 # What builds the workspace; Debian and packages.ros.org name it differently.
 RUN . /etc/os-release \
     && case "$ID" in \
-        debian) tools="colcon python3-colcon-bash python3-colcon-cmake python3-colcon-defaults python3-colcon-library-path python3-colcon-metadata python3-colcon-output python3-colcon-package-selection python3-colcon-parallel-executor python3-colcon-recursive-crawl python3-colcon-ros python3-rosdep2" ;; \
+        debian) tools="colcon python3-colcon-bash python3-colcon-cmake python3-colcon-defaults python3-colcon-library-path python3-colcon-metadata python3-colcon-output python3-colcon-package-selection python3-colcon-parallel-executor python3-colcon-recursive-crawl python3-colcon-ros python3-setuptools python3-rosdep2" ;; \
         *) tools="python3-colcon-common-extensions python3-rosdep" ;; \
     esac \
     && apt-get update \

@@ -10,11 +10,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s import kube
-from rigel_k8s.app.deploying import results
+from rigel_k8s.app.deploying import places, results, secrets
 from rigel_k8s.errors import ClusterError, RigelK8sError, RolloutFailed, UserError
 from rigel_k8s.graph import check as graph
 from rigel_k8s.jobs.job import JobContext
-from rigel_k8s.jobs.types import orchestration
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.network.multus import install as network_install
 from rigel_k8s.network.preflight import examine as preflight
@@ -80,11 +79,11 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> tuple[list[str], dict[str, RigelK8
         return call
 
     revision = Revision(ReleaseId("n", "demo"), 1, "good", "", (), ())
-    monkeypatch.setattr(orchestration, "check_places", step("places"))
+    monkeypatch.setattr(places, "check_places", step("places"))
     monkeypatch.setattr(network_install, "install", step("network installed"))
     monkeypatch.setattr(preflight, "check", step("network looked at"))
     monkeypatch.setattr(observability_install, "ensure", step("stack"))
-    monkeypatch.setattr(orchestration, "write_pull_secret", step("pull secret"))
+    monkeypatch.setattr(secrets, "write_pull_secret", step("pull secret"))
     monkeypatch.setattr(deploys, "deploy", step("deploy", revision))
     monkeypatch.setattr(graph, "check", step("graph"))
     monkeypatch.setattr(results, "copy_results", step("results", "results/data"))

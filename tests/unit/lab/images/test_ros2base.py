@@ -168,7 +168,7 @@ def test_a_wheel_with_another_digest_or_none_is_refused(
     fetched = wheels.fetch(f"{lock}{digest}", tmp_path / "right", Recorder())
     assert [path.name for path in fetched] == [found.name]
     for wrong in (f"{lock}{'0' * 64}", "ros-demo==1"):
-        with pytest.raises(CommandFailed, match="downloading ROS 2's wheels") as failure:
+        with pytest.raises(CommandFailed, match="downloading the wheels of ROS 2") as failure:
             wheels.fetch(wrong, tmp_path / "wrong", Recorder())
         assert "hashes" in "\n".join(failure.value.details).lower()
 
@@ -178,7 +178,7 @@ def test_wheels_that_are_not_the_locked_ones_end_the_build(
 ) -> None:
     """pip's own words are told, and nothing is left in the cache."""
     monkeypatch.setenv("FAIL", "1")
-    with pytest.raises(CommandFailed, match="downloading ROS 2's wheels") as failure:
+    with pytest.raises(CommandFailed, match="downloading the wheels of ROS 2") as failure:
         build(Recorder())
     assert "DO NOT MATCH THE HASHES" in failure.value.details[-1]
     assert not list((programs.parent / "cache").rglob("*.tar"))

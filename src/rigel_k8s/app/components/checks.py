@@ -1,0 +1,90 @@
+"""What is wrong with the components of a node; paths are the node's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from rigel_k8s.app.commands import full_name
+from rigel_k8s.app.components.options import Component
+from rigel_k8s.app.components.running import dotted
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.programs import find_program, takes_ros_arguments
+from rigel_k8s.app.updating import is_rolling
+from rigel_k8s.objects.naming import Ros
+from rigel_k8s.objects.scalars import RosName
+from rigel_k8s.problems import Path, Problem
+
+#: Types that a list of ROS 2 parameters can have.
+ITEMS = (bool, int, float, str)
+
+
+def check_components(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]:
+    """Yield what is wrong with the components of the node of a key."""
+    if not node.components:
+        return
+    if reason := explain_no_loading(node, ros):
+        yield Problem(("components",), reason, "components", at_key=True)
+        return
+    taken = {full_name(key, node): "the node itself"}
+    for name, component in node.components.items():
+        path: Path = ("components", name)
+        full = component.full_name(name)
+        if full in taken:
+            message = f"the ROS name {full} is that of {taken[full]} already"
+            yield Problem(path, message, "name-taken", at_key=True)
+        taken.setdefault(full, f'"{name}"')
+        for problem in check_component(name, component, ros):
+            yield problem.under(path)
+
+
+def explain_no_loading(node: NodeOptions, ros: Ros) -> str | None:
+    """Return why nothing can be loaded into a node, None where it can."""
+    if ros == "none":
+        return "only a ROS node loads components"
+    if node.launch:
+        return "a launch file loads its components itself: leave `launch` or `components` out"
+    if node.anonymous:
+        return "components are loaded by the node's name, and an anonymous node's is unknown"
+    if ros == "2" and is_rolling(node.update):
+        return "in a rolling update the containers of both pods would be asked: use Recreate"
+    line = find_program(ros, node)
+    if line and not takes_ros_arguments(ros, line):
+        return f"{line[0]} does not pass the node's name on, by which components are loaded"
+    return None
+
+
+def check_component(key: str, component: Component, ros: Ros) -> Iterator[Problem]:
+    """Yield what is wrong with one component; paths are its own."""
+    if component.name is None:
+        try:
+            RosName.parse(key)
+        except ValueError as error:
+            yield Problem((), f"{error}, or give it a `name`", RosName.kind, at_key=True)
+    if ros == "2" and component.package is None:
+        message = f"in which package is {component.plugin}? Add `package`"
+        yield Problem((), message, "incomplete", at_key=True)
+    if ros == "1":
+        for name in ("package", "extra_arguments"):
+            if getattr(component, name):
+                message = f"a nodelet has no {name}; its plugin is PACKAGE/CLASS"
+                yield Problem((name,), message, "not-ros1", at_key=True)
+    for name, value in component.parameters.items():
+        if reason := explain_unfit({name: value}, ros):
+            yield Problem(("parameters", name), reason, "bad-parameter", at_key=True)
+
+
+def explain_unfit(parameters: dict[str, Any], ros: Ros) -> str | None:
+    """Return why parameters cannot be given to a component, None where they can."""
+    for name, value in dotted(parameters):
+        if value is None:
+            return f'the parameter "{name}" has no value'
+        if ros == "2" and isinstance(value, list) and not is_list_of_one_type(value):
+            return f'the list "{name}" must have values of one type, and at least one'
+    return None
+
+
+def is_list_of_one_type(values: list[Any]) -> bool:
+    """Return whether ROS 2 has a type for a list."""
+    kinds = {type(one) for one in values}
+    return len(kinds) == 1 and kinds <= set(ITEMS)

@@ -1,0 +1,88 @@
+"""How a node's components are loaded: a script beside its process, and what it reads.
+
+The scripts' contract is docs/in-pod-scripts.md.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import attrs
+
+from rigel_k8s.app.commands import Command, full_name
+from rigel_k8s.app.components.options import Component
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.parameters import PARAMETERS_PATH, tree
+from rigel_k8s.app.programs import run_beside
+from rigel_k8s.app.starting import complete_file
+from rigel_k8s.objects.naming import Ros
+from rigel_k8s.objects.overlay import simplify
+from rigel_k8s.substitution_args import has_substitution
+
+FILE = "components.json"
+#: What loads, by which ROS it is of.
+SCRIPTS: Mapping[Ros, str] = {"1": "nodelets.py", "2": "components.py"}
+
+
+def load_components(command: Command, ros: Ros, key: str, node: NodeOptions) -> Command:
+    """Return a command beside which the node's components are loaded."""
+    if not node.components or ros == "none":
+        return command
+    describe = describe_nodelet if ros == "1" else describe_component
+    plan = {
+        "node": full_name(key, node),
+        "components": [describe(key, one) for key, one in node.components.items()],
+    }
+    files = {**command.files, FILE: json.dumps(plan, indent=1)}
+    path = f"{PARAMETERS_PATH}/{FILE}"
+    run = run_beside(command, SCRIPTS[ros], path)
+    completes = node.substitution_args and has_substitution(plan)
+    start = (*command.start, *complete_file(path)) if completes else command.start
+    return attrs.evolve(run, files=files, start=start)
+
+
+def describe_nodelet(key: str, component: Component) -> dict[str, Any]:
+    """Return what nodelets.py reads of a nodelet: full names, nested parameters."""
+    name = component.full_name(key)
+    namespace = name.rpartition("/")[0]
+    return {
+        "name": name,
+        "plugin": component.plugin,
+        "parameters": tree(component.parameters),
+        "remappings": {
+            resolve(str(one), name, namespace): resolve(str(other), name, namespace)
+            for one, other in component.remappings.items()
+        },
+    }
+
+
+def resolve(name: str, node: str, namespace: str) -> str:
+    """Return the full name that a ROS name of a node means."""
+    if name.startswith("/"):
+        return name
+    return f"{node}/{name[1:].lstrip('/')}" if name.startswith("~") else f"{namespace}/{name}"
+
+
+def describe_component(key: str, component: Component) -> dict[str, Any]:
+    """Return what components.py reads of a composable node: dotted parameters, remapping rules."""
+    return {
+        "name": component.full_name(key),
+        "package": component.package,
+        "plugin": component.plugin,
+        "parameters": dict(dotted(component.parameters)),
+        "remappings": [f"{one}:={other}" for one, other in component.remappings.items()],
+        "extra_arguments": dict(component.extra_arguments),
+    }
+
+
+def dotted(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield ROS 2's names and values of nested parameters; a list with a float has only floats."""
+    for name, value in parameters.items():
+        if isinstance(value, Mapping):
+            yield from dotted(value, f"{prefix}{name}.")
+        elif isinstance(value, list) and any(isinstance(one, float) for one in value):
+            yield f"{prefix}{name}", [float(one) for one in value]
+        else:
+            yield f"{prefix}{name}", simplify(value)

@@ -1,0 +1,34 @@
+"""Which release a job's options name: all that is known of a deploy before anything is prepared."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.errors import RigelK8sError
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.settings import Settings
+
+if TYPE_CHECKING:
+    from rigel_k8s.kube.cluster import Cluster
+
+
+def release_of(
+    options: OrchestrationOptions, settings: Settings, cluster: Cluster | None = None
+) -> ReleaseId:
+    """Return the release: -n, else the Rigelfile's namespace, else the context's, else default."""
+    namespace = settings.namespace or options.namespace
+    if not namespace:
+        namespace = cluster.namespace if cluster else _context_namespace(settings)
+    return ReleaseId(str(namespace), str(options.deployment_name))
+
+
+def _context_namespace(settings: Settings) -> str:
+    """Return the context's namespace; nobody is asked, and no context is no reason to fail."""
+    from rigel_k8s.kube import connect
+
+    try:
+        with connect(settings) as cluster:
+            return cluster.namespace
+    except RigelK8sError:
+        return "default"

@@ -1,0 +1,117 @@
+"""Global parameters of ROS 1: a Deployment that sets them at the master before the nodes start.
+
+No node's container can set them: many nodes read one parameter, and one that restarts would write
+over what has been changed since. The Deployment's program is inpod/globalparameters.py.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from rigel_k8s.app.environment import environment, ros_variables
+from rigel_k8s.app.options import OrchestrationOptions
+from rigel_k8s.app.parameters import PARAMETERS_PATH, list_local, tree
+from rigel_k8s.app.starting import begin, list_steps, write_values
+from rigel_k8s.network.wiring import PodIdentity, Wiring
+from rigel_k8s.objects.marks import FIRST_ANNOTATION
+from rigel_k8s.objects.naming import ROS_ANNOTATION, object_name
+from rigel_k8s.objects.podoptions import Readiness
+from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, probes
+from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
+
+#: The keys of a job, in the order in which a problem is shown at one of them.
+KEYS = ("parameters", "parameter_files", "parameter_commands")
+CONTAINER = "global-parameters"
+#: On nodes: which global parameters they started with, so that a change starts them again.
+PARAMETERS_ANNOTATION = "rigel-k8s/global-parameters"
+#: Of its own, since it has no options: a quota may refuse pods that ask for nothing.
+RESOURCES = {"requests": {"cpu": "10m", "memory": "48Mi"}, "limits": {"memory": "512Mi"}}
+#: inpod/globalparameters.py writes it: "set", or why they are not.
+STATE = "/tmp/rigel-k8s-global-parameters"
+READY = f'read -r state <{STATE} && echo "$state" && test "$state" = set'
+
+
+def list_keys(options: OrchestrationOptions) -> list[str]:
+    """Return the keys with parameters that belong to no node."""
+    return [key for key in KEYS if getattr(options, key)]
+
+
+def setter_name(release: str) -> str:
+    """Return the name of the Deployment, and of the ConfigMap with its files."""
+    return object_name(f"{release}-{CONTAINER}")
+
+
+def setter_identity(around: ReleaseContext, options: OrchestrationOptions) -> PodIdentity:
+    """Return what the network knows the Deployment by; each image of ROS 1 can set values."""
+    own = options.image or options.application_image or options.ros_master_image
+    return PodIdentity(setter_name(around.release), str(own or around.default_image))
+
+
+def setter_objects(
+    around: ReleaseContext,
+    options: OrchestrationOptions,
+    files: Mapping[str, str],
+    wired: Wiring,
+    place: Mapping[str, Any],
+) -> Iterator[Object]:
+    """Yield the files and the Deployment.
+
+    Args:
+        files: the texts of parameter files, by the names that the Rigelfile gives them.
+        place: fields of the pod's spec that say where it runs.
+    """
+    identity = setter_identity(around, options)
+    mounted = {name: files[path] for name, path in list_local(options)}
+    if options.parameters:
+        mounted |= write_values(tree(options.parameters))
+    if mounted:
+        yield config_map(around, identity.name, mounted, part_of=identity.name)
+    line = [*begin("1", options), *list_steps(options, "/"), "--keep", mark_name(around.release)]
+    volume, mount = inpod_volume(around.release)
+    volumes, mounts = [volume], [mount]
+    if mounted:
+        volumes.append({"name": "rigel-parameters", "configMap": {"name": identity.name}})
+        mounts.append({"name": "rigel-parameters", "mountPath": PARAMETERS_PATH, "readOnly": True})
+    container = {
+        "name": CONTAINER,
+        "image": identity.image,
+        "args": line,
+        "env": environment(ros_variables(around), wired.env),
+        **probes(Readiness(command=["/bin/sh", "-c", READY]), ()),
+        "resources": RESOURCES,
+        "volumeMounts": [*mounts, *wired.mounts],
+    }
+    pod = {
+        "initContainers": list(wired.init_containers),
+        "containers": [container],
+        "volumes": [*volumes, *wired.volumes],
+        **place,
+        **wired.pod,
+    }
+    notes = {ROS_ANNOTATION: "none"}
+    yield deployment(
+        around,
+        identity.name,
+        drop_empty(pod),
+        strategy={"type": "Recreate"},
+        annotations={**notes, FIRST_ANNOTATION: "true"},
+        pod_annotations={
+            **notes,
+            PARAMETERS_ANNOTATION: digest([line, mounted]),
+            **wired.annotations,
+        },
+    )
+
+
+def mark_name(release: str) -> str:
+    """Return the parameter that says that those of a release are set."""
+    return f"/rigel_k8s/{re.sub('[^a-z0-9]', '_', release)}/global_parameters"
+
+
+def digest(value: Any) -> str:
+    """Return a short hash of plain data."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]

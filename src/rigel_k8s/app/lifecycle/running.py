@@ -1,0 +1,29 @@
+"""How the transitions of a lifecycle node are made: a script beside it, and the preStop hook.
+
+Their contract is docs/in-pod-scripts.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rigel_k8s.app.commands import Command, full_name
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.programs import run_beside
+
+STOP = "RIGEL_K8S_TRANSITIONS"
+
+
+def make_transitions(command: Command, key: str, node: NodeOptions) -> Command:
+    """Return a command beside which the node's transitions at the start are made."""
+    if not node.lifecycle or not node.lifecycle.start:
+        return command
+    words = ("start", full_name(key, node), *node.lifecycle.start)
+    return run_beside(command, "transitions.py", *words)
+
+
+def list_variables(key: str, node: NodeOptions) -> Mapping[str, dict[str, str]]:
+    """Return the variable that makes the preStop hook make the transitions at the end."""
+    if not node.lifecycle or not node.lifecycle.stop:
+        return {}
+    return {STOP: {"value": " ".join([full_name(key, node), *node.lifecycle.stop])}}

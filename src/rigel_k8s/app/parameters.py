@@ -1,0 +1,82 @@
+"""Parameters of a node, or of the whole job, before they are arguments or files of a container."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import PurePosixPath
+from typing import Any, Protocol
+
+from rigel_k8s.app.options import ParameterFile
+from rigel_k8s.objects.overlay import simplify
+from rigel_k8s.option_text import Scalar
+
+#: Where parameter files are mounted.
+PARAMETERS_PATH = "/rigel-k8s-parameters"
+
+
+class ParameterOptions(Protocol):
+    """What a node and a job both have."""
+
+    @property
+    def substitution_args(self) -> bool:
+        """Whether `$(find PACKAGE)` and the like are replaced."""
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """Values by name."""
+
+    @property
+    def parameter_files(self) -> Sequence[str | ParameterFile]:
+        """YAML files."""
+
+    @property
+    def parameter_commands(self) -> Mapping[str, str | list[Scalar]]:
+        """Commands by the name of the parameter that they print."""
+
+
+def file_of(item: str | ParameterFile) -> ParameterFile:
+    """Return a parameter file, written as a path or in full."""
+    return item if isinstance(item, ParameterFile) else ParameterFile(file=item)
+
+
+def list_local(options: ParameterOptions) -> Iterator[tuple[str, str]]:
+    """Yield (name in the ConfigMap, path as written) of the files that are mounted."""
+    for number, entry in enumerate(map(file_of, options.parameter_files)):
+        if entry.file:
+            yield f"{number:02}-{make_key(entry.file)}.yaml", entry.file
+
+
+def list_paths(options: ParameterOptions) -> Iterator[tuple[str, str]]:
+    """Yield (path in the container, namespace) of all parameter files, in the order of loading."""
+    mounted = {path: f"{PARAMETERS_PATH}/{name}" for name, path in list_local(options)}
+    for entry in map(file_of, options.parameter_files):
+        path = mounted[entry.file] if entry.file else entry.image_file
+        yield path or "", str(entry.namespace or "").strip("~/")
+
+
+def make_key(name: str) -> str:
+    """Return a file's name as a key of a ConfigMap may be."""
+    stem = PurePosixPath(name).stem
+    return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in stem)[:200]
+
+
+def flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the parameters of nested mappings, names joined by /."""
+    for name, value in parameters.items():
+        full = f"{prefix}{str(name).lstrip('~')}"
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{full}/")
+        else:
+            yield full, value
+
+
+def tree(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters as a tree of plain data: `a/b` as b in a."""
+    result: dict[str, Any] = {}
+    for name, value in flat(parameters):
+        *parents, last = name.strip("/").split("/")
+        place = result
+        for parent in parents:
+            place = place.setdefault(parent, {})
+        place[last] = simplify(value)
+    return result

@@ -1,0 +1,137 @@
+"""The agent as a program: the broker on one side, the release on the other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import attrs
+
+from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.commands.mutoagent.application import Application
+from rigel_k8s.commands.mutoagent.executor import Executor
+from rigel_k8s.commands.mutoagent.health import serve_health
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs.job import JobReporter
+from rigel_k8s.kube import connect
+from rigel_k8s.muto.agent.address import Login, read_address
+from rigel_k8s.muto.agent.allowance import Allowance
+from rigel_k8s.muto.agent.broker import Broker
+from rigel_k8s.muto.agent.current import Announcer, describe_current
+from rigel_k8s.muto.agent.memory import Memory
+from rigel_k8s.muto.agent.protocols.ditto import Ditto as DittoProtocol
+from rigel_k8s.muto.agent.protocols.exchange import Dialect
+from rigel_k8s.muto.agent.protocols.ros1 import Ros1
+from rigel_k8s.muto.agent.protocols.symphony import Symphony
+from rigel_k8s.muto.agent.serving import serve
+from rigel_k8s.muto.agent.wanted import Record
+from rigel_k8s.muto.ditto import Access, Ditto
+from rigel_k8s.settings import Settings
+
+
+@attrs.frozen(kw_only=True)
+class Agent:
+    """What an agent is told.
+
+    Attributes:
+        thing: the device's id, NAMESPACE:NAME.
+        broker: its URL.
+        job: the job that commands deploy; None: the only one that deploys.
+        credentials: a directory with files that the broker wants.
+        target: the device's name in Symphony; None: the thing's NAME.
+        twin_url: the Ditto that is told what runs; None: none is.
+        health: the port that says whether the broker is heard; None: no port.
+    """
+
+    thing: str
+    broker: str
+    job: str | None = None
+    credentials: Path | None = None
+    prefix: str = "muto"
+    target: str | None = None
+    twin_url: str | None = None
+    access: Access = attrs.field(factory=Access)
+    allowance: Allowance = attrs.field(factory=Allowance)
+    health: int | None = None
+
+    @property
+    def dialects(self) -> tuple[Dialect, ...]:
+        """The protocols that it speaks."""
+        name = self.thing.partition(":")[2]
+        return (
+            Ros1(self.thing),
+            DittoProtocol(self.thing, self.prefix),
+            Symphony(self.target or name, self.prefix),
+        )
+
+    @property
+    def twin(self) -> Mapping[str, str]:
+        """The same as keys of `muto`, for stacks that are there."""
+        said = {"twin_url": self.twin_url, **attrs.asdict(self.access)}
+        return {key: value for key, value in said.items() if value is not None}
+
+
+def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
+    """Take commands until Ctrl-C or SIGTERM.
+
+    Raises:
+        UserError: the Rigelfile, the broker's address or a file is wrong.
+        ClusterError: the cluster cannot be reached at the start.
+    """
+    login = read_login(agent.credentials)
+    address = read_address(agent.broker)
+    application = Application(settings, report, agent.job, agent.twin)
+    dialects = agent.dialects
+    topics = [dialect.topic for dialect in dialects]
+    announcer = None
+    if agent.twin_url:
+        ditto = Ditto(agent.twin_url, agent.access, os.environ)
+        announcer = Announcer(ditto, agent.thing, report)
+
+    def announce(record: Record) -> None:
+        if announcer is not None and record.state != "idle":
+            announcer.set(describe_current(record))
+
+    with connect(settings) as cluster, interruptible() as ending:
+        memory = Memory(cluster, application.find_release(cluster))
+        executor = Executor(application, memory, agent.allowance, announce)
+        broker = Broker(address, login, f"rigel-{agent.thing}", topics, report)
+        with broker, serve_health(agent.health, lambda: broker.is_ready):
+            if announcer is not None:
+                announcer.start()
+            executor.start()
+            report.line(f"takes commands for {agent.thing} from {address}")
+            try:
+                serve(broker, dialects, executor, report, ending)
+            finally:
+                executor.close()
+        if announcer is not None:
+            announcer.close()
+
+
+def read_login(directory: Path | None) -> Login:
+    """Return how to log in at the broker: the files that a directory has.
+
+    Raises:
+        UserError: there is no such directory, or its files do not belong together.
+    """
+    if directory is None:
+        return Login()
+    if not directory.is_dir():
+        raise UserError(
+            f"there is no directory {directory}",
+            hint="it has username, password, ca.crt, tls.crt and tls.key, or some of them",
+        )
+
+    def find(name: str) -> Path | None:
+        return directory / name if (directory / name).is_file() else None
+
+    user = find("username")
+    return Login(
+        user=user.read_text("utf-8").strip() if user else None,
+        password_file=find("password"),
+        authorities=find("ca.crt"),
+        certificate=find("tls.crt"),
+        key=find("tls.key"),
+    )

@@ -1,0 +1,86 @@
+"""How far the script is that works beside a node, in a file that the readiness probe reads.
+
+Why: a component that cannot be loaded, or a transition that fails, must be the cause that a user
+reads, not a line of a log. A script that works beside a node (beside.sh) writes here what it does;
+ready.py and dds_ready.py report it. Python 2.7 and 3, nothing but the standard library.
+"""
+
+import os
+import sys
+import time
+
+import container
+
+NAME = ".rigel-k8s-progress"
+LOGS = "/rigel-k8s-logs"  # every pod of ROS 2 can write there
+FILES = tuple(os.path.join(d, NAME) for d in (LOGS, os.environ.get("TMPDIR") or "/tmp", "/dev/shm"))
+
+#: Steps that count as ready, and those after which the script has ended.
+READY = ("waits", "active", "done")
+FINAL = ("active", "done")
+
+
+class Progress(object):
+    """How far a script is.
+
+    Attributes:
+        step: starts, waits, loads, activates, failed, active or done.
+        line: the same for people.
+        token: what else the script wants to find again.
+        pid: the script's process.
+    """
+
+    def __init__(self, step="", line="", token="", pid=0):
+        self.step, self.line, self.token, self.pid = step, line, token, pid
+
+    def tell(self):
+        """Save it and log it, unless it is what was said last."""
+        last = Progress.load()
+        if last is None or (last.step, last.line) != (self.step, plain(self.line)):
+            self.save()
+            sys.stdout.write("[rigel-k8s] %.3f %s\n" % (time.time(), plain(self.line)))
+            sys.stdout.flush()
+
+    def save(self):
+        """Write it where this container can write."""
+        words = (container.started(), self.step, plain(self.line), self.token, self.pid)
+        for path in FILES:
+            try:
+                with open("%s.%d" % (path, os.getpid()), "w") as file:
+                    file.write("\t".join(str(word) for word in words))
+                os.rename(file.name, path)
+                return
+            except (IOError, OSError):
+                continue
+
+    @classmethod
+    def load(cls):
+        """Return what was written since the container started, None for nothing."""
+        for path in FILES:
+            try:
+                with open(path) as file:
+                    words = file.read().split("\t")
+            except (IOError, OSError):
+                continue
+            if len(words) == 5 and words[0] == container.started():
+                return cls(words[1], words[2], words[3], int(words[4]))
+        return None
+
+
+def plain(text):
+    """Return a text as one line that every container can write, whatever its language is."""
+    return str(" ".join(text.split()).encode("ascii", "replace").decode("ascii"))
+
+
+def describe(script, name):
+    """Return (whether the script has done what readiness waits for, how far it is).
+
+    Args:
+        script: its file; name: the full ROS name of the node that it works for.
+    """
+    found = Progress.load()
+    if found is None:
+        return False, "%s has not started yet for %s" % (script, name)
+    if found.step not in FINAL and not os.path.isdir("/proc/%d" % found.pid):
+        return False, "%s has ended early for %s; the log tells why" % (script, name)
+    return found.step in READY, found.line

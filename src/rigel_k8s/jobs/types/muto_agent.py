@@ -1,0 +1,123 @@
+"""The job that deploys the agent which takes commands of Eclipse Muto."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar
+
+from rigel_k8s import rigelfile as grammar
+from rigel_k8s.app.rights import need_to_deploy
+from rigel_k8s.errors import UserError
+from rigel_k8s.jobs.job import JobContext
+from rigel_k8s.jobs.names import index_by_name
+from rigel_k8s.muto.agent.manifests import agent_objects
+from rigel_k8s.muto.agent.options import MutoAgent
+from rigel_k8s.objects.rights import make_rules
+from rigel_k8s.objects.workloads import ReleaseContext
+from rigel_k8s.problems import Problem
+from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
+from rigel_k8s.settings import Application, Settings
+
+
+class MutoAgentJob:
+    """Deploys the agent, and waits until it is connected to its broker."""
+
+    options: ClassVar[type[MutoAgent]] = MutoAgent
+
+    def check(self, options: MutoAgent, application: Application) -> Sequence[Problem]:
+        """Return nothing: the options refuse themselves what contradicts itself."""
+        return ()
+
+    def exclusive(
+        self, options: MutoAgent, application: Application, settings: Settings
+    ) -> str | None:
+        """Return the agent's release."""
+        namespace = settings.namespace or options.namespace
+        return f"release {options.deployment_name}{f' in {namespace}' if namespace else ''}"
+
+    def run(self, options: MutoAgent, job: JobContext) -> None:
+        """Deploy.
+
+        Raises:
+            UserError: the Rigelfile does not have the job, or its pod could not read it.
+            ClusterError, RolloutFailed: as release.deploy.
+        """
+        from rigel_k8s.kube import connect
+        from rigel_k8s.release.deploy import deploy
+
+        found = grammar.load(job.settings.rigelfile, os.environ)
+        spec = find_deploy_job(found, options)
+        with connect(job.settings) as cluster:
+            cluster.endure(job.report.line, job.cancel)
+            named = job.settings.namespace or options.namespace
+            release = ReleaseId(str(named or cluster.namespace), str(options.deployment_name))
+            around = ReleaseContext(release.namespace, release.name, None, "", "none")
+            rules = make_rules(need_to_deploy(release.namespace))
+            text = write_rigelfile(found, spec)
+            desired = Desired(
+                release,
+                tuple(agent_objects(around, options, text, rules)),
+                create_namespace=options.namespace == release.namespace,
+            )
+            said = job.deploy_options
+            deploy(
+                desired,
+                cluster,
+                report=said.report,
+                cancel=said.cancel,
+                timeout=said.timeout,
+                adopt=said.adopt,
+                description=said.description,
+                lock_timeout=said.lock_timeout,
+            )
+        job.report.line(f"{release.name} in {release.namespace} takes commands for {options.thing}")
+
+
+def find_deploy_job(rigelfile: Rigelfile, options: MutoAgent) -> ComponentSpec:
+    """Return the job that commands deploy.
+
+    Raises:
+        UserError: there is no such job, it deploys nothing or the agent's own release, or it needs
+            files beside it.
+    """
+    name = options.job
+    spec = rigelfile.jobs.get(name)
+    if spec is None or spec.plugin not in index_by_name("job")["orchestration"].names:
+        raise UserError(
+            f'job: the Rigelfile has no orchestration job "{name}"',
+            hint="name a job with `plugin: rigel_k8s.OrchestrationPlugin`",
+        )
+    said = grammar.strip_places(spec.options)
+    if str(options.deployment_name) in find_values(said, "deployment_name"):
+        raise UserError(
+            f"the job {name} and the agent have the same deployment_name,"
+            f' "{options.deployment_name}": a kill would remove the agent',
+            hint="give one of them another deployment_name",
+        )
+    if any(find_values(said, "parameter_files")):
+        raise UserError(
+            f"the job {name} has parameter_files, which the agent's pod does not have",
+            hint="write `parameters` instead",
+        )
+    return spec
+
+
+def find_values(value: Any, key: str) -> Iterator[Any]:
+    """Yield the values of a key, wherever it is nested."""
+    if isinstance(value, dict):
+        for own, inner in value.items():
+            if own == key:
+                yield inner
+            else:
+                yield from find_values(inner, key)
+
+
+def write_rigelfile(rigelfile: Rigelfile, spec: ComponentSpec) -> str:
+    """Return a Rigelfile with one job only, its variables filled in: a pod has none of them."""
+    job = {"plugin": spec.plugin, "with": grammar.strip_places(spec.options)}
+    application = {"distro": rigelfile.application.distro}
+    whole = {"application": application, "jobs": {spec.name: job}}
+    return json.dumps(whole, indent=2) + "\n"

@@ -1,0 +1,194 @@
+"""What others ask of the agent, and what it answers: the words between MQTT and the cluster.
+
+The protocols make these values out of messages, and messages out of the answers; an Executor
+carries the commands out. Neither side knows how the other one works.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import Enum
+from typing import Any, Literal, Protocol, TypeAlias
+
+import attrs
+
+from rigel_k8s.errors import RigelK8sError
+
+QueryKind = Literal[
+    "ping",
+    "ros/node",
+    "ros/node/info",
+    "ros/topic",
+    "ros/topic/info",
+    "ros/topic/echo",
+    "ros/param",
+    "ros/param/get",
+]
+
+
+@attrs.frozen(kw_only=True)
+class Deployment:
+    """A stack that must run, instead of what runs now.
+
+    At least one of stack, stack_id and components is given. A stack wins over its id; components
+    come alone.
+
+    Attributes:
+        identity: tells duplicates: of two commands with one identity the second has no effect.
+            "" if the sender gave none: such a command has no duplicates.
+        stack: the text of a stack, in any form that muto/formats.py reads.
+        stack_id: the id of the stack; a Ditto or the agent's own files have it if `stack` is None.
+        components: Symphony's components: the text of a stack by the component's name. They
+            replace those of the same name, and leave the others as they are
+            (`components.join` makes one stack of all of them).
+    """
+
+    identity: str = ""
+    stack: str | None = None
+    stack_id: str = ""
+    components: Mapping[str, str] = attrs.field(factory=dict)
+
+
+@attrs.frozen(kw_only=True)
+class Start(Deployment):
+    """Deploy a stack. The same as Apply: what runs already keeps running."""
+
+
+@attrs.frozen(kw_only=True)
+class Apply(Deployment):
+    """Deploy a stack."""
+
+
+@attrs.frozen(kw_only=True)
+class Kill:
+    """Remove what runs.
+
+    Attributes:
+        identity: as that of a Deployment.
+        stack_id: the id of the stack to remove, "" for whichever runs.
+        components: names of Symphony's components: only these are removed. Empty: all.
+    """
+
+    identity: str = ""
+    stack_id: str = ""
+    components: tuple[str, ...] = ()
+
+
+@attrs.frozen
+class Query:
+    """A question about the ROS graph.
+
+    Attributes:
+        arguments: the question's own values, such as `topic`; not where to send the answer.
+    """
+
+    kind: QueryKind
+    arguments: Mapping[str, Any] = attrs.field(factory=dict)
+
+
+@attrs.frozen
+class Inventory:
+    """Symphony's question which of its components are there, by their names."""
+
+    components: tuple[str, ...]
+
+
+@attrs.frozen
+class Refusal:
+    """What is wrong with a message. Nothing is deployed, and the sender gets the message.
+
+    Attributes:
+        kind: a word for programs: malformed, too-large, not-a-stack, unknown-command,
+            unsupported.
+    """
+
+    kind: str
+    message: str
+
+
+Command: TypeAlias = Start | Apply | Kill
+
+
+class Stage(Enum):
+    """How far a command has come."""
+
+    ACCEPTED = "accepted"  # its objects are stored; readiness is still waited for
+    DONE = "done"  # what it deploys is ready, or what it removes is gone
+    FAILED = "failed"
+    SUPERSEDED = "superseded"  # a newer command has taken its place
+    REFUSED = "refused"  # not allowed, or not a stack: nothing has changed
+
+
+@attrs.frozen
+class Outcome:
+    """What has become of a command; `text` is the cause or a sentence for the sender."""
+
+    stage: Stage
+    text: str = ""
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the sender need not do anything about it."""
+        return self.stage in (Stage.ACCEPTED, Stage.DONE)
+
+
+@attrs.frozen
+class ComponentState:
+    """The state of one of Symphony's components.
+
+    Attributes:
+        stack: the text that it was deployed from; None where there is no such component.
+        ready: all its nodes are ready.
+        text: why it is not ready, if the cause is known.
+    """
+
+    stack: str | None
+    ready: bool = False
+    text: str = ""
+
+
+class Unavailable(RigelK8sError):
+    """A command can be neither stored nor refused now, because the cluster cannot be reached.
+
+    A message that the broker keeps (QoS 1) is submitted again later. Of any other one the sender
+    gets the error.
+    """
+
+
+class Executor(Protocol):
+    """Carries commands out. A RigelK8sError that a method raises is reported to the sender.
+
+    All three are called from one thread, one after the other, and return within Symphony's 8 s.
+    """
+
+    def submit(self, command: Command) -> Outcome:
+        """Return as soon as the command is stored or refused; the long part goes on by itself.
+
+        When this returns, the message is acknowledged: a command that is accepted must survive
+        the end of the agent.
+
+        Raises:
+            Unavailable: submit it again later.
+        """
+        ...
+
+    def look(self, components: tuple[str, ...]) -> Mapping[str, ComponentState]:
+        """Return the states of components; one that is missing does not exist."""
+        ...
+
+    def ask(self, query: Query) -> Any:
+        """Return the answer as a JSON value, in the shapes of Muto's ROS 1 generation."""
+        ...
+
+
+@attrs.frozen
+class Message:
+    """A message to publish.
+
+    Attributes:
+        correlation: MQTT 5's CorrelationData.
+    """
+
+    topic: str
+    payload: bytes
+    correlation: bytes | None = None

@@ -1,0 +1,39 @@
+"""Where the agent keeps its record: a Secret, since stacks may have secrets in their environment.
+
+It is written before a command is acknowledged, and belongs to no release: `down` leaves it.
+"""
+
+from __future__ import annotations
+
+from rigel_k8s.kube import Cluster, ObjectRef
+from rigel_k8s.muto.agent.wanted import Record, decode, encode
+from rigel_k8s.release.types import ReleaseId
+
+KEY = "record"
+TYPE = "rigel-k8s/muto-agent.v1"
+
+
+class Memory:
+    """The record of the agent of one release."""
+
+    def __init__(self, cluster: Cluster, release: ReleaseId) -> None:
+        self._cluster = cluster
+        self.ref = ObjectRef("v1", "Secret", release.namespace, f"rigel.{release.name}.muto-agent")
+
+    def load(self) -> Record:
+        """Return what was stored last; an empty record if nothing was."""
+        live = self._cluster.get(self.ref)
+        return decode(live["data"][KEY]) if live else Record()
+
+    def store(self, record: Record) -> None:
+        """Store a record; when this returns, it survives the end of this process."""
+        meta = {"name": self.ref.name, "namespace": self.ref.namespace}
+        self._cluster.apply(
+            {
+                "apiVersion": "v1",
+                "kind": "Secret",
+                "type": TYPE,
+                "metadata": meta,
+                "data": {KEY: encode(record)},
+            }
+        )

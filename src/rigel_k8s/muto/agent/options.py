@@ -1,0 +1,62 @@
+"""The options of the job that deploys Muto's agent."""
+
+# ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
+from __future__ import annotations
+
+import attrs
+
+from rigel_k8s.muto.opening import check_url
+from rigel_k8s.objects.fields import option, required_field
+from rigel_k8s.objects.resources import Resources
+from rigel_k8s.objects.scalars import ImageRef, ObjectName
+
+
+@attrs.frozen(kw_only=True)
+class MutoAgent:
+    """An agent that takes commands of Eclipse Muto for one device."""
+
+    thing: str = required_field("the device's id, NAMESPACE:NAME")
+    broker: str = required_field("the MQTT broker: mqtt://HOST:PORT, or mqtts://HOST:PORT for TLS")
+    job: str = required_field(
+        "the orchestration job of this Rigelfile that commands deploy: it says images, network and"
+        " placement, and a command says the stack"
+    )
+    namespace: ObjectName | None = option(
+        "the Kubernetes namespace of the agent and of what it deploys"
+    )
+    deployment_name: ObjectName = option("the agent's own release", ObjectName("muto-agent"))
+    image: ImageRef | None = option("the agent's image, as `rigel image muto-agent` builds it")
+    broker_secret: ObjectName | None = option(
+        "a Secret with username, password, ca.crt, tls.crt and tls.key for the broker; each may be"
+        " missing"
+    )
+    prefix: str = option("what topics of Muto's ROS 2 generation and Symphony's begin with", "muto")
+    target: str | None = option("the device's name in Symphony (default: the NAME of `thing`)")
+    twin_url: str | None = option(
+        "the Ditto that has stacks, and is told what runs: what stands before /api/2/things"
+    )
+    twin_user: str | None = option("a user of it")
+    twin_secret: ObjectName | None = option(
+        "a Secret with the user's `password`; without `twin_user`, with a `token`"
+    )
+    stacks: list[str] | None = option(
+        "the ids of stacks that commands may name, `*` for any text (default: all)"
+    )
+    whole_stacks: bool = option(
+        "commands may bring a stack with them, as Symphony's do", default=False
+    )
+    images: list[str] | None = option(
+        "the images that commands may deploy, `*` for any text (default: all of the job)"
+    )
+    resources: Resources = attrs.field(factory=Resources, metadata={"doc": "requests and limits"})
+
+    def __attrs_post_init__(self) -> None:
+        """Refuse options that contradict each other."""
+        if self.thing.count(":") != 1 or not all(self.thing.split(":")):
+            raise ValueError(f'thing: "{self.thing}" is not NAMESPACE:NAME')
+        if self.twin_url:
+            check_url(self.twin_url)
+        if self.twin_user and not self.twin_secret:
+            raise ValueError("twin_user needs twin_secret, which has the password")
+        if self.twin_secret and not self.twin_url:
+            raise ValueError("there is no twin_url that twin_secret is for")

@@ -1,0 +1,69 @@
+"""Work that is done one piece at a time, and of which only the newest counts."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Protocol
+
+
+class Work(Protocol):
+    """A piece of work."""
+
+    def run(self) -> None:
+        """Do it; return soon after `stop`. Raises nothing."""
+
+    def stop(self) -> None:
+        """End it soon: a newer piece waits, or the program ends."""
+
+
+class Turns:
+    """A thread that does the newest piece of work, and looks around while there is none.
+
+    Args:
+        idle: called about every `interval` seconds while no work is done; raises nothing.
+    """
+
+    def __init__(self, idle: Callable[[], None], interval: float) -> None:
+        self._idle = idle
+        self._interval = interval
+        self._changed = threading.Condition()
+        self._next: Work | None = None
+        self._running: Work | None = None
+        self._closed = False
+        self._thread = threading.Thread(target=self._work, name="turns", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def put(self, work: Work) -> None:
+        """Do this next: stop what runs, and forget what waits."""
+        with self._changed:
+            self._next = work
+            self._stop_running()
+
+    def close(self, patience: float) -> None:
+        """Stop what runs, and wait for its end for some seconds."""
+        with self._changed:
+            self._closed = True
+            self._stop_running()
+        self._thread.join(patience)
+
+    def _stop_running(self) -> None:
+        if self._running is not None:
+            self._running.stop()
+        self._changed.notify()
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                if self._next is None and not self._closed:
+                    self._changed.wait(self._interval)
+                if self._closed:
+                    return
+                self._running, self._next = self._next, None
+                work = self._running
+            (work.run if work else self._idle)()
+            with self._changed:
+                self._running = None

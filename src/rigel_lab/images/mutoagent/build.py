@@ -1,0 +1,88 @@
+"""The recipe of the agent's image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rigel_k8s import __version__
+from rigel_k8s.report import Reporter
+from rigel_k8s.system.oci import architecture, layer
+from rigel_lab.images.base import wheels
+from rigel_lab.images.base.bootstrap import EXTRACT
+from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
+from rigel_lab.images.base.build import build as build_recipe
+from rigel_lab.images.mutoagent.program import PREFIX, list_package, list_wheels, read_lock
+
+SUITE = "bookworm"
+PYTHON = "3.11"
+#: The processors of images, as wheels name them.
+MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
+#: The name that podman and docker give it when they load it, and the one that pods ask for.
+REFERENCE = f"localhost/rigel-k8s/muto-agent:{__version__}"
+UPSTREAM = f"ghcr.io/rigel-k8s/muto-agent:{__version__}"
+
+PACKAGES = ("ca-certificates", "python3")
+#: Nothing sets the packages up: one file of all authorities, where OpenSSL looks for it.
+AUTHORITIES = (
+    'mkdir -p "$1/etc/ssl/certs"; cat "$1"/usr/share/ca-certificates/mozilla/*.crt'
+    ' > "$1/etc/ssl/certs/ca-certificates.crt"'
+)
+
+CONFIG = {
+    "Entrypoint": ["/usr/bin/python3", "-m", "rigel_k8s"],
+    "Cmd": ["--help"],
+    "Env": [
+        "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
+        "LANG=C.UTF-8",
+        "SSL_CERT_FILE=/etc/ssl/certs/ca-certificates.crt",
+        f"PYTHONPATH=/{PREFIX}",
+        "PYTHONDONTWRITEBYTECODE=1",
+        "PYTHONUNBUFFERED=1",
+    ],
+    "User": "65532:65532",
+}
+
+
+def build(report: Reporter, *, force: bool = False) -> BaseImage:
+    """Return the image's archive; build it where the cache lacks it.
+
+    Args:
+        report: where to tell what happens.
+        force: build again, to get Debian's latest security updates.
+
+    Raises:
+        RigelK8sError: mmdebstrap or pip is missing and cannot be installed here.
+        CommandFailed: mmdebstrap or pip failed.
+    """
+    recipe = Recipe(
+        title="image of Muto's agent",
+        family="muto-agent",
+        name="python",
+        reference=REFERENCE,
+        suite=SUITE,
+        packages=PACKAGES,
+        config=CONFIG,
+        overlay=layer(list_package(), mtime=EPOCH),
+        locked=read_lock().encode(),
+        prepare=_prepare,
+        variant=EXTRACT,
+    )
+    return build_recipe(recipe, report, force=force)
+
+
+def _prepare(scratch: Path, report: Reporter) -> Sequence[str]:
+    """Return mmdebstrap's hooks that put the wheels in, and the authorities."""
+    machine = MACHINES[architecture()]
+    platforms = [f"{kind}_{machine}" for kind in ("manylinux2014", "manylinux_2_28")]
+    fetched = wheels.fetch(
+        read_lock(),
+        scratch / "wheels",
+        report,
+        what="Muto's agent",
+        python=PYTHON,
+        platforms=platforms,
+    )
+    tree = scratch / "wheels.tar"
+    tree.write_bytes(layer(list_wheels(fetched), mtime=EPOCH))
+    return (f"--extract-hook=tar-in {tree} /", f"--extract-hook={AUTHORITIES}")

@@ -1,0 +1,114 @@
+"""Containers that their image completes, against a real roscore: parameters, packages, commands."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+
+from rigel_k8s.app.globalparameters import READY, STATE
+
+pytestmark = pytest.mark.cluster
+
+START = ("/bin/sh", "/rigel-k8s/start.sh", "ros1")
+VALUES = "/rigel-k8s-parameters/99-parameters.json"
+MARK = "/rigel_k8s/app/global_parameters"
+#: A package of the image with files of its own.
+NAV = "/opt/ros/noetic/share/nav"
+PACKAGE = {
+    f"{NAV}/package.xml": "<package><name>nav</name></package>\n",
+    f"{NAV}/config/costmap.yaml": "speed: 1\nlimits: {turn: deg(90)}\nrates: [1, 2.5]\n",
+    f"{NAV}/describe": '#!/bin/sh\necho "<robot name=\\"$1\\"/>"\n',
+}
+ENV = {"ROBOT": "r7"}
+
+
+def parameters(pod, name="/"):
+    """What the master has below a name, as another pod's rosparam sees it."""
+    done = pod.exec("/bin/sh", "/rigel-k8s/exec.sh", "rosparam", "get", name)
+    assert done.returncode == 0, done.stdout
+    return yaml.safe_load(done.stdout)
+
+
+def setter(pods, values, *steps):
+    """Start what sets global parameters."""
+    words = ("--substitute", *steps, "--values", VALUES, "/", "--keep", MARK)
+    files = {**PACKAGE, VALUES: json.dumps(values)}
+    return pods.start("parameters", *START, *words, files=files, env=ENV)
+
+
+def is_ready(pod):
+    return pod.exec("/bin/sh", "-c", READY).returncode == 0
+
+
+def test_a_node_is_completed_before_it_starts(pods):
+    """Files of its image, values and a command's output are there when it looks for them."""
+    master = pods.rosmaster()
+    values = {"speed": 5, "frame": "$(env ROBOT)/base", "text": "07", "gains": ["$(env ROBOT)", 1]}
+    done = pods.start(
+        "planner",
+        *(*START, "--substitute", "--load", "$(find nav)/config/costmap.yaml", "/planner/costmap"),
+        *("--values", VALUES, "/planner", "--run", "/planner/urdf", "'$(find nav)/describe' x"),
+        *("--", "rosparam", "get", "/planner"),
+        files={**PACKAGE, VALUES: json.dumps(values)},
+        env=ENV,
+    )
+    assert done.process.wait(60) == 0, done.log()
+    assert yaml.safe_load(done.log()) == {
+        **values,
+        "frame": "r7/base",
+        "gains": ["r7", 1],
+        "costmap": {"speed": 1, "limits": {"turn": pytest.approx(1.5708, 1e-3)}, "rates": [1, 2.5]},
+        "urdf": '<robot name="x"/>\n',
+    }
+    assert parameters(master, "/planner/speed") == 5
+
+
+def test_global_parameters_are_set_once(pods, eventually):
+    """What is changed at run time stays, also when what sets them restarts."""
+    master = pods.rosmaster()
+    first = setter(pods, {"map": "$(find nav)/a", "speed": 1, "old": {"x": 1}})
+    eventually(lambda: is_ready(first), "the parameters are set")
+    assert parameters(master, "/map") == f"{NAV}/a"
+    master.exec("rosparam", "set", "/speed", "3")
+    first.kill()
+    again = setter(pods, {"map": "$(find nav)/a", "speed": 1, "old": {"x": 1}})
+    eventually(lambda: is_ready(again), "the restarted one is ready")
+    assert parameters(master, "/speed") == 3
+    again.kill()
+    update = setter(pods, {"map": "b", "speed": 2})
+    eventually(lambda: is_ready(update), "the update is ready")
+    found = parameters(master)
+    assert (found["map"], found["speed"], found["old"]) == ("b", 2, {})
+
+
+def test_a_master_that_lost_the_global_parameters_gets_them_again(pods, eventually):
+    """As roscore without a gate does when it restarts."""
+    old = pods.rosmaster()
+    pod = setter(pods, {"speed": 1})
+    eventually(lambda: is_ready(pod), "the parameters are set")
+    old.kill()
+    eventually(lambda: not is_ready(pod), "the loss is noticed")
+    assert "the global parameters are not set" in pod.exec("cat", STATE).stdout
+    new = pods.answering(pods.start("ros-master", "rosmaster", "--core", address=old.address))
+    eventually(lambda: is_ready(pod), "the parameters are set again")
+    assert parameters(new, "/speed") == 1
+
+
+def test_what_fails_ends_the_container_with_its_reason(pods):
+    """In one line, which is the last of the log."""
+    pods.rosmaster()
+    bad = {
+        f"{NAV}/package.xml": PACKAGE[f"{NAV}/package.xml"],
+        "/a.yaml": "a: [\n",
+    }
+    for words, expected in (
+        (("--substitute", "--", "$(find sensors)/run"), "this image has no package sensors"),
+        (("--load", "/a.yaml", "/n", "--", "true"), "the parameter file /a.yaml cannot be read"),
+        (("--load", "/b.yaml", "/n", "--", "true"), "there is no parameter file /b.yaml"),
+        (("--run", "/n/a", "sh -c 'echo why >&2; exit 3'", "--", "true"), "exit code 3: why"),
+    ):
+        pod = pods.start("bad", *START, *words, files=bad, env=ENV)
+        assert pod.process.wait(60) == 1
+        assert expected in pod.log().splitlines()[-1]

@@ -1,0 +1,219 @@
+"""start.sh: what only the image knows is put into a command line, with the Pythons of ROS images.
+
+What it sets at a master is tests/ros1's matter.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import rigel_k8s.inpod
+
+START = Path(rigel_k8s.inpod.__file__).parent / "start.sh"
+Run = Callable[..., subprocess.CompletedProcess[str]]
+#: What ROS 1 has: knows one package.
+ROSPACK = (
+    '#!/bin/sh\n[ "$2" = nav ] && echo /opt/ros/share/nav && exit 0\necho no such >&2\nexit 1\n'
+)
+#: A program that prints its arguments, one a line, and a variable.
+SHOW = ["/bin/sh", "-c", 'printf "%s\\n" "$@" "$MAP"', "sh"]
+
+
+@pytest.fixture(params=["2.7", "3"])
+def start(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
+    """Run start.sh in an image with one Python, a rospack and the ROS 2 package nav."""
+    old = request.param == "2.7"
+    python = request.getfixturevalue("python2") if old else sys.executable
+    (tmp_path / "python").symlink_to(python)
+    (tmp_path / "rospack").write_text(ROSPACK)
+    (tmp_path / "rospack").chmod(0o755)
+    index = tmp_path / "share/ament_index/resource_index/packages"
+    index.mkdir(parents=True)
+    (index / "nav").touch()
+
+    def run(*words: str, **env: str) -> subprocess.CompletedProcess[str]:
+        own = {"PATH": f"{tmp_path}:/bin", "AMENT_PREFIX_PATH": f"/nowhere:{tmp_path}", **env}
+        line = ["/bin/sh", str(START), *words]
+        return subprocess.run(line, env=own, capture_output=True, text=True, cwd=tmp_path)
+
+    return run
+
+
+def shown(done: subprocess.CompletedProcess[str]) -> list[str]:
+    assert (done.returncode, done.stderr) == (0, "")
+    return done.stdout.splitlines()
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [
+        ("$(find nav)/maps/a.yaml", "/opt/ros/share/nav/maps/a.yaml"),
+        ("$(find-pkg-share nav)", "/opt/ros/share/nav"),
+        ("_a:=$(find nav):$(env ROBOT)", "_a:=/opt/ros/share/nav:r7"),
+        ("$(env ROBOT r1)$(env NO r1)", "r7r1"),
+        ("$(optenv ROBOT)-$(optenv NO)-$(optenv NO two words)", "r7--two words"),
+        ("$(date) $(POD_NAME) $(find a b) $(arg x)", "$(date) $(POD_NAME) $(find a b) $(arg x)"),
+        ("$(echo $(env ROBOT)) $(open", "$(echo r7) $(open"),
+        ("$(env QUOTE)", "a $(find nope) 'b"),
+    ],
+)
+def test_expressions_are_replaced(start: Run, word: str, expected: str):
+    """Each once, and nothing that is none of ours; a word stays one word."""
+    done = start(
+        *("ros1", "--substitute", "--", *SHOW, word), ROBOT="r7", QUOTE="a $(find nope) 'b"
+    )
+    assert shown(done) == [expected, ""]
+
+
+def test_nothing_is_replaced_unless_asked(start: Run):
+    """A program with parameters of its image may have words of its own that look alike."""
+    assert shown(start("ros1", "--", *SHOW, "$(find nav)")) == ["$(find nav)", ""]
+
+
+def test_variables_are_replaced_in_the_order_written(start: Run, tmp_path: Path):
+    """Those that the user wrote an expression into; one may use another."""
+    words = ("--substitute", "--env", "BASE", "--env", "MAP", "--", *SHOW)
+    done = start(
+        "ros2", *words, BASE="$(find nav)/maps", MAP="$(env BASE)/$(env KEPT)", KEPT="$(x)"
+    )
+    assert shown(done) == [f"{tmp_path}/share/nav/maps/$(x)"]
+
+
+def test_the_program_reads_a_completed_copy_of_a_file(start: Run, tmp_path: Path):
+    """Of what is loaded beside a node; with the node's own variables, and numbers as numbers."""
+    plan = {"components": [{"name": "/a", "parameters": {"map": "$(env MAP)", "n": "$(env N)"}}]}
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps(plan))
+    words = ("--substitute", "--complete", str(path), "--env", "MAP", "--", *SHOW, "-v", str(path))
+    verbose, copy, _ = shown(
+        start("ros1", *words, MAP="$(find nav)/a", N="2", TMPDIR=str(tmp_path))
+    )
+    (component,) = json.loads(Path(copy).read_text())["components"]
+    assert component == {"name": "/a", "parameters": {"map": "/opt/ros/share/nav/a", "n": 2}}
+    assert (verbose, json.loads(path.read_text())) == ("-v", plan)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (
+            ["ros1", "--substitute", "--", "true", "$(find sensors)"],
+            "rigel: $(find sensors): this image has no package sensors (ROS_PACKAGE_PATH=/ws)\n",
+        ),
+        (
+            ["ros2", "--substitute", "--", "true", "$(find sensors)"],
+            "rigel: $(find sensors): this image has no package sensors (AMENT_PREFIX_PATH={})\n",
+        ),
+        (
+            ["ros1", "--substitute", "--", "true", "$(env ROBOT)"],
+            "rigel: the environment variable ROBOT of $(env ROBOT) is not set\n",
+        ),
+        (
+            [
+                "ros2",
+                "--run",
+                "urdf",
+                "sh -c 'echo one >&2; echo two >&2; exit 4'",
+                "--",
+                "true",
+            ],
+            "rigel: the command of the parameter urdf, `sh -c echo one >&2; echo two >&2; exit 4`,"
+            " failed with exit code 4: two\n",
+        ),
+        (
+            ["ros1", "--run", "/n/urdf", "xacro a.xacro", "--", "true"],
+            "rigel: the command of the parameter urdf, `xacro a.xacro`, cannot be run:"
+            " No such file or directory\n",
+        ),
+        (
+            ["ros1", "--load", "/config/a.yaml", "/n", "--", "true"],
+            "rigel: there is no parameter file /config/a.yaml in this image\n",
+        ),
+        (
+            ["ros1", "--run", "/n/urdf", "echo x", "--", "true"],
+            "rigel: this image has no rosgraph for Python, or ROS is not set up\n",
+        ),
+        (["ros1", "--", "talker"], "rigel: talker cannot be run: No such file or directory\n"),
+    ],
+)
+def test_what_is_missing_is_reported_in_one_line(start: Run, words: list[str], line: str):
+    """The last line of the container's log is what `rigel run` and `rigel status` show."""
+    done = start(*words, ROS_PACKAGE_PATH="/ws", AMENT_PREFIX_PATH="/opt/ros")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == line.replace("{}", "/opt/ros")
+
+
+def test_parameters_of_ros2_get_into_a_file_at_the_end(start: Run, tmp_path: Path):
+    """Which rcl reads as YAML; a text that becomes a number or truth is one."""
+    values = {"map": "$(find nav)/a", "rate": "$(env RATE)", "on": ["$(env ON)", 1.5], "text": "7"}
+    (tmp_path / "values.json").write_text(json.dumps(values))
+    words = ["--substitute", "--values", "values.json", "/**", "--run", "urdf", "cat '$(env FILE)'"]
+    (tmp_path / "robot.urdf").write_text('<robot name="é"/>\n')
+    done = start(
+        *("ros2", *words, "--", *SHOW, "a", "--ros-args", "-r", "__node:=n"),
+        **{"RATE": "2", "ON": "True", "FILE": "robot.urdf", "TMPDIR": str(tmp_path)},
+    )
+    *line, path, _ = shown(done)
+    assert line == ["a", "--ros-args", "-r", "__node:=n", "--ros-args", "--params-file"]
+    assert json.loads(Path(path).read_text()) == {
+        "/**": {
+            "ros__parameters": {
+                "map": f"{tmp_path}/share/nav/a",
+                "rate": 2,
+                "on": [True, 1.5],
+                "text": "7",
+                "urdf": '<robot name="é"/>\n',
+            }
+        }
+    }
+
+
+def test_it_becomes_the_program(start: Run):
+    """The exit code and the process are the program's: signals reach it, and probes see it."""
+    done = start("ros1", "--substitute", "--", "/bin/sh", "-c", "kill -9 $$")
+    assert done.returncode == -9
+
+
+def test_a_failure_stands_in_the_containers_status(
+    script: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """`rigel status` shows it there; where there is no Kubernetes, no file is made."""
+    start, file = script("start"), tmp_path / "termination-log"
+    monkeypatch.setattr(start, "TERMINATION", str(file))
+    start.report("why")
+    assert not file.exists()
+    file.touch()
+    start.report("why")
+    assert file.read_text() == "why"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *(("2", 2), ("-3", -3), ("1e3", 1000.0), ("0.5", 0.5), ("True", True), ("false", False)),
+        *(("nan", "nan"), ("1_0", "1_0"), ("1.2.3", "1.2.3"), ("", ""), ("e", "e"), ("yes", "yes")),
+    ],
+)
+def test_types(script: Callable[[str], ModuleType], text: str, value: object):
+    """As roslaunch reads them."""
+    found = script("substitution").give_type(text)
+    assert (found, type(found)) == (value, type(value))
+
+
+def test_an_image_without_python(tmp_path: Path):
+    """Is reported, and starts nothing."""
+    done = subprocess.run(
+        ["/bin/sh", str(START), "ros1", "--", "true"],
+        env={"PATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout) == (3, "")
+    assert "this image has no Python" in done.stderr

@@ -1,0 +1,103 @@
+"""The agent's objects: golden files, since a changed template restarts the agents of all users."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from rigel_k8s.commands.rigelfiles import check
+from rigel_k8s.jobs.types.muto_agent import find_deploy_job
+from rigel_k8s.muto.agent.manifests import agent_objects
+from rigel_k8s.muto.agent.options import MutoAgent
+from rigel_k8s.objects.podsecurity import find_violations
+from rigel_k8s.objects.workloads import ReleaseContext
+from rigel_k8s.rigelfile import load, realise
+from rigel_k8s.rigelfile.source import Span, YamlNode, node_of
+from rigel_k8s.rigelfile.structure import structure
+from rigel_k8s.settings import Settings
+
+GOLDEN = Path(__file__).parent / "golden"
+AROUND = ReleaseContext("robots", "muto-agent", None, "", "none")
+RULES = [{"apiGroups": [""], "resources": ["pods"], "verbs": ["list"]}]
+LEAST = {"thing": "org:robot", "broker": "mqtt://mosquitto:1883", "job": "deploy"}
+CASES: dict[str, dict[str, Any]] = {
+    "least": LEAST,
+    "everything": {
+        **LEAST,
+        "broker": "mqtts://broker.example",
+        "image": "registry.lab/muto-agent:1",
+        "broker_secret": "broker",
+        "prefix": "fleet",
+        "target": "robot-7",
+        "twin_url": "https://ditto.example",
+        "twin_user": "robot",
+        "twin_secret": "ditto",
+        "stacks": ["org:*"],
+        "images": ["registry.lab/*"],
+        "whole_stacks": True,
+        "resources": {"limits": {"memory": "1Gi"}},
+    },
+}
+
+
+def read(raw: dict[str, Any]) -> tuple[MutoAgent | None, list[str]]:
+    """Return options as a Rigelfile would give them, and what is wrong with them."""
+    found = structure(node_of(raw, YamlNode({}, Span(1, 1, 1, 1))), MutoAgent)
+    return found.draft, [problem.message for problem in found.problems]
+
+
+def make(case: str) -> list[dict[str, Any]]:
+    options, problems = read(CASES[case])
+    assert options is not None, problems
+    return list(agent_objects(AROUND, options, "jobs: {}\n", RULES))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_manifests_are_those_of_the_golden_file(case: str, *, update_golden: bool) -> None:
+    made = json.loads(json.dumps(make(case)))  # without aliases
+    text = yaml.safe_dump_all(made, sort_keys=False, width=100)
+    golden = GOLDEN / f"{case}.yaml"
+    if update_golden:
+        golden.write_text(text, "utf-8")
+    assert text == golden.read_text("utf-8")
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_pod_passes_the_level_restricted(case: str) -> None:
+    spec = make(case)[-1]["spec"]["template"]["spec"]
+    assert list(find_violations(spec)) == []
+    assert spec["securityContext"]["runAsNonRoot"] is True
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"thing": "robot"}, "is not NAMESPACE:NAME"),
+        ({"thing": "org:"}, "is not NAMESPACE:NAME"),
+        ({"twin_url": "ditto"}, "is not a URL"),
+        ({"twin_url": "https://me:secret@ditto"}, "no password"),
+        ({"twin_url": "https://ditto", "twin_user": "me"}, "twin_user needs twin_secret"),
+        ({"twin_secret": "ditto"}, "no twin_url"),
+    ],
+)
+def test_options_that_contradict_each_other_are_refused(change: dict[str, str], words: str) -> None:
+    _, problems = read({**LEAST, **change})
+    assert len(problems) == 1
+    assert words in problems[0]
+
+
+def test_the_documented_agent_can_be_deployed(tmp_path: Path) -> None:
+    """The Rigelfile of docs/muto-agent.md passes the check, and its agent finds its job."""
+    page = (Path(__file__).parents[4] / "docs" / "muto-agent.md").read_text("utf-8")
+    (block,) = re.findall(r"^```yaml\n(.*?)^```", page, re.M | re.S)
+    file = tmp_path / "Rigelfile"
+    file.write_text(block)
+    assert check(Settings(rigelfile=file)).errors == ()
+    found = load(file)
+    options = realise(found, found.jobs["agent"], None, {}, MutoAgent).options
+    assert find_deploy_job(found, options).name == "deploy"

@@ -19,6 +19,7 @@ DATA = (
     "rigel_k8s/observability/boards/files/rigel-platform.yaml",
     "rigel_k8s/exporter/__main__.py",
     "rigel_lab/images/base/files/ros_entrypoint.sh",
+    "rigel_lab/images/mutoagent/files/wheels.txt",
     "rigel_lab/images/ros1base/files/setup.zsh",
     "rigel_lab/images/ros2base/files/jazzy.in",
     "rigel_lab/images/ros2base/files/jazzy.txt",
@@ -36,6 +37,7 @@ READS = """
 from rigel_k8s import inpod
 from rigel_k8s.observability import boards
 from rigel_lab.images.exporter.program import entries as exporter
+from rigel_lab.images.mutoagent import list_package, read_lock
 from rigel_lab.images.ros1base.overlay import entries as ros1
 from rigel_lab.images.ros2base.overlay import entries as ros2
 from rigel_lab.images.ros2base.packages import lock
@@ -44,6 +46,7 @@ from rigel_k8s.network.multus.definitions import attachment_definition, whereabo
 from rigel_k8s.network.multus.rollout import machine_script
 assert all(inpod.scripts().values()) and boards.dashboards() and boards.rules()
 assert exporter() and ros1("core") and ros2("jazzy") and lock("jazzy") and lock("kilted")
+assert list_package() and read_lock()
 assert interface_script() and machine_script()
 assert attachment_definition() and whereabouts_definitions()
 """

@@ -28,7 +28,7 @@ name_option = click.option(
     "--name",
     default="local",
     show_default=True,
-    help="Which cluster; its context is rigel-NAME.",
+    help="Use the cluster with this name; its context is rigel-NAME.",
     shell_complete=complete_name,
 )
 
@@ -44,28 +44,36 @@ def cluster() -> None:
 
 @cluster.command()
 @name_option
-@click.option("--nodes", type=int, metavar="K", help="How many nodes a new cluster gets [2].")
+@click.option(
+    "--nodes", type=int, metavar="K", help="Give a new cluster this many nodes [default: 2]."
+)
 @click.option(
     "--with",
     "extras",
     multiple=True,
     type=click.Choice(["kubectl", "multus", "observability", "prometheus-operator"]),
-    help="Images that the registry offers besides, or a kubectl of the same version; may be"
-    " repeated, also for a running cluster.",
+    help="Add these images to the cluster's registry, or a kubectl of the same version;"
+    " repeatable, also for a running cluster.",
 )
 @click.option(
     "--layout",
     type=click.Choice(["plain", "k3s"]),
-    help="Where a new cluster's nodes have CNI and containerd [plain].",
+    help="Lay out CNI and containerd in a new cluster as this distribution does [default: plain].",
 )
-@click.option("--data-dir", metavar="PATH", help="k3s' data directory [/var/lib/rancher/k3s].")
+@click.option(
+    "--data-dir",
+    metavar="PATH",
+    help="Use this data directory for the k3s layout [default: /var/lib/rancher/k3s].",
+)
 @click.option(
     "--mirror",
     metavar="URL",
-    help="Where released programs come from: below it HOST/PATH is what upstream has at"
-    " https://HOST/PATH [$RIGEL_CLUSTER_MIRROR].",
+    help="Download released programs from here: below it, HOST/PATH is what upstream has at"
+    " https://HOST/PATH [default: $RIGEL_CLUSTER_MIRROR].",
 )
-@click.option("--from-source", is_flag=True, help="Compile every program, download none.")
+@click.option(
+    "--from-source", is_flag=True, help="Compile every program instead of downloading it."
+)
 @json_option
 @click.pass_context
 def up(
@@ -80,7 +88,7 @@ def up(
     from_source: bool,  # noqa: FBT001
     output: str,
 ) -> None:
-    """Start a cluster, or what of it does not run.
+    """Start a cluster, or the parts of it that do not run.
 
     The first time its programs are downloaded from their projects' releases; what cannot be
     reached is compiled (all of it: about 15 minutes on two cores). They are kept in a cache. The
@@ -122,7 +130,7 @@ def tell_offers(status: ClusterStatus) -> None:
 @name_option
 @click.pass_context
 def down(ctx: click.Context, /, name: str) -> None:
-    """End a cluster and remove everything of it, its volumes and images too."""
+    """Stop a cluster and delete all of it, with its volumes and images."""
     from rigel_k8s.lab import cluster as localcluster
 
     there_was = localcluster.down(name, report=steps(ctx))

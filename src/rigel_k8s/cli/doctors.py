@@ -12,7 +12,7 @@ from rigel_k8s.cli.words import json_option, print_json, settings
 @json_option
 @click.pass_context
 def doctor(ctx: click.Context, /, output: str) -> int:
-    """Check what a deploy needs: a cluster, rights, nodes, storage. Exit code 1 where one lacks."""
+    """Check a deploy's needs: cluster, rights, nodes, storage. Exit code 1 if one is missing."""
     from rigel_k8s.commands import doctor as doctors
 
     findings = doctors.examine(settings(ctx))

@@ -12,15 +12,22 @@ Variant: TypeAlias = Literal["core", "devel"]
 Distro: TypeAlias = Literal["jazzy", "kilted"]
 
 
+force_option = click.option("--force", is_flag=True, help="Build the image again.")
+
+
 @click.group()
 def image() -> None:
     """Images for machines that cannot pull from the internet."""
 
 
 @image.command("ros1-base")
-@click.option("--push", metavar="IMAGE", help="Push it under this name, HOST:PORT/ros:noetic say.")
+@click.option(
+    "--push",
+    metavar="IMAGE",
+    help="Push the image under this name, for example HOST:PORT/ros:noetic.",
+)
 @click.option("--variant", type=click.Choice(["core", "devel"]), default="core", show_default=True)
-@click.option("--force", is_flag=True, help="Build it anew.")
+@force_option
 @click.pass_context
 def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: bool) -> None:  # noqa: FBT001
     """A ROS 1 base image from Debian's packages, used just as ros:noetic is."""
@@ -32,11 +39,15 @@ def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: 
 
 
 @image.command("ros2-base")
-@click.option("--push", metavar="IMAGE", help="Push it under this name, HOST:PORT/ros:jazzy say.")
+@click.option(
+    "--push",
+    metavar="IMAGE",
+    help="Push the image under this name, for example HOST:PORT/ros:jazzy.",
+)
 @click.option(
     "--distro", type=click.Choice(["jazzy", "kilted"]), default="jazzy", show_default=True
 )
-@click.option("--force", is_flag=True, help="Build it anew.")
+@force_option
 @click.pass_context
 def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bool) -> None:  # noqa: FBT001
     """A ROS 2 base image from Debian and PyPI's wheels, used just as ros:jazzy is."""
@@ -49,9 +60,11 @@ def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bo
 
 @image.command("ros-exporter")
 @click.option(
-    "--push", metavar="IMAGE", help="Push it under this name, HOST:PORT/ros-exporter say."
+    "--push",
+    metavar="IMAGE",
+    help="Push the image under this name, for example HOST:PORT/ros-exporter.",
 )
-@click.option("--force", is_flag=True, help="Build it anew.")
+@force_option
 @click.pass_context
 def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None:  # noqa: FBT001
     """The image of the exporter that gives an application's ros_metrics."""
@@ -59,4 +72,21 @@ def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None: 
 
     with choose_reporter(ctx) as report:
         name = images.ros_exporter(report, push=push, force=force)
+    click.echo(name)
+
+
+@image.command("muto-agent")
+@click.option(
+    "--push",
+    metavar="IMAGE",
+    help="Push the image under this name, for example HOST:PORT/muto-agent.",
+)
+@force_option
+@click.pass_context
+def muto_agent(ctx: click.Context, /, push: str | None, force: bool) -> None:  # noqa: FBT001
+    """The image of the agent that takes commands of Eclipse Muto."""
+    from rigel_k8s.commands import images
+
+    with choose_reporter(ctx) as report:
+        name = images.muto_agent(report, push=push, force=force)
     click.echo(name)

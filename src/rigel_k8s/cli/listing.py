@@ -16,13 +16,13 @@ HEADS = ("NAME", "REVISION", "STATUS", "READY", "AGE", "JOB", "RIGEL")
 
 @click.command("list")
 @namespace_option
-@click.option("-A", "--all-namespaces", is_flag=True, help="Those of the whole cluster.")
+@click.option("-A", "--all-namespaces", is_flag=True, help="List the releases of all namespaces.")
 @click.option(
     "-o",
     "--output",
     type=click.Choice(["table", "json", "yaml"]),
     default="table",
-    help="The form.",
+    help="Print in this format.",
 )
 @click.pass_context
 def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # noqa: FBT001

@@ -25,7 +25,7 @@ INTERRUPTED = 130
 #: Command -> (module of this package, one line of help), in the order in which help shows them.
 COMMANDS = {
     "init": ("rigelfiles", "Write a commented Rigelfile to start from."),
-    "check": ("rigelfiles", "Tell every problem of the Rigelfile at once."),
+    "check": ("rigelfiles", "Report all problems of the Rigelfile at once."),
     "schema": ("rigelfiles", "Print a JSON schema of Rigelfiles, for editors."),
     "trust": ("trusting", "Trust the Python code beside a Rigelfile; list, remove."),
     "run": ("runs", "Run a job or a sequence."),
@@ -40,11 +40,11 @@ COMMANDS = {
     "forward": ("pods", "Forward local ports to a ROS node."),
     "history": ("releases", "List the revisions of a release."),
     "rollback": ("releases", "Go back to an earlier revision."),
-    "down": ("releases", "Take a release away; volumes stay unless --volumes."),
+    "down": ("releases", "Delete a release; its volumes stay unless --volumes."),
     "doctor": ("doctors", "Check what a deploy needs: cluster, rights, nodes."),
-    "rbac": ("rbac", "Print the Roles that deploying, looking or installing takes."),
+    "rbac": ("rbac", "Print the least rights for deploying, viewing or installing."),
     "observe": ("observe", "Open Grafana, Prometheus and Loki here; status, remove."),
-    "muto": ("muto", "Turn stacks of Eclipse Muto into Rigelfiles."),
+    "muto": ("muto", "Use stacks of Eclipse Muto, and take its commands."),
     "network": ("network", "Second networks for pods: install, status, remove Multus."),
     "cluster": ("cluster", "A real Kubernetes on this machine: up, down, status, load."),
     "image": ("images", "Images for machines that cannot pull from the internet."),
@@ -99,21 +99,30 @@ class Commands(click.Group):
     type=click.Path(path_type=Path),
     default=Path("Rigelfile"),
     show_default=True,
-    help="The Rigelfile.",
+    help="Read this Rigelfile.",
 )
-@click.option("--context", metavar="NAME", help="The kubeconfig context [current].")
 @click.option(
-    "--kubeconfig", type=click.Path(path_type=Path), help="The kubeconfig (default: $KUBECONFIG)."
+    "--context", metavar="NAME", help="Use this kubeconfig context [default: the current one]."
 )
-@click.option("-n", "--namespace", metavar="NAME", help="The Kubernetes namespace.")
+@click.option(
+    "--kubeconfig",
+    type=click.Path(path_type=Path),
+    help="Use this kubeconfig [default: $KUBECONFIG].",
+)
+@click.option("-n", "--namespace", metavar="NAME", help="Use this Kubernetes namespace.")
 @click.option(
     "--trust", is_flag=True, help="Trust the Rigelfile's directory, as `rigel trust` does."
 )
-@click.option("-q", "--quiet", is_flag=True, help="Tell only warnings and results.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only warnings and results.")
 @click.option(
-    "-v", "--verbose", is_flag=True, help="Every change as a line, errors with their traceback."
+    "-v",
+    "--verbose",
+    is_flag=True,
+    help="Print every change as a line, and errors with their traceback.",
 )
-@click.option("--no-color", is_flag=True, help="No colour, no live rows (as $NO_COLOR).")
+@click.option(
+    "--no-color", is_flag=True, help="Print no colors and no live rows (as with $NO_COLOR)."
+)
 @click.version_option(__version__, prog_name="rigel-k8s")
 @click.pass_context
 def cli(ctx: click.Context, /, **options: Any) -> None:

@@ -1,38 +1,58 @@
-"""`rigel muto convert`."""
+"""`rigel muto convert` and `rigel muto agent`."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
 
-from rigel_k8s.cli.words import warn
+from rigel_k8s.cli.words import choose_reporter, namespace_option, settings, warn
 
 
 @click.group()
 def muto() -> None:
-    """Use stacks of Eclipse Muto. The option `muto` of a job deploys them as they are."""
+    """Use stacks of Eclipse Muto, and take its commands.
+
+    The option `muto` of a job deploys a stack as it is.
+    """
 
 
 @muto.command()
 @click.argument("stack")
 @click.option(
-    "--arg", "arguments", metavar="NAME=VALUE", multiple=True, help="A value of an argument."
+    "--arg", "arguments", metavar="NAME=VALUE", multiple=True, help="Set an argument of the stack."
 )
-@click.option("--image", metavar="IMAGE", help="The image with the programs of the stack.")
 @click.option(
-    "--distro", metavar="NAME", help="The ROS distribution (default: noetic, or jazzy for ROS 2)."
+    "--image", metavar="IMAGE", help="Write this image, which has the programs of the stack."
+)
+@click.option(
+    "--distro",
+    metavar="NAME",
+    help="Write this ROS distribution [default: noetic, or jazzy for ROS 2].",
+)
+@click.option(
+    "--to",
+    "directory",
+    metavar="DIRECTORY",
+    type=click.Path(path_type=Path),
+    help="Write a new directory with the Rigelfile, and the sources of an archive.",
 )
 @click.option("--strict", is_flag=True, help="Refuse a stack that cannot be carried over whole.")
-@click.option("--twin-url", metavar="URL", help="The Ditto that has what no file has.")
-@click.option("--token", metavar="VARIABLE", help="The environment variable with its token.")
-@click.option("--user", metavar="NAME", help="A user of the Ditto.")
-@click.option("--password", metavar="VARIABLE", help="The environment variable with the password.")
+@click.option("--twin-url", metavar="URL", help="Ask this Ditto for stacks that no file has.")
+@click.option(
+    "--token", metavar="VARIABLE", help="Read Ditto's token from this environment variable."
+)
+@click.option("--user", metavar="NAME", help="Log in to Ditto as this user.")
+@click.option(
+    "--password", metavar="VARIABLE", help="Read Ditto's password from this environment variable."
+)
 def convert(
     stack: str,
     arguments: tuple[str, ...],
     image: str | None,
     distro: str | None,
+    directory: Path | None,
     **options: Any,
 ) -> None:
     """Print a Rigelfile that deploys a stack, each of its nodes in a pod.
@@ -40,6 +60,8 @@ def convert(
     STACK is a file, the id of a stack in a file of the working directory or of a thing at
     --twin-url, or the URL of a Ditto thing. Warnings on standard error, and comments in the
     Rigelfile, show what of the stack is not carried over.
+
+    An archive with sources needs --to: the Rigelfile there builds an image of them and deploys it.
     """
     from rigel_k8s.commands import muto as actions
     from rigel_k8s.muto.converting import Target
@@ -50,9 +72,101 @@ def convert(
         source = Muto(stack=stack, args=given, **options)
     except ValueError as error:
         raise click.UsageError(str(error)) from error
-    made = actions.convert(source, Target(image, distro))
+    target = Target(image, distro)
+    made = (
+        actions.write(source, target, directory) if directory else actions.convert(source, target)
+    )
     warn(made.warnings)
-    click.echo(made.text, nl=False)
+    if directory is None:
+        click.echo(made.text, nl=False)
+    else:
+        click.echo(f"{directory / 'Rigelfile'} written")
+
+
+@muto.command()
+@click.option(
+    "--thing",
+    metavar="ID",
+    required=True,
+    help="Listen to commands for the device with this id, NAMESPACE:NAME.",
+)
+@click.option(
+    "--broker",
+    metavar="URL",
+    required=True,
+    help="Connect to this broker, mqtt://HOST:PORT or mqtts://HOST:PORT.",
+)
+@click.option("--job", metavar="NAME", help="Deploy stacks with this job [default: the only one].")
+@click.option(
+    "--credentials",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Read the broker's username, password, ca.crt, tls.crt and tls.key from this directory;"
+    " all are optional.",
+)
+@click.option(
+    "--prefix",
+    default="muto",
+    show_default=True,
+    help="Begin the topics of Muto's ROS 2 generation with this word.",
+)
+@click.option(
+    "--target",
+    metavar="NAME",
+    help="Answer to this name of the device in Symphony [default: the thing's NAME].",
+)
+@click.option(
+    "--twin-url", metavar="URL", help="Read stacks from this Ditto, and write to it what runs."
+)
+@click.option(
+    "--token", metavar="VARIABLE", help="Read Ditto's token from this environment variable."
+)
+@click.option("--user", metavar="NAME", help="Log in to Ditto as this user.")
+@click.option(
+    "--password", metavar="VARIABLE", help="Read Ditto's password from this environment variable."
+)
+@click.option(
+    "--allow-stack",
+    "stacks",
+    metavar="PATTERN",
+    multiple=True,
+    help="Allow stacks whose id matches [default: all].",
+)
+@click.option(
+    "--allow-image",
+    "images",
+    metavar="PATTERN",
+    multiple=True,
+    help="Allow images that match [default: all of the job].",
+)
+@click.option("--whole-stacks", is_flag=True, help="Allow commands that contain a whole stack.")
+@click.option("--health", metavar="PORT", type=int, help="Answer probes on this port.")
+@namespace_option
+@click.pass_context
+def agent(
+    ctx: click.Context,
+    /,
+    token: str | None,
+    user: str | None,
+    password: str | None,
+    stacks: tuple[str, ...],
+    images: tuple[str, ...],
+    whole_stacks: bool,  # noqa: FBT001 - click passes them by name
+    **options: Any,
+) -> None:
+    """Take commands of Muto's dashboard, of Ditto and of Symphony by MQTT, until Ctrl-C.
+
+    They deploy a job of the Rigelfile with the stack that they name. Anyone who may publish on the
+    device's topics can start programs of the job's images. The job type muto-agent runs this in a
+    cluster.
+    """
+    from rigel_k8s.commands.mutoagent.serving import Agent, run
+    from rigel_k8s.muto.agent.allowance import Allowance
+    from rigel_k8s.muto.ditto import Access
+
+    allowance = Allowance(stacks or ("*",), images or ("*",), whole_stacks)
+    access = Access(token, user, password)
+    with choose_reporter(ctx) as report:
+        run(Agent(access=access, allowance=allowance, **options), settings(ctx), report)
 
 
 def split_argument(text: str) -> tuple[str, str]:

@@ -23,19 +23,37 @@ PLACES = (
     click.option(
         "--platform",
         type=click.Choice(["k3s", "microk8s", "kind", "minikube", "plain"]),
-        help="What the cluster is [recognised from its nodes].",
+        help="Install for this distribution [default: recognized from its nodes].",
     ),
-    click.option("--data-dir", metavar="DIR", help="k3s' --data-dir [as its nodes tell]."),
-    click.option("--cni-conf-dir", metavar="DIR", help="Where machines keep CNI configuration."),
-    click.option("--cni-bin-dir", metavar="DIR", help="Where machines keep CNI programs."),
+    click.option(
+        "--data-dir",
+        metavar="DIR",
+        help="Use this data directory of k3s [default: as its nodes report].",
+    ),
+    click.option(
+        "--cni-conf-dir",
+        metavar="DIR",
+        help="Use this directory of CNI configuration on the machines.",
+    ),
+    click.option(
+        "--cni-bin-dir", metavar="DIR", help="Use this directory of CNI programs on the machines."
+    ),
 )
 IMAGES = (
-    click.option("--multus-image", metavar="IMAGE", help="From a registry of your own."),
-    click.option("--whereabouts-image", metavar="IMAGE", help="From a registry of your own."),
+    click.option(
+        "--multus-image",
+        metavar="IMAGE",
+        help="Use this image, for example from your own registry.",
+    ),
+    click.option(
+        "--whereabouts-image",
+        metavar="IMAGE",
+        help="Use this image, for example from your own registry.",
+    ),
     click.option(
         "--plugins-image",
         metavar="IMAGE",
-        help="Standard CNI programs in /opt/cni/bin, for machines that lack macvlan.",
+        help="Install CNI's standard programs in /opt/cni/bin, for machines without macvlan.",
     ),
 )
 
@@ -61,9 +79,9 @@ def network() -> None:
 
 @network.command()
 @with_options(*PLACES, *IMAGES)
-@click.option("--dhcp/--no-dhcp", default=None, help="CNI's DHCP daemon, for `ipam: dhcp`.")
-@click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
-@click.option("--adopt", is_flag=True, help="Take over objects of the same names.")
+@click.option("--dhcp/--no-dhcp", default=None, help="Install CNI's DHCP daemon, for `ipam: dhcp`.")
+@click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
+@click.option("--adopt", is_flag=True, help="Take over existing objects of the same names.")
 @click.pass_context
 def install(
     ctx: click.Context,
@@ -101,13 +119,15 @@ def status(ctx: click.Context, /, output: str, **words: str | None) -> int:
 
 @network.command()
 @with_options(*PLACES, *IMAGES)
-@click.option("--force", is_flag=True, help="Though pods are attached or nodes are away.")
+@click.option(
+    "--force", is_flag=True, help="Remove even if pods are attached or machines are unreachable."
+)
 @click.option(
     "--definitions",
     is_flag=True,
-    help="Delete the kinds too, and with them every attachment of every application.",
+    help="Delete the custom resource definitions too, and so the attachments of all applications.",
 )
-@click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
+@click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
 @click.pass_context
 def remove(
     ctx: click.Context,
@@ -117,7 +137,7 @@ def remove(
     timeout: float | None,
     **words: str | None,
 ) -> None:
-    """Take both away, so that every node goes on starting pods."""
+    """Remove both, in an order in which every machine keeps starting pods."""
     from rigel_k8s.commands import network as networks
 
     with choose_reporter(ctx) as report:

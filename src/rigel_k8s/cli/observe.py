@@ -18,10 +18,22 @@ PORT = click.IntRange(0, 65535)
 
 
 @click.group(invoke_without_command=True)
-@click.option("--grafana", type=PORT, metavar="PORT", help="Grafana's local port [3000].")
-@click.option("--prometheus", type=PORT, metavar="PORT", help="Prometheus' local port [9090].")
-@click.option("--loki", type=PORT, metavar="PORT", help="Loki's local port [3100]; 0 is any.")
-@click.option("--no-password", is_flag=True, help="Do not show Grafana's password.")
+@click.option(
+    "--grafana", type=PORT, metavar="PORT", help="Use this local port for Grafana [default: 3000]."
+)
+@click.option(
+    "--prometheus",
+    type=PORT,
+    metavar="PORT",
+    help="Use this local port for Prometheus [default: 9090].",
+)
+@click.option(
+    "--loki",
+    type=PORT,
+    metavar="PORT",
+    help="Use this local port for Loki; 0 picks a free one [default: 3100].",
+)
+@click.option("--no-password", is_flag=True, help="Do not print Grafana's password.")
 @json_option
 @click.pass_context
 def observe(
@@ -75,9 +87,9 @@ def status(ctx: click.Context, /, output: str) -> int:
 
 
 @observe.command()
-@click.option("--volumes", is_flag=True, help="Delete its data too, and Grafana's password.")
-@click.option("-y", "--yes", is_flag=True, help="Do not ask.")
-@click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
+@click.option("--volumes", is_flag=True, help="Delete its data and Grafana's password, too.")
+@click.option("-y", "--yes", is_flag=True, help="Do not ask for confirmation.")
+@click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
 @click.pass_context
 def remove(
     ctx: click.Context,

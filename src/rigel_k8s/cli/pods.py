@@ -19,20 +19,33 @@ COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_cyan", "bright_g
 
 @click.command()
 @click.argument("nodes", nargs=-1, metavar="[NODE]...", shell_complete=complete_node)
-@click.option("-f", "--follow", is_flag=True, help="Go on with new lines, and with new pods.")
 @click.option(
-    "--since", type=Timeout(), help="The last 30s, 5m, 1h, 2d ...: from Loki, where it is there."
+    "-f", "--follow", is_flag=True, help="Print new lines and those of new pods until Ctrl-C."
+)
+@click.option(
+    "--since",
+    type=Timeout(),
+    help="Print the lines of the last 30s, 5m, 1h, 2d ...; from Loki if it is installed.",
 )
 @click.option(
     "--level",
     type=click.Choice(LEVELS, case_sensitive=False),
-    help="This level and those above it [--since 1h].",
+    help="Print lines of this level and above; implies --since 1h.",
 )
-@click.option("--tail", type=click.IntRange(min=0), help="Only so many last lines of each pod.")
-@click.option("-p", "--previous", is_flag=True, help="Of the container before its last restart.")
-@click.option("--timestamps", is_flag=True, help="With the time of each line.")
+@click.option("--tail", type=click.IntRange(min=0), help="Print this many last lines of each pod.")
 @click.option(
-    "-o", "--output", type=click.Choice(["text", "json"]), default="text", help="The form."
+    "-p",
+    "--previous",
+    is_flag=True,
+    help="Print the lines of the container before its last restart.",
+)
+@click.option("--timestamps", is_flag=True, help="Print the time of each line.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Choice(["text", "json"]),
+    default="text",
+    help="Print in this format.",
 )
 @release_option
 @namespace_option
@@ -50,7 +63,7 @@ def logs(
     output: str,
     job: str | None,
 ) -> None:
-    """Print the logs of ROS nodes; of all, where none is named.
+    """Print the logs of ROS nodes; of all nodes if you name none.
 
     Lines of one node are printed as they are, those of several with the node's name before them.
     With --since or --level they come by time, also those of pods that are gone, from the
@@ -103,7 +116,7 @@ def line_json(line: LogLine) -> dict[str, str | None]:
 
 @click.command("exec", context_settings={"ignore_unknown_options": True})
 @click.argument("node", shell_complete=complete_node)
-@click.option("-i", "--stdin", is_flag=True, help="Pass standard input on.")
+@click.option("-i", "--stdin", is_flag=True, help="Pass standard input to the command.")
 @click.option("-t", "--tty", is_flag=True, help="Give the command a terminal.")
 @release_option
 @click.argument("command", nargs=-1, type=click.UNPROCESSED, metavar="-- [COMMAND]...")

@@ -9,15 +9,22 @@ from rigel_k8s.cli.words import settings
 
 @click.command()
 @click.argument("purpose", type=click.Choice(["deployer", "viewer", "installer"]))
-@click.option("-n", "--namespace", metavar="NAME", help="The namespace of the Role [context's].")
-@click.option("--user", "users", metavar="NAME", multiple=True, help="A user to bind.")
-@click.option("--group", "groups", metavar="NAME", multiple=True, help="A group to bind.")
+@click.option(
+    "-n",
+    "--namespace",
+    metavar="NAME",
+    help="Write the Role for this namespace [default: the context's].",
+)
+@click.option("--user", "users", metavar="NAME", multiple=True, help="Bind the Role to this user.")
+@click.option(
+    "--group", "groups", metavar="NAME", multiple=True, help="Bind the Role to this group."
+)
 @click.option(
     "--serviceaccount",
     "accounts",
     metavar="NAMESPACE:NAME",
     multiple=True,
-    help="A service account to bind.",
+    help="Bind the Role to this service account.",
 )
 @click.pass_context
 def rbac(
@@ -29,7 +36,7 @@ def rbac(
     groups: tuple[str, ...],
     accounts: tuple[str, ...],
 ) -> None:
-    """Print the least rights that a purpose takes, as YAML for `kubectl apply -f -`.
+    """Print the least rights for a purpose, as YAML for `kubectl apply -f -`.
 
     deployer: deploys applications in one namespace, looks at them and deletes them. viewer: sees
     what runs in a namespace and reads logs; no Secrets, and no commands in pods. installer:

@@ -39,8 +39,10 @@ def render(ctx: click.Context, /, job: str | None) -> None:
 
 @click.command()
 @job_argument
-@click.option("--exit-code", is_flag=True, help="Exit with 1 where there are differences.")
-@click.option("--adopt", is_flag=True, help="As in `run`: take over other tools' fields.")
+@click.option("--exit-code", is_flag=True, help="End with exit code 1 if there are differences.")
+@click.option(
+    "--adopt", is_flag=True, help="Take over fields of other tools, as `run --adopt` does."
+)
 @click.pass_context
 def diff(ctx: click.Context, /, job: str | None, exit_code: bool, adopt: bool) -> int:  # noqa: FBT001
     """Show what a job would change on the cluster; nothing is written."""
@@ -87,14 +89,18 @@ def summary(plan: Any) -> str:
 @release_argument
 @namespace_option
 @json_option
-@click.option("--no-graph", is_flag=True, help="Do not look into pods: no DDS discovery, no gate.")
+@click.option(
+    "--no-graph",
+    is_flag=True,
+    help="Leave out what is read from inside pods: DDS discovery and the gate.",
+)
 @click.pass_context
 def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) -> int:  # noqa: FBT001
-    """Show what runs where, and what is wrong. Exit code 1 where something is."""
+    """Show what runs where, and what is wrong. Exit code 1 if anything is."""
     from rigel_k8s.cli.tables import status_json, status_text
-    from rigel_k8s.commands import releases
+    from rigel_k8s.commands import status as reading
 
-    found = releases.status(settings(ctx), job, graph=not no_graph)
+    found = reading.status(settings(ctx), job, graph=not no_graph)
     if output == "json":
         print_json(status_json(found.release, found.graph, found.gate))
     else:
@@ -128,9 +134,13 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
 @click.argument("revision", required=False, type=click.IntRange(min=1))
 @release_option
 @namespace_option
-@click.option("--timeout", type=Timeout(), help="How long the roll-out may take, 5m say.")
+@click.option(
+    "--timeout", type=Timeout(), help="Wait at most this long for the roll-out, for example 5m."
+)
 @lock_timeout_option
-@click.option("--adopt", is_flag=True, help="As in `run`: take over other tools' fields.")
+@click.option(
+    "--adopt", is_flag=True, help="Take over fields of other tools, as `run --adopt` does."
+)
 @click.pass_context
 def rollback(
     ctx: click.Context,
@@ -156,9 +166,9 @@ def rollback(
 @click.command()
 @release_argument
 @namespace_option
-@click.option("--volumes", is_flag=True, help="Delete claims and volumes too: their data is lost.")
-@click.option("-y", "--yes", is_flag=True, help="Do not ask.")
-@click.option("--timeout", type=Timeout(), help="How long it may take, 5m say.")
+@click.option("--volumes", is_flag=True, help="Delete claims and volumes, too; their data is lost.")
+@click.option("-y", "--yes", is_flag=True, help="Do not ask for confirmation.")
+@click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
 @lock_timeout_option
 @click.pass_context
 def down(
@@ -170,7 +180,7 @@ def down(
     timeout: float | None,
     lock_timeout: float | None,
 ) -> None:
-    """Take a release away. Claims and volumes stay unless --volumes."""
+    """Delete a release. Its claims and volumes stay unless --volumes."""
     from rigel_k8s.commands import releases
 
     if volumes and not yes:

@@ -12,9 +12,13 @@ from rigel_k8s.cli.words import is_quiet, json_option, print_json, settings
 
 @click.command()
 @click.option(
-    "--ros", type=click.Choice(["1", "2"]), default="1", show_default=True, help="For which ROS."
+    "--ros",
+    type=click.Choice(["1", "2"]),
+    default="1",
+    show_default=True,
+    help="Write it for this version of ROS.",
 )
-@click.option("--force", is_flag=True, help="Overwrite a Rigelfile that is there.")
+@click.option("--force", is_flag=True, help="Overwrite an existing Rigelfile.")
 @click.pass_context
 def init(ctx: click.Context, /, ros: str, force: bool) -> None:  # noqa: FBT001 - click passes it by name
     """Write a commented Rigelfile that passes `rigel check`."""
@@ -26,11 +30,11 @@ def init(ctx: click.Context, /, ros: str, force: bool) -> None:  # noqa: FBT001 
 
 
 @click.command()
-@click.option("--rigel03", is_flag=True, help="Tell also what Rigel 0.3 would not take.")
+@click.option("--rigel03", is_flag=True, help="Report also what Rigel 0.3 does not accept.")
 @json_option
 @click.pass_context
 def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FBT001 - see init
-    """Tell every problem of the Rigelfile, with its place. Exit code 2 where there is one."""
+    """Report all problems of the Rigelfile, with their places. Exit code 2 if there is one."""
     from rigel_k8s.commands import rigelfiles as actions
 
     results = [actions.check(settings(ctx))]
@@ -67,7 +71,7 @@ def finding_json(name: str, finding: object) -> dict[str, object]:
 def schema() -> None:
     """Print a JSON schema of Rigelfiles.
 
-    For VS Code's YAML extension: rigel schema > rigelfile.schema.json, and name it in
+    For VS Code's YAML extension: rigel schema > rigelfile.schema.json, and name the file in
     "yaml.schemas".
     """
     from rigel_k8s.commands import rigelfiles as actions

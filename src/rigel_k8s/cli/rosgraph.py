@@ -28,15 +28,25 @@ HOME = "\x1b[H\x1b[2J\x1b[3J"  # to the top left of an empty terminal
 @release_argument
 @namespace_option
 @click.option(
-    "-o", "--output", type=click.Choice(FORMS), help="The form [text, or what --to's name means]."
+    "-o",
+    "--output",
+    type=click.Choice(FORMS),
+    help="Print in this format [default: text, or what the name after --to says].",
 )
 @click.option("--to", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file.")
 @click.option(
-    "--all", "everything", is_flag=True, help="Also /rosout and other topics of each node."
+    "--all",
+    "everything",
+    is_flag=True,
+    help="Show also /rosout and other topics that every node has.",
 )
-@click.option("-w", "--watch", is_flag=True, help="Look again and again until Ctrl-C.")
+@click.option("-w", "--watch", is_flag=True, help="Repeat until Ctrl-C.")
 @click.option(
-    "--interval", type=Timeout(), default="2s", show_default=True, help="Between two looks of -w."
+    "--interval",
+    type=Timeout(),
+    default="2s",
+    show_default=True,
+    help="Repeat after this time with -w.",
 )
 @click.pass_context
 def graph(
@@ -49,9 +59,9 @@ def graph(
     watch: bool,  # noqa: FBT001
     interval: float,
 ) -> int:
-    """Show which ROS nodes are there, on which machine, and which topics are between them.
+    """Show the ROS nodes, their machines, and the topics between them.
 
-    Exit code 1 where something is wrong: a node is missing or does not answer, a pod is not ready,
+    Exit code 1 if something is wrong: a node is missing or does not answer, a pod is not ready,
     types of a topic differ.
     """
     from rigel_k8s.commands import graph as actions

@@ -18,15 +18,17 @@ from rigel_k8s.cli.words import (
 @click.command()
 @click.argument("kind", type=click.Choice(["job", "sequence"]))
 @click.argument("name", shell_complete=complete_runnable)
-@click.option("--timeout", type=Timeout(), help="How long a roll-out may take, 5m say.")
+@click.option(
+    "--timeout", type=Timeout(), help="Wait at most this long for a roll-out, for example 5m."
+)
 @lock_timeout_option
 @click.option(
     "--rollback-on-failure",
     is_flag=True,
-    help="Go back to the last good revision where a roll-out fails.",
+    help="Go back to the last good revision if a roll-out fails.",
 )
 @click.option(
-    "--adopt", is_flag=True, help="Take over what kubectl, helm or another tool had made."
+    "--adopt", is_flag=True, help="Take over objects that kubectl, helm or another tool made."
 )
 @click.pass_context
 def run(

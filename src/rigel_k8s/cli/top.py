@@ -31,7 +31,9 @@ NOT_TOLD = "-"
 
 @click.command()
 @click.argument("nodes", nargs=-1, metavar="[NODE]...", shell_complete=complete_node)
-@click.option("--topics", is_flag=True, help="Show the topics instead: rates, ages, who is there.")
+@click.option(
+    "--topics", is_flag=True, help="Show topics instead: rates, ages, publishers and subscribers."
+)
 @json_option
 @release_option
 @namespace_option
@@ -44,7 +46,7 @@ def top(
     output: str,
     job: str | None,
 ) -> None:
-    """Show what ROS nodes use and do; all, where none is named.
+    """Show what ROS nodes use and do; all nodes if you name none.
 
     CPU and memory come from the observability stack's Prometheus, without one from the
     metrics-server, without that from the kubelets. What only the ROS exporter can tell (UP, and of

@@ -11,8 +11,8 @@ from rigel_k8s.cli.words import settings
 
 @click.command()
 @click.argument("directory", required=False, type=click.Path(path_type=Path))
-@click.option("--list", "show", is_flag=True, help="Print the directories that are trusted.")
-@click.option("--remove", is_flag=True, help="Trust the directory no longer.")
+@click.option("--list", "show", is_flag=True, help="Print the trusted directories.")
+@click.option("--remove", is_flag=True, help="Remove the directory from the trusted ones.")
 @click.pass_context
 def trust(
     ctx: click.Context,
@@ -21,7 +21,7 @@ def trust(
     show: bool,  # noqa: FBT001 - click passes it by name
     remove: bool,  # noqa: FBT001 - the same
 ) -> None:
-    """Trust a directory: the Rigelfile's own unless DIRECTORY is given.
+    """Trust a directory: DIRECTORY, or the one of the Rigelfile.
 
     Commands then import the job types and providers that lie in it, and read the files outside of
     it that its Rigelfile names. Trust holds for this directory, not for those below it.

@@ -84,7 +84,11 @@ class Timeout(click.ParamType):  # type: ignore[type-arg]  # generic from click 
 
 
 json_option = click.option(
-    "-o", "--output", type=click.Choice(["table", "json"]), default="table", help="The form."
+    "-o",
+    "--output",
+    type=click.Choice(["table", "json"]),
+    default="table",
+    help="Print in this format.",
 )
 
 
@@ -137,7 +141,8 @@ def choose_namespace(ctx: click.Context, param: click.Parameter, value: str | No
 lock_timeout_option = click.option(
     "--lock-timeout",
     type=Timeout(least=0.0),
-    help="How long to wait for another deploy of the release [as --timeout]; 0 fails at once.",
+    help="Wait at most this long for another deploy of the release; 0 fails at once"
+    " [default: as --timeout].",
 )
 job_argument = click.argument("job", required=False, shell_complete=complete_job)
 release_argument = click.argument(
@@ -148,7 +153,7 @@ release_option = click.option(
     "--release",
     "job",
     metavar="NAME",
-    help="The job whose release is meant, or a release of the cluster by its name.",
+    help="Use the release of this job, or the release with this name.",
     shell_complete=complete_job,
 )
 namespace_option = click.option(
@@ -157,5 +162,5 @@ namespace_option = click.option(
     metavar="NAME",
     expose_value=False,
     callback=choose_namespace,
-    help="The Kubernetes namespace, as before the command.",
+    help="Use this Kubernetes namespace.",
 )

@@ -9,6 +9,7 @@ from rigel_k8s.lab import (
     exporter,
     forget_image,
     load_image,
+    mutoagent,
     push_archive,
     push_image,
     ros1base,
@@ -34,6 +35,11 @@ def ros2_base(
 def ros_exporter(report: JobReporter, *, push: str | None, force: bool) -> str:
     """Build (once) the image; load it into podman or docker, or push it; return its name."""
     return _deliver(exporter.build(report, force=force), push, report)
+
+
+def muto_agent(report: JobReporter, *, push: str | None, force: bool) -> str:
+    """Build (once) the image; load it into podman or docker, or push it; return its name."""
+    return _deliver(mutoagent.build(report, force=force), push, report)
 
 
 def _deliver(image: BaseImage, push: str | None, report: JobReporter) -> str:

@@ -165,7 +165,7 @@ def execute(
 
     Without a command it is a shell. A container without our scripts gets the command as it is.
     """
-    found = release(settings, job)
+    found = release(settings, job, [node])
     with found.cluster as cluster:
         pod = choose_running(pods_of(found, node))
         return cluster.exec(
@@ -192,9 +192,13 @@ def forward(
 ) -> Iterator[str]:
     """Forward local ports to a node's pod (remote -> local, 0 any); yield what is told meanwhile.
 
-    Ends when the pod has gone, with a UserError that says so; else when it is closed.
+    Ends when it is closed.
+
+    Raises:
+        UserError: the pod has gone.
+        ClusterError: we lack the right, which shows with the first connection.
     """
-    found = release(settings, job)
+    found = release(settings, job, [node])
     with found.cluster as cluster:
         pod = choose_running(pods_of(found, node))
         with cluster.port_forward(pod.namespace, pod.name, ports) as opened:
@@ -202,6 +206,8 @@ def forward(
             told = 0
             while True:
                 time.sleep(LOOK)
+                if opened.denied:
+                    raise opened.denied
                 if told < len(opened.errors):
                     yield from opened.errors[told:]
                     told = len(opened.errors)

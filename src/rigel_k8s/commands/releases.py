@@ -1,4 +1,4 @@
-"""render, diff, status, history, rollback, down: what is done with a release."""
+"""render, diff, history, rollback, down: what is done with a release."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.commands.targets import job_of, release
 from rigel_k8s.errors import UserError
-from rigel_k8s.graph.check import survey
-from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import Manifest
@@ -23,33 +21,11 @@ from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release import deploy as deploys
 from rigel_k8s.release import removal
 from rigel_k8s.release import rollback as rollbacks
-from rigel_k8s.release import status as states
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Plan, ReleaseId, Revision
-from rigel_k8s.rosgraph.gate import GateStatus, read_gate
 from rigel_k8s.settings import Settings
-
-
-@attrs.frozen
-class Status:
-    """What of a release runs where.
-
-    Attributes:
-        graph: who discovers whom; None without DDS, or where nobody asked.
-        gate: what the gate in front of roscore knows; None without one, or where nobody asked.
-    """
-
-    release: states.ReleaseStatus
-    graph: DiscoveryGraph | None = None
-    gate: GateStatus | None = None
-
-    @property
-    def ok(self) -> bool:
-        """Whether all that is needed is ready, and no node is kept from the others."""
-        ready = all(workload.ok for workload in self.release.workloads)
-        return ready and not (self.graph and self.graph.errors)
 
 
 @attrs.frozen
@@ -121,24 +97,6 @@ def describe(plan: Plan, warnings: tuple[str, ...]) -> Difference:
 def stack_request_of(raw: Mapping[str, Any]) -> StackRequest:
     """Return what an orchestration job says of the observability stack."""
     return request_of(flat(raw).get("observability") or {})
-
-
-def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status:
-    """Return what of a release runs where.
-
-    Args:
-        graph: look from inside its pods whether DDS nodes discover each other, and what roscore's
-            gate knows; takes seconds.
-
-    Raises:
-        UserError: nothing of it is on the cluster.
-    """
-    found = release(settings, job)
-    with found.cluster as cluster:
-        state = states.status(cluster, found.id)
-        if not graph:
-            return Status(state)
-        return Status(state, survey(cluster, found.id), read_gate(cluster, found.id))
 
 
 def history(settings: Settings, job: str | None) -> Sequence[Revision]:

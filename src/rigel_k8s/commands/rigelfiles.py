@@ -10,7 +10,7 @@ import attrs
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.errors import UserError
-from rigel_k8s.jobs import registry, runner
+from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.job import JobType, ProviderType
 from rigel_k8s.jobs.names import Kind
 from rigel_k8s.rigelfile import CheckResult
@@ -52,6 +52,8 @@ def check(settings: Settings) -> CheckResult:
 
     What two jobs of a sequence do to each other is looked at where each by itself is right.
     """
+    from rigel_k8s.jobs.runner import check_sequence
+
     require(settings.rigelfile)
     directory = settings.rigelfile.absolute().parent
 
@@ -65,7 +67,7 @@ def check(settings: Settings) -> CheckResult:
         return result
     found = dict.fromkeys(result.findings)
     for name in result.rigelfile.sequences:
-        found.update(dict.fromkeys(runner.check_sequence(result.rigelfile, name, settings)))
+        found.update(dict.fromkeys(check_sequence(result.rigelfile, name, settings)))
     return attrs.evolve(result, findings=sort_findings(found))
 
 

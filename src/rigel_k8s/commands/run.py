@@ -20,9 +20,5 @@ def run(
         JobFailed: a job failed; the others were stopped.
         Interrupted: the user stopped it.
     """
-    rigelfile = load(settings)
-    prepare = runner.prepare_job if kind == "job" else runner.prepare_sequence
-    prepared = prepare(rigelfile, name, settings)
-    for warning in prepared.warnings:
-        report.warn(warning)
-    runner.run(prepared, report)
+    work = runner.run_job if kind == "job" else runner.run_sequence
+    work(load(settings), name, settings=settings, report=report)

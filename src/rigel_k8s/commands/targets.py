@@ -13,8 +13,7 @@ import attrs
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.application import has_application
-from rigel_k8s.app.deploying.prepare import release_of
-from rigel_k8s.app.desired import deploys_master
+from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
@@ -22,6 +21,7 @@ from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
@@ -99,13 +99,14 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
     )
 
 
-def release(settings: Settings, name: str | None = None) -> Release:
+def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = ()) -> Release:
     """Return a release, connected.
 
     Args:
         name: a job of the Rigelfile, or a release of the cluster; the job, where both are called
             so. None is the one release of the Rigelfile. Of a job's options only the release's
             two names must be known.
+        nodes: where the Rigelfile has several releases: the one that has these nodes.
 
     Raises: as job_of.
     """
@@ -118,7 +119,7 @@ def release(settings: Settings, name: str | None = None) -> Release:
         return name_release(connect(settings), settings, name)
     rigelfile = load(settings, patient=True)
     try:
-        options = names_of(rigelfile, choose_job(rigelfile, settings, name))
+        options = names_of(rigelfile, choose_job(rigelfile, settings, name, nodes))
     except NoSuchJob as error:
         return find_other(error, settings)
     cluster = connect(settings)
@@ -159,14 +160,23 @@ def names(settings: Settings) -> list[str]:
 def node_names(settings: Settings, job: str | None = None) -> list[str]:
     """Return the keys of a job's nodes, and what else of it runs. Raises as job_of."""
     rigelfile = load(settings, patient=True)
-    options = names_of(rigelfile, choose_job(rigelfile, settings, job))
+    return list_node_names(rigelfile, choose_job(rigelfile, settings, job))
+
+
+def list_node_names(rigelfile: Rigelfile, spec: ComponentSpec) -> list[str]:
+    """Return the keys of a job's nodes, and what else of it runs. Raises as names_of."""
+    from rigel_k8s.app.desired import deploys_master
+
+    options = names_of(rigelfile, spec)
     ros = ros_of(rigelfile.application.distro, options.ros)
     own = [str(options.deployment_name)] if has_application(options) else []
     master = [MASTER_NAME] if deploys_master(options, ros) else []
     return [*map(str, options.nodes), *own, *master]
 
 
-def choose_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> ComponentSpec:
+def choose_job(
+    rigelfile: Rigelfile, settings: Settings, name: str | None, nodes: Sequence[str] = ()
+) -> ComponentSpec:
     """Return the job that is meant: deploy and update jobs of one release count as one."""
     specs = candidates(rigelfile, settings)
     if name is not None:
@@ -181,10 +191,25 @@ def choose_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> Co
         options = names_of(rigelfile, spec)
         where = settings.namespace or str(options.namespace or "")
         by_release.setdefault((where, str(options.deployment_name)), []).append(spec)
+    if len(by_release) > 1 and nodes:
+        having = [same for same in by_release.values() if has_nodes(rigelfile, same, nodes)]
+        if len(having) == 1:
+            return choose_whole(having[0])
     if len(by_release) > 1:
         listed = ", ".join(same[0].name for same in by_release.values())
         raise UserError("the Rigelfile has several releases", hint=f"name a job, one of: {listed}")
+    return choose_whole(specs)
+
+
+def choose_whole(specs: Sequence[ComponentSpec]) -> ComponentSpec:
+    """Return the job of a release that describes all of it, where there is one."""
     return next((spec for spec in specs if not is_partial(spec_keys(spec))), specs[0])
+
+
+def has_nodes(rigelfile: Rigelfile, specs: Sequence[ComponentSpec], nodes: Sequence[str]) -> bool:
+    """Return whether the jobs of a release have all of some nodes, by key or ROS name."""
+    there = {object_name(key) for spec in specs for key in list_node_names(rigelfile, spec)}
+    return there.issuperset(map(object_name, nodes))
 
 
 def candidates(rigelfile: Rigelfile, settings: Settings) -> list[ComponentSpec]:

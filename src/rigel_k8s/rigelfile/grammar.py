@@ -11,6 +11,7 @@ from typing import Any
 
 import attrs
 
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Path, Problem
 from rigel_k8s.rigelfile.findings import Finding, place, suggest
 from rigel_k8s.rigelfile.forms import (
@@ -34,7 +35,7 @@ from rigel_k8s.rigelfile.model import (
     Sequential,
     Stage,
 )
-from rigel_k8s.rigelfile.source import YamlNode, kind_of, locate
+from rigel_k8s.rigelfile.source import Span, YamlNode, kind_of, locate
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application
 
@@ -122,15 +123,19 @@ class _Reader:
         self.findings += [place(self._root, problem) for problem in problems]
         waiting = [*result.doubts.texts, *result.doubts.missing]
         for doubt in waiting:
-            self._refuse_hole(locate(node, doubt))
+            found = locate(node, doubt)
+            if found.hole:
+                self._refuse_hole(found.span)
+            elif doubt and has_template(str(doubt[-1])):
+                self._refuse_hole(found.key_span or found.span)
         return None if result.problems or waiting else result.draft
 
-    def _refuse_hole(self, node: YamlNode) -> None:
-        """Tell that data is not there yet; a hole that a wrong template left is told already."""
-        lines = range(node.span.line, node.span.end_line + 1)
-        if node.hole and not any(finding.span.line in lines for finding in self._told):
+    def _refuse_hole(self, span: Span) -> None:
+        """Report that data is not there yet, unless the template there is reported as wrong."""
+        lines = range(span.line, span.end_line + 1)
+        if not any(finding.span.line in lines for finding in self._told):
             message = "data.x is known when a job runs: only `with` and `matrix` may wait for it"
-            self.findings.append(Finding(node.span, message, "template"))
+            self.findings.append(Finding(span, message, "template"))
 
     def section(self, name: str) -> Iterator[tuple[Path, YamlNode]]:
         node = self._root.value.get(name) if isinstance(self._root.value, dict) else None

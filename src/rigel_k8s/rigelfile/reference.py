@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import attrs
@@ -18,22 +20,45 @@ from rigel_k8s.rigelfile.fields import (
     unwrap,
 )
 
-HEAD = """# Reference
+HEAD = """# Options
 
-Every option of the job types and providers of this package. This page is made from the code.
+All options of the job types and providers of this package. This page is generated from the code.
 """
+#: Where the name of a type ends and its explanation begins.
+EXPLANATION = re.compile(r"(?=: | such as | \()")
 
 
 def reference(jobs: Mapping[tuple[str, ...], Any], providers: Mapping[tuple[str, ...], Any]) -> str:
     """Return the Markdown page of option classes, each given under all its names."""
+    types = name_types([*jobs.values(), *providers.values()])
     sections = [HEAD]
-    for title, types in (("Jobs", jobs), ("Providers", providers)):
+    for title, components in (("Jobs", jobs), ("Providers", providers)):
         sections.append(f"## {title}\n")
-        sections += [text for names, cls in types.items() for text in _component(names, cls)]
-    return "\n".join(sections)
+        for names, cls in components.items():
+            sections += _component(names, cls, types)
+    sections.append("## Values\n")
+    sections += [f"- **{name}**{text[len(name) :]}" for text, name in sorted(types.items())]
+    return "\n".join([*sections, ""])
 
 
-def _component(names: tuple[str, ...], cls: Any) -> Iterator[str]:
+def name_types(classes: Iterable[Any]) -> dict[str, str]:
+    """Return the names of types by their descriptions: of those that are explained once, below.
+
+    They are used more than once, and no other type has their name.
+    """
+    options = [cls for cls in classes if attrs.has(cls)]
+    options += [inner for cls in options for _, inner in _find_inner(cls, "", {cls})]
+    uses = Counter(describe_type(field.type) for cls in options for field in fields_of(cls))
+    names = {text: EXPLANATION.split(text, maxsplit=1)[0] for text in uses}
+    types = Counter(names.values())
+    return {
+        text: name
+        for text, name in names.items()
+        if uses[text] > 1 and types[name] == 1 and name != text and "one of " not in text
+    }
+
+
+def _component(names: tuple[str, ...], cls: Any, types: Mapping[str, str]) -> Iterator[str]:
     yield f"### {names[0]}\n"
     yield f"`plugin` or `provider` is one of {', '.join(f'`{name}`' for name in names)}.\n"
     if not attrs.has(cls):
@@ -41,11 +66,11 @@ def _component(names: tuple[str, ...], cls: Any) -> Iterator[str]:
         return
     under = nesting_key(cls)
     if under:
-        yield f"The keys stand directly in `with`, or below `{under}` in it.\n"
-    yield _table(cls)
+        yield f"The keys are directly in `with`, or in `{under}` below it.\n"
+    yield _table(cls, types)
     for path, inner in _find_inner(cls, "", {cls}):
         yield f"#### {names[0]}: `{path}`\n"
-        yield _table(inner)
+        yield _table(inner, types)
 
 
 def _find_inner(
@@ -70,15 +95,19 @@ def _classes(kind: Any, path: str) -> Iterator[tuple[str, type[Any]]]:
             yield from _classes(arguments[-1], f"{path}{step}")
 
 
-def _table(cls: type[Any]) -> str:
-    rows = ["| key | value | default | |", "|---|---|---|---|", *map(_row, fields_of(cls))]
+def _table(cls: type[Any], types: Mapping[str, str]) -> str:
+    head = ["| key | value | default | meaning |", "|---|---|---|---|"]
+    rows = [*head, *(_row(field, types) for field in fields_of(cls))]
     text = summary(cls)
     return "\n".join([*([f"{text}\n"] if text else []), *rows, ""])
 
 
-def _row(field: Field) -> str:
+def _row(field: Field, types: Mapping[str, str]) -> str:
     names = " or ".join(f"`{key}`" for key in field.keys)
-    cells = [names, describe_type(field.type), _default(field), field.doc]
+    value = describe_type(field.type)
+    if value in types:
+        value = f"[{types[value]}](#values)"
+    cells = [names, value, _default(field), field.doc]
     return f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |"
 
 

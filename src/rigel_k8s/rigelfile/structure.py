@@ -30,6 +30,14 @@ from rigel_k8s.rigelfile.limits import MOST_PROBLEMS
 from rigel_k8s.rigelfile.numbers import keep_text
 from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
 from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, strip_places
+from rigel_k8s.rigelfile.unions import (
+    choose_by_keys,
+    find_ambiguity,
+    is_a,
+    may_be,
+    rank,
+    says_yes,
+)
 
 T = TypeVar("T")
 _UNKNOWN: Any = object()
@@ -294,15 +302,15 @@ class _Structurer:
     def _union(self, node: YamlNode, kind: Any, kinds: tuple[Any, ...], path: Path) -> Any:
         if node.value is None and type(None) in kinds:
             return None
-        if _says_yes(node) and any(_is(k, str) for k in kinds):
+        if says_yes(node) and any(is_a(k, str) for k in kinds):
             return self._scalar(node, str, path)
-        candidates = [k for k in kinds if k is not type(None) and _may_be(node, k)]
+        candidates = [k for k in kinds if k is not type(None) and may_be(node, k)]
         if not candidates:
-            return self._report_mismatch(_find_ambiguity(node, kinds) or mismatch(node, kind), path)
+            return self._report_mismatch(find_ambiguity(node, kinds) or mismatch(node, kind), path)
         if isinstance(node.value, dict):
-            return self.value(node, _choose_by_keys(node, candidates), path)
+            return self.value(node, choose_by_keys(node, candidates), path)
         refused = []
-        for candidate in sorted(candidates, key=lambda k: _rank(node, k)):
+        for candidate in sorted(candidates, key=lambda k: rank(node, k)):
             trial = _Structurer()
             value = trial.value(node, candidate, path)
             if not trial.problems:
@@ -331,61 +339,3 @@ def _steps(node: YamlNode) -> Iterator[tuple[str | int, YamlNode]]:
         yield from node.value.items()
     elif isinstance(node.value, list):
         yield from enumerate(node.value)
-
-
-def _says_yes(node: YamlNode) -> bool:
-    """Return whether a boolean is written as YAML 1.2 and most people would not."""
-    return isinstance(node.value, bool) and (node.raw or "true").lower() not in ("true", "false")
-
-
-def _may_be(node: YamlNode, kind: Any) -> bool:
-    """Return whether a member of a union is of the value's kind at all."""
-    if kind is Any:
-        return True
-    if isinstance(node.value, dict):
-        return is_mapping(kind) or (isinstance(kind, type) and attrs.has(kind))
-    if isinstance(node.value, list):
-        return is_list(kind)
-    is_container = is_mapping(kind) or is_list(kind) or attrs.has(kind)
-    return not is_container and node.value is not None
-
-
-def _find_ambiguity(node: YamlNode, kinds: tuple[Any, ...]) -> Mismatch | None:
-    """Say how a list of one is written where only lists or mappings fit a single value."""
-    if isinstance(node.value, dict | list) or node.value is None or not node.raw:
-        return None
-    lists = [kind for kind in kinds if is_list(kind)]
-    return mismatch(node, lists[0], f": write [{node.raw}]") if len(lists) == 1 else None
-
-
-def _rank(node: YamlNode, kind: Any) -> int:
-    """Order the members of a union by how directly a scalar is one of them."""
-    if kind is Any:
-        return 4
-    value = node.value
-    base = next((b for b in (bool, int, float, str) if _is(kind, b)), str)
-    if isinstance(value, bool):
-        return 0 if base is bool else 3
-    if isinstance(value, str):
-        return 1 if base is str and kind is str else 0 if base is str else 2
-    same = int if isinstance(value, int) else float
-    return 0 if base is same else 1 if base is float else 2
-
-
-def _is(kind: Any, base: type[Any]) -> bool:
-    return isinstance(kind, type) and issubclass(kind, base)
-
-
-def _choose_by_keys(node: YamlNode, candidates: list[Any]) -> Any:
-    """Return the member that has most of a mapping's keys, near misses counted less."""
-    classes = [kind for kind in candidates if isinstance(kind, type) and attrs.has(kind)]
-    if len(classes) < 2:
-        return classes[0] if classes else candidates[0]
-
-    def score(cls: type[Any]) -> tuple[int, int]:
-        known = {key for field in fields_of(cls) for key in field.keys}
-        missed = [key for key in node.value if key not in known]
-        near = sum(1 for key in missed if find_nearest(key, known - node.value.keys()))
-        return len(node.value) - len(missed), near
-
-    return max(classes, key=score)

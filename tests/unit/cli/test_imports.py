@@ -1,4 +1,4 @@
-"""What a plain deploy imports: a feature that its Rigelfile does not use costs it nothing."""
+"""What commands import: what they do not use costs them nothing."""
 
 from __future__ import annotations
 
@@ -18,6 +18,14 @@ jobs:
       nodes:
         talker: {image: "registry.lab/talker@sha256:DIGEST", command: [talk], readiness: none}
 """
+KUBECONFIG = """\
+apiVersion: v1
+kind: Config
+current-context: away
+contexts: [{name: away, context: {cluster: away, user: away}}]
+clusters: [{name: away, cluster: {server: "http://127.0.0.1:1"}}]
+users: [{name: away, user: {}}]
+"""
 #: Features that this Rigelfile does not use, and standard modules that take longest to import.
 UNUSED = (
     "asyncio",
@@ -32,6 +40,8 @@ UNUSED = (
     "rigel_k8s.graph",
     "rigel_k8s.images.docker",
     "rigel_k8s.jobs.rigelstyle",
+    "rigel_k8s.muto.expansion",
+    "rigel_k8s.muto.translation",
     "rigel_k8s.network.modes.attached",
     "rigel_k8s.network.modes.discovery_server",
     "rigel_k8s.network.modes.peers",
@@ -64,3 +74,38 @@ def test_a_plain_deploy_imports_no_feature_that_it_does_not_use(tmp_path: Path) 
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "[]"
+
+
+#: What looking at the ROS graph and at the gate needs, and what only deploying needs.
+LOOKING = ("rigel_k8s.graph", "rigel_k8s.network.modes.peers", "xml")
+DEPLOYING = (
+    "rigel_k8s.app.checks",
+    "rigel_k8s.app.deploying.prepare",
+    "rigel_k8s.app.desired",
+    "rigel_k8s.images",
+    "rigel_k8s.jobs.runner",
+    "rigel_k8s.observability.manifests",
+    "rigel_k8s.release.deploy",
+    "rigel_k8s.release.plan",
+    "rigel_k8s.release.removal",
+    "rigel_k8s.release.rollback",
+)
+
+
+def test_status_imports_nothing_that_only_deploying_needs(tmp_path: Path) -> None:
+    """It is called often. Here it ends at a cluster that is away: all is imported by then."""
+    file = tmp_path / "Rigelfile"
+    file.write_text(RIGELFILE.replace("DIGEST", "0" * 64))
+    config = tmp_path / "config"
+    config.write_text(KUBECONFIG)
+    others = [*DEPLOYING, *(set(UNUSED) - set(LOOKING))]
+    words = ["--kubeconfig", str(config), "-f", str(file), "status"]
+    code = (
+        "import sys\n"
+        "from rigel_k8s.cli.main import run\n"
+        f"assert run({words!r}, 'rigel') == 1\n"
+        f"print([m for m in {others!r} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "does not answer" in done.stderr
+    assert done.stdout.strip() == "[]"

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import socket
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rigel_k8s.commands import pods
 from rigel_k8s.commands.logs.follow import run_of
 from rigel_k8s.commands.pods import choose_running, pod_of, wrap_command
-from rigel_k8s.errors import UserError
+from rigel_k8s.commands.targets import Release
+from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.kube.cluster import Cluster
+from rigel_k8s.kube.target import Target
+from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.settings import Settings
+from tests.support.http_server import Exchange, serving
 
 
 def pod(
@@ -72,3 +81,25 @@ def test_a_run_of_a_container_has_a_number() -> None:
     assert run_of(item) is None
     states[1]["state"] = {"running": {}}
     assert run_of(item) == 2
+
+
+def test_a_forward_without_the_right_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first connection shows it; the error names the right."""
+    missing = 'User "ann" cannot get resource "pods/portforward" in API group "" in "lab"'
+
+    def answer(exchange: Exchange) -> None:
+        if exchange.request_.path.endswith("/portforward"):
+            exchange.say(403, {"kind": "Status", "message": missing})
+        else:
+            exchange.say(200, {"metadata": {}, "items": [pod()]})
+
+    with serving(answer) as server:
+        found = Release(Cluster(Target(server.url)), ReleaseId("lab", "lab"))
+        monkeypatch.setattr(pods, "release", lambda *_: found)
+        monkeypatch.setattr(pods, "LOOK", 0.01)
+        lines = pods.forward(Settings(Path("Rigelfile")), "lab/arm", {7000: 0})
+        local = int(next(lines).partition(" ")[0].rpartition(":")[2])
+        refused = pytest.raises(ClusterError, match="pods/portforward")
+        with socket.create_connection(("127.0.0.1", local)), refused as raised:
+            next(lines)
+        assert raised.value.exit_code == 1

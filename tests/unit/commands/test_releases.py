@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s.commands import releases
+from rigel_k8s.commands import status as reading
 from rigel_k8s.commands.logs import read as logs
 from rigel_k8s.commands.logs.lines import LogOptions
-from rigel_k8s.commands.releases import Status
+from rigel_k8s.commands.status import Status
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
 from rigel_k8s.release import apply
@@ -28,10 +29,11 @@ from tests.support.recorder import Recorder
 def release(fake: FakeCluster, monkeypatch: pytest.MonkeyPatch) -> None:
     """The release that every command finds."""
 
-    def found(settings: Settings, job: str | None = None) -> Release:
+    def found(settings: Settings, job: str | None = None, nodes: Any = ()) -> Release:
         return Release(fake, RELEASE)  # type: ignore[arg-type]
 
     monkeypatch.setattr(releases, "release", found)
+    monkeypatch.setattr(reading, "release", found)
     monkeypatch.setattr(logs, "release", found)
 
 
@@ -65,7 +67,7 @@ def test_down_waits_as_long_as_it_may(
 
 def test_status_is_well_when_all_is_ready(fake: Any, report: Recorder) -> None:
     deploy(desired(workload(), workload("listener")), fake, report=report)
-    assert releases.status(Settings(), None, graph=False).ok
+    assert reading.status(Settings(), None, graph=False).ok
 
 
 def test_status_is_not_well_while_something_is_not_ready(fake: Any, report: Recorder) -> None:
@@ -74,7 +76,7 @@ def test_status_is_not_well_while_something_is_not_ready(fake: Any, report: Reco
     fake.store.controllers = Controllers(unready)
     with pytest.raises(RolloutFailed):
         deploy(desired(workload("ready"), workload("late")), fake, report=report, timeout=0.1)
-    found = releases.status(Settings(), None, graph=False)
+    found = reading.status(Settings(), None, graph=False)
     assert not found.ok
     assert {w.name: w.ok for w in found.release.workloads} == {"ready": False, "late": False}
 

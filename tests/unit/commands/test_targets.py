@@ -82,6 +82,16 @@ def test_several_releases_need_a_name(tmp_path: Path) -> None:
     assert job_of(found, "other").name == "other"
 
 
+def test_a_node_says_which_release_is_meant(tmp_path: Path, kubeconfig: Path) -> None:
+    """By its key or its ROS name, where only one release has it."""
+    found = settings(tmp_path, DEPLOY, OTHER, UPDATE)
+    assert release(found, nodes=["camera"]).id.name == "other"
+    assert release(found, nodes=["/talker"]).id.name == "rigel-k8s-application"
+    for nodes in (["ros-master"], ["camera", "talker"], ["nowhere"]):
+        with pytest.raises(UserError, match="several releases"):
+            release(found, nodes=nodes)
+
+
 def test_a_wrong_name_tells_the_nearest(tmp_path: Path) -> None:
     """A job that deploys nothing is told apart from one that is not there."""
     found = settings(tmp_path, DEPLOY, BUILD)

@@ -31,7 +31,7 @@ def logs(
         UserError: there is no such node, or no pod at all.
         ClusterError: the one pod that was asked for has no log.
     """
-    found = release(settings, job)
+    found = release(settings, job, nodes)
     with found.cluster as cluster:
         if options.of_the_past or options.parsed or options.level:
             yield from history(found, nodes, options)

@@ -1,0 +1,74 @@
+"""Which member of a union a value is meant as: by its kind, its text, its keys; pure.
+
+It looks at one Node and never into its children's values; structure.py tries what is chosen here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import attrs
+
+from rigel_k8s.rigelfile.fields import fields_of, is_list, is_mapping
+from rigel_k8s.rigelfile.findings import find_nearest
+from rigel_k8s.rigelfile.scalars import Mismatch, mismatch
+from rigel_k8s.rigelfile.source import YamlNode
+
+
+def says_yes(node: YamlNode) -> bool:
+    """Return whether a boolean is written as YAML 1.2 and most people would not."""
+    return isinstance(node.value, bool) and (node.raw or "true").lower() not in ("true", "false")
+
+
+def may_be(node: YamlNode, kind: Any) -> bool:
+    """Return whether a member of a union is of the value's kind at all."""
+    if kind is Any:
+        return True
+    if isinstance(node.value, dict):
+        return is_mapping(kind) or (isinstance(kind, type) and attrs.has(kind))
+    if isinstance(node.value, list):
+        return is_list(kind)
+    is_container = is_mapping(kind) or is_list(kind) or attrs.has(kind)
+    return not is_container and node.value is not None
+
+
+def find_ambiguity(node: YamlNode, kinds: tuple[Any, ...]) -> Mismatch | None:
+    """Say how a list of one is written where only lists or mappings fit a single value."""
+    if isinstance(node.value, dict | list) or node.value is None or not node.raw:
+        return None
+    lists = [kind for kind in kinds if is_list(kind)]
+    return mismatch(node, lists[0], f": write [{node.raw}]") if len(lists) == 1 else None
+
+
+def rank(node: YamlNode, kind: Any) -> int:
+    """Order the members of a union by how directly a scalar is one of them."""
+    if kind is Any:
+        return 4
+    value = node.value
+    base = next((b for b in (bool, int, float, str) if is_a(kind, b)), str)
+    if isinstance(value, bool):
+        return 0 if base is bool else 3
+    if isinstance(value, str):
+        return 1 if base is str and kind is str else 0 if base is str else 2
+    same = int if isinstance(value, int) else float
+    return 0 if base is same else 1 if base is float else 2
+
+
+def is_a(kind: Any, base: type[Any]) -> bool:
+    """Return whether a type is one of these."""
+    return isinstance(kind, type) and issubclass(kind, base)
+
+
+def choose_by_keys(node: YamlNode, candidates: list[Any]) -> Any:
+    """Return the member that has most of a mapping's keys, near misses counted less."""
+    classes = [kind for kind in candidates if isinstance(kind, type) and attrs.has(kind)]
+    if len(classes) < 2:
+        return classes[0] if classes else candidates[0]
+
+    def score(cls: type[Any]) -> tuple[int, int]:
+        known = {key for field in fields_of(cls) for key in field.keys}
+        missed = [key for key in node.value if key not in known]
+        near = sum(1 for key in missed if find_nearest(key, known - node.value.keys()))
+        return len(node.value) - len(missed), near
+
+    return max(classes, key=score)

@@ -347,15 +347,16 @@ def test_doctor_finds_what_a_deploy_needs(robot: Robot) -> None:
 
 
 def test_several_releases_need_a_name(robot: Robot) -> None:
-    """Without JOB a command does not guess; with --job it goes to the one that is meant."""
+    """Without JOB a command does not guess, but a node that only one of them has says which."""
     options = {"image": robot.image, "nodes": {"other": {"args": ["true"]}}}
     plugin = {"plugin": "rigel_k8s.OrchestrationPlugin"}
     jobs = json.loads(robot.file.read_text())["jobs"]
     jobs["second"] = {**plugin, "with": {**options, "deployment_name": "second"}}
     try:
         robot.save(jobs)
-        error = robot("logs", "talker", code=2).stderr
+        error = robot("history", code=2).stderr
         assert "name a job, one of: deploy, second" in error
+        assert robot("exec", "talker", "--", "true").returncode == 0
         assert robot("exec", "talker", "--job", "deploy", "--", "true").returncode == 0
         assert "no release second" in robot("status", "second", code=2).stderr
     finally:

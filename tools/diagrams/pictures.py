@@ -1,0 +1,118 @@
+"""What the diagrams of the documentation show."""
+
+from __future__ import annotations
+
+from tools.diagrams.scene import Arrow, Box, Frame, Scene
+from tools.diagrams.sequence import Message, Note, Sequence
+
+ROS1 = Scene(
+    "ROS 1 on Kubernetes: each node is a pod; a gate is in front of roscore",
+    860,
+    330,
+    (
+        Frame(10, 10, 400, 200, "machine 1"),
+        Frame(450, 10, 400, 200, "machine 2"),
+        Box(30, 60, 160, 70, "talker", ("pod", "ROS node /talker")),
+        Box(670, 60, 160, 70, "listener", ("pod", "ROS node /listener")),
+        Frame(215, 45, 180, 150, "pod ros-master"),
+        Box(230, 75, 150, 46, "gate", ("port 11311",)),
+        Box(230, 138, 150, 46, "roscore", ("loopback only",)),
+        Arrow((305, 121), (305, 138)),
+        Arrow((190, 90), (230, 95)),
+        Arrow((670, 82), (380, 92), "registers", (525, 78)),
+        Arrow((110, 130), (110, 262), "", (0, 0)),
+        Arrow((750, 262), (750, 130)),
+        Box(30, 262, 800, 52, "messages", ("from pod to pod, without roscore or gate",), "good"),
+    ),
+)
+
+NETWORKS = Scene(
+    "How discovery reaches another machine, by network mode",
+    860,
+    420,
+    (
+        Box(10, 20, 150, 80, "none", ("the pod network", "carries no multicast")),
+        Frame(190, 10, 310, 100, "machine 1"),
+        Frame(540, 10, 310, 100, "machine 2"),
+        Box(280, 38, 130, 46, "talker", ()),
+        Box(630, 38, 130, 46, "listener", ()),
+        Arrow((410, 61), (498, 61), "multicast ends here", (430, 102), "bad"),
+        Box(10, 150, 150, 80, "peers", ("a Service each", "any cluster")),
+        Frame(190, 140, 310, 100, "machine 1"),
+        Frame(540, 140, 310, 100, "machine 2"),
+        Box(280, 168, 130, 46, "talker", ()),
+        Box(630, 168, 130, 46, "listener", ()),
+        Arrow((410, 191), (630, 191), "to addresses, by unicast", (520, 182)),
+        Box(10, 290, 150, 80, "macvlan", ("a second interface", "on the Ethernet")),
+        Frame(190, 270, 310, 100, "machine 1"),
+        Frame(540, 270, 310, 100, "machine 2"),
+        Box(280, 295, 130, 46, "talker", ("net1",)),
+        Box(630, 295, 130, 46, "listener", ("net1",)),
+        Box(190, 385, 660, 28, "the machines' Ethernet carries multicast", (), "good"),
+        Arrow((345, 341), (345, 385)),
+        Arrow((695, 385), (695, 341)),
+    ),
+)
+
+DEPLOY = Scene(
+    "The steps of a deploy",
+    860,
+    190,
+    (
+        Box(10, 20, 120, 64, "look", ("what exists,", "dry runs")),
+        Box(155, 20, 120, 64, "refuse", ("all reasons", "at once")),
+        Box(300, 20, 120, 64, "apply", ("roscore first,", "then nodes")),
+        Box(445, 20, 120, 64, "wait", ("until nodes", "answer")),
+        Box(590, 20, 120, 64, "compare", ("the ROS graph", "before and after")),
+        Box(735, 20, 115, 64, "good", ("a revision to", "return to"), "good"),
+        *(Arrow((x, 52), (x + 25, 52)) for x in (130, 275, 420, 565, 710)),
+        Frame(10, 100, 265, 78, "rigel diff ends here"),
+        Box(24, 128, 237, 40, "nothing is written", (), "note"),
+        Frame(300, 100, 550, 78, "a pending revision records what each write may leave"),
+        Box(314, 128, 522, 40, "interrupted at any moment: run it again", (), "note"),
+    ),
+)
+
+HAND_OVER_ROS1 = Sequence(
+    "Hand-over of a ROS 1 node's name",
+    ("listener", "old talker", "gate", "roscore", "new talker"),
+    (
+        Message("old talker", "listener", "messages"),
+        Note("new talker", "starts: imports, models, parameters"),
+        Message("new talker", "gate", "registerPublisher /chatter"),
+        Message("gate", "new talker", "registered (kept, not passed on)", dashed=True),
+        Note("new talker", 'ready: "/talker waits to take over"'),
+        Message("old talker", "listener", "messages"),
+        Note("old talker", "Kubernetes ends the pod: preStop"),
+        Message("old talker", "gate", "hand over"),
+        Message("gate", "old talker", "shutdown"),
+        Message("old talker", "gate", "no publishers left", dashed=True),
+        Message("gate", "roscore", "registers the new talker"),
+        Message("roscore", "listener", "publisherUpdate: the new talker"),
+        Message("new talker", "listener", "messages"),
+    ),
+)
+
+HAND_OVER_ROS2 = Sequence(
+    "Hand-over of a ROS 2 lifecycle node",
+    ("listener", "old node", "script", "new node"),
+    (
+        Message("old node", "listener", "messages"),
+        Message("script", "new node", "configure"),
+        Note("new node", 'inactive, ready: "/driver waits to take over"'),
+        Note("old node", "Kubernetes ends the pod: preStop deactivates the node"),
+        Message("old node", "script", "transition_event: inactive", dashed=True),
+        Message("script", "new node", "activate"),
+        Message("new node", "listener", "messages"),
+        Note("old node", "half a second later: SIGINT"),
+    ),
+)
+
+#: By the name of the file in docs/pictures/.
+PICTURES: dict[str, Scene | Sequence] = {
+    "deploy": DEPLOY,
+    "hand-over-ros1": HAND_OVER_ROS1,
+    "hand-over-ros2": HAND_OVER_ROS2,
+    "networks": NETWORKS,
+    "ros1": ROS1,
+}

@@ -1,0 +1,62 @@
+"""A hook of MkDocs (mkdocs.yml): what works on GitHub works on the site, too.
+
+A page links to a file of the repository by its relative path. The site has only docs/, so such a
+link becomes one to the file on GitHub, and such a picture is copied into the site. In the code of
+a table, GitHub needs `\\|` for a bar; the site would show the backslash.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[1]
+GITHUB = "https://github.com/rigel-k8s/rigel-k8s/blob/main"
+LINK = re.compile(r"(!?)\[([^]]*)\]\(([^)\s]+)\)")
+PICTURES = "pictures"
+ROW = re.compile(r"^\|.*", re.MULTILINE)
+CODE = re.compile(r"`[^`]*`")
+
+
+def on_page_markdown(markdown: str, *, page: Page, config: Any, files: Files) -> str:
+    """Return a page for the site: its links out of docs/ and its tables' bars replaced."""
+
+    def replace(found: re.Match[str]) -> str:
+        picture, text, link = found.groups()
+        path = find_outside(Path(page.file.abs_src_path or ""), link, Path(config.docs_dir))
+        if path is None:
+            return found[0]
+        if not picture:
+            return f"[{text}]({GITHUB}/{path})"
+        return f"![{text}]({include(path, page, config, files)})"
+
+    return ROW.sub(show_bars, LINK.sub(replace, markdown))
+
+
+def show_bars(row: re.Match[str]) -> str:
+    """Return a table's row whose code has bars without backslashes."""
+    return CODE.sub(lambda code: code[0].replace("\\|", "|"), row[0])
+
+
+def find_outside(page: Path, link: str, docs: Path) -> Path | None:
+    """Return the repository's file that a link names, or None if the link stays in docs/."""
+    parts = urlsplit(link)
+    if parts.scheme or not parts.path:
+        return None
+    target = (page.parent / parts.path).resolve()
+    if target.is_relative_to(docs.resolve()) or not target.is_relative_to(ROOT):
+        return None
+    return target.relative_to(ROOT) if target.exists() else None
+
+
+def include(path: Path, page: Page, config: Any, files: Files) -> str:
+    """Add a picture of the repository to the site, and return its link from a page."""
+    uri = f"{PICTURES}/{path.name}"
+    if files.get_file_from_path(uri) is None:
+        files.append(File.generated(config, uri, abs_src_path=str(ROOT / path)))
+    return "../" * page.file.src_uri.count("/") + uri

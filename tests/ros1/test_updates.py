@@ -29,7 +29,7 @@ server = actionlib.SimpleActionServer("move", actionlib.msg.TestAction, execute,
 def end():
     if server.is_active():
         server.set_aborted(text="the server ends")
-        time.sleep(0.5)  # rospy closes its connections after this hook, and drops what waits to be sent
+        time.sleep(0.5)  # rospy drops what it has not sent yet when this hook ends
 if sys.argv[2:]:
     rospy.on_shutdown(end)
 server.start()

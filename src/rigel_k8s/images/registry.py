@@ -11,10 +11,11 @@ import json
 import os
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import urlencode, urlsplit
 
 import attrs
@@ -51,6 +52,38 @@ class _Unclear(Exception):
     """The registry gave no usable answer; the text says why."""
 
 
+class _Unreachable(_Unclear):
+    """The registry did not answer at all."""
+
+
+@attrs.define
+class _Patience:
+    """Which registries are worth another request.
+
+    A Rigelfile may have thousands of images at registries that do not answer, and each request
+    waits for seconds. A registry that has answered once is asked until the end.
+    """
+
+    PER_REGISTRY: ClassVar[int] = 3
+    IN_ALL: ClassVar[int] = 24
+    _answered: set[str] = attrs.field(init=False, factory=set)
+    _unanswered: Counter[str] = attrs.field(init=False, factory=Counter)
+
+    def has_run_out(self, registry: str) -> bool:
+        """Return whether too many requests had no answer, from this registry or from all."""
+        if registry in self._answered:
+            return False
+        unanswered = self._unanswered
+        return unanswered[registry] >= self.PER_REGISTRY or unanswered.total() >= self.IN_ALL
+
+    def note(self, registry: str, *, answered: bool) -> None:
+        """Remember how a request ended."""
+        if answered:
+            self._answered.add(registry)
+        else:
+            self._unanswered[registry] += 1
+
+
 def resolve_digest(
     image: str,
     credentials: RegistryCredentials | None = None,
@@ -69,27 +102,58 @@ def resolve_digest(
     """
     try:
         reference = parse_reference(image)
-    except UserError:
+        return _find_digest(reference, credentials, timeout, insecure=insecure)
+    except (UserError, _Unclear):
         return None
+
+
+def _find_digest(
+    reference: Reference,
+    credentials: RegistryCredentials | None,
+    timeout: float,
+    *,
+    insecure: bool = False,
+) -> str | None:
     if reference.digest:
         return reference.digest
     registry = _registry_of(reference, credentials, timeout, insecure=insecure)
-    try:
-        return registry.digest(reference.repository, reference.version)
-    except _Unclear:
-        return None
+    return registry.digest(reference.repository, reference.version)
 
 
 def resolve_digests(
-    images: Iterable[str], credentials: Sequence[RegistryCredentials] = ()
+    images: Iterable[str],
+    credentials: Sequence[RegistryCredentials] = (),
+    *,
+    timeout: float = 3.0,
 ) -> dict[str, str]:
-    """Return the digests of those images whose registries tell them, asked side by side."""
+    """Return the digests of those images whose registries tell them, asked side by side.
+
+    A registry that does not answer at all is not asked for each of its images.
+
+    Args:
+        images: valid references.
+        credentials: of the registries that need some.
+        timeout: seconds for each answer of a registry.
+    """
     asked = list(images)
     if not asked:
         return {}
+    patience = _Patience()
 
     def ask(image: str) -> str | None:
-        return resolve_digest(image, credentials_for(parse_reference(image).registry, credentials))
+        reference = parse_reference(image)
+        if patience.has_run_out(reference.registry):
+            return None
+        user = credentials_for(reference.registry, credentials)
+        try:
+            digest = _find_digest(reference, user, timeout)
+        except _Unreachable:
+            patience.note(reference.registry, answered=False)
+            return None
+        except _Unclear:
+            digest = None
+        patience.note(reference.registry, answered=True)
+        return digest
 
     with ThreadPoolExecutor(max_workers=min(8, len(asked))) as pool:
         answers = zip(asked, pool.map(ask, asked), strict=True)
@@ -291,7 +355,7 @@ class _Registry:
                     method, url, headers=dict(headers)
                 )
         except urllib3.exceptions.HTTPError as error:
-            raise _Unclear(_reason(error)) from error
+            raise _Unreachable(_reason(error)) from error
 
     @property
     def _plain(self) -> bool:
@@ -305,7 +369,7 @@ def _encrypts(host: str, timeout: float) -> bool:
     all certificates of the machine before.
 
     Raises:
-        _Unclear: nobody listens there, whatever is spoken.
+        _Unreachable: nothing listens there, whatever is spoken.
     """
     import socket
     import ssl
@@ -323,7 +387,7 @@ def _encrypts(host: str, timeout: float) -> bool:
     except OSError as error:
         if url.port is None:
             return False  # HTTP has another port
-        raise _Unclear(error.strerror or str(error)) from error
+        raise _Unreachable(error.strerror or str(error)) from error
 
 
 def _proxy_of(url: str) -> str | None:

@@ -44,6 +44,17 @@ from rigel_k8s.cli import main
 main.cli.main = lambda **_: os.kill(os.getpid(), {number})
 entry.main(name="rigel")
 """
+#: Sends itself a signal in a plain command, and another one while that cleans up.
+PLAIN_TWICE = """
+import os, time
+from rigel_k8s import signals
+signals.handle(signals.raise_interrupt)
+try:
+    os.kill(os.getpid(), {number})
+finally:
+    os.kill(os.getpid(), {number})
+    time.sleep(600)
+"""
 
 
 def run(code: str, number: int) -> tuple[int, str]:
@@ -78,6 +89,12 @@ def test_a_signal_while_modules_are_imported_shows_no_traceback(number: int) -> 
 @SIGNALS
 def test_a_signal_in_any_command_shows_no_traceback(number: int) -> None:
     assert run(PLAIN, number) == (128 + number, "interrupted\n")
+
+
+@SIGNALS
+def test_a_second_signal_ends_any_command_at_once(number: int) -> None:
+    """It does not interrupt the clean-up half way, which may wait for ever then."""
+    assert run(PLAIN_TWICE, number) == (128 + number, "error: interrupted twice\n")
 
 
 def test_afterwards_ctrl_c_is_pythons_own() -> None:

@@ -8,10 +8,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import socket
 import ssl
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -27,6 +29,7 @@ from rigel_k8s.images.registry import (
     find_architectures,
     log_in,
     resolve_digest,
+    resolve_digests,
 )
 
 MANIFEST = b'{"schemaVersion": 2}'
@@ -188,6 +191,45 @@ def test_nobody_is_asked_twice_where_nobody_listens(monkeypatch: pytest.MonkeyPa
     """A private registry that is away costs one wait for a connection, not two."""
     monkeypatch.setattr(_Registry, "_send", lambda *_: pytest.fail("it was asked"))
     assert resolve_digest("127.0.0.1:1/team/app:1") is None
+
+
+@contextmanager
+def silence(registries: int) -> Iterator[tuple[list[str], Callable[[], int]]]:
+    """Yield names of registries that accept connections and never answer, and how many came."""
+    with ExitStack() as stack:
+        sockets = [
+            stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(registries)
+        ]
+        accepted: list[socket.socket] = []
+
+        def count() -> int:
+            for listener in sockets:
+                listener.setblocking(False)
+                with suppress(BlockingIOError):
+                    while True:
+                        accepted.append(stack.enter_context(listener.accept()[0]))
+            return len(accepted)
+
+        yield [f"127.0.0.1:{listener.getsockname()[1]}" for listener in sockets], count
+
+
+def test_a_silent_registry_is_not_asked_for_each_of_its_images(registry: Registry) -> None:
+    """What is known after a few requests is not waited for a thousand times; others are asked."""
+    with silence(1) as ([silent], count):
+        images = [f"{silent}/team/app:{number}" for number in range(1000)]
+        found = resolve_digests([*images, f"{registry.name}/team/app:1"], timeout=0.2)
+        assert found == {f"{registry.name}/team/app:1": DIGEST}
+        assert count() < 50  # two connections for each request: TLS, then plain HTTP
+
+
+def test_silent_registries_are_not_all_waited_for(registry: Registry) -> None:
+    """A file may name a thousand of them; one that has answered is asked until the end."""
+    good, missing = (f"{registry.name}/team/app:{tag}" for tag in "12")
+    with silence(100) as (names, count):
+        images = [f"{name}/team/app:1" for name in names]
+        assert resolve_digests([good, *images, missing], timeout=0.2) == {good: DIGEST}
+        assert "/v2/team/app/manifests/2" in {path for _, path, _ in registry.seen}
+        assert count() < 80  # of 200
 
 
 def test_without_a_port_plain_http_has_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -53,6 +53,26 @@ FAMILIES: Mapping[str, tuple[str, str]] = {
 }
 
 
+#: The labels of those that have some; docs/metrics.md is generated from both tables.
+LABELS: Mapping[str, tuple[str, ...]] = {
+    "ros_exporter_info": ("version", "ros", "middleware"),
+    "ros_exporter_dropped": ("what",),
+    "ros_node_up": ("ros_node", "workload"),
+    "ros_node_registered": ("ros_node", "workload"),
+    "ros_node_missing_registrations": ("ros_node", "workload"),
+    "ros_topic_publishers": ("topic", "type"),
+    "ros_topic_subscribers": ("topic", "type"),
+    "ros_node_topic_messages_total": ("ros_node", "topic", "direction"),
+    "ros_node_topic_bytes_total": ("ros_node", "topic", "direction"),
+    "ros_topic_messages_total": ("topic",),
+    "ros_topic_bytes_total": ("topic",),
+    "ros_topic_last_message_timestamp_seconds": ("topic",),
+    "ros_topic_header_age_seconds": ("topic",),
+    "ros_diagnostics_level": ("name", "hardware_id"),
+    "ros_tf_age_seconds": ("parent", "child"),
+}
+
+
 def text(samples: Iterable[Sample]) -> str:
     """Return the samples as Prometheus reads them, by family."""
     found: dict[str, list[str]] = {name: [] for name in FAMILIES}

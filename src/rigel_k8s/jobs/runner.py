@@ -261,7 +261,8 @@ class _Resolution:
             return resolve(spec.plugin, self.directory)
         except UserError as error:
             message = "; ".join(filter(None, (error.message, *error.details, error.hint)))
-            slug = "untrusted" if isinstance(error, Untrusted) else f"unknown-{key}"
+            slug = "unknown-plugin" if key == "plugin" else "unknown-provider"
+            slug = "untrusted" if isinstance(error, Untrusted) else slug
             problem = Problem((*spec.path, key), message, slug)
             self.findings.append(place(self.rigelfile.root, problem))
             return None

@@ -225,7 +225,8 @@ class _Components:
             key = "plugin" if kind == "job" else "provider"
             hint = f" ({error.hint})" if error.hint else ""
             node = locate(self._root, (*spec.path, key))
-            slug = "untrusted" if isinstance(error, Untrusted) else f"unknown-{key}"
+            slug = "unknown-plugin" if kind == "job" else "unknown-provider"
+            slug = "untrusted" if isinstance(error, Untrusted) else slug
             yield make_finding(node, f"{error.message}{hint}", slug)
             return
         for over in overrides:

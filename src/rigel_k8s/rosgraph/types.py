@@ -92,7 +92,7 @@ class GraphProblem:
     """Something that is wrong in a graph.
 
     Attributes:
-        kind: a word for scripts; docs/rosgraph.md lists them.
+        kind: a word for scripts; kinds.py explains them.
         nodes, topic: what it is about.
         error: the graph does not work as the release says; otherwise it may be meant so.
     """

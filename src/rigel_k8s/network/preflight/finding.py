@@ -16,7 +16,7 @@ class PreflightFinding:
     """One thing that keeps the network from working, or may.
 
     Attributes:
-        kind: a short slug, stable for scripts and docs/preflight.md.
+        kind: a short slug, stable for scripts; kinds.py explains it.
         remedy: what to do next, one line.
         severity: an error stops the deploy, a warning is told.
         fault: whether the Rigelfile asks for what cannot be (exit code 2) or the cluster lacks it.

@@ -1,0 +1,52 @@
+"""docs/alerts.md: every alert of our rules."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import yaml
+
+from rigel_k8s.observability.boards import rules
+from rigel_k8s.observability.boards.meanings import CONDITIONS
+from tools.reference.tables import draw_table, join_page
+
+HEAD = """# Alerts
+
+Every alert of [our rules](dashboards.md), most severe first: when it fires, and the page that
+says what to do. This page is generated from the rules.
+
+Each alert has the labels `severity`, `namespace` and `application`, and `workload`, `ros_node`,
+`topic` or `node` if they are known. Critical: the robot does not do its work. Warning: soon, or
+in part. Info: look when you have time. [Why a roll-out fires
+none](dashboards.md#why-a-roll-out-fires-none) explains the times."""
+
+SEVERITIES = ("critical", "warning", "info")
+
+
+def write_alerts() -> str:
+    """Return the page."""
+    return join_page(_list_parts())
+
+
+def list_rules() -> Iterator[Mapping[str, Any]]:
+    """Yield all rules of all files, in their order."""
+    for text in rules().values():
+        for group in yaml.safe_load(text)["groups"]:
+            yield from group["rules"]
+
+
+def _list_parts() -> Iterator[str]:
+    yield HEAD
+    alerts = [rule for rule in list_rules() if "alert" in rule]
+    alerts.sort(key=lambda rule: SEVERITIES.index(rule["labels"]["severity"]))
+    rows = (
+        (
+            f"[{rule['alert']}](runbooks/{rule['alert']}.md)",
+            rule["labels"]["severity"],
+            CONDITIONS[rule["alert"]],
+            rule["for"],
+        )
+        for rule in alerts
+    )
+    yield draw_table(("alert", "severity", "fires when", "for"), rows)

@@ -1,7 +1,7 @@
 """Kill each command at each of its writes, run it again, and print a table of what came of it.
 
 usage: python -m bench.kills --context NAME [--only "first deploy"]
-       [--namespace bench-kills] [--document docs/reliability.md]
+       [--namespace bench-kills] [--document docs/reliability-tests.md]
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def parse_words() -> argparse.Namespace:
     parser.add_argument("--context", required=True, help="a cluster where stacks may be installed")
     parser.add_argument("--namespace", default="bench-kills", help="is made and deleted")
     parser.add_argument("--only", help="one command of the table")
-    parser.add_argument("--document", type=Path, help="puts the rows into docs/reliability.md")
+    parser.add_argument("--document", type=Path, help="its table gets the rows")
     return parser.parse_args()
 
 

@@ -1,4 +1,7 @@
-"""The results of kills as a table of docs/reliability.md: a row for each write of each command."""
+"""The results of kills as a table, with a row for each write of each command.
+
+docs/reliability-tests.md has it.
+"""
 
 from __future__ import annotations
 

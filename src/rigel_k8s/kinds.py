@@ -451,6 +451,6 @@ PODS: Mapping[str, Kind] = {
     ),
     "orphan": Kind(
         "a restarted ROS master has forgotten the pod's node",
-        "restart the pod, or use [the gate](ros1.md#the-gate)",
+        "restart the pod, or use [the gate](ros1-updates.md#the-gate)",
     ),
 }

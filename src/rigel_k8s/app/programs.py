@@ -46,12 +46,12 @@ def takes_ros_arguments(ros: Ros, line: Sequence[str]) -> bool:
 
 
 def run_beside(command: Command, *words: str) -> Command:
-    """Return a command beside which an in-pod script runs; see docs/in-pod-scripts.md."""
+    """Return a command beside which an in-pod script runs; see docs/beside-a-node.md."""
     return wrap(command, "beside.sh", *words, "--")
 
 
 def run_by_lifecycle(command: Command) -> Command:
-    """Return a command whose lifecycle node is handed over; see docs/in-pod-scripts.md."""
+    """Return a command whose lifecycle node is handed over; see docs/beside-a-node.md."""
     return wrap(command, "lifecycle.sh")
 
 

@@ -2,7 +2,7 @@
 
 It runs in its own container of the ros-master pod, mounted from a ConfigMap, on the Python 3.8 of
 an official ROS image, with nothing but the standard library. It knows nothing of the rest of this
-package. docs/ros1.md explains what it does and why.
+package. docs/ros1-updates.md explains what it does and why.
 
 What it knows, and what follows from that; nothing here waits or asks:
 

@@ -15,8 +15,13 @@ FILES = {"config/planner.yaml": "speed: 1\n"}
 #: Which documents, and the distribution that they write for.
 ABOUT = {
     "ros1.md": "noetic",
+    "ros1-nodes.md": "noetic",
+    "ros1-updates.md": "noetic",
+    "placement.md": "noetic",
     "coming-from-src-plugin.md": "noetic",
     "ros2.md": "jazzy",
+    "ros2-nodes.md": "jazzy",
+    "ros2-updates.md": "jazzy",
     "security.md": "noetic",
 }
 

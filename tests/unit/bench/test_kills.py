@@ -14,7 +14,7 @@ from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.types import ReleaseId
 from tests.support.fake_cluster import FakeCluster
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "reliability.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "reliability-tests.md"
 IN_MEMORY = [scenario for scenario in SCENARIOS if scenario.name != "observability stack"]
 
 

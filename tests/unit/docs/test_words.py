@@ -16,8 +16,7 @@ OTHERS = {
     "muto.md",
     "muto-messages.md",
     "muto-agent.md",
-    "reliability.md",
-    "performance.md",
+    "metrics.md",
 }
 PAGES = [
     *(page for page in sorted(DOCS.rglob("*.md")) if page.name not in OTHERS),

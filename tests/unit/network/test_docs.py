@@ -1,4 +1,4 @@
-"""Every YAML block of docs/networking.md is a job's `with` that works."""
+"""Every YAML block of the pages on networks is a job's `with` that works."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ import pytest
 
 from ..app.shapes import problems, release
 
-PAGE = Path(__file__).parents[3] / "docs" / "networking.md"
+DOCS = Path(__file__).parents[3] / "docs"
+PAGES = [DOCS / "networking.md", DOCS / "network-modes.md"]
 
 
 def blocks() -> Iterator[object]:
     """Yield each block with where it stands."""
-    text = PAGE.read_text("utf-8")
-    for found in re.finditer(r"^```yaml\n(.*?)^```", text, re.M | re.S):
-        yield pytest.param(found[1], id=f"line {text[: found.start()].count(chr(10)) + 2}")
+    for page in PAGES:
+        text = page.read_text("utf-8")
+        for found in re.finditer(r"^```yaml\n(.*?)^```", text, re.M | re.S):
+            line = text[: found.start()].count("\n") + 2
+            yield pytest.param(found[1], id=f"{page.name}:{line}")
 
 
 @pytest.mark.parametrize("text", list(blocks()))

@@ -1,6 +1,6 @@
 """How a node's components are loaded: a script beside its process, and what it reads.
 
-The scripts' contract is docs/in-pod-scripts.md.
+The scripts' contract is docs/beside-a-node.md.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """How the transitions of a lifecycle node are made: a script beside it, and the preStop hook.
 
-Their contract is docs/in-pod-scripts.md.
+Their contract is docs/beside-a-node.md.
 """
 
 from __future__ import annotations

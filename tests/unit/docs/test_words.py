@@ -9,13 +9,9 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
-#: Made from the words of the code, from licences, or not rewritten yet.
+#: Made from the words of the code.
 OTHERS = {
     "reference.md",
-    "licences.md",
-    "muto.md",
-    "muto-messages.md",
-    "muto-agent.md",
     "metrics.md",
 }
 PAGES = [

@@ -16,7 +16,15 @@ OTHERS = {
 }
 PAGES = [
     *(page for page in sorted(DOCS.rglob("*.md")) if page.name not in OTHERS),
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "examples/observability/README.md")),
+    *(
+        ROOT / name
+        for name in (
+            "README.md",
+            "CONTRIBUTING.md",
+            "CHANGELOG.md",
+            "examples/observability/README.md",
+        )
+    ),
 ]
 AVOIDED = re.compile(
     r"\b(told|tells|nobody|somebody|everybody|whoever|anew|shall|knows no|there is none"

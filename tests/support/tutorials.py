@@ -23,6 +23,9 @@ BLOCK = re.compile(
     r"(?P<text>.*?)^```$",
     re.M | re.S,
 )
+#: The beginning of any code block of Markdown, also of one that BLOCK does not read: indented, with
+#: other characters, or without them, by four spaces after an empty line.
+BEGINNING = re.compile(r"^(?:[ \t>]*(?:`{3,}|~{3,})|(?<=\n\n) {4}\S)", re.M)
 REASON = re.compile(r"not run: \w.+")
 NEEDS_CLUSTER = "not run: it needs a cluster"
 
@@ -50,6 +53,25 @@ def read_blocks(text: str) -> list[Block]:
         )
         for found in BLOCK.finditer(text)
     ]
+
+
+def find_overlooked(text: str) -> Iterator[str]:
+    """Yield the code blocks of a page that `follow` neither runs nor finds a reason for."""
+    blocks = read_blocks(text)
+    for block in blocks:
+        if block.language not in ("yaml", "shell", "text"):
+            yield f"line {block.line}: {block.language} is not run"
+        elif block.language == "yaml" and not block.title:
+            yield f"line {block.line}: a file without a name"
+        elif block.comment and not REASON.fullmatch(block.comment):
+            yield f"line {block.line}: no reason: {block.comment}"
+    shown = [index for index, block in enumerate(blocks) if block.language == "text"]
+    for index in shown:
+        if index == 0 or blocks[index - 1].language != "shell":
+            yield f"line {blocks[index].line}: no command prints it"
+    rest = BLOCK.sub(lambda found: "\n" * found[0].count("\n"), text)
+    for found in BEGINNING.finditer(rest):
+        yield f"line {rest[: found.start()].count(chr(10)) + 1}: a block that is not read"
 
 
 def make_place(directory: Path, programs: dict[str, list[str]]) -> Path:

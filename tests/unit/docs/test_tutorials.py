@@ -6,7 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.tutorials import FOLDER, REASON, RIGEL, follow, make_place, read_blocks
+from tests.support.tutorials import (
+    FOLDER,
+    RIGEL,
+    find_overlooked,
+    follow,
+    make_place,
+    read_blocks,
+)
 
 PAGES = sorted(FOLDER.glob("*.md"))
 
@@ -26,14 +33,47 @@ def test_a_tutorial_can_be_followed(page: Path, place: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_blocks_are_of_a_kind_that_is_run(page: Path) -> None:
-    """No block is overlooked because its language or its comment is written differently."""
-    text = page.read_text("utf-8")
+    """No block is overlooked because it is written differently."""
+    assert read_blocks(page.read_text("utf-8"))
+    assert list(find_overlooked(page.read_text("utf-8"))) == []
+
+
+def test_the_tutorial_about_k3s_has_only_blocks_that_are_run() -> None:
+    """tests/cluster/network/test_k3s_guide.py runs its commands, with its Rigelfile."""
+    text = (FOLDER.parent / "k3s.md").read_text("utf-8")
     blocks = read_blocks(text)
-    assert text.count("\n```") == 2 * len(blocks)
-    for block in blocks:
-        assert block.language in ("yaml", "shell", "text"), block
-        assert block.language != "yaml" or block.title, block
-        assert not block.comment or REASON.fullmatch(block.comment), block
+    assert [block.language for block in blocks].count("yaml") == 1
+    assert {block.language for block in blocks} == {"console", "yaml"}
+    assert not any("not read" in line for line in find_overlooked(text))
+
+
+OVERLOOKED = {
+    "bash": "```bash\ntrue\n```\n",
+    "no language": "```\ntrue\n```\n",
+    "console": "```console\n$ true\n```\n",
+    "a file without a name": "```yaml\na: 1\n```\n",
+    "in a list": "- One:\n\n  ```shell\n  true\n  ```\n",
+    "tildes": "~~~shell\ntrue\n~~~\n",
+    "four spaces": "Run:\n\n    rigel check\n",
+    "no reason": "<!-- skipped -->\n```shell\ntrue\n```\n",
+    "an empty reason": "<!-- not run: -->\n```shell\ntrue\n```\n",
+    "output of nothing": "```text\nready\n```\n",
+}
+
+
+@pytest.mark.parametrize("page", OVERLOOKED.values(), ids=OVERLOOKED)
+def test_a_block_that_is_neither_run_nor_marked_is_noticed(page: str) -> None:
+    """Once each, or for its beginning and its end."""
+    assert len(list(find_overlooked(f"# A page\n\n{page}"))) in (1, 2)
+
+
+def test_a_page_of_blocks_that_are_run_or_marked_is_fine() -> None:
+    """The forms that the pages use."""
+    page = (
+        '```yaml title="a.yaml"\na: 1\n```\n\n<!-- not run: it needs a cluster -->\n'
+        "```shell\nrigel status\n```\n\n```text\nready\n```\n"
+    )
+    assert list(find_overlooked(page)) == []
 
 
 @pytest.mark.parametrize(

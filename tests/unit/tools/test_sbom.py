@@ -12,7 +12,7 @@ from cyclonedx.model.component import ComponentType
 from rigel_k8s.system import oci
 from tools.sbom.__main__ import PAGE, ROOT
 from tools.sbom.archive import read_archive
-from tools.sbom.cluster import list_builds, write_page
+from tools.sbom.cluster import HEADER, list_builds, write_page
 from tools.sbom.debian import name_licences
 from tools.sbom.document import write_document
 from tools.sbom.golang import escape, read_modules
@@ -149,3 +149,9 @@ def test_a_component_of_several_programs_has_one_row() -> None:
     assert write_page({"loki": [part], "coredns": [part]}).endswith(
         "|---|---|---|---|\n| a.org/b | v1 | MIT | coredns, loki |\n"
     )
+
+
+def test_the_page_of_licenses_begins_as_it_is_written_now() -> None:
+    """`python -m tools.sbom licences` writes it."""
+    page = Path(__file__).parents[3] / "docs" / "licences.md"
+    assert page.read_text("utf-8").startswith(HEADER)

@@ -1,7 +1,7 @@
-"""Which job of the Rigelfile a plugin is: Rigel tells a plugin its data and not its name.
+"""Which job of the Rigelfile a plugin is: Rigel passes a plugin its data but not its name.
 
 Rigel has rendered that data its own way (filters stay as they are, 1.10 is 1.1), so the Rigelfile
-is read again, and what was given only tells the jobs apart.
+is read again; the data that Rigel passed only identifies the job.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rigel_k8s.rigelfile.model import ComponentSpec, Concurrent, JobUse, Paralle
 
 @attrs.frozen
 class CommandLine:
-    """What `rigel run job|sequence NAME [-f FILE]` says; all None where it is something else."""
+    """The words of `rigel run job|sequence NAME [-f FILE]`; None for any other command."""
 
     job: str | None = None
     sequence: str | None = None
@@ -38,7 +38,7 @@ class PlacedJob:
 
 
 def command_line(argv: Sequence[str] | None = None) -> CommandLine:
-    """Return what Rigel's command line says (sys.argv, unless another is given)."""
+    """Parse Rigel's command line (by default sys.argv)."""
     words = iter((sys.argv if argv is None else argv)[1:])
     names: list[str] = []
     file = "Rigelfile"
@@ -79,8 +79,8 @@ def find_use(
             return found[0]
     known = ", ".join(dict.fromkeys(use.spec.name for use in uses)) or "none"
     raise UserError(
-        f"cannot tell which job of {line.file} this is; its jobs of that plugin: {known}",
-        hint="run it with `rigel-k8s run`, which needs no guess",
+        f"cannot find out which job of {line.file} this is; its jobs of that plugin: {known}",
+        hint="run it with `rigel-k8s run`",
     )
 
 
@@ -112,18 +112,18 @@ def _uses(sequence: SequenceSpec) -> Iterator[JobUse]:
 
 
 def _is_same_value(given: Any, ours: Any) -> bool:
-    """Return whether both are one value, written by Rigel's rules and by ours."""
+    """Return whether both are the same value, written by Rigel's rules and by ours."""
     if isinstance(given, Mapping) and isinstance(ours, Mapping):
         return given.keys() == ours.keys() and all(_is_same_value(given[k], ours[k]) for k in given)
     if isinstance(given, list) and isinstance(ours, list):
         return len(given) == len(ours) and all(map(_is_same_value, given, ours))
-    if isinstance(given, str) and has_template(given):  # a template that Rigel does not know
+    if isinstance(given, str) and has_template(given):  # a template that Rigel does not support
         return True
     return given == ours or _is_same_number(given, ours)
 
 
 def _is_same_number(given: Any, ours: Any) -> bool:
-    """Return whether 1.1 was made of "1.10", or text of the environment of a number."""
+    """Return whether Rigel made 1.1 of "1.10", or a number became text."""
     try:
         return not isinstance(given, bool) and float(given) == float(ours)
     except (TypeError, ValueError):

@@ -1,7 +1,7 @@
-"""`rigel` where Rigel 0.3 is installed too: its own commands stay its own.
+"""`rigel` if Rigel 0.3 is installed too: its commands stay its own.
 
-pip lets Rigel and this package overwrite each other's `bin/rigel` without a word. Where ours is the
-one that is left, `rigel run` and `rigel init` do what Rigel's script would have done; all other
+pip lets Rigel and this package overwrite each other's `bin/rigel` silently. If ours is the
+one that remains, `rigel run` and `rigel init` do what Rigel's script would have done; all other
 commands, and everything under `rigel-k8s` and `python -m rigel_k8s`, are ours (docs/rigel.md).
 """
 
@@ -35,5 +35,5 @@ def is_installed() -> bool:
     """Return whether Rigel 0.3 can be imported; 0.2 has no orchestrator and another grammar."""
     try:
         return all(importlib.util.find_spec(f"rigel.{name}") for name in ("main", "orchestrator"))
-    except ImportError:  # no package `rigel`, or one that breaks
+    except ImportError:  # no package `rigel`, or a broken one
         return False

@@ -1,4 +1,4 @@
-"""The names that stand in Rigelfiles: for Rigel its own kind of class, for everybody else ours."""
+"""The names that Rigelfiles use: for Rigel they are subclasses of its own, otherwise ours."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ BASES = {
 def public(name: str) -> Any:
     """Return what `rigel_k8s.NAME` is: `OrchestrationPlugin`, `ContainerRegistryProvider` ...
 
-    A subclass of Rigel's Plugin where Rigel has been imported already (it loads nothing else), and
-    elsewhere the job type.
+    A subclass of Rigel's Plugin if Rigel has been imported already (it loads nothing else), and
+    otherwise the job type.
 
     Raises:
-        AttributeError: there is no such name.
+        AttributeError: the name does not exist.
     """
     path = f"rigel_k8s.{name}"
     for kind in ("job", "provider"):

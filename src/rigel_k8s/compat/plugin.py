@@ -1,7 +1,7 @@
 """A job type as a plugin of Rigel 0.3: setup checks, start works, stop never tears down.
 
 Rigel calls stop() after success too, and from its signal handler, in the middle of start(); so the
-work is done in a thread of its own, and stop() tells it to end and waits for it, once.
+work runs in a separate thread, and stop() cancels it and waits for it, once.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class JobPlugin:
         self._prepared: Prepared | None = None
         self._thread: threading.Thread | None = None
         self._error: BaseException | None = None
-        # Rigel's Plugin stands behind this class in the bases; it renders the data of earlier jobs.
+        # Rigel's Plugin follows this class in the bases; it renders the data of earlier jobs.
         super().__init__(raw_data, global_data, application, providers_data, self._data)  # type: ignore[call-arg]
 
     def setup(self) -> None:
@@ -74,10 +74,10 @@ class JobPlugin:
             raise self._error
 
     def process(self) -> None:
-        """Do nothing: Rigel leaves this out for dependencies, so start() has done it all."""
+        """Do nothing: Rigel skips this for dependencies, so start() does all the work."""
 
     def stop(self) -> None:
-        """Tell work that still runs to end, and wait for it; what was deployed stays."""
+        """Cancel work that still runs, and wait for it; what was deployed stays."""
         again = self._scope.cancelled.is_set()
         self._scope.cancel()
         if self._thread and not again:

@@ -1,4 +1,4 @@
-"""What jobs tell and what goes wrong, in Rigel's words: its log and its RigelError."""
+"""Passes reports and errors of jobs on to Rigel: its log and its RigelError."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.jobs.job import JobReporter
 
-#: The logger that Rigel gives a handler and colours.
+#: The logger that Rigel configures with a handler and colours.
 LOGGER = logging.getLogger("Rigel")
 
 
@@ -39,7 +39,7 @@ class LogReport:
 
 
 def rigel_error(error: RigelK8sError) -> Exception:
-    """Return Rigel's error with all that ours says; Rigel logs its text and exits with 1."""
+    """Return Rigel's error with the text of ours; Rigel logs it and exits with 1."""
     lines = [error.message, *(f"  {detail}" for detail in error.details)]
     if error.hint:
         lines.append(f"hint: {error.hint}")

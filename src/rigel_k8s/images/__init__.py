@@ -1,1 +1,1 @@
-"""Dockerfile texts, docker and podman, registries; nothing here knows Kubernetes."""
+"""Dockerfile texts, docker and podman, registries; independent of Kubernetes."""

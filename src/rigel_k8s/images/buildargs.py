@@ -47,7 +47,7 @@ def pass_on(
 
     Every user of a machine can read the arguments of its processes, and a build argument may be a
     token. A name that the environment has with another value keeps its value in the words: the
-    program itself may need the other one (PATH, say).
+    program itself may need the other one (for example PATH).
     """
     hidden = {name: value for name, value in buildargs.items() if env.get(name, value) == value}
     words = []

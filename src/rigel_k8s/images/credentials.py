@@ -11,7 +11,7 @@ import attrs
 
 from rigel_k8s.image_reference import DOCKER_HUB
 
-#: The key that docker, podman and the kubelet know Docker Hub by.
+#: The key that docker, podman and the kubelet use for Docker Hub.
 _HUB_KEY = "https://index.docker.io/v1/"
 
 
@@ -21,7 +21,7 @@ class RegistryCredentials:
 
     Attributes:
         server: as the user wrote it.
-        username: empty where the registry asks for none.
+        username: empty if the registry needs none.
         password: a password or token; not part of the repr.
         insecure: the registry speaks plain HTTP, or its certificate cannot be verified.
     """
@@ -59,7 +59,7 @@ def is_private(registry: str) -> bool:
 
 
 def credentials_for(registry: str, known: Iterable[Any]) -> RegistryCredentials | None:
-    """Return the first credentials for a registry; what is not Credentials is passed over."""
+    """Return the first credentials for a registry; other values are skipped."""
     for one in known:
         if isinstance(one, RegistryCredentials) and one.registry == registry_name(registry):
             return one
@@ -69,7 +69,7 @@ def credentials_for(registry: str, known: Iterable[Any]) -> RegistryCredentials 
 def docker_config(
     known: Iterable[RegistryCredentials], base: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Return the content of a .docker/config.json: the base's, with ours before its own.
+    """Return the content of a .docker/config.json: the base's, where ours override its own.
 
     It also is the `.dockerconfigjson` of a pull secret.
     """

@@ -26,7 +26,7 @@ _KEPT = ("cli-plugins", "contexts", "tls")
 
 @attrs.frozen
 class Docker:
-    """docker at `program`; `inspected` is what `docker buildx inspect` said of its builder."""
+    """docker at `program`; `inspected` is the output of `docker buildx inspect`."""
 
     program: str
     inspected: str
@@ -34,24 +34,24 @@ class Docker:
 
     @property
     def notes(self) -> Sequence[str]:
-        """What the user should know of how it is used here."""
+        """What the user should know about how it is used here."""
         return ()
 
     @property
     def more_platforms(self) -> str:
         """How to make it build for other platforms."""
-        return "for them, `docker buildx create --use` makes a builder, and qemu emulates"
+        return "`docker buildx create --use` creates a builder for them, and qemu emulates"
 
     def platforms(self) -> Sequence[str]:
-        """Return what the builder says it builds for; the engine's own does one at a time."""
+        """Return the builder's platforms; docker's own builder builds for one at a time."""
         known = builder_platforms(self.inspected) or [host_platform()]
         own = re.search(r"^Driver:\s+docker$", self.inspected, re.MULTILINE)
         return tuple(known[:1] if own else known)
 
     def build(self, build: Build, session: Session, *, load: bool, push: bool) -> dict[str, str]:
-        """Build, and push if told; returns the digest of each pushed name.
+        """Build, and push if requested; returns the digest of each pushed name.
 
-        The two are runs of their own, the second from the cache: buildx has one output for each.
+        These are two separate runs, the second from the cache: buildx has one output per run.
         """
         env = _environment(session)
         digests: dict[str, str] = {}
@@ -91,7 +91,7 @@ class Docker:
             what=f"docker build of {build.names[0]}",
             env=env,
             cancel=session.cancel,
-            on_line=Steps(session.tell),
+            on_line=Steps(session.on_state),
         )
 
 
@@ -102,9 +102,9 @@ def builder_platforms(inspected: str) -> list[str]:
 
 
 def add_credentials(config: Mapping[str, Any], session: Session) -> dict[str, Any]:
-    """Return a docker config.json with the session's credentials, also where a helper keeps others.
+    """Return a docker config.json with the session's credentials, even if a helper has others.
 
-    An empty helper for a registry is docker's way to say: look into this file.
+    With an empty helper for a registry, docker uses the credentials in this file.
     """
     merged = docker_config(session.credentials, config)
     if "credsStore" in merged:
@@ -142,7 +142,7 @@ def _digest(metadata: Path) -> str:
     digest = json.loads(metadata.read_text("utf-8")).get("containerimage.digest")
     if not isinstance(digest, str):
         raise RigelK8sError(
-            "docker buildx pushed the image and did not tell its digest",
+            "docker buildx pushed the image but did not report its digest",
             hint="use buildx 0.8 or newer",
         )
     return digest

@@ -17,12 +17,12 @@ import attrs
 from rigel_k8s.distros import ROS1
 
 DOCKERFILE = "Dockerfile"
-#: Beside the Dockerfile, under the name that Rigel gave it.
+#: Next to the Dockerfile, under the name that Rigel uses.
 ENTRYPOINT_FILE = "dockerfile_entrypoint.sh"
 
 _PYTHON2_DISTROS = ROS1 - {"noetic"}
 _SETUP_FILE = {"catkin_make": "devel/setup.bash", "colcon": "install/setup.bash"}
-#: Debian's colcon merely recommends what makes it colcon.
+#: Debian's colcon only recommends the packages that it cannot work without.
 _COLCON_PARTS = (
     *("bash", "cmake", "defaults", "library-path", "metadata", "output"),
     *("package-selection", "parallel-executor", "recursive-crawl", "ros"),
@@ -45,11 +45,11 @@ class Recipe:
         rosdep: install what the package.xml files depend on.
         apt: Debian packages.
         env: environment variables; `$NAME` in a value is expanded.
-        docker_run: commands run as root before the sources come.
+        docker_run: commands run as root before the sources are copied.
         entrypoint: lines of shell run in the container before its command.
         rosinstall: files that vcs imports, relative to the sources.
         command: the default command, as text or words; empty: an interactive shell.
-        username: who runs; made unless the base image has it.
+        username: the user that runs; created unless the base image has it.
     """
 
     distro: str
@@ -89,7 +89,7 @@ class Recipe:
 
     @property
     def setup(self) -> tuple[str, ...]:
-        """The lines of shell that make ROS and the application known."""
+        """The lines of shell that set up ROS and the application."""
         ros = f"source /opt/ros/{self.distro}/setup.bash"
         if self.builds:
             return (ros, f"source {self.workspace}/{_SETUP_FILE[self.compiler]}")
@@ -100,7 +100,7 @@ class Recipe:
 
 
 def dockerfile(recipe: Recipe) -> str:
-    """Return the Dockerfile's text, without a mark of who wrote it."""
+    """Return the Dockerfile's text, without the mark of its writer."""
     blocks = [*_clones(recipe), f"FROM {recipe.base}\nUSER root\n", *_apt(recipe), *_env(recipe)]
     blocks += [
         *_render_own_commands(recipe),
@@ -121,7 +121,7 @@ def entrypoint(recipe: Recipe) -> str:
 
 
 def render_dockerignore(packages: Iterable[str]) -> str:
-    """Return the text of a .dockerignore: what must not reach the image nor renew a layer.
+    """Return the text of a .dockerignore: what must not get into the image or invalidate a layer.
 
     A whole workspace (no package.xml at its top) may hold what was built in it before, which would
     be found twice.
@@ -133,7 +133,7 @@ def render_dockerignore(packages: Iterable[str]) -> str:
 
 
 def exec_form(command: str | tuple[str, ...]) -> tuple[str, ...]:
-    """Return a command as words, with a shell only where the text needs one: it eats signals."""
+    """Return a command as words, with a shell only if needed: a shell swallows signals."""
     if not isinstance(command, str):
         return command
     text = command.strip()
@@ -292,7 +292,7 @@ def _make(recipe: Recipe) -> str:
 def _start(recipe: Recipe) -> Iterator[str]:
     script = f"{recipe.home}/robot-entrypoint.sh"
     yield f"COPY {ENTRYPOINT_FILE} {script}\n"
-    # Stated anew: an ENTRYPOINT of one's own drops the base image's CMD.
+    # CMD is repeated: setting ENTRYPOINT drops the base image's CMD.
     command = exec_form(recipe.command) or ("bash",)
     yield f"ENTRYPOINT {json.dumps(['/bin/bash', script])}\nCMD {json.dumps(list(command))}\n"
 
@@ -328,5 +328,5 @@ def _run(command: str) -> str:
 
 
 def _quote_paths(*paths: str) -> str:
-    """Source and destination of a COPY; JSON where a path has a blank."""
+    """Source and destination of a COPY; JSON if a path has a blank."""
     return json.dumps(list(paths)) if any(" " in path for path in paths) else " ".join(paths)

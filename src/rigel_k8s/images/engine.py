@@ -1,4 +1,4 @@
-"""What a container engine does for a build, whichever it is."""
+"""What any container engine does for a build."""
 
 from __future__ import annotations
 
@@ -52,15 +52,15 @@ class Session:
         directory: for its own files; removed after the job.
         environ: the environment that its programs start from.
         cancel: ends its programs when set.
-        tell: gets the state of a long step.
+        on_state: is called with the state of a long step.
         credentials: for the registries that it pulls from and pushes to.
-        insecure: registries that are asked over plain HTTP, or without looking at certificates.
+        insecure: registries to use over plain HTTP, or without verifying certificates.
     """
 
     directory: Path
     environ: Mapping[str, str]
     cancel: threading.Event = attrs.field(factory=threading.Event)
-    tell: Callable[[str], None] = lambda _: None
+    on_state: Callable[[str], None] = lambda _: None
     credentials: tuple[RegistryCredentials, ...] = ()
     insecure: frozenset[str] = frozenset()
 
@@ -74,7 +74,7 @@ class Engine(Protocol):
 
     @property
     def notes(self) -> Sequence[str]:
-        """What the user should know of how it is used here."""
+        """What the user should know about how it is used here."""
 
     @property
     def more_platforms(self) -> str:
@@ -84,7 +84,7 @@ class Engine(Protocol):
         """Return the platforms it can build for, this machine's first."""
 
     def build(self, build: Build, session: Session, *, load: bool, push: bool) -> dict[str, str]:
-        """Build, and push if told; returns the digest of each pushed name."""
+        """Build, and push if requested; returns the digest of each pushed name."""
 
     def save(self, names: Sequence[str], file: Path, session: Session) -> None:
         """Write images that were built with `load` to an archive that containerd imports."""

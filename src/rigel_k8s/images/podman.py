@@ -1,6 +1,6 @@
 """Builds and pushes with podman.
 
-Two things that docker's users take for granted are set for our own runs alone, in a registries.conf
+Two things that docker's users expect are set for our own runs only, in a registries.conf
 of their own: `FROM ros:noetic` means docker.io, and registries known to speak plain HTTP may.
 """
 
@@ -45,10 +45,10 @@ class Podman:
 
     @property
     def notes(self) -> Sequence[str]:
-        """What the user should know of how it is used here."""
+        """What the user should know about how it is used here."""
         if self.isolation is None:
             return ()
-        missing = "root lacks CAP_SYS_RESOURCE here, which its default isolation needs"
+        missing = "its default isolation needs CAP_SYS_RESOURCE, which root does not have here"
         return (f"podman builds with {ISOLATION}={self.isolation}: {missing}",)
 
     @property
@@ -62,10 +62,10 @@ class Podman:
         return tuple(dict.fromkeys([host_platform(), *others]))
 
     def build(self, build: Build, session: Session, *, load: bool, push: bool) -> dict[str, str]:
-        """Build, and push if told; returns the digest of each pushed name.
+        """Build, and push if requested; returns the digest of each pushed name.
 
-        What holds several platforms is not kept in podman's store; `load` then builds once more,
-        from the cache, for this machine alone.
+        An image for several platforms is not kept in podman's store; `load` then builds again, from
+        the cache, for this machine only.
         """
         run = _Run(self.program, session, _environment(self.isolation, session, build))
         if len(build.platforms) < 2:
@@ -96,7 +96,7 @@ class Podman:
         )
 
 
-def lacks_sys_resource(status: str) -> bool:
+def misses_sys_resource(status: str) -> bool:
     """Whether a process with this /proc/PID/status is root without CAP_SYS_RESOURCE."""
     fields = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
     root = fields.get("Uid", "").split()[1:2] == ["0"]
@@ -104,7 +104,7 @@ def lacks_sys_resource(status: str) -> bool:
 
 
 def registries_conf(text: str, insecure: Iterable[str]) -> str:
-    """Return a registries.conf that reads short names as docker does and knows the insecure."""
+    """Return a registries.conf with docker's short names and the insecure registries."""
     if re.search(r"^\s*\[registries\.", text, re.MULTILINE):
         text = ""  # the format of before 2018, which cannot be added to
     if not re.search(r"^\s*unqualified-search-registries", text, re.MULTILINE):
@@ -128,7 +128,7 @@ class _Run:
             what=f"podman {what}",
             env=self.env,
             cancel=self.session.cancel,
-            on_line=Steps(self.session.tell),
+            on_line=Steps(self.session.on_state),
         )
 
     def build(self, build: Build, target: Sequence[str]) -> None:
@@ -142,7 +142,7 @@ class _Run:
             what=f"podman build of {build.names[0]}",
             env=env,
             cancel=self.session.cancel,
-            on_line=Steps(self.session.tell),
+            on_line=Steps(self.session.on_state),
         )
 
     def dockerfile(self, build: Build) -> Path:
@@ -161,7 +161,7 @@ class _Run:
 
     def push(self, words: Sequence[str], image: str, name: str) -> str:
         """Push an image under a name and return its digest."""
-        self.session.tell(f"pushing {name}")
+        self.session.on_state(f"pushing {name}")
         file = self.session.directory / f"digest-{uuid.uuid4().hex}"
         words = [*words, "--digestfile", str(file), image, f"docker://{name}"]
         self(words, f"push of {name}")
@@ -186,7 +186,7 @@ def _tags(build: Build) -> list[str]:
 
 
 def _cache(build: Build) -> list[str]:
-    # Without a base image podman 4 takes one platform's layers from the cache for another's.
+    # Without a base image, podman 4 uses cached layers of one platform for another.
     text = build.dockerfile.read_text("utf-8")
     scratch = re.search(r"(?im)^\s*FROM\s+(--\S+\s+)*scratch\b", text)
     return ["--no-cache"] if scratch else []

@@ -1,4 +1,4 @@
-"""Runs docker and podman; a failure comes with its cause, and a way out where one is known.
+"""Runs docker and podman; an error has its cause, and a hint if one is known.
 
 A failed build shows the step that failed, and keeps its complete output in a file.
 """
@@ -18,7 +18,7 @@ from rigel_k8s.images.progress import failure
 from rigel_k8s.system import process
 from rigel_k8s.system.cache import cache_dir
 
-#: So many logs of failed builds are kept.
+#: How many logs of failed builds are kept.
 LOGS = 20
 
 _WAYS_OUT = (
@@ -28,7 +28,7 @@ _WAYS_OUT = (
     ),
     (
         "unauthorized|authentication required|access denied|access to the resource is denied",
-        "the registry wants credentials: give them with a registry provider (docs/images.md)",
+        "the registry needs credentials: set them in a registry provider (docs/images.md)",
     ),
     (
         "exec format error",
@@ -45,7 +45,7 @@ def stream(
     cancel: threading.Event,
     on_line: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Run a program to its end and hand on each line of its output.
+    """Run a program to its end and pass on each line of its output.
 
     Args:
         words: the program and its arguments.
@@ -98,7 +98,7 @@ def build(
 
 
 def _keep(what: str, text: str) -> str:
-    """Keep a failed build's output beside those of the last ones; return where it is."""
+    """Store a failed build's output next to earlier ones; return where it is."""
     name = re.sub(r"[^A-Za-z0-9.]+", "-", what)[:100] + time.strftime("-%Y%m%d-%H%M%S-")
     try:
         directory = cache_dir() / "build-logs"
@@ -107,7 +107,7 @@ def _keep(what: str, text: str) -> str:
         descriptor, path = tempfile.mkstemp(".log", name, directory)
         with os.fdopen(descriptor, "w", encoding="utf-8") as file:
             file.write(text)
-    except (OSError, RuntimeError) as error:  # RuntimeError: there is no home directory
+    except (OSError, RuntimeError) as error:  # RuntimeError: no home directory
         return f"the complete log could not be written: {error}"
     with suppress(OSError):
         by_age = sorted(directory.glob("*.log"), key=lambda log: log.stat().st_mtime_ns)

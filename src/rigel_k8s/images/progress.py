@@ -1,4 +1,4 @@
-"""What a build prints, made short: its steps, a line of a long one now and then, its failure."""
+"""A build's output in short: its steps, an occasional line of a long one, its failure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 #: Seconds between two lines of the same step.
 PAUSE = 5.0
 
-#: So many lines of a failed step are shown: its first one and the last ones.
+#: How many lines of a failed step are shown: its first one and the last ones.
 MOST_LINES = 200
 
 _LONGEST = 100
@@ -34,41 +34,41 @@ def step_of(line: str) -> str | None:
 
 
 class Steps:
-    """Takes a build's lines and tells how far it is."""
+    """Takes a build's lines and reports how far it is."""
 
     def __init__(
-        self, tell: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+        self, on_state: Callable[[str], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._tell = tell
+        self._on_state = on_state
         self._clock = clock
         self._step = ""
-        self._told = clock()
+        self._reported_at = clock()
 
     def __call__(self, line: str) -> None:
         """Take one line of the build's output."""
         step = step_of(line)
         if step is not None:
             self._step = step
-            self._say(step)
-        elif self._step and self._clock() - self._told >= PAUSE:
-            self._say(f"{self._step.split(' ', 1)[0]} {_shorten(_BUILDX_OUTPUT.sub('', line))}")
+            self._report(step)
+        elif self._step and self._clock() - self._reported_at >= PAUSE:
+            self._report(f"{self._step.split(' ', 1)[0]} {_shorten(_BUILDX_OUTPUT.sub('', line))}")
 
-    def _say(self, state: str) -> None:
-        self._told = self._clock()
-        self._tell(state)
+    def _report(self, state: str) -> None:
+        self._reported_at = self._clock()
+        self._on_state(state)
 
 
 def failure(lines: Sequence[str]) -> list[str]:
     """Return what a failed build printed in the step that failed, and at its end.
 
     Steps of several platforms or stages run side by side; what others printed is left out. The
-    result is empty where the build did not come to any step.
+    result is empty if the build did not reach any step.
     """
     return list(_buildx_failure(lines) or _podman_failure(lines))
 
 
 def _buildx_failure(lines: Sequence[str]) -> list[str]:
-    """Each line begins with its step's number, but for those at the end.
+    """Each line begins with its step's number, except for those at the end.
 
     There buildx repeats the last few lines of the step between two lines of six dashes.
     """
@@ -76,7 +76,7 @@ def _buildx_failure(lines: Sequence[str]) -> list[str]:
     errors = filter(None, map(_BUILDX_ERROR.match, lines))
     for prefix in dict.fromkeys(f"#{error[1]} " for error in errors):
         heading, *others = (line for line in lines if line.startswith(prefix))
-        # Both of these show that the output of another step stood between.
+        # Both of these mark that the output of another step came between.
         output = (line for line in others if line not in (heading, f"{prefix}..."))
         found += _limit_lines([_BUILDX_OUTPUT.sub("", line) for line in (heading, *output)])
     if found:
@@ -108,7 +108,7 @@ def _is_failed(step: Sequence[str], quoted: set[str]) -> bool:
 
 
 def _find_last(lines: Sequence[str], pattern: re.Pattern[str]) -> int:
-    """Return the place of the last line that begins so, that behind all where none does."""
+    """Return the index of the last line that begins so; the number of lines if none does."""
     places = (number for number in reversed(range(len(lines))) if pattern.match(lines[number]))
     return next(places, len(lines))
 

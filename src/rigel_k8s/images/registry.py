@@ -1,4 +1,4 @@
-"""Asks image registries over HTTP: are these credentials good, what digest and machines has a tag.
+"""Asks image registries over HTTP: are credentials valid, a tag's digest and architectures.
 
 The protocol is the OCI distribution specification, with Docker's token authentication.
 """
@@ -91,10 +91,10 @@ def resolve_digest(
     timeout: float = 3.0,
     insecure: bool = False,
 ) -> str | None:
-    """Return the digest that the registry has for an image, None where it cannot tell.
+    """Return the digest that the registry has for an image, None if it gives none.
 
     Args:
-        image: a reference; one with a digest is its own answer and nothing is asked.
+        image: a reference; one with a digest is returned without a request.
         credentials: for the image's registry.
         timeout: seconds for each answer of the registry.
         insecure: plain HTTP is allowed, as it is on loopback; an address of a private network is
@@ -126,7 +126,7 @@ def resolve_digests(
     *,
     timeout: float = 3.0,
 ) -> dict[str, str]:
-    """Return the digests of those images whose registries tell them, asked side by side.
+    """Return the digests of those images whose registries give them, in parallel.
 
     A registry that does not answer at all is not asked for each of its images.
 
@@ -163,7 +163,7 @@ def resolve_digests(
 def find_architectures(
     image: str, credentials: RegistryCredentials | None = None, *, timeout: float = 3.0
 ) -> frozenset[str]:
-    """Return the kinds of Linux machines that an image runs on; empty: the registry does not say.
+    """Return the kinds of Linux machines that an image runs on; empty: unknown.
 
     They are named as Kubernetes names them: amd64, arm64. Arguments are those of resolve_digest.
     """
@@ -187,7 +187,7 @@ def _registry_of(
 
 
 def log_in(credentials: RegistryCredentials, *, timeout: float = 10.0) -> bool:
-    """Try the credentials; False where the registry asks for none at all.
+    """Try the credentials; False if the registry needs none at all.
 
     Raises:
         RigelK8sError: the registry refuses them, or cannot be reached.
@@ -220,12 +220,12 @@ class _Registry:
     _authorization: str = attrs.field(init=False, default="")
 
     def log_in(self) -> bool:
-        """Say whether the registry wanted and took the credentials; RigelK8sError if refused."""
+        """Return whether the registry needs credentials; RigelK8sError if it refuses them."""
         base, answer = self._ask_bases("/v2/")
         if answer.status == 200:
             return False
         if answer.status != 401:
-            raise _Unclear(f"it answered {answer.status} where a registry says 200 or 401")
+            raise _Unclear(f"it answered {answer.status}; a registry answers 200 or 401")
         self._authorize(base, answer.headers.get("WWW-Authenticate", ""), scope=None)
         answer = self._ask("GET", f"{base}/v2/")
         if answer.status in (401, 403):
@@ -235,7 +235,7 @@ class _Registry:
         return True
 
     def digest(self, repository: str, version: str) -> str | None:
-        """Return the digest of a tag, None where the repository or tag is not to be seen."""
+        """Return the digest of a tag, None if the repository or tag is not visible."""
         path = f"/v2/{repository}/manifests/{version}"
         base, answer = self._open(path, repository)
         if answer.status != 200:
@@ -269,7 +269,7 @@ class _Registry:
         return content if isinstance(content, dict) else {}
 
     def _open(self, path: str, repository: str) -> tuple[str, urllib3.BaseHTTPResponse]:
-        """Ask for a manifest's headers, logged in where that is wanted; also return the base."""
+        """Request a manifest's headers, with a log-in if needed; also return the base."""
         base, answer = self._ask_bases(path)
         if answer.status == 401:
             scope = f"repository:{repository}:pull"
@@ -285,7 +285,7 @@ class _Registry:
         return f"sha256:{hashlib.sha256(answer.data).hexdigest()}"
 
     def _ask_bases(self, path: str) -> tuple[str, urllib3.BaseHTTPResponse]:
-        """Ask over HTTPS, where allowed over HTTP; also returns the base that answered."""
+        """Ask over HTTPS, or HTTP if allowed; also return the base that answered."""
         bases, method = self._bases(), "GET" if path == "/v2/" else "HEAD"
         for base in bases[:-1]:
             try:
@@ -295,7 +295,7 @@ class _Registry:
         return bases[-1], self._ask(method, bases[-1] + path)
 
     def _bases(self) -> list[str]:
-        """Return the URLs to try; behind a proxy only a request tells which one it is."""
+        """Return the URLs to try; behind a proxy only a request shows which one works."""
         host = _HUB_HOST if self.name == DOCKER_HUB else self.name
         both = [f"https://{host}", f"http://{host}"]
         if not (self._plain or is_loopback(self.name) or is_private(self.name)):
@@ -306,14 +306,14 @@ class _Registry:
 
     def _authorize(self, base: str, header: str, *, scope: str | None) -> None:
         if base.startswith("http://") and not (self._plain or is_loopback(self.name)):
-            raise _Unclear("it does not encrypt, and gets no password without `insecure: true`")
+            raise _Unclear("it is not encrypted: set `insecure: true` to send it the password")
         scheme, parameters = challenge(header)
         if scheme == "basic":
             self._authorization = self._basic()
         elif scheme == "bearer":
             self._authorization = f"Bearer {self._token(base, parameters, scope)}"
         else:
-            raise _Unclear(f'it asks for "{scheme}" authentication, which is not known here')
+            raise _Unclear(f'it needs "{scheme}" authentication, which is not supported')
 
     def _basic(self) -> str:
         user = self.credentials
@@ -349,7 +349,7 @@ class _Registry:
 
         try:
             with warnings.catch_warnings():
-                # An unverified certificate is what the user asked for with `insecure`.
+                # The user allowed an unverified certificate with `insecure`.
                 warnings.simplefilter("ignore", urllib3.exceptions.InsecureRequestWarning)
                 return _pool(url, self.timeout, verify=not self._plain).request(
                     method, url, headers=dict(headers)
@@ -363,13 +363,13 @@ class _Registry:
 
 
 def _encrypts(host: str, timeout: float) -> bool:
-    """Return whether a registry speaks TLS; with whom it does is not asked here.
+    """Return whether a registry speaks TLS; its certificate is not checked here.
 
-    That costs a thousandth of a second, and a request that is bound to fail twenty: it would read
-    all certificates of the machine before.
+    That takes a millisecond; a request that is bound to fail takes twenty, because it first reads
+    all certificates of the machine.
 
     Raises:
-        _Unreachable: nothing listens there, whatever is spoken.
+        _Unreachable: no program listens there.
     """
     import socket
     import ssl
@@ -391,7 +391,7 @@ def _encrypts(host: str, timeout: float) -> bool:
 
 
 def _proxy_of(url: str) -> str | None:
-    """Return the environment's proxy for a URL, None for none."""
+    """Return the environment's proxy for a URL, None if there is none."""
     parts = urlsplit(url)
     return None if is_loopback(parts.netloc) else environment_proxy(parts, os.environ) or None
 

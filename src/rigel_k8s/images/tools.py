@@ -1,4 +1,4 @@
-"""Finds the program that builds images: docker or podman, installed and able to."""
+"""Finds the program that builds images: docker or podman, installed and working."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.images.docker import Docker
 from rigel_k8s.images.engine import Engine
-from rigel_k8s.images.podman import ISOLATION, Podman, lacks_sys_resource
+from rigel_k8s.images.podman import ISOLATION, Podman, misses_sys_resource
 from rigel_k8s.system.process import finish
 
 _PROBE_SECONDS = 60
@@ -19,10 +19,10 @@ _INSTALL = "install podman (Debian: sudo apt-get install podman), or Docker with
 def find_engine(
     tool: str, environ: Mapping[str, str], status: Path = Path("/proc/self/status")
 ) -> Engine:
-    """Return docker or podman; `auto` takes docker where it works, else podman.
+    """Return docker or podman; `auto` takes docker if it works, else podman.
 
     Raises:
-        RigelK8sError: what was asked for is not installed or cannot build; says why for each.
+        RigelK8sError: the requested one is not installed or cannot build, with the reason.
     """
     wanted = ("docker", "podman") if tool == "auto" else (tool,)
     reasons = []
@@ -31,7 +31,7 @@ def find_engine(
         if not isinstance(found, str):
             return found
         reasons.append(found)
-    raise RigelK8sError(f"no image can be built here: {'; '.join(reasons)}", hint=_INSTALL)
+    raise RigelK8sError(f"cannot build images here: {'; '.join(reasons)}", hint=_INSTALL)
 
 
 def _docker(environ: Mapping[str, str]) -> Docker | str:
@@ -44,7 +44,7 @@ def _docker(environ: Mapping[str, str]) -> Docker | str:
         return "docker is installed without its buildx plugin"
     works, output = _ask([program, "buildx", "inspect", "--bootstrap"], environ)
     if not works or "Status:" not in output or "Error:" in output:
-        return f"docker's builder is not to be reached ({_find_last(output)})"
+        return f"cannot reach docker's builder ({_find_last(output)})"
     return Docker(program, output)
 
 
@@ -56,13 +56,13 @@ def _podman(environ: Mapping[str, str], status: Path) -> Podman | str:
     works, output = _ask([program, "version"], environ)
     if not works:
         return f"podman does not run ({_find_last(output)})"
-    told = ISOLATION in environ or not status.exists()
-    chroot = not told and lacks_sys_resource(status.read_text("utf-8"))
+    chosen = ISOLATION in environ or not status.exists()
+    chroot = not chosen and misses_sys_resource(status.read_text("utf-8"))
     return Podman(program, isolation="chroot" if chroot else None)
 
 
 def _ask(words: list[str], environ: Mapping[str, str]) -> tuple[bool, str]:
-    """Return whether a program does what it is asked, and what it prints; else why it does not."""
+    """Return whether a program succeeds, and its output, or why it did not start."""
     try:
         done = finish(words, env=environ, timeout=_PROBE_SECONDS)
     except CommandFailed as error:
@@ -72,4 +72,4 @@ def _ask(words: list[str], environ: Mapping[str, str]) -> tuple[bool, str]:
 
 def _find_last(output: str) -> str:
     lines = [line.strip() for line in output.splitlines() if line.strip()]
-    return lines[-1] if lines else "no word why"
+    return lines[-1] if lines else "no reason given"

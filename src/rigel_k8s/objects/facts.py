@@ -7,7 +7,7 @@ from typing import Any
 
 from rigel_k8s.objects.refs import Manifest
 
-#: The annotation of the StorageClass of claims that name none.
+#: The annotation of the StorageClass that claims without one get.
 DEFAULT_CLASS = "storageclass.kubernetes.io/is-default-class"
 
 
@@ -26,12 +26,12 @@ def is_met(status: Mapping[str, Any], kind: str) -> bool:
 
 
 def is_ready(live: Manifest) -> bool:
-    """Whether a Pod serves, or the kubelet of a Node answers."""
+    """Whether a Pod is ready, or the kubelet of a Node answers."""
     return is_met(live.get("status") or {}, "Ready")
 
 
 def is_ending(live: Manifest) -> bool:
-    """Whether an object is being deleted; a pod may go on for its grace period."""
+    """Whether an object is being deleted; a pod may keep running for its grace period."""
     return bool(live["metadata"].get("deletionTimestamp"))
 
 

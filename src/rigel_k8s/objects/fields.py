@@ -18,10 +18,10 @@ def option(
     aliases: tuple[str, ...] = (),
     converter: Callable[[Any], Any] | None = None,
 ) -> Any:
-    """Return a field with its documentation; a mapping or list default is made anew each time.
+    """Return a field with its documentation; each object gets its own mapping or list.
 
     Args:
-        accepts: what may be written, where `converter` makes the field's own type of it.
+        accepts: the type a user may write, if `converter` turns it into the field's own type.
         aliases: other keys that mean the same.
     """
     metadata = {"doc": doc, "aliases": aliases}

@@ -1,4 +1,4 @@
-"""Labels and annotations by which a release is found on a cluster, and how its workloads differ."""
+"""Labels and annotations that identify a release on a cluster and describe its workloads."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ RELEASE_LABEL = "rigel-k8s/release"
 SINGLETON_ANNOTATION = "rigel-k8s/singleton"
 #: On a workload, "true": the release's other workloads start when it is ready (a ROS master).
 FIRST_ANNOTATION = "rigel-k8s/first"
-#: On a workload, "true": the release is good without it, and says so.
+#: On a workload, "true": the release succeeds without it, with a warning.
 OPTIONAL_ANNOTATION = "rigel-k8s/optional"
-#: On such a workload: what to do where it does not become ready, for people.
+#: On such a workload: what a user can do if it does not become ready.
 REMEDY_ANNOTATION = "rigel-k8s/remedy"

@@ -11,15 +11,15 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 #: Which ROS an application is of; "none" is a plain DDS application.
 Ros = Literal["1", "2", "none"]
 
-#: The selector's label; it is src.plugin's and cannot change, since selectors cannot.
+#: The selector's label; it is the one of src.plugin; it cannot change because selectors cannot.
 NAME_LABEL = "app.kubernetes.io/name"
 #: On a Deployment and its pods: the name of the ROS node in them.
 ROS_NAME_ANNOTATION = "rigel-k8s/ros-name"
-#: On a Deployment and its pods: the key in `nodes` that they were made from.
+#: On a Deployment and its pods: their key in `nodes`.
 NODE_ANNOTATION = "rigel-k8s/node"
 #: "none" on the pods of a program without ROS beside ROS nodes.
 ROS_ANNOTATION = "rigel-k8s/ros"
-#: What a label's value, and so a Kubernetes name here, may have.
+#: The maximum length of a label value, and so of a Kubernetes name here.
 LONGEST = 63
 
 
@@ -33,8 +33,8 @@ def ros_name(name: str, namespace: str | None = None) -> str:
 def object_name(name: str) -> str:
     """Return the Kubernetes name of a ROS name: lower case, "-" for "/" and "_".
 
-    Two ROS names may give one Kubernetes name (`a_b` and `a/b`); whoever names many looks for that.
-    What would be too long keeps its beginning and gets a hash.
+    Two ROS names may give the same Kubernetes name (`a_b`, `a/b`); callers must check that.
+    A name that would be too long is cut and gets a hash.
     """
     text = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "node"
     if text[0].isdigit():

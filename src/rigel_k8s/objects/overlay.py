@@ -18,7 +18,7 @@ IDENTITIES: Mapping[str, str] = {
     "hostAliases": "ip",
 }
 
-#: Unions, where half of the one and half of the other would be neither: replaced as a whole.
+#: Unions, where a mix of two values would be invalid: replaced as a whole.
 WHOLE = frozenset(
     {"readinessProbe", "livenessProbe", "startupProbe", "preStop", "postStart", "strategy"}
 )
@@ -84,9 +84,9 @@ def one_item(base: Any, over: Any, *, whole: bool) -> Any:
 
 def simplify(value: Any) -> Any:
     """Return the same data of JSON's own types only."""
-    if type(value) in SCALARS:  # most are, and each value of a release comes by several times
+    if type(value) in SCALARS:  # most are, and each value of a release passes here several times
         return value
-    if isinstance(value, dict | Mapping):  # dict first: the question about Mapping is slow
+    if isinstance(value, dict | Mapping):  # dict first: isinstance(…, Mapping) is slow
         return {
             str(key): item if type(item) in SCALARS else simplify(item)
             for key, item in value.items()

@@ -1,6 +1,6 @@
 """The parts of a job's options that describe a pod: readiness, volumes, ports, devices, placement.
 
-They know no Kubernetes object; each field documents itself.
+They are independent of Kubernetes objects; each field documents itself.
 """
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
@@ -34,7 +34,7 @@ class Readiness:
     """When a pod counts as ready."""
 
     command: str | list[str] | None = option("a command that exits 0 when ready: words or a list")
-    file: MountPath | None = option("a file that is there when ready, /tmp/ready say")
+    file: MountPath | None = option("a file that exists when ready, such as /tmp/ready")
     initial_delay_seconds: Delay | None = option("seconds before the first probe")
     period_seconds: Count | None = option("seconds between probes once ready (default 10)")
     probe_timeout_seconds: Count | None = option("seconds that one probe may take (default 30)")
@@ -55,7 +55,7 @@ class RollingUpdate:
     ) = option(
         "HandOver: the new pod starts completely, and takes over when the old one stops (ROS 1: it"
         " gets the ROS names; ROS 2: its node, a lifecycle node, is activated); Recreate: the old"
-        " pod is gone before the new one starts; Rolling: both work until"
+        " pod has ended before the new one starts; Rolling: both work until"
         " the old one stops. Default: Rolling for anonymous nodes; HandOver where roscore is behind"
         " a gate and two of the pod can run; else Recreate"
     )
@@ -64,8 +64,8 @@ class RollingUpdate:
         " so that it can build up state",
         default=False,
     )
-    max_surge: Share | None = option("pods more than wanted during an update (default 1)")
-    max_unavailable: Share | None = option("pods fewer than wanted during an update (default 0)")
+    max_surge: Share | None = option("extra pods during an update (default 1)")
+    max_unavailable: Share | None = option("missing pods during an update (default 0)")
 
 
 @attrs.frozen(kw_only=True)
@@ -73,14 +73,14 @@ class Volume:
     """A persistent volume: the claim NAME-pvc, and with host_path the static volume NAME-pv."""
 
     name: ObjectName = required_field("the volume's name")
-    size: Quantity = option("how much storage is asked for", Quantity("1Gi"))
-    storage_class: str | None = option("a StorageClass; left out: the cluster's default")
-    host_path: MountPath | None = option("a directory of a machine: a static volume on it is made")
+    size: Quantity = option("how much storage to request", Quantity("1Gi"))
+    storage_class: str | None = option("a StorageClass (default: the cluster's default)")
+    host_path: MountPath | None = option("a directory of a machine; creates a static volume on it")
     mount_path: MountPath | None = option(
         "where the application sees it (default /persistent/NAME)"
     )
     access_mode: Literal["ReadWriteOnce", "ReadWriteMany", "ReadOnlyMany", "ReadWriteOncePod"] = (
-        option("who may mount it at once", "ReadWriteOnce")
+        option("how many machines or pods may mount it at once", "ReadWriteOnce")
     )
 
 
@@ -113,7 +113,7 @@ class PortOptions:
 
     name: PortName | None = option("the port's name")
     port: Port = required_field("the port of the container")
-    service_port: Port | None = option("the Service's port where it differs")
+    service_port: Port | None = option("the Service's port if it differs")
     protocol: Literal["TCP", "UDP"] = option("the protocol", "TCP")
 
 
@@ -125,8 +125,10 @@ class VolumeMount:
     host_path: MountPath | None = option("a directory or file of the machine that the pod runs on")
     config_map: ObjectName | None = option("a ConfigMap of the namespace")
     secret: ObjectName | None = option("a Secret of the namespace")
-    memory: Quantity | None = option("memory of this size, for /dev/shm say")
-    mount_path: MountPath | None = option("where the container sees it; only `name` has a default")
+    memory: Quantity | None = option("memory of this size, for example for /dev/shm")
+    mount_path: MountPath | None = option(
+        "where the container sees it; required unless `name` is set"
+    )
     sub_path: str | None = option("a path inside the volume")
     read_only: bool = option("refuse writes", default=False)
 
@@ -135,9 +137,9 @@ class VolumeMount:
 class Device:
     """A device of the machine: a path, or a resource of a device plugin (squat.ai/serial)."""
 
-    path: MountPath | None = option("a device file; opening it wants a privileged security_context")
+    path: MountPath | None = option("a device file; opening it needs a privileged security_context")
     mount_path: MountPath | None = option("where the container sees it (default: the same path)")
-    resource: LabelKey | None = option("the resource name that a device plugin gives it")
+    resource: LabelKey | None = option("the resource name of a device plugin")
     count: Count = option("how many of the resource", Count(1))
 
 
@@ -152,20 +154,20 @@ class Placement:
 
 @attrs.frozen(kw_only=True)
 class Toleration:
-    """A taint that the pod tolerates, as Kubernetes has it."""
+    """A taint that the pod tolerates, as in Kubernetes."""
 
-    key: LabelKey | None = option("the taint's key; left out: all")
+    key: LabelKey | None = option("the taint's key (default: all)")
     operator: Literal["Exists", "Equal"] | None = option(
-        "Equal where `value` is given, else Exists"
+        "default: Equal if `value` is set, else Exists"
     )
     value: LabelValue | None = option("the taint's value for Equal")
     effect: Literal["NoSchedule", "PreferNoSchedule", "NoExecute"] | None = option(
-        "left out: all effects"
+        "default: all effects"
     )
     seconds: Delay | None = attrs.field(
         default=None,
         metadata={
             "aliases": ("tolerationSeconds",),
-            "doc": "how long, for NoExecute; left out: without limit",
+            "doc": "how long, for NoExecute (default: without limit)",
         },
     )

@@ -14,28 +14,28 @@ from rigel_k8s.objects.text import split_words
 Object = dict[str, Any]
 
 SCRIPTS_PATH = "/rigel-k8s"
-#: Which container kubectl means where nobody says one; it asks where there are several.
+#: The container that kubectl uses by default in a pod with several.
 DEFAULT_CONTAINER = "kubectl.kubernetes.io/default-container"
-#: Where ROS 2 writes its log files: rcl wants a directory that every user can write to.
+#: Where ROS 2 writes its log files: rcl needs a directory that every user can write to.
 LOG_PATH = "/rigel-k8s-logs"
 MASTER_NAME = "ros-master"
 MASTER_PORT = 11311
 MASTER_URI = f"http://{MASTER_NAME}:{MASTER_PORT}"
-#: Where the gate takes the calls of nodes that hand their names over, and roscore behind it.
+#: The port for the calls of nodes that hand over their names, and that of roscore behind the gate.
 GATE_PORT, ROSCORE_PORT = 11310, 11312
 GATE_CONTAINER = "gate"
 
-#: A probe that never gives up: a node may wait long for its hardware or its master.
+#: A probe that never gives up: a node may wait a long time for its hardware or its master.
 FOR_EVER = 2**31 - 1
-#: Seconds that the startup probe's one process looks.
+#: Seconds that the one process of the startup probe watches.
 LOOK = 8
 #: Seconds that the kubelet gives a probe's process. On a busy machine a shell and Python take many
-#: to start; what a probe finds wrong it reports long before.
+#: to start; a probe that finds a problem reports it long before.
 PROBE_TIMEOUT = 30
 
 
 def drop_empty(fields: Mapping[str, Any]) -> Object:
-    """Return the fields that say something."""
+    """Return the fields that are not empty."""
     return {key: value for key, value in fields.items() if value not in (None, {}, [])}
 
 
@@ -45,7 +45,7 @@ def script(name: str, *arguments: str) -> Object:
 
 
 def probes(readiness: Readiness | str | None, asked: Sequence[str]) -> Object:
-    """Return a container's probes: one that sees the start at once, a rare one afterwards.
+    """Return a container's probes: one that notices the start at once, then an infrequent one.
 
     Args:
         readiness: a command or file of the user's, "none", or a word and None for ROS' own.
@@ -85,7 +85,7 @@ def service_account(name: str | None) -> Object:
     """Return a pod's service account, under both of its names.
 
     The API server copies one into the other. When a Deployment that had only one loses it, the
-    copy stays, since no one owns it: its pods go on to want the account.
+    copy stays, since no one owns it, and its pods still need the account.
     """
     return {"serviceAccountName": name, "serviceAccount": name}
 

@@ -125,7 +125,7 @@ def is_among(value: Any, allowed: Collection[str]) -> bool:
 
 
 def items(value: Any, *path: str | int) -> Iterator[tuple[Path, Mapping[str, Any]]]:
-    """Yield the mappings of a list, each with its path; of anything else nothing."""
+    """Yield the mappings of a list, each with its path; anything else gives nothing."""
     if isinstance(value, Sequence) and not isinstance(value, str):
         for index, item in enumerate(value):
             if isinstance(item, Mapping):
@@ -133,7 +133,7 @@ def items(value: Any, *path: str | int) -> Iterator[tuple[Path, Mapping[str, Any
 
 
 def mapping(value: Any) -> Mapping[str, Any]:
-    """Return a mapping, an empty one for anything else."""
+    """Return a mapping; anything else gives an empty one."""
     return value if isinstance(value, Mapping) else {}
 
 

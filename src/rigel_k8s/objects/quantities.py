@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from decimal import Decimal
 
-#: What a suffix multiplies by; the longer ones are looked for first.
+#: The factor of each suffix; longer suffixes are tried first.
 SUFFIXES = {
     **{f"{letter}i": Decimal(1024) ** power for power, letter in enumerate("KMGTPE", 1)},
     **{letter: Decimal(1000) ** power for power, letter in enumerate("kMGTPE", 1)},

@@ -1,4 +1,4 @@
-"""How an object is named, as plain data; no I/O here, so that every room may use it."""
+"""How an object is named, as plain data; no I/O here, so that every package may use it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ObjectRef:
 
 
 def ref_of(manifest: Manifest) -> ObjectRef:
-    """Return the reference of a manifest or live object; a review, say, has no name."""
+    """Return the reference of a manifest or live object; some, such as a review, have no name."""
     meta = manifest["metadata"]
     return ObjectRef(
         manifest["apiVersion"], manifest["kind"], meta.get("namespace", ""), meta.get("name", "")

@@ -1,4 +1,4 @@
-"""What a container asks for and may use at most, as every job type writes it."""
+"""What a container requests, and its limits, as every job type writes it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigel_k8s.objects.scalars import LabelKey, Quantity
 
 @attrs.frozen(kw_only=True)
 class Resources:
-    """What a container asks for and may use at most."""
+    """What a container requests, and its limits."""
 
     requests: Mapping[LabelKey, Quantity] = option(
         "by resource: cpu, memory, nvidia.com/gpu ...", {}

@@ -1,6 +1,6 @@
 """Rights in a cluster as plain data: rules as a Role has them, and whether they are enough.
 
-Pure; the checks before a deploy and the Roles that `rigel rbac` prints are made of the same rules.
+Pure; the checks before a deploy and the Roles that `rigel rbac` prints use the same rules.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Right:
     namespace: str = ""
 
     def is_granted_by(self, rule: Mapping[str, Any]) -> bool:
-        """Whether a rule grants it; one for some names is believed to be for the right ones."""
+        """Whether a rule grants it; a rule with resource names counts as granting it."""
         _, _, sub = self.resource.partition("/")
         names = {self.resource, ANY} if not sub else {self.resource, ANY, f"*/{sub}"}
         resources = set(rule.get("resources") or [])
@@ -83,7 +83,7 @@ def order(verb: str) -> tuple[int, str]:
 
 
 def grant(group: str, resources: str, verbs: str, namespace: str = "") -> Iterator[Right]:
-    """Yield the rights for all verbs on all resources; both are words with spaces between."""
+    """Yield the rights for all verbs on all resources; both are words separated by spaces."""
     for resource in resources.split():
         for verb in verbs.split():
             yield Right(group, resource, verb, namespace)

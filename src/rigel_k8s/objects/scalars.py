@@ -1,7 +1,7 @@
-"""Values that Kubernetes or ROS would refuse, refused here first, with what would do.
+"""Checks for values that Kubernetes or ROS would refuse; the error names what is valid.
 
 Each class has `parse(raw)`, which raises ValueError with a message for the user, `kind`, the slug
-of the problem, and `expects`, what a schema says. The structurer relies on nothing else.
+of the problem, and `expects`, its text in a schema. The structurer uses nothing else.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Servers(Number):
 
 
 class Delay(Number):
-    """Whole seconds, none included."""
+    """Whole seconds; 0 is allowed."""
 
     kind = "bad-number"
     expects = "whole seconds, 0 or more"
@@ -104,7 +104,7 @@ class Share(Text):
 
     @property
     def value(self) -> int | str:
-        """What the Kubernetes field takes; a template that is not filled yet stays a text."""
+        """The value for the Kubernetes field; a template that is not rendered yet stays a text."""
         return int(self) if self.isdecimal() else str(self)
 
 
@@ -116,7 +116,7 @@ class ImageRef(Text):
 
     @classmethod
     def parse(cls, raw: str) -> ImageRef:
-        """Return the reference; upper case in the path is the usual mistake and told as such."""
+        """Return the reference; upper case in the path, a common mistake, has its own message."""
         if is_reference(raw):
             return cls(raw)
         if is_reference(raw.lower()):
@@ -186,7 +186,7 @@ class RosName(Text):
 
     @classmethod
     def parse(cls, raw: str) -> RosName:
-        """Return the name; a hyphen is the usual mistake and told as such."""
+        """Return the name; a hyphen, a common mistake, has its own message."""
         if "-" in raw and cls.pattern.fullmatch(raw.replace("-", "_")):
             raise ValueError(f'"{raw}" is not a ROS name: ROS has no "-", write "_"')
         return super().parse(raw)
@@ -201,7 +201,7 @@ class RosUri(Text):
 
 
 class Duration(Text):
-    """A span of time: 30, 30s, 5m, 1h30m."""
+    """A duration: 30, 30s, 5m, 1h30m."""
 
     kind = "bad-duration"
     expects = "a duration such as 30s, 5m or 1h30m"
@@ -209,7 +209,7 @@ class Duration(Text):
 
     @classmethod
     def parse(cls, raw: str) -> Duration:
-        """Return the span; none at all would wait for nothing."""
+        """Return the duration; zero is refused, since nothing would be waited for."""
         value = super().parse(raw)
         if not value.seconds:
             raise ValueError(f'"{raw}" is not {cls.expects}')
@@ -223,7 +223,7 @@ class Duration(Text):
 
 
 class Retention(Text):
-    """A span of time as Prometheus and Loki write it: the larger units first."""
+    """A duration as Prometheus and Loki write it: larger units first."""
 
     kind = "bad-duration"
     expects = "a duration such as 15s, 12h, 7d or 1d12h"

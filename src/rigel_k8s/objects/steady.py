@@ -1,8 +1,8 @@
-"""How long a container that nobody probes must run before its pod counts.
+"""How long a container without probes must run before its pod counts as available.
 
 Without a probe a container is ready as soon as it runs, and the kubelet, which looks once a second,
-tells of a crash late. Kubernetes' own `minReadySeconds` waits for that, for everybody who looks; it
-is no part of the pods' template.
+reports a crash late. Kubernetes' own `minReadySeconds` waits for that. It is not part of the pods'
+template.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import Any
 
 from rigel_k8s.objects.overlay import simplify
 
-#: Kubernetes keeps in whole seconds when a pod became ready, so of N it may wait only N - 1: with 1
-#: each crash that was measured counted as ready, for the kubelet told it later.
+#: Kubernetes stores in whole seconds when a pod became ready, so of N it may wait N - 1: with 1
+#: every crash that was measured counted as ready, because the kubelet reported it later.
 SECONDS = 2
 
 KINDS = ("Deployment", "DaemonSet")
 
 
 def steady(item: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an object as plain data, a workload with unprobed containers with its seconds."""
+    """Return an object as plain data; workloads with unprobed containers get minReadySeconds."""
     made: dict[str, Any] = simplify(item)
     if made["kind"] in KINDS and find_unprobed(made["spec"]["template"]["spec"]):
         made["spec"] = {"minReadySeconds": SECONDS, **made["spec"]}

@@ -8,7 +8,7 @@ from typing import Any
 
 from rigel_k8s.option_text import text_of
 
-MOST = 6  # names in a line; who wants all reads `rigel status -o json`
+MOST = 6  # names in a line; `rigel status -o json` prints all
 
 
 def split_words(command: str | Sequence[Any]) -> list[str]:
@@ -17,7 +17,7 @@ def split_words(command: str | Sequence[Any]) -> list[str]:
 
 
 def join_words(names: Iterable[str]) -> str:
-    """Return names in words: a, b and c; a long list is cut."""
+    """Return names as a phrase: a, b and c; a long list is cut."""
     found = list(names)
     if len(found) > MOST:
         return f"{', '.join(found[:MOST])} and {len(found) - MOST} more"

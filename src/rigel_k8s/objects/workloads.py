@@ -17,8 +17,8 @@ class ReleaseContext:
     """What is the same for all objects of a release.
 
     Attributes:
-        master_uri: what all nodes get as ROS_MASTER_URI; None leaves it to the images.
-        distro: the ROS distribution, for images that nobody named.
+        master_uri: ROS_MASTER_URI of all nodes; None leaves it to the images.
+        distro: the ROS distribution, which decides the default image.
         ros: which ROS, "none" for a plain DDS application.
         pull_secrets: names of Secrets with registry credentials.
         gate: whether the release's roscore is behind a gate.
@@ -34,13 +34,13 @@ class ReleaseContext:
 
     @property
     def default_image(self) -> str:
-        """The image of roscore, and of an application that names none."""
+        """The image of roscore, and the default of the application."""
         return f"ros:{self.distro}-ros-core"
 
     def metadata(
         self, name: str, annotations: Mapping[str, str] | None = None, part_of: str | None = None
     ) -> Object:
-        """Return an object's metadata; what is part of a workload has its label."""
+        """Return an object's metadata; a part of a workload has its label."""
         return drop_empty(
             {
                 "name": name,
@@ -62,10 +62,10 @@ def deployment(
     pod_annotations: Mapping[str, str] | None = None,
     own_labels: Mapping[str, str] | None = None,
 ) -> Object:
-    """Return a Deployment; `replicas` is left out unless somebody said it.
+    """Return a Deployment; `replicas` is left out unless it is set.
 
     Args:
-        own_labels: the user's, on the Deployment and its pods; none selects.
+        own_labels: the user's, on the Deployment and its pods; not in the selector.
     """
     secrets = [{"name": secret} for secret in around.pull_secrets]
     both = labels(name, around.release) | dict(own_labels or {})
@@ -101,7 +101,7 @@ def service(around: ReleaseContext, name: str, ports: Sequence[Object]) -> Objec
 def config_map(
     around: ReleaseContext, name: str, data: Mapping[str, str], *, part_of: str
 ) -> Object:
-    """Return a ConfigMap of texts; its own name may be too long for a label."""
+    """Return a ConfigMap of texts; its name may be too long for a label."""
     return {
         "apiVersion": "v1",
         "kind": "ConfigMap",
@@ -111,12 +111,12 @@ def config_map(
 
 
 def pull_policy(asked: str | None, *, pinned: bool) -> str | None:
-    """Return imagePullPolicy: a robot without its network starts again from what it has."""
+    """Return imagePullPolicy: a robot without a network restarts with the image that it has."""
     return asked or ("IfNotPresent" if pinned else None)
 
 
 def readiness_of(around: ReleaseContext, asked: Readiness | str | None) -> Readiness | str | None:
-    """Return what makes a pod ready: a plain DDS program's image need not have Python to ask it."""
+    """Return what makes a pod ready; an image without ROS may have no Python for our probes."""
     return asked or ("none" if around.ros == "none" else None)
 
 

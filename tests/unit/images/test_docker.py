@@ -93,7 +93,7 @@ def test_a_push_is_one_build_and_its_digest_is_for_every_name(fake: Fake) -> Non
     """buildx gets file, names, arguments and context, and tells the digest by a file."""
     build = build_of(fake, buildargs={"A": "b c"}, platforms=("linux/amd64", "linux/arm64"))
     told: list[str] = []
-    session = attrs.evolve(fake.session, tell=told.append)
+    session = attrs.evolve(fake.session, on_state=told.append)
     digests = fake.docker.build(build, session, load=False, push=True)
     assert digests == {"host:5000/app:1": "sha256:1", "host:5000/app:latest": "sha256:1"}
     (words,) = fake.calls()
@@ -165,7 +165,7 @@ def test_a_credential_store_does_not_hide_them(fake: Fake) -> None:
 def test_a_push_without_a_digest_is_an_error(fake: Fake) -> None:
     """An image whose digest is unknown is not deployed under an old one."""
     session = attrs.evolve(fake.session, environ={**fake.session.environ, "METADATA": "{}"})
-    with pytest.raises(RigelK8sError, match="did not tell its digest"):
+    with pytest.raises(RigelK8sError, match="did not report its digest"):
         fake.docker.build(build_of(fake), session, load=False, push=True)
 
 

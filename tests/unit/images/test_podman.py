@@ -14,7 +14,7 @@ import pytest
 from rigel_k8s.errors import CommandFailed
 from rigel_k8s.images.credentials import RegistryCredentials
 from rigel_k8s.images.engine import Build, Session
-from rigel_k8s.images.podman import Podman, lacks_sys_resource, registries_conf
+from rigel_k8s.images.podman import Podman, misses_sys_resource, registries_conf
 from rigel_k8s.system.oci import host_platform
 
 FULL = "Uid:\t0\t0\t0\t0\nCapEff:\t000001ffffffffff\n"
@@ -27,7 +27,7 @@ def test_only_a_root_without_the_capability_needs_another_isolation(
     status: str, *, lacks: bool
 ) -> None:
     """A full root and podman without root keep podman's own isolation."""
-    assert lacks_sys_resource(status) is lacks
+    assert misses_sys_resource(status) is lacks
 
 
 def test_another_isolation_is_told() -> None:

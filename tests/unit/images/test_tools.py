@@ -68,7 +68,7 @@ def test_a_docker_that_hangs_is_passed_over(
         ("auto", {}, "docker is not installed; podman is not installed"),
         ("docker", {"podman": "exit 0"}, "docker is not installed$"),
         ("docker", {"docker": NO_BUILDX}, "without its buildx plugin"),
-        ("docker", {"docker": NO_ENGINE}, "not to be reached .Cannot connect to the daemon"),
+        ("docker", {"docker": NO_ENGINE}, "cannot reach .*Cannot connect to the daemon"),
         ("podman", {"podman": "echo broken; exit 1"}, "podman does not run .broken"),
     ],
 )

@@ -155,7 +155,7 @@ def _session(options: BuildXOptions, build: Build, job: JobContext, directory: P
         directory=directory,
         environ=dict(os.environ),
         cancel=job.cancel,
-        tell=lambda state: job.report.progress(build.names[0], state),
+        on_state=lambda state: job.report.progress(build.names[0], state),
         credentials=known,
         insecure=frozenset(insecure),
     )
@@ -166,7 +166,7 @@ def _load(build: Build, engine: Engine, session: Session, job: JobContext) -> No
 
     archive = session.directory / "image.tar"
     engine.save(build.names, archive, session)
-    load_archive(archive, current_context(job.settings), session.tell, session.cancel)
+    load_archive(archive, current_context(job.settings), session.on_state, session.cancel)
 
 
 def _remember(data: MutableMapping[str, Any], digests: Mapping[str, str]) -> None:

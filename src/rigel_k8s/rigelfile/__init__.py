@@ -1,7 +1,7 @@
 """Rigelfiles: text with places, templates, the model, and structuring into option classes.
 
-It knows no job type and no Kubernetes: option classes are handed in, and what they check comes back
-as problems with paths, which are placed in the text here.
+It is independent of job types and Kubernetes: option classes are passed in, and their checks return
+problems with paths, which are located in the text here.
 """
 
 from rigel_k8s.rigelfile.check import CheckResult, Resolve, check_file, load

@@ -1,4 +1,4 @@
-"""A file read and looked at as a whole: by a run, which stops at problems, and by a check."""
+"""Reads and checks a file as a whole: for a run, which stops at problems, and for `rigel check`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from rigel_k8s.system.local_files import read_text
 from rigel_k8s.system.trust import Untrusted
 
 #: The kind ("job" or "provider") and the name behind `plugin:` or `provider:`, to a type with
-#: `options` and `check`; UserError where there is none.
+#: `options` and `check`; UserError if it does not exist.
 Resolve: TypeAlias = Callable[[Literal["job", "provider"], str], Any]
 
 
@@ -50,11 +50,11 @@ class CheckResult:
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
-        """What is only told."""
+        """What is only reported."""
         return tuple(f for f in self.findings if f.severity == "warning")
 
     def render_findings(self, width: int = LONGEST_LINE) -> list[str]:
-        """Return all findings as text with the lines they are about, in so many columns."""
+        """Return all findings as text with the lines they are about, `width` columns wide."""
         return [render(self.source, finding, width=width) for finding in self.findings]
 
 
@@ -67,13 +67,13 @@ def open_source(path: Path) -> Source:
     try:
         return Source(str(path), read_text(path, path.parent, MOST_BYTES, what=str(path)))
     except FileNotFoundError as error:
-        hint = "`rigel init` writes one; -f names another"
-        raise UserError(f"there is no {path}", hint=hint) from error
+        hint = "write one with `rigel init`, or choose another file with -f"
+        raise UserError(f"{path} does not exist", hint=hint) from error
     except UnicodeDecodeError as error:
         message = f"{path} is not UTF-8: byte {error.start} is {error.object[error.start]:#x}"
         raise UserError(message, hint="save it as UTF-8") from error
     except OSError as error:
-        raise UserError(f"{path} cannot be read: {error.strerror}") from error
+        raise UserError(f"cannot read {path}: {error.strerror}") from error
 
 
 def load(
@@ -82,11 +82,11 @@ def load(
     """Return a Rigelfile whose grammar and vars are right.
 
     Args:
-        patient: variables that are nowhere are holes, wrong only where a value is needed; no
-            other machine is asked for what the options bring in.
+        patient: undefined variables are holes, wrong only where a value is needed; no
+            other machine is asked for files that the options import.
 
     Raises:
-        ProblemsError: they are not; all of it is told.
+        ProblemsError: they are not; with all problems.
         UserError: it cannot be read.
     """
     fetched: dict[str, str] | None = None if patient else {}
@@ -144,9 +144,9 @@ class _Reading:
         if root and isinstance(root.value, dict):
             self.root = _render_tree(root, self.scope)
             refuse_depth(source, self.root)
-            told = [*findings, *self.scope.findings]
-            self.contents = read(self.root, path.parent, told)
-            findings = [*told, *self.contents.findings]
+            known = [*findings, *self.scope.findings]
+            self.contents = read(self.root, path.parent, known)
+            findings = [*known, *self.contents.findings]
         elif root:
             message = f"expected a mapping with application and jobs, got {kind_of(root.value)}"
             findings.append(make_finding(root, message, "wrong-type"))
@@ -175,7 +175,7 @@ def _variables(root: YamlNode) -> dict[str, YamlNode]:
 
 
 def _render_tree(root: YamlNode, scope: Scope) -> YamlNode:
-    """Return the tree with vars filled in; each var is rendered once, whoever uses it."""
+    """Return the tree with vars filled in; each var is rendered once, however often it is used."""
     section = root.value.get("vars")
     if section is None or not isinstance(section.value, dict):
         return scope.render(root)
@@ -186,7 +186,7 @@ def _render_tree(root: YamlNode, scope: Scope) -> YamlNode:
 
 
 class _Components:
-    """The options of every job and provider, also where the grammar is wrong elsewhere."""
+    """The options of every job and provider, even if the grammar is wrong elsewhere."""
 
     def __init__(self, root: YamlNode, scope: Scope, contents: Contents, resolve: Resolve) -> None:
         self._root = root
@@ -209,7 +209,7 @@ class _Components:
     def _uses(self, job: str) -> list[YamlNode | None]:
         """Return the overrides with which a job is used; None for its own options alone.
 
-        A job that is never used as it is may leave keys to those that use it.
+        A job that is only used with overrides may leave keys to them.
         """
         return list(self._used.get(job, {}).values()) or [None]
 

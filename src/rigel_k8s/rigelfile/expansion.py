@@ -1,7 +1,7 @@
-"""Options that bring in what stands in other files: the seam, not what is brought in.
+"""Options that import the content of other files: the interface, not the content.
 
 An option class may have a static method `expand(node, surroundings) -> Expanded`. It returns the
-options with what the other file says in place of the key that names it. The values keep their
+options with the other file's content in place of the key that names it. The values keep their
 places in that file (`YamlNode.source`), so that a problem with one of them is reported there.
 """
 
@@ -23,11 +23,11 @@ class Surroundings:
     """Where options stand, and what may be read for them.
 
     Attributes:
-        home: the Rigelfile's directory; what lies outside of it needs trust.
+        home: the Rigelfile's directory; files outside of it need trust.
         directory: the application's, where relative paths begin; None: unknown.
         environ: the environment.
-        fetched: what other machines answered so far, by URL; None: they are not to be asked, as
-            the options are only looked at.
+        fetched: what other machines answered so far, by URL; None: they must not be asked, because
+            the options are only checked.
     """
 
     home: Path
@@ -37,20 +37,20 @@ class Surroundings:
 
     @classmethod
     def of(cls, scope: Scope, directory: Path | None) -> Surroundings:
-        """Return the surroundings of options whose values a scope knows."""
+        """Return the surroundings of options whose values are in a scope."""
         return cls(Path(scope.source.name).parent, directory, scope.environ, scope.fetched)
 
 
 @attrs.frozen
 class Expanded:
-    """Options with what other files say, and what there is to say about those."""
+    """Options with the content of other files, and the findings about those."""
 
     node: YamlNode
     findings: tuple[Finding, ...] = ()
 
 
 def expand(node: YamlNode, options: Any, surroundings: Surroundings) -> Expanded:
-    """Return options as their class expands them; as they are where it does not."""
+    """Return options as their class expands them; unchanged if it does not."""
     own = getattr(options, "expand", None)
     if own is None or not isinstance(node.value, dict):
         return Expanded(node)

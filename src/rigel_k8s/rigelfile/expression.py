@@ -1,8 +1,8 @@
 """Expressions in templates: filters and arithmetic, through jinja2's sandbox.
 
 jinja2 would read `vars.base-image` as a subtraction and `vars.items` as a method, so it never sees
-these names: each is looked up here and handed over under a name of its own. Import this module only
-when an expression stands in a file; jinja2 takes longer to import than the rest of a check.
+these names: each is looked up here and passed on under a name of its own. Import this module only
+when a file has an expression; jinja2 takes longer to import than the rest of a check.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _REFERENCE = re.compile(
 )
 _UNKNOWN_NAME = re.compile(r"[\w-]*\w")
 _PREFIX = "rigel_"
-#: What computing with values of a wrong kind may raise.
+#: What computing with values of a wrong type may raise.
 _FAILURES = (
     TemplateError,
     ArithmeticError,
@@ -63,7 +63,7 @@ class Reference:
 def references(source: str, known: Callable[[str, str], bool]) -> Iterator[Reference]:
     """Yield the references of an expression.
 
-    Of `vars.image.split(':')` and `vars.count-1` the longest known name is taken; where none is
+    Of `vars.image.split(':')` and `vars.count-1` the longest known name is taken; if none is
     known, the part up to the first dot.
     """
     for match in _REFERENCE.finditer(source):
@@ -87,7 +87,7 @@ def _find_longest(header: str, text: str, known: Callable[[str, str], bool]) -> 
 
 
 def make_undefined(reference: Reference) -> Any:
-    """Return what stands for an unknown value: fit for the filter `default`, and nothing else."""
+    """Return a placeholder for an unknown value, which only the filter `default` accepts."""
     return StrictUndefined(name=f"{reference.header}.{reference.name}")
 
 
@@ -95,10 +95,10 @@ def evaluate(source: str, values: Mapping[Reference, Any], meter: Meter) -> Any:
     """Return what the expression gives, as plain data.
 
     Args:
-        meter: what the expressions of the file may still do.
+        meter: the work that the expressions of the file may still do.
 
     Raises:
-        ExpressionError: it is no expression, cannot be computed, or would make too much.
+        ExpressionError: it is not an expression, cannot be computed, or would make too much.
     """
     text, context = _rewrite(source, values)
     try:
@@ -137,18 +137,18 @@ def _data(value: Any, source: str) -> Any:
 
 
 def _syntax(error: TemplateSyntaxError, source: str) -> str:
-    message = (error.message or "this is no expression").rstrip(".")
+    message = (error.message or "this is not an expression").rstrip(".")
     missing = re.match(r"No (filter|test) named '(\w+)'", message)
     if missing:
         kind, name = missing.groups()
         known = environment().filters if kind == "filter" else environment().tests
         near = find_nearest(name, known)
-        return f'no {kind} is called "{name}"' + (f', did you mean "{near}"?' if near else "")
-    return f"{source} is no expression: {message}"
+        return f'unknown {kind} "{name}"' + (f', did you mean "{near}"?' if near else "")
+    return f"{source} is not an expression: {message}"
 
 
 def _hint(message: str) -> str:
     unknown = re.match(r"'(\w+)' is undefined", message)
     if unknown and not unknown[1].startswith(_PREFIX):
-        return f", write vars.{unknown[1]} or data.{unknown[1]}"
+        return f": write vars.{unknown[1]} or data.{unknown[1]}"
     return ""

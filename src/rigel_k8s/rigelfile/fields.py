@@ -1,6 +1,6 @@
-"""What an option class says of itself: keys, types, defaults, documentation.
+"""What an option class declares: keys, types, defaults, documentation.
 
-The structurer, the JSON schema and the reference are all made from this.
+The structurer, the JSON schema and the reference all use this.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class Field:
     Attributes:
         name: the constructor's argument.
         key: the key in the file; `aliases` are other keys that mean the same.
-        type: what may be written; a converter of the class may make another type of it.
+        type: what a user may write; a converter of the class may turn it into another type.
         required: it must be given.
-        default: the value where it is not; a Factory for one that is made each time.
-        doc: what it is for; empty where nobody said.
+        default: the value if it is not given; a Factory if each object gets its own.
+        doc: what it is for; may be empty.
     """
 
     name: str
@@ -89,7 +89,7 @@ def _field(attribute: attrs.Attribute[Any], docs: dict[str, str]) -> Field:
 
 
 def nesting_key(cls: Any) -> str | None:
-    """Return the key below which the options may stand as well."""
+    """Return the key below which the options may also be."""
     key = getattr(cls, "nested_under", None)
     return key if isinstance(key, str) else None
 
@@ -98,7 +98,7 @@ def nesting_key(cls: Any) -> str | None:
 
 
 def _parse_docs(cls: type[Any]) -> dict[str, str]:
-    """Return what the `Attributes:` section of the docstring says of each."""
+    """Return the texts of the docstring's `Attributes:` section, by attribute."""
     section = inspect.cleandoc(cls.__doc__ or "").partition("Attributes:\n")[2]
     found: dict[str, str] = {}
     name = ""
@@ -180,7 +180,7 @@ def choices(kind: Any) -> tuple[Any, ...] | None:
 
 
 def describe_type(kind: Any) -> str:
-    """Return what people call the values of a type: `a list`, `text or a mapping`."""
+    """Return a name for the values of a type: `a list`, `text or a mapping`."""
     words = dict.fromkeys(word for word in _describe_members(unwrap(kind)) if word != "nothing")
     if words.keys() >= {_WORDS[str], _WORDS[float]}:
         words = {word: None for word in words if word not in map(_WORDS.get, _SINGLE)}

@@ -1,4 +1,4 @@
-"""Values put in the place of templates: they keep where they were written, for later problems."""
+"""Puts values in the place of templates; they keep the place where they were written."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def place_value(use: YamlNode, value: YamlNode) -> YamlNode:
 
 
 def move(use: YamlNode, value: YamlNode) -> YamlNode:
-    """Return a value with its place, and the places of all in it, as definition of what is used."""
+    """Return a value, its place and all places in it as the definition of what is used."""
     inner: Any = value.value
     if isinstance(inner, dict):
         inner = {key: move(use, child) for key, child in inner.items()}
@@ -61,7 +61,7 @@ def read_text(node: YamlNode) -> str:
 
 
 def join(node: YamlNode, values: list[YamlNode]) -> YamlNode:
-    """Return one text of several pieces, with the origin of the first that was not written here."""
+    """Return one text of several pieces, with the origin of the first from elsewhere."""
     text = "".join(map(read_text, values))
     joined = attrs.evolve(node, value=text, raw=text, untyped=True)
     for value in values:

@@ -14,7 +14,7 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile.limits import LONGEST_LINE, LONGEST_MESSAGE, MOST_PROBLEMS
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, locate
 
-# Beyond these a search for what was meant takes longer than all else.
+# Beyond these, the search for a suggestion takes longer than all the rest.
 _LONGEST_WORD, _MOST_NAMES, _FAR = 64, 300, 20
 # Columns of a line that are shown however narrow the terminal is.
 _LEAST_ROOM = 30
@@ -25,7 +25,7 @@ class Finding:
     """A Problem with its place in the text.
 
     Attributes:
-        span: where it stands; for a value that a template gave, where the template stands.
+        span: its place; for a value from a template, the place of the template.
         defined_at: the place of the var that gave the value.
         environment: the environment variable that gave the value.
         source: the text that the span is of; None is the Rigelfile itself.
@@ -57,7 +57,7 @@ def make_finding(node: YamlNode, message: str, kind: str, *, key: bool = False) 
 
 
 def place(root: YamlNode, problem: Problem) -> Finding:
-    """Return a problem of a path below `root` as a finding in the text."""
+    """Return a problem with a path below `root` as a finding in the text."""
     finding = make_finding(
         locate(root, problem.path), problem.message, problem.kind, key=problem.at_key
     )
@@ -65,7 +65,7 @@ def place(root: YamlNode, problem: Problem) -> Finding:
 
 
 def sort_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return the findings as the file has them, each once, and not more than people read."""
+    """Return the findings in the order of the file, each once, up to a maximum."""
     found = sorted(dict.fromkeys(findings), key=_order)
     if len(found) <= MOST_PROBLEMS:
         return tuple(found)
@@ -91,7 +91,7 @@ def render(
 
     Args:
         source: the Rigelfile; a finding about another text names that one.
-        marked: a warning says that it is one; where that is said already, it is left out.
+        marked: begin a warning with "warning:"; false if the caller prints that.
         width: columns; a longer line of the file is cut around the caret.
     """
     source = finding.source or source
@@ -115,9 +115,9 @@ def _origin(finding: Finding) -> str:
 
 
 def _show(text: str, longest: int) -> str:
-    """Return a text that a terminal shows as it is: no control characters, and not too long.
+    """Return a text that is safe on a terminal: without control characters, and not too long.
 
-    They could move the cursor, and so write over what is reported about the file.
+    Control characters could move the cursor and overwrite the report.
     """
     shown = text if len(text) <= longest else f"{text[: longest - 4]} ..."
     return "".join(
@@ -142,7 +142,7 @@ def _snippet(lines: Sequence[str], span: Span, gutter: int, width: int) -> Itera
 def _cut(line: str, at: int, room: int) -> tuple[str, int]:
     """Return the part of a line around a character, and how many characters are before it.
 
-    `...` stands where the line goes on.
+    `...` marks that the line continues.
     """
     if len(line) <= room:
         return line, 0
@@ -156,7 +156,7 @@ def _cut(line: str, at: int, room: int) -> tuple[str, int]:
 
 
 def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError:
-    """Return the error that tells all findings."""
+    """Return the error with all findings."""
     found = sort_findings(findings)
     count = sum(finding.severity == "error" for finding in found)
     return ProblemsError(
@@ -167,7 +167,7 @@ def problems_error(source: Source, findings: Iterable[Finding]) -> ProblemsError
 
 
 def find_nearest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that was probably meant."""
+    """Return the known word that is most similar, if any is."""
     if len(word) > _LONGEST_WORD:
         return None
     names = itertools.islice((n for n in known if abs(len(n) - len(word)) < _FAR), _MOST_NAMES)
@@ -181,7 +181,7 @@ def _fold(word: str) -> str:
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
-    """Return `, did you mean "x"?`, or what is known where nothing is near and it is little."""
+    """Return `, did you mean "x"?`, or the known words if none is similar and they are few."""
     names = list(known)
     near = find_nearest(word, names)
     if near:

@@ -1,4 +1,4 @@
-"""The grammar as the file has it: which keys, which values; model.py is made from it."""
+"""The grammar as a file has it: its keys and values; model.py is built from it."""
 
 # ruff: noqa: RUF009 - `_key` is attrs.field with the documentation in front
 
@@ -12,7 +12,7 @@ from rigel_k8s.rigelfile.source import YamlNode
 
 
 def _key(doc: str, **arguments: Any) -> Any:
-    """Return a field with its documentation; `key` where the file says it otherwise."""
+    """Return a field with its documentation; `key` is its name in the file if it differs."""
     metadata = {"doc": doc}
     if "key" in arguments:
         metadata["key"] = arguments.pop("key")
@@ -64,7 +64,7 @@ class SequentialForm:
     expects: ClassVar[str] = _STAGE
 
     jobs: list[_Use] = _key("jobs to run one after the other")
-    description: str = _key("for people", default="")
+    description: str = _key("a comment", default="")
 
 
 @attrs.frozen(kw_only=True)
@@ -75,7 +75,7 @@ class ConcurrentForm:
 
     jobs: list[_Use] = _key("jobs to run one after the other")
     dependencies: list[_Use] = _key("jobs started first, and stopped when `jobs` have ended")
-    description: str = _key("for people", default="")
+    description: str = _key("a comment", default="")
 
 
 @attrs.frozen(kw_only=True)
@@ -86,7 +86,7 @@ class ParallelForm:
 
     parallel: list[SequentialForm | ConcurrentForm] = _key("the stages of each branch")
     matrix: YamlNode | None = _key("lists of values: one branch for each combination", default=None)
-    description: str = _key("for people", default="")
+    description: str = _key("a comment", default="")
 
 
 @attrs.frozen(kw_only=True)
@@ -95,12 +95,12 @@ class SequenceForm:
 
     stages: list[SequentialForm | ConcurrentForm | ParallelForm] = _key("what runs, in this order")
     matrix: YamlNode | None = _key("lists of values: all stages once for each", default=None)
-    description: str = _key("for people", default="")
+    description: str = _key("a comment", default="")
 
 
 @attrs.frozen(kw_only=True)
 class RigelfileForm:
-    """A whole Rigelfile; its sections stay Nodes, so that each is looked at by itself."""
+    """A whole Rigelfile; its sections stay Nodes, because each is checked separately."""
 
     application: YamlNode = _key("what is built and deployed")
     vars: YamlNode | None = _key("values for {{ vars.NAME }}", default=None)

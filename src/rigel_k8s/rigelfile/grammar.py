@@ -1,6 +1,6 @@
-"""From a rendered tree to the model, with everything that is wrong with the grammar at once.
+"""From a rendered tree to the model, with all faults in the grammar at once.
 
-Sections and their entries are looked at one by one: a fault in one hides nothing of another.
+Sections and their entries are checked one by one: a fault in one does not hide others.
 """
 
 from __future__ import annotations
@@ -51,15 +51,15 @@ class Contents:
     findings: tuple[Finding, ...]
 
 
-def read(root: YamlNode, directory: FilePath, told: list[Finding]) -> Contents:
+def read(root: YamlNode, directory: FilePath, known: list[Finding]) -> Contents:
     """Return the contents of a rendered tree.
 
     Args:
         root: the tree.
         directory: the Rigelfile's own, to which `application.dir` is relative.
-        told: what is known to be wrong with its templates.
+        known: findings about its templates.
     """
-    reader = _Reader(root, told)
+    reader = _Reader(root, known)
     reader.entry((), RigelfileForm)
     application = reader.application(directory)
     jobs = reader.components("jobs", JobForm)
@@ -84,9 +84,9 @@ def _stage_uses(stage: YamlNode, path: Path) -> Iterator[tuple[Path, YamlNode]]:
 
 
 def used_name(use: YamlNode) -> str | None:
-    """Return the job that an entry of a stage names, as written; None where it is no name yet.
+    """Return the job that an entry of a stage names, as written; None if it is not a name yet.
 
-    A number is a name as well: `jobs: {1.5: ...}` declares the job that `jobs: [1.5]` uses.
+    A number is also a name: `jobs: {1.5: ...}` declares the job that `jobs: [1.5]` uses.
     """
     name = use.value.get("name") if isinstance(use.value, dict) else use
     if name is None or name.hole:
@@ -107,16 +107,16 @@ def _entries(node: YamlNode, keys: Path, path: Path = ()) -> Iterator[tuple[Path
 
 
 class _Reader:
-    def __init__(self, root: YamlNode, told: list[Finding]) -> None:
+    def __init__(self, root: YamlNode, known: list[Finding]) -> None:
         self.findings: list[Finding] = []
         self._root = root
-        self._told = told
+        self._known = known
 
-    def tell(self, path: Path, message: str, kind: str) -> None:
+    def report(self, path: Path, message: str, kind: str) -> None:
         self.findings.append(place(self._root, Problem(path, message, kind)))
 
     def entry(self, path: Path, kind: Any) -> Any | None:
-        """Return what stands at a path as a form; None where it is none, which is told."""
+        """Return the value at a path as a form; None, and a report, if it does not fit."""
         node = locate(self._root, path)
         result = structure(node, kind)
         problems = [problem.under(path) for problem in result.problems]
@@ -131,9 +131,9 @@ class _Reader:
         return None if result.problems or waiting else result.draft
 
     def _refuse_hole(self, span: Span) -> None:
-        """Report that data is not there yet, unless the template there is reported as wrong."""
+        """Report that data is not available yet, unless the template there is already reported."""
         lines = range(span.line, span.end_line + 1)
-        if not any(finding.span.line in lines for finding in self._told):
+        if not any(finding.span.line in lines for finding in self._known):
             message = "data.x is known when a job runs: only `with` and `matrix` may wait for it"
             self.findings.append(Finding(span, message, "template"))
 
@@ -169,7 +169,7 @@ class _Reader:
         return found
 
     def _empty(self, path: Path, sequence: YamlNode) -> None:
-        """Tell lists without anything in them, and matrices that are none."""
+        """Report empty lists, and matrices that are not valid."""
         self._matrix(path, sequence)
         self._no_entries(path, sequence, "stages")
         for stage_path, stage in _entries(sequence, ("stages",), path):
@@ -182,7 +182,7 @@ class _Reader:
         for key in keys:
             child = node.value.get(key) if isinstance(node.value, dict) else None
             if child and child.value == []:
-                self.tell((*path, key), f"`{key}` is empty: nothing would run", "empty")
+                self.report((*path, key), f"`{key}` is empty: nothing would run", "empty")
 
     def _matrix(self, path: Path, node: YamlNode) -> None:
         matrix = node.value.get("matrix") if isinstance(node.value, dict) else None
@@ -190,13 +190,13 @@ class _Reader:
             return
         for place_, values in _entries(node, ("matrix",), path):
             if values.value == []:
-                self.tell(place_, f"{place_[-1]} has no values: nothing would run", "empty")
+                self.report(place_, f"{place_[-1]} has no values: nothing would run", "empty")
             elif not isinstance(values.value, list) and not values.hole:
                 message = f"expected a list of values, got {kind_of(values.value)}"
-                self.tell(place_, message, "wrong-type")
+                self.report(place_, message, "wrong-type")
 
     def references(self) -> None:
-        """Tell jobs that stages name and nobody declares."""
+        """Report jobs that stages name but the file does not declare."""
         section = self._root.value.get("jobs") if isinstance(self._root.value, dict) else None
         known = section.value if section and isinstance(section.value, dict) else {}
         for path, use in uses(self._root):
@@ -204,8 +204,8 @@ class _Reader:
             if name is not None and name not in known:
                 where = (*path, "name") if isinstance(use.value, dict) else path
                 few = len(self.findings) < MOST_PROBLEMS
-                message = f'there is no job "{name}"{suggest(name, known) if few else ""}'
-                self.tell(where, message, "unknown-job")
+                message = f'unknown job "{name}"{suggest(name, known) if few else ""}'
+                self.report(where, message, "unknown-job")
 
 
 def _sequence(form: SequenceForm, path: Path) -> SequenceSpec:

@@ -1,6 +1,6 @@
-"""How large a Rigelfile may be, and what it may make of itself; far above what a robot needs.
+"""How large a Rigelfile may be, as written and as expanded; far above what a robot needs.
 
-A file of a few lines can ask for more than a machine has: aliases of aliases, templates of
+A file of a few lines can need more than a machine has: aliases of aliases, templates of
 templates, the combinations of a matrix. Each limit is an error with its place.
 """
 
@@ -8,29 +8,29 @@ from __future__ import annotations
 
 #: Bytes of a Rigelfile.
 MOST_BYTES = 4 * 2**20
-#: Values of a file with those that its aliases make; and values that its templates make.
+#: Values of a file with those from its aliases; and values from its templates.
 MOST_VALUES = 20_000
-#: Lists and mappings in each other.
+#: Levels of nested lists and mappings.
 DEEPEST = 100
-#: Variables that need each other.
+#: Length of a chain of variables that need each other.
 LONGEST_CHAIN = 50
-#: Characters of one value that a template makes, and of all of them.
+#: Characters of one value from a template, and of all of them.
 LONGEST_TEXT = 2**18
 MOST_TEXT = 2**22
-#: Characters of a number: more than YAML's readers agree on.
+#: Characters of a number: more than YAML parsers agree on.
 LONGEST_NUMBER = 400
 #: Characters of an expression.
 LONGEST_EXPRESSION = 1000
 #: What all expressions of a file may read and make, in characters and entries of lists.
 MOST_WORK = 2_000_000
-#: What all their regular expressions may take.
+#: Seconds that all their regular expressions may take.
 REGEX_SECONDS = 0.25
 #: Combinations of one matrix.
 MOST_COMBINATIONS = 1000
-#: Values that a check looks at: those of each job, for each use and each combination.
+#: Values that a check may process: those of each job, for each use and each combination.
 MOST_LOOKED_AT = 100_000
 #: Problems that are reported.
 MOST_PROBLEMS = 300
-#: Characters of a line, where no terminal says how many it has, and of a message, that are shown.
+#: Characters shown of a line, if the terminal's width is unknown, and of a message.
 LONGEST_LINE = 160
 LONGEST_MESSAGE = 1000

@@ -1,6 +1,6 @@
-"""The Rigelfile as data: Rigel 0.3's grammar, with every part still knowing its place.
+"""The Rigelfile as data: Rigel 0.3's grammar, where every part has its place in the text.
 
-It knows no plugin: a job's `with` stays a Node until a job type's options are asked for.
+It is independent of plugins: a job's `with` stays a Node until a job type reads its options.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class ComponentSpec:
 
 @attrs.frozen
 class JobUse:
-    """One entry of a stage's jobs: a name, perhaps with a `with` that overrides the job's keys."""
+    """One entry of a stage's jobs: a name, and optionally a `with` that overrides keys."""
 
     name: str
     overrides: YamlNode | None = None
@@ -60,7 +60,7 @@ class Concurrent:
 
 @attrs.frozen
 class Parallel:
-    """Inner stages once for each combination of the matrix, side by side, each with own data."""
+    """Inner stages once for each combination of the matrix, in parallel, each with own data."""
 
     stages: tuple[Sequential | Concurrent, ...]
     matrix: YamlNode | None = None
@@ -84,7 +84,7 @@ class SequenceSpec:
 class Rigelfile:
     """A whole Rigelfile, checked against the grammar, vars substituted.
 
-    `scope` fills what waits for data.
+    `scope` fills in templates that wait for data.
     """
 
     source: Source

@@ -1,6 +1,6 @@
 """Numbers that remember how they were written: 1.10 is a version for some and 1.1 for others.
 
-They are floats and ints in every calculation; only `str()` gives the text of the Rigelfile back.
+They are floats and ints in every calculation; only `str()` returns the text of the Rigelfile.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class WrittenInt(int):
 
 
 def keep_text(value: Any, raw: str | None) -> Any:
-    """Return a number that keeps its text, where the text would be lost; all else unchanged."""
+    """Return a number that keeps its text if the text would be lost; other values unchanged."""
     if raw is None or isinstance(value, bool) or str(value) == raw:
         return value
     number: WrittenFloat | WrittenInt

@@ -1,4 +1,4 @@
-"""A job's `with` as its plugin's options: overrides laid over it, data filled in, structured."""
+"""A job's `with` as its plugin's options: overrides applied, data filled in, structured."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Preview:
     """Options before the run.
 
     Attributes:
-        options: None where something is wrong, or not enough is known. A text that waits for data
-            has its template in it, another value that waits is its field's default.
+        options: None if something is wrong, or not enough is known. A text that waits for data
+            contains its template, another value that waits is its field's default.
         raw: the `with` as plain data.
         findings: what is wrong with it, and warnings.
         complete: nothing waits for data.
-        draft: the options even where something is wrong, with defaults in those places.
+        draft: the options even if something is wrong, with defaults in those places.
         node: what the options were made from; paths of problems begin there.
     """
 
@@ -67,7 +67,7 @@ class Realised:
         options: the options.
         raw: the `with` as plain data.
         node: what the options were made from; paths of problems begin there.
-        warnings: what there is to say about how they were made.
+        warnings: about how they were made.
     """
 
     options: Any
@@ -169,9 +169,9 @@ def _look(
 
 
 def merge_options(options: YamlNode, overrides: YamlNode | None, kind: Any = None) -> YamlNode:
-    """Return options with the keys of overrides in place of theirs, as Rigel has it.
+    """Return options with keys replaced by those of the overrides, as Rigel does.
 
-    With an option class that may stand below a key of its own (`nested_under`), that level is gone
+    If the options may be below a key of their own (`nested_under`), that level is removed
     from the result.
     """
     over = overrides.value if overrides else {}
@@ -191,7 +191,7 @@ def _find_nested(node: YamlNode | None, under: str) -> dict[str, YamlNode] | Non
 
 
 def _nesting_faults(*arguments: Any) -> Iterable[Finding]:
-    """Yield keys that stand both below the options' own key and beside it."""
+    """Yield keys that are both below the options' own key and next to it."""
     *nodes, options = arguments
     under = nesting_key(options)
     for node in nodes if under else ():
@@ -202,5 +202,5 @@ def _nesting_faults(*arguments: Any) -> Iterable[Finding]:
             message = f"expected a mapping, got {kind_of(inner.value)}"
             yield make_finding(inner, message, "wrong-type")
         for key in (_find_nested(node, str(under)) or {}).keys() & node.value.keys():
-            message = f'"{key}" stands below `{under}` as well: remove one'
+            message = f'"{key}" is also below `{under}`: remove one'
             yield make_finding(node.value[key], message, "duplicate-key", key=True)

@@ -1,6 +1,6 @@
-"""YAML to Nodes: every value keeps its place and its text; what YAML would lose is refused.
+"""YAML to Nodes: every value keeps its place and its text; ambiguous YAML is refused.
 
-The reading is YAML 1.1, as Rigel and kubectl have it.
+It reads YAML 1.1, as Rigel and kubectl do.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _TAG = "tag:yaml.org,2002:"
 _TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
 _NUMBER_TAGS = frozenset({f"{_TAG}int", f"{_TAG}float"})
 _START = Span(1, 1, 1, 2)
-#: Each value but the first comes after one of these.
+#: Each value except the first comes after one of these.
 _SEPARATORS = "\n,:[{?-"
-TOO_MANY = f"the file has more than {MOST_VALUES} values, with those that its aliases make"
+TOO_MANY = f"the file has more than {MOST_VALUES} values, including those from aliases"
 _BRACKET = re.compile(r"[\[\]{}]")
 _DEEP_LINE = re.compile(rf"^[ ?:-]{{{DEEPEST},}}", re.MULTILINE)
 _BARE_TEMPLATE = re.compile(r"(?:^|[:,\-\[]\s)\s*(\{\{.*?\}\}[^\s,\]}]*)")
@@ -40,14 +40,14 @@ def parse(source: Source) -> tuple[YamlNode | None, list[Finding]]:
     except yaml.YAMLError as error:
         return None, [_find_unreadable(error, source)]
     if root is None:
-        return None, [Finding(_START, "the file is empty: `rigel init` writes a start", "yaml")]
+        return None, [Finding(_START, "the file is empty: `rigel init` writes a first one", "yaml")]
     reader = _Reader()
     node = reader.node(root)
     return (None if reader.is_full else node), reader.findings
 
 
 def find_excess(text: str) -> Finding | None:
-    """Return what would exhaust the C reader's stack or the memory, before it is read as a whole.
+    """Return what would exhaust the C parser's stack or the memory, before parsing the whole text.
 
     Keys and values are counted here, so a file may have up to twice as many as it may have values.
     """
@@ -67,7 +67,7 @@ def find_excess(text: str) -> Finding | None:
                 return Finding(_event_span(event), message, "yaml")
             if values > 2 * MOST_VALUES:
                 return Finding(_event_span(event), TOO_MANY, "yaml")
-    except yaml.YAMLError:  # reported by whoever reads it
+    except yaml.YAMLError:  # reported when it is parsed
         pass
     return None
 
@@ -87,7 +87,7 @@ def _brackets(text: str) -> int:
 
 
 def _syntax(error: yaml.MarkedYAMLError, source: Source) -> Finding:
-    """Return what the YAML reader stumbled over, at its place."""
+    """Return the error of the YAML parser, at its place."""
     mark = error.problem_mark or error.context_mark
     line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
     span = Span(line, column, line, column + 1)
@@ -100,7 +100,7 @@ def _syntax(error: yaml.MarkedYAMLError, source: Source) -> Finding:
     if text[column - 1 : column] == "\t" or text.startswith("\t"):
         return Finding(span, "a tab: YAML indents with spaces only", "yaml")
     if error.problem == "but found another document":
-        return Finding(span, "a second document begins: a Rigelfile is one", "yaml")
+        return Finding(span, "a second document begins: a Rigelfile has one", "yaml")
     context = f", {error.context}" if error.context else ""
     if context and error.context_mark:
         context += f" that begins at {error.context_mark.line + 1}:{error.context_mark.column + 1}"
@@ -131,19 +131,19 @@ class _Reader:
 
     def __init__(self) -> None:
         self.findings: list[Finding] = []
-        self.is_full = False  # the file has more values than are looked at
+        self.is_full = False  # the file has more values than are read
         self._open: set[int] = set()
         self._done: dict[int, tuple[YamlNode, int]] = {}
         self._count = 0
 
     def node(self, item: yaml.Node) -> YamlNode:
-        """Return the Node of a YAML node; one that is used twice (an alias) is made once."""
+        """Return the Node of a YAML node; one that is used twice (an alias) is converted once."""
         if id(item) in self._done:
             node, size = self._done[id(item)]
             self._count += size
             return node if self._count <= MOST_VALUES else self._refuse_more(item)
         if id(item) in self._open:
-            return self._refuse(item, "an alias of the value that it stands in")
+            return self._refuse(item, "an alias of a value that contains it")
         before = self._count
         self._count += 1
         if self._count > MOST_VALUES:
@@ -195,7 +195,7 @@ class _Reader:
             self._refuse(item, f'"{item.value}" does not fit its tag')
         else:
             if item.tag not in _TEXT_TAGS:
-                self._refuse(item, f"the tag {item.tag} means nothing here: leave it out")
+                self._refuse(item, f"the tag {item.tag} is not supported: remove it")
         return str(item.value)
 
     def _mapping(self, item: yaml.MappingNode) -> dict[str, YamlNode]:
@@ -217,22 +217,22 @@ class _Reader:
             result[name] = node
             return
         first = result[name].key_span or _START
-        message = f'the key "{name}" stands at {first.line}:{first.column} already: remove one'
+        message = f'the key "{name}" is already at {first.line}:{first.column}: remove one'
         self._refuse(key, message, "duplicate-key")
 
     def _merge(self, value: yaml.Node) -> dict[str, YamlNode]:
-        """Return what `<<` brings; of several, an earlier one wins."""
+        """Return the keys that `<<` merges in; earlier ones win."""
         merged: dict[str, YamlNode] = {}
         for part in reversed(value.value if isinstance(value, yaml.SequenceNode) else [value]):
             if isinstance(part, yaml.MappingNode):
                 merged |= self.node(part).value or {}
             else:
-                self._refuse(part, "<< takes an alias of a mapping, or a list of such")
+                self._refuse(part, "<< needs an alias of a mapping, or a list of them")
         return merged
 
 
 def _explain_bare_template(item: yaml.MappingNode) -> str | None:
-    """Return what to tell about `{{ x }}` without quotes, which YAML takes for two mappings."""
+    """Return the message about `{{ x }}` without quotes, which YAML reads as two mappings."""
     if len(item.value) != 1 or not item.flow_style:
         return None
     key, value = item.value[0]

@@ -1,4 +1,4 @@
-"""The options of job types and providers as Markdown, made from the classes that a check uses."""
+"""The options of job types and providers as Markdown, generated from their classes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXPLANATION = re.compile(r"(?=: | such as | \()")
 
 
 def reference(jobs: Mapping[tuple[str, ...], Any], providers: Mapping[tuple[str, ...], Any]) -> str:
-    """Return the Markdown page of option classes, each given under all its names."""
+    """Return the Markdown page of option classes, each with all its names."""
     types = name_types([*jobs.values(), *providers.values()])
     sections = [HEAD]
     for title, components in (("Jobs", jobs), ("Providers", providers)):

@@ -1,6 +1,6 @@
-"""What Rigel 0.3 would refuse in a Rigelfile (errors), or read otherwise (warnings).
+"""What Rigel 0.3 would refuse in a Rigelfile (errors), or read differently (warnings).
 
-What both refuse is not told here: that is for check_file.
+What both refuse is not reported here but by check_file.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from rigel_k8s.rigelfile.source import YamlNode, kind_of
 from rigel_k8s.rigelfile.template import Expression, Name, parts
 
 KIND = "rigel03"
-#: What Rigel 0.3 takes for a name: it squeezes the blanks out and looks the rest up.
+#: What Rigel 0.3 accepts as a name: it removes the blanks and looks up the rest.
 _NAME = re.compile(r"\{\{[a-zA-Z0-9_\s\-!?.]+\}\}")
 
 Rule = Callable[[YamlNode], Iterator[Finding]]
 
 
 def rigel03(path: Path, environ: Mapping[str, str] = os.environ) -> CheckResult:
-    """Return what Rigel 0.3 makes of a file that passes a check.
+    """Return how Rigel 0.3 reads a file that passes a check.
 
     Raises:
         UserError: it cannot be read.
@@ -126,7 +126,7 @@ def _check_sequences(root: YamlNode) -> Iterator[Finding]:
             )
 
 
-# What it reads otherwise
+# What it reads differently
 
 
 def _check_scalars(root: YamlNode) -> Iterator[Finding]:
@@ -157,7 +157,7 @@ def _templates(node: YamlNode, text: str, *, key: bool) -> Iterator[Finding]:
 
 
 def _check_texts(root: YamlNode) -> Iterator[Finding]:
-    """Yield vars inside a text that Rigel would write as Python does."""
+    """Yield vars inside a text whose value Rigel would write as Python does."""
     variables = _section(root, "vars")
     for node in _leaves(root):
         pieces = list(parts(node.value)) if isinstance(node.value, str) else []
@@ -170,7 +170,7 @@ def _check_texts(root: YamlNode) -> Iterator[Finding]:
 
 
 def _check_order(root: YamlNode) -> Iterator[Finding]:
-    """Yield vars that use one below them that is a template itself: Rigel goes down only once."""
+    """Yield vars that use a later one that is a template: Rigel renders `vars` once, in order."""
     variables = _section(root, "vars")
     seen: set[str] = set()
     for name, node in variables.items():

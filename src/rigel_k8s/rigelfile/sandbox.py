@@ -1,8 +1,8 @@
 """jinja2's sandbox with a meter: what an expression may call, and how much it may make.
 
-jinja2 keeps an expression away from Python, but lets it fill the memory: `"a" * 10**9` is enough.
-So each operation is charged for what it reads and makes, and those that multiply are charged before
-they work. Regular expressions, whose time no size bounds, have a time of their own.
+jinja2 shields Python from an expression, but lets it fill the memory: `"a" * 10**9` is enough.
+So each operation is charged for its input and output; operations that multiply are charged before
+they run. Regular expressions, whose time no size bounds, have a time limit of their own.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from rigel_k8s.rigelfile.limits import LONGEST_EXPRESSION, MOST_WORK, REGEX_SECO
 
 #: A whole number of 4,096 bits has 1,234 digits.
 MOST_BITS = 4096
-#: The largest number that says how wide, or how often.
+#: The largest width or repeat count.
 MOST_WIDE = 10_000
-#: What compiling costs for each character of an expression, and what one call costs.
+#: The cost of compiling one character of an expression, and the cost of one call.
 COMPILING, CALLING = 50, 50
-#: Filters that are about HTML, are different each time, or have no bound.
+#: Filters for HTML, random filters, and filters without a bound.
 LEFT_OUT = frozenset(
     ("attr", "e", "escape", "forceescape", "pprint", "random", "safe", "striptags", "urlize")
     + ("wordwrap", "xmlattr")
@@ -45,11 +45,11 @@ METHODS = frozenset(
     + ("rjust", "rpartition", "rsplit", "rstrip", "split", "splitlines", "startswith", "strip")
     + ("swapcase", "title", "upper", "values", "zfill")
 )
-#: Filters and methods whose numbers say how much they make.
+#: Filters and methods whose numeric arguments decide the size of the result.
 WIDE = frozenset(
     ("batch", "center", "format", "indent", "ljust", "rjust", "round", "slice", "zfill")
 )
-#: What jinja2 gives a filter before its value.
+#: What jinja2 passes to a filter before its value.
 _PASSED = (Environment, Context, EvalContext)
 #: A regular expression's characters, and the product of the counts in it: `(a{10}){10}` is 100.
 LONGEST_PATTERN = 200
@@ -76,10 +76,10 @@ class Meter:
     seconds: float = REGEX_SECONDS
 
     def charge(self, amount: int) -> None:
-        """Take an amount of work away; raise Excess where less is left."""
+        """Subtract an amount of work; raise Excess if less is left."""
         self.work -= amount
         if self.work < 0:
-            raise Excess("the expressions of this file make more than this program allows")
+            raise Excess("the expressions of this file make more data than is allowed")
 
 
 _METER: ContextVar[Meter] = ContextVar("meter")
@@ -90,7 +90,7 @@ def run(text: str, context: Mapping[str, Any], meter: Meter) -> Any:
 
     Raises:
         Excess: it makes too much.
-        Exception: whatever jinja2, or computing, raises.
+        Exception: any error of jinja2 or of the calculation.
     """
     if len(text) > LONGEST_EXPRESSION:
         raise Excess(f"an expression has at most {LONGEST_EXPRESSION} characters")
@@ -140,7 +140,7 @@ class _Sandbox(ImmutableSandboxedEnvironment):
     intercepted_binops = frozenset(("+", "-", "*", "/", "//", "%", "**"))
 
     def call_binop(self, context: Context, operator: str, left: Any, right: Any) -> Any:
-        """Compute, once it is known to stay small."""
+        """Compute, after checking that the result stays small."""
         meter = _METER.get()
         if operator in ("*", "**"):
             _check_product(operator, left, right)
@@ -205,11 +205,11 @@ def _check_work(name: str, values: tuple[Any, ...], named: Mapping[str, Any]) ->
     elif name == "format":
         _check_format(str(value), given)
     elif name == "sum" and any(isinstance(one, list | tuple) for one in given):
-        raise Excess("sum adds numbers only")
+        raise Excess("sum adds only numbers")
 
 
 def _check_format(text: str, values: list[Any]) -> None:
-    """Charge a text with places for values; each value may stand there many times."""
+    """Charge a format string; each value may occur in it many times."""
     if _WIDE_FORMAT.search(text):
         raise Excess("a width in a format has at most four digits")
     largest = max(map(weigh, values), default=0)
@@ -227,7 +227,7 @@ def _check_product(operator: str, left: Any, right: Any) -> None:
 
 
 def weigh(value: Any) -> int:
-    """Return how much a value is: characters, entries, and all that is in those."""
+    """Return the size of a value: characters, entries, and everything inside them."""
     return _weigh(value, {})
 
 
@@ -246,7 +246,7 @@ def _weigh(value: Any, known: dict[int, int]) -> int:
 
 
 def _count(value: Any) -> int:
-    """Return how often a number repeats what it is multiplied with, or how long a list is."""
+    """Return how often a number repeats the other operand, or the length of a list."""
     if isinstance(value, int):
         return max(value, 0)
     return len(value) if isinstance(value, str | list | tuple | Mapping | set | range) else 0

@@ -1,4 +1,4 @@
-"""Single values made what an option wants, without loss: `1.10` may be text, `true` never is 1."""
+"""Converts single values to an option's type, without loss: `1.10` may be text, `true` is not 1."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _BOOLEANS = {
 
 
 class Mismatch(Exception):
-    """A value that is not what an option wants."""
+    """A value that does not fit an option's type."""
 
     def __init__(self, message: str, kind: str = "wrong-type") -> None:
         super().__init__(message)
@@ -31,7 +31,7 @@ def scalar(node: YamlNode, kind: Any) -> Any:
     """Return the value of a scalar type.
 
     Raises:
-        Mismatch: the value is none, and what would be one.
+        Mismatch: the value does not fit, with what would.
     """
     if choices(kind) is not None:
         return _choice(node, kind)
@@ -53,7 +53,7 @@ def scalar(node: YamlNode, kind: Any) -> Any:
 
 
 def mismatch(node: YamlNode, kind: Any, hint: str = "") -> Mismatch:
-    """Return that a value is not of a type."""
+    """Return the error for a value that is not of a type."""
     if node.value is None:
         message = f"expected {describe_type(kind)}, got nothing: write a value or remove the key"
         return Mismatch(message, "no-value")
@@ -61,7 +61,7 @@ def mismatch(node: YamlNode, kind: Any, hint: str = "") -> Mismatch:
 
 
 def describe(node: YamlNode) -> str:
-    """Return what stands there, for a message: `the text "x"`, `a list`."""
+    """Return a value's description for a message: `the text "x"`, `a list`."""
     if isinstance(node.value, dict | list) or node.value is None:
         return kind_of(node.value)
     text = node.raw if node.raw is not None else str(node.value)
@@ -112,7 +112,7 @@ def _number(node: YamlNode, kind: Any) -> float:
 
 
 def _refuse_base_60(node: YamlNode) -> None:
-    """Refuse 22:30, which YAML 1.1 takes for 1350."""
+    """Refuse 22:30, which YAML 1.1 reads as 1350."""
     if isinstance(node.value, int | float) and ":" in (node.raw or ""):
         raise Mismatch(f"{node.raw} is {node.value} in YAML: write that, or quote it if it is text")
 

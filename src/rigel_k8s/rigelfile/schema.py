@@ -1,6 +1,6 @@
-"""The JSON schema of Rigelfiles, for editors; made from the same classes that a check structures.
+"""The JSON schema of Rigelfiles, for editors; generated from the classes that a check uses.
 
-It is a little more lenient than a check: what needs the whole file or a value's text is missing.
+It is more lenient than a check: rules that need the whole file or a value's text are missing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from rigel_k8s.rigelfile.source import YamlNode
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 Schema = dict[str, Any]
-#: An option class under each of the names that may stand behind `plugin:` or `provider:`.
+#: An option class under each of its names for `plugin:` or `provider:`.
 Types = Mapping[tuple[str, ...], type[Any]]
 
 _TEMPLATE: Schema = {"type": "string", "pattern": r"\{\{"}
@@ -76,7 +76,7 @@ class _Definitions:
         self._names: dict[type[Any], str] = {}
 
     def component(self, form: type[Any], key: str, types: Types) -> Schema:
-        """Return the schema of a job or provider: its plugin tells what `with` may hold."""
+        """Return the schema of a job or provider: its plugin decides what `with` may hold."""
         known = [name for names in types for name in names]
         base = self._object(form)
         base["properties"][key] |= {"anyOf": [{"enum": known}, {"type": "string"}]}
@@ -118,7 +118,7 @@ class _Definitions:
         return _scalar(kind)
 
     def _value(self, kind: Any) -> Schema:
-        """Return the schema of a value, where a template may stand for it."""
+        """Return the schema of a value, which may also be a template."""
         inner = self.of(kind)
         if not inner or inner == _TEXT or inner.get("type") == _TEXT["type"]:
             return inner

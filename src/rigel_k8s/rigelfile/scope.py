@@ -1,7 +1,7 @@
-"""Templates filled: `vars` when the file is read, `data` when a job runs; and what is wrong there.
+"""Fills templates: `vars` when the file is read, `data` when a job runs; reports what is wrong.
 
-A text that waits for data stays as it is, whole, and is marked as a hole; so is a text whose
-template is wrong: that is reported once, and nothing else about it.
+A text that waits for data stays unchanged and is marked as a hole; so is a text whose
+template is wrong: only the template is reported, once.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class _Wrong(Exception):
 
 
 class _Waits(Exception):
-    """A template that needs data which is not there yet."""
+    """A template that needs data which is not available yet."""
 
 
 class Scope:
@@ -47,13 +47,13 @@ class Scope:
     Args:
         source: the file, to point at a template inside a text.
         variables: the Rigelfile's `vars`, as written.
-        environ: the environment, asked for what `vars` does not have.
+        environ: the environment, for names that `vars` does not have.
         data: what jobs have stored; None: nothing is known yet.
         final: no more data will come, so an unknown `data.x` is wrong.
-        patient: a variable that is nowhere is a hole too, until `final`: who only wants to know
-            what an application is called needs none of the values that deploy it.
-        spent: what was made of the file before; None: nothing.
-        fetched: what other machines answered so far, by URL; None: they are not to be asked.
+        patient: an undefined variable is a hole too, until `final`: a caller that only reads
+            the application's name does not need the values for its deployment.
+        spent: what the file has expanded to before; None: nothing.
+        fetched: what other machines answered so far, by URL; None: they must not be asked.
     """
 
     def __init__(
@@ -81,23 +81,23 @@ class Scope:
         self._open: list[str] = []
 
     def with_data(self, data: Mapping[str, Any] | None, *, final: bool) -> Scope:
-        """Return a scope of the same vars that knows these data."""
+        """Return a scope of the same vars with these data."""
         return Scope(
             *(self.source, self.variables, self.environ, data),
             final=final,
             patient=self._patient,
-            spent=None if final else self._spent,  # what a run looks at grows with its data
+            spent=None if final else self._spent,  # in a run, the size grows with the data
             fetched=self.fetched,
         )
 
     def add_look(self, options: YamlNode) -> None:
-        """Count options that are about to be looked at. Raises TooLarge."""
+        """Count options that are about to be checked. Raises TooLarge."""
         self._spent.add_look(options)
 
     # Nodes
 
     def render(self, node: YamlNode) -> YamlNode:
-        """Return the node with all templates filled that can be; findings tell the rest."""
+        """Return the node with templates filled where possible; findings have the rest."""
         return self._walk(node, self._render_text)
 
     def fill(self, node: YamlNode) -> YamlNode:
@@ -132,7 +132,7 @@ class Scope:
             new = self._walk(value, text)
             same = same and new is value and new_key == key
             if new_key in result:
-                message = f'the key "{new_key}" stands here already, from another template'
+                message = f'another template already gives the key "{new_key}" here'
                 self.findings.append(make_finding(value, message, "duplicate-key", key=True))
             else:
                 result[new_key] = new
@@ -142,7 +142,7 @@ class Scope:
         span = value.key_span or value.span
         text = self._text(YamlNode(key, span, raw=key))
         if isinstance(text.value, dict | list):
-            self._report(text, f"a key must be text, and {key} is {kind_of(text.value)}")
+            self._report(text, f"a key must be text, but {key} is {kind_of(text.value)}")
             return key
         return read_text(text)
 
@@ -161,7 +161,7 @@ class Scope:
         return join(node, values)
 
     def _values(self, node: YamlNode, pieces: list[Part]) -> list[YamlNode]:
-        """Return the value of each piece; _Waits, after all wrong ones are told."""
+        """Return the value of each piece; _Waits, after all wrong ones are reported."""
         values: list[YamlNode] = []
         waits = False
         for number, piece in enumerate(pieces):
@@ -199,7 +199,7 @@ class Scope:
 
     def _value(self, node: YamlNode, piece: Name | Expression | Unclosed) -> YamlNode:
         if isinstance(piece, Unclosed):
-            raise _Wrong("{{ is never closed by }} (for the braces themselves: {{ '{{' }})")
+            raise _Wrong("{{ without }} (to write the braces themselves: {{ '{{' }})")
         if isinstance(piece, Expression):
             return self._expression(node, piece)
         if piece.header not in HEADERS:
@@ -239,9 +239,9 @@ class Scope:
             return self._rendered[name]
         if name in self._open:
             circle = " -> ".join(f"vars.{n}" for n in (*self._open[self._open.index(name) :], name))
-            raise _Wrong(f"the variables go in a circle: {circle}", "variable-cycle")
+            raise _Wrong(f"variables refer to each other in a circle: {circle}", "variable-cycle")
         if len(self._open) >= LONGEST_CHAIN:
-            raise _Wrong(f"more than {LONGEST_CHAIN} variables need each other", KIND)
+            raise _Wrong(f"more than {LONGEST_CHAIN} variables need each other in a chain", KIND)
         self._open.append(name)
         try:
             self._rendered[name] = self.render(self.variables[name])
@@ -250,7 +250,7 @@ class Scope:
         return self._rendered[name]
 
     def _judge_missing(self, header: str, name: str) -> _Wrong | _Waits:
-        """Return whether a name that is not known may come yet, or what is wrong with it."""
+        """Return whether an unknown name may still become known, or what is wrong with it."""
         if (header == "data" or self._patient) and name and not self._final:
             return _Waits()
         return self._explain_unknown(header, name)
@@ -260,12 +260,12 @@ class Scope:
             near = find_nearest(name, self._data)
             stored = ", ".join(f"data.{key}" for key in self._data) or "nothing yet"
             hint = f"did you mean data.{near}?" if near else f"earlier jobs stored {stored}"
-            return _Wrong(f"no job before this one has stored data.{name}, {hint}", "unknown-data")
+            return _Wrong(f"no earlier job has stored data.{name}, {hint}", "unknown-data")
         if not name:
-            return _Wrong("vars. needs a name behind the dot", "unknown-variable")
+            return _Wrong("vars. needs a name after the dot", "unknown-variable")
         first, dot, rest = name.partition(".")
         if dot and first in self.variables:
-            return _Wrong(f'vars.{first} has no "{rest}" in it', "unknown-variable")
+            return _Wrong(f'vars.{first} has no "{rest}"', "unknown-variable")
         few = len(self.findings) < MOST_PROBLEMS
         near = find_nearest(name, self.variables) if few else None
         hint = f"did you mean vars.{near}?" if near else f"declare it there or export {name}"
@@ -309,7 +309,7 @@ _NOWHERE = Span(0, 0, 0, 0)
 
 
 def _walk(data: Mapping[str, Any], name: str) -> Any:
-    """Return `a.b`, or what stands under `b` in the mapping `a`."""
+    """Return `a.b`, or the value of `b` in the mapping `a`."""
     if name in data:
         return data[name]
     found: Any = data
@@ -330,5 +330,5 @@ def _make_node(value: Any, node: YamlNode, what: str) -> YamlNode:
 def _bad_header(name: Name) -> str:
     written_name = f"{name.header}.{name.name}" if name.header else name.name
     if name.header in ("", "var", "env", "variables", "environment") and name.name:
-        return f'"{written_name}" is no template, did you mean vars.{name.name}?'
-    return f'"{written_name}" is no template: begin with vars. (also the environment) or data.'
+        return f'"{written_name}" is not a template, did you mean vars.{name.name}?'
+    return f'"{written_name}" is not a template: begin with vars. (also the environment) or data.'

@@ -1,4 +1,4 @@
-"""Text with places: what every value of a Rigelfile remembers of where it came from."""
+"""Text with places: every value of a Rigelfile has the place where it came from."""
 
 from __future__ import annotations
 
@@ -49,17 +49,17 @@ class YamlNode:
 
     Attributes:
         value: None, bool, int, float, str, or a list of Nodes, or a dict of key text to Node.
-        span: the value's own place in the file (the place of use, for one that a template gave).
+        span: the value's own place in the file (the place of use, for one from a template).
         raw: the text as written, for a scalar ("1.10" stays "1.10").
         key_span: the place of the key, for a value of a mapping.
         defined_at: the place of the var that gave the value, if a template gave it.
         key_defined_at: the key's place in that var, for a value inside of one.
         hole: a text that waits: with `{{ data.x }}` in it that only a run can fill, or with a
-            template that is wrong and told already. It stands for a value of any type.
-        untyped: a text that nobody wrote as one (the environment's, or made of several parts): it
-            may become whatever the option wants, without loss.
+            template that is wrong and already reported. It stands for a value of any type.
+        untyped: a text not written as one (from the environment, or made of several parts): it
+            may become any type that the option needs, without loss.
         environment: the environment variable that gave the value.
-        source: the text that the value and its key stand in; None is the Rigelfile itself.
+        source: the text with the value and its key; None is the Rigelfile itself.
     """
 
     value: Any
@@ -81,12 +81,12 @@ class YamlNode:
             yield from self.value
 
     def has_hole(self) -> bool:
-        """Return whether a run has to fill something in or below this value."""
+        """Return whether a run has to fill in something in or below this value."""
         return self.hole or any(child.has_hole() for child in self.children())
 
 
 def kind_of(value: Any) -> str:
-    """Return what people call the kind of a Node's value: `a list`, `text`."""
+    """Return a name for the kind of a Node's value: `a list`, `text`."""
     return _KINDS[next(kind for kind in _KINDS if isinstance(value, kind))]
 
 
@@ -100,10 +100,10 @@ def strip_places(node: YamlNode) -> Any:
 
 
 def node_of(value: Any, at: YamlNode) -> YamlNode:
-    """Return a Node of plain data that stands where another one does.
+    """Return a Node of plain data with the place of another one.
 
     Raises:
-        TypeError: the value is no data that YAML could hold.
+        TypeError: the value is not data that YAML could hold.
     """
     if isinstance(value, dict):
         return attrs.evolve(at, value={str(k): node_of(v, at) for k, v in value.items()}, raw=None)
@@ -121,7 +121,7 @@ def node_of(value: Any, at: YamlNode) -> YamlNode:
 
 
 def locate(root: YamlNode, path: Path) -> YamlNode:
-    """Return the node at a path, or the nearest one above where the path leads nowhere."""
+    """Return the node at a path, or the nearest one above if the path does not exist."""
     node = root
     for step in path:
         if isinstance(node.value, dict) and str(step) in node.value:

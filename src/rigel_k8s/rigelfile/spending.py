@@ -1,4 +1,4 @@
-"""What a Rigelfile has made of itself so far; past a limit the reading ends with an error."""
+"""How much a Rigelfile has expanded to so far; above a limit, reading ends with an error."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ KIND = "too-large"
 
 
 class TooLarge(ProblemsError):
-    """A file that makes more of itself than a limit allows; nothing more can be said about it."""
+    """A file that expands to more than a limit allows; it is not checked further."""
 
     def __init__(self, source: Source, finding: Finding) -> None:
         super().__init__(
@@ -40,7 +40,7 @@ class TooLarge(ProblemsError):
 
 @attrs.define
 class Spending:
-    """What was made of one file, by whoever reads it."""
+    """How much one file has expanded to."""
 
     source: Source
     values: int = 0
@@ -60,7 +60,7 @@ class Spending:
         """Count the values that a template at `use` gives."""
         self.values += count(made, MOST_VALUES)
         if self.values > MOST_VALUES:
-            self._refuse(use, f"templates make more than {MOST_VALUES} values of this file")
+            self._refuse(use, f"templates make more than {MOST_VALUES} values in this file")
 
     def add_text(self, use: YamlNode, length: int) -> None:
         """Count the characters that templates at `use` give."""
@@ -68,15 +68,15 @@ class Spending:
         if length > LONGEST_TEXT:
             self._refuse(use, f"templates make a text of more than {LONGEST_TEXT} characters")
         if self.text > MOST_TEXT:
-            self._refuse(use, f"templates make more than {MOST_TEXT} characters of this file")
+            self._refuse(use, f"templates make more than {MOST_TEXT} characters in this file")
 
     def add_look(self, options: YamlNode) -> None:
-        """Count the options of a job or provider, which are about to be looked at."""
+        """Count the options of a job or provider, which are about to be checked."""
         self.looked_at += count(options, MOST_LOOKED_AT)
         if self.looked_at > MOST_LOOKED_AT:
             message = (
                 f"jobs, their uses and the combinations of matrices make more than"
-                f" {MOST_LOOKED_AT} values to check: divide this file"
+                f" {MOST_LOOKED_AT} values to check: split this file"
             )
             self._refuse(options, message)
 
@@ -85,7 +85,7 @@ class Spending:
 
 
 def count(node: YamlNode, most: int) -> int:
-    """Return how many values a node is; more than `most` are not counted to the end."""
+    """Return how many values a node has; counting stops after `most`."""
     waiting, found = [node], 0
     while waiting and found <= most:
         found += 1
@@ -95,7 +95,7 @@ def count(node: YamlNode, most: int) -> int:
 
 @contextmanager
 def bounded(source: Source, node: YamlNode) -> Iterator[None]:
-    """Report values that are nested deeper than Python's stack as such.
+    """Report values that are nested too deep for Python's stack.
 
     Raises:
         TooLarge: at the node.

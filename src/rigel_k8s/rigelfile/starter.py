@@ -10,9 +10,9 @@ TEXT = Template("""\
 #   rigel check                every problem of this file, with line and column
 #   rigel run sequence demo    build the image, push it, deploy it, wait until all is ready
 #   rigel status               $status
-#   rigel logs listener -f     what a node says
+#   rigel logs listener -f     the output of a node
 
-# Values for {{ vars.NAME }}. What is not here is looked up in the environment.
+# Values for {{ vars.NAME }}. Names that are not here are looked up in the environment.
 vars:
   registry: localhost:5000         # where images are pushed to, and the cluster pulls from
   image: "{{ vars.registry }}/my-robot"
@@ -56,7 +56,7 @@ $network      image: "{{ vars.image }}:{{ vars.version }}"
         listener:
           package: $package
           executable: listener
-          # On another machine than the talker:
+          # On a different machine from the talker:
           # placement: {apart_from: [talker]}
           # resources: {requests: {cpu: 100m, memory: 64Mi}}
 
@@ -66,7 +66,7 @@ sequences:
     stages:
       - jobs: [dockerfile, build, deploy]
 
-  # A new version of the same: only what changed is rolled out.
+  # A new version: only what changed is rolled out.
   update:
     stages:
       - jobs: [build, deploy]
@@ -95,7 +95,7 @@ ROS2 = {
     "apt": "ros-jazzy-demo-nodes-cpp",
     "rate": "10.0",
     "deploys": """\
-  # Deploys the nodes, each in a pod of its own, waits until they are ready, and looks whether they
+  # Deploys the nodes, each in a pod of its own, waits until they are ready, and checks that they
   # discover each other.
 """,
     "network": """\

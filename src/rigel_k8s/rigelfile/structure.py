@@ -1,8 +1,8 @@
-"""Nodes to option classes that others own, strictly, with all problems at once.
+"""Nodes to option classes of other packages, strictly, with all problems at once.
 
-It knows attrs classes and plain types, and no single option. Problems carry paths; who has the Node
-finds the place (findings.py). A value that waits for `{{ data.x }}`, or is wrong, does not keep the
-rest from being looked at: `draft` has the field's default in its place.
+It handles attrs classes and plain types, but is independent of single options. Problems have paths;
+findings.py finds their places in the text. A value that waits for `{{ data.x }}`, or is wrong, does
+not stop the check of the rest: `draft` has the field's default in its place.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ _UNKNOWN: Any = object()
 
 @attrs.define
 class Doubts:
-    """Paths whose value is not the one that will be, so that a check there says little.
+    """Paths whose value is not final, so that a check there may be wrong.
 
     Attributes:
         texts: texts with a hole, as written.
-        missing: a default stands for a hole or a misspelt key: what stands beside it counts too.
-        wrong: a default stands for a wrong value, which is told already.
+        missing: a default replaces a hole or a misspelt key: its siblings are in doubt too.
+        wrong: a default replaces a wrong value, which is already reported.
     """
 
     texts: list[Path] = attrs.field(factory=list)
@@ -58,7 +58,7 @@ class Doubts:
     wrong: list[Path] = attrs.field(factory=list)
 
     def may_explain(self, path: Path) -> bool:
-        """Return whether a problem at this path may come of one of them."""
+        """Return whether a problem at this path may be caused by one of them."""
         return (
             any(_begins(path, doubt) for doubt in (*self.texts, *self.wrong, *self.missing))
             or any(_begins(doubt, path) for doubt in (*self.wrong, *self.missing))
@@ -66,7 +66,7 @@ class Doubts:
         )
 
     def include(self, other: Doubts) -> None:
-        """Take over another's."""
+        """Add the doubts of another one."""
         self.texts += other.texts
         self.missing += other.missing
         self.wrong += other.wrong
@@ -78,12 +78,12 @@ def _begins(path: Path, start: Path) -> bool:
 
 @attrs.frozen
 class Structured:
-    """What became of a Node.
+    """The result for a Node.
 
     Attributes:
-        draft: the value, as far as it is known; None where not enough of it is.
+        draft: the value, as far as it is known; None if not enough of it is.
         problems: what is wrong, with paths from the Node.
-        doubts: where the draft is not what it will be.
+        doubts: where the draft is not final.
     """
 
     draft: Any
@@ -92,7 +92,7 @@ class Structured:
 
     @property
     def value(self) -> Any:
-        """The value; None where something is wrong, or not enough is known."""
+        """The value; None if something is wrong, or not enough is known."""
         return None if self.problems else self.draft
 
     @property
@@ -110,7 +110,7 @@ def structure(node: YamlNode, kind: Any) -> Structured:
 
 
 class InvalidOptions(Exception):
-    """Plain data that is no value of an option class.
+    """Plain data that is not a value of an option class.
 
     Attributes:
         problems: at least one, with paths from the data's root.
@@ -124,13 +124,13 @@ class InvalidOptions(Exception):
 def structure_plain(
     data: Mapping[str, Any], kind: type[T], check: Callable[[T], Iterable[Problem]]
 ) -> T:
-    """Return plain data, which stands in no file, as a value of an option class.
+    """Return plain data, which is not from a file, as a value of an option class.
 
     Args:
-        check: what is wrong with such a value; warnings are passed over.
+        check: returns what is wrong with such a value; warnings are ignored.
 
     Raises:
-        InvalidOptions: it is no such value.
+        InvalidOptions: it is not such a value.
     """
     found = structure(node_of(dict(data), YamlNode({}, Span(1, 1, 1, 1))), kind)
     problems = list(found.problems)
@@ -143,7 +143,7 @@ def structure_plain(
 
 
 class _Structurer:
-    """One walk over a Node; `_UNKNOWN` is a value that is wrong (told) or waits for data."""
+    """One walk over a Node; `_UNKNOWN` is a value that is wrong (reported) or waits for data."""
 
     def __init__(self) -> None:
         self.problems: list[Problem] = []
@@ -223,7 +223,7 @@ class _Structurer:
     def _report_unknown_keys(
         self, node: YamlNode, known: dict[str, Field], path: Path
     ) -> Iterator[str | None]:
-        """Tell unknown keys; yield what was probably meant, None for a key that waits for data."""
+        """Report unknown keys; yield the similar key, None for a key that waits for data."""
         for key in node.value:
             if key in known:
                 continue
@@ -232,7 +232,7 @@ class _Structurer:
                 yield None
                 continue
             absent = [name for name in known if name not in node.value]
-            few = len(self.problems) < MOST_PROBLEMS  # a search for what was meant takes long
+            few = len(self.problems) < MOST_PROBLEMS  # the search for a similar key takes long
             message = f'unknown key "{key}"{suggest(key, absent or known) if few else ""}'
             self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
             near = find_nearest(key, absent) if few else None
@@ -323,7 +323,7 @@ class _Structurer:
     def _report_no_member(
         self, node: YamlNode, kind: Any, trials: list[_Structurer], path: Path
     ) -> Any:
-        """Tell why no member of a union fits: the one that came nearest, or what would fit."""
+        """Report why no member of a union fits: for the nearest one, or what would fit."""
         near = next((t for t in trials if t.problems[0].kind != "wrong-type"), None)
         if isinstance(node.value, list) or len(trials) == 1:
             near = near or trials[0]

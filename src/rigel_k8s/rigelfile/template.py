@@ -1,7 +1,7 @@
-"""Texts with `{{ ... }}` in them, taken apart; nothing is looked up here.
+"""Splits texts with `{{ ... }}` into pieces; nothing is looked up here.
 
-A plain name is what Rigel knows: `{{ vars.NAME }}` or `{{ data.NAME }}`, with letters, digits and
-`_-!?.` in the name. Anything else between the braces is an expression (expression.py).
+A plain name is what Rigel supports: `{{ vars.NAME }}` or `{{ data.NAME }}`, with letters, digits
+and `_-!?.` in the name. Anything else between the braces is an expression (expression.py).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Name:
 
     Attributes:
         text: the whole template, braces included.
-        header: what stands before the first dot; empty where there is none.
-        name: what stands after it.
+        header: the part before the first dot; empty if there is none.
+        name: the part after it.
     """
 
     text: str
@@ -43,7 +43,7 @@ class Expression:
 
 @attrs.frozen
 class Unclosed:
-    """Braces that nothing closes, up to the end of the text."""
+    """Braces that are never closed, up to the end of the text."""
 
     text: str
 

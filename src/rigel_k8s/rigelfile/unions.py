@@ -1,6 +1,6 @@
-"""Which member of a union a value is meant as: by its kind, its text, its keys; pure.
+"""Which member of a union a value belongs to: by its kind, its text, its keys; pure.
 
-It looks at one Node and never into its children's values; structure.py tries what is chosen here.
+It reads one Node and never its children's values; structure.py tries what is chosen here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rigel_k8s.rigelfile.source import YamlNode
 
 
 def says_yes(node: YamlNode) -> bool:
-    """Return whether a boolean is written as YAML 1.2 and most people would not."""
+    """Return whether a boolean is written as in YAML 1.1 only: yes, on, y."""
     return isinstance(node.value, bool) and (node.raw or "true").lower() not in ("true", "false")
 
 
@@ -33,7 +33,7 @@ def may_be(node: YamlNode, kind: Any) -> bool:
 
 
 def find_ambiguity(node: YamlNode, kinds: tuple[Any, ...]) -> Mismatch | None:
-    """Say how a list of one is written where only lists or mappings fit a single value."""
+    """Return how to write a list of one, if only lists or mappings fit a single value."""
     if isinstance(node.value, dict | list) or node.value is None or not node.raw:
         return None
     lists = [kind for kind in kinds if is_list(kind)]

@@ -132,8 +132,8 @@ def test_rigels_own_commands_are_rigels_where_it_is_installed(
         return done.stdout + done.stderr
 
     assert output(["/bin/rigel", "run", "job", "x"], None) == "it is Rigel\n"
-    assert "there is no Rigelfile" in output(["/bin/rigel-k8s", "run", "job", "x"], None)
-    assert "there is no Rigelfile" in output(["/bin/rigel", "run", "job", "x"], "rigel-k8s")
+    assert "Rigelfile does not exist" in output(["/bin/rigel-k8s", "run", "job", "x"], None)
+    assert "Rigelfile does not exist" in output(["/bin/rigel", "run", "job", "x"], "rigel-k8s")
 
 
 def test_ctrl_c_is_130(monkeypatch: pytest.MonkeyPatch) -> None:

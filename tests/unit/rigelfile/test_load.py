@@ -85,7 +85,7 @@ def test_load_tells_all_problems(loaded: Loader) -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     """A file that is missing, a directory or not UTF-8 is the user's error, with what to do."""
-    with pytest.raises(UserError, match="there is no") as caught:
+    with pytest.raises(UserError, match="does not exist") as caught:
         load(tmp_path / "Rigelfile", {})
     assert "rigel init" in (caught.value.hint or "")
     with pytest.raises(UserError, match="directory"):

@@ -104,7 +104,7 @@ def test_missing_data_is_an_error_with_its_place(loaded: Loader, types: Any) -> 
     with pytest.raises(ProblemsError, match="has 2 problems") as caught:
         realise(rigelfile, *use(rigelfile, 2), {"image": "x"}, types["Robot"])
     assert caught.value.exit_code == 2
-    assert "12:47: no job before this one has stored data.count" in caught.value.details[0]
+    assert "12:47: no earlier job has stored data.count" in caught.value.details[0]
 
 
 def test_problems_of_a_check_are_placed(loaded: Loader, types: Any) -> None:

@@ -183,10 +183,10 @@ def test_a_var_may_wait_for_data(loaded: Loader) -> None:
 def test_unknown_data_is_told_when_the_job_runs(loaded: Loader) -> None:
     """The nearest name that was stored is named."""
     assert filled(loaded, "{a: '{{ data.imge }}'}", {"image": 1}) == [
-        "no job before this one has stored data.imge, did you mean data.image?"
+        "no earlier job has stored data.imge, did you mean data.image?"
     ]
     assert filled(loaded, "{a: '{{ data.x }}'}", {}) == [
-        "no job before this one has stored data.x, earlier jobs stored nothing yet"
+        "no earlier job has stored data.x, earlier jobs stored nothing yet"
     ]
 
 
@@ -194,7 +194,7 @@ def test_data_that_is_none(loaded: Loader) -> None:
     """What a job stored may be no data, or have nothing of that name in it."""
     assert filled(loaded, "{a: '{{ data.o }}'}", {"o": object()}) == ["data.o: object is not data"]
     assert filled(loaded, "{a: '{{ data.n.x }}'}", {"n": 1}) == [
-        "no job before this one has stored data.n.x, earlier jobs stored data.n"
+        "no earlier job has stored data.n.x, earlier jobs stored data.n"
     ]
 
 

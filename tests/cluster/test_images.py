@@ -193,10 +193,10 @@ def test_the_provider_refuses_wrong_credentials(private_registry: Registry) -> N
 
 
 def test_the_provider_takes_a_registry_without_users(public_registry: Registry) -> None:
-    """A registry that asks for no credentials is told as such."""
+    """A registry that asks for no credentials is reported as such."""
     told = Recorder()
     ContainerRegistry().connect(options(public_registry), "hub", told)
-    assert told.lines == [f"{public_registry.name} asks for no credentials"]
+    assert told.lines == [f"{public_registry.name} needs no credentials"]
 
 
 def test_digests_of_images_that_are_not_there(

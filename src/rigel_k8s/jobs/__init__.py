@@ -1,1 +1,1 @@
-"""Job types, providers, and the runner of sequences; it knows nothing of what a job does."""
+"""Job types, providers, and the runner of sequences; independent of what a job does."""

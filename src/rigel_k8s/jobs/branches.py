@@ -14,7 +14,7 @@ from rigel_k8s.jobs.scope import CancelScope
 
 
 class Boundary:
-    """How far a failure reaches: the first one is kept, and stops all that runs within."""
+    """How far a failure reaches: the first one is kept, and stops everything inside."""
 
     def __init__(self, scope: CancelScope) -> None:
         self.scope = scope
@@ -22,7 +22,7 @@ class Boundary:
         self._lock = threading.Lock()
 
     def take(self, failure: JobFailed) -> bool:
-        """Keep a failure; False where one was kept before, or all was stopped already."""
+        """Keep a failure; False if one was kept before, or everything was already stopped."""
         with self._lock:
             first = self.failure is None and not self.scope.cancelled.is_set()
             if first:

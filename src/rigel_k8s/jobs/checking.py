@@ -1,7 +1,7 @@
-"""What can be said against a tree of steps before any of it runs.
+"""What is wrong with a tree of steps, before any of it runs.
 
 Values that earlier jobs will store are unknown here, those of a written matrix are known: what
-depends on the former is looked at again when its job runs (execution.py).
+depends on the former is checked again when its job runs (execution.py).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Held = dict[str, str]
 
 
 class JobPreview:
-    """Looks at every job of a tree, once for each combination that is known."""
+    """Checks every job of a tree, once for each combination that is known."""
 
     def __init__(
         self, options: Options, matrix: Matrix, application: Application, settings: Settings
@@ -96,7 +96,7 @@ def _combine(parts: Iterator[Held] | list[Held]) -> Held:
             if key in held:
                 raise UserError(
                     f"{held[key]} and {where} would work on {key} at the same time",
-                    hint="let them run one after the other, or give them different names",
+                    hint="run them one after the other, or give them different names",
                 )
         held.update(part)
     return held

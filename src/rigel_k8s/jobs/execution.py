@@ -1,7 +1,7 @@
-"""A tree of steps in the midst of its run: threads, failures, cancellation; it knows no Rigelfile.
+"""Runs a tree of steps: threads, failures, cancellation; independent of Rigelfiles.
 
-Every wait here ends when the job that it waits for ends, and `cancel` asks every job to end. How
-long a job that does not listen may take is bounded by the wait for the whole run (runner.py).
+Every wait here ends when the job that it waits for ends, and `cancel` makes every job end. How
+long a job that ignores it may take is bounded by the wait for the whole run (runner.py).
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ from rigel_k8s.jobs.waves import (
 from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application, Settings
 
-#: Seconds that a dependency may take to become ready, where --timeout says nothing.
+#: Seconds that a dependency may take to become ready, unless --timeout is set.
 READY_TIMEOUT = 300.0
 
 
 @attrs.frozen
 class RunContext:
-    """What a run needs of the world.
+    """What a run needs from outside.
 
     Attributes:
         realise: a job and the shared data to its options and raw `with`; raises UserErrors.
         matrix: a Branches' matrix and the shared data to {key: values}; raises UserErrors.
         place: a job, the shared data and problems with its options to texts with their places.
-        grace: seconds that a job may take to end after it was asked to.
+        grace: seconds that a job may take to end after it was cancelled.
         applied: set when a job that deploys has stored its objects.
     """
 
@@ -75,7 +75,7 @@ class RunContext:
 class Execution:
     """One run, stopped by its scope.
 
-    `interruption` is what the first job that was interrupted says of the state that it left.
+    `interruption` is the message of the first interrupted job about the state that it left.
     """
 
     def __init__(self, surroundings: RunContext, scope: CancelScope) -> None:
@@ -171,7 +171,7 @@ class Execution:
             matrix, limits = split_limits(self._around.matrix(step, branch.data))
             chosen = combinations(matrix)
             if not chosen:
-                branch.report.warn("the matrix has no combination: its stages do not run")
+                branch.report.warn("the matrix has no combinations: its stages do not run")
             return [self._part(branch, combination) for combination in chosen], limits
 
     def _part(self, branch: Branch, combination: Mapping[str, Any]) -> Branch:
@@ -212,15 +212,15 @@ class Execution:
         timeout = self._around.settings.timeout or READY_TIMEOUT
         if not ready.wait(timeout):
             late = RigelK8sError(
-                f"it was neither ready nor done after {timeout:g} s",
-                hint="a job that serves others sets `job.ready`; --timeout gives it more time",
+                f"it was neither ready nor finished after {timeout:g} s",
+                hint="a job that serves others sets `job.ready`; give it more time with --timeout",
             )
             self._fail(f"dependency {job.name}", late, branch)
             raise Stopped
         return thread
 
     def _end(self, servers: list[tuple[Job, threading.Thread]], branch: Branch) -> None:
-        """Wait for dependencies that were asked to stop."""
+        """Wait for dependencies that were cancelled."""
         for job, thread in servers:
             thread.join(self._around.grace)
             if thread.is_alive():
@@ -274,7 +274,7 @@ class Execution:
             job.type.run(options, context)
 
     def _find_key(self, job: Job, options: Any) -> str | None:
-        """Return what a job needs for itself while it runs, None for nothing."""
+        """Return what a job needs exclusively while it runs, None for nothing."""
         exclusive = getattr(job.type, "exclusive", None)
         around = self._around
         return exclusive(options, around.application, around.settings) if exclusive else None
@@ -326,6 +326,6 @@ class Execution:
 
 
 def _find_outcome(part: Branch, state: State) -> Outcome:
-    """Return what became of a branch of a wave that has ended."""
+    """Return the outcome of a branch of a wave that has ended."""
     failed = part.boundary.failure
     return Outcome(part.name, "failed" if failed else state, failed)

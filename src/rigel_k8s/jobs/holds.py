@@ -1,4 +1,4 @@
-"""What a job has for itself while it runs (a release, say): two that need the same are refused."""
+"""What a job uses exclusively while it runs (such as a release): a second user is refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Holds:
 
     @contextmanager
     def hold(self, key: str | None, where: str) -> Iterator[None]:
-        """Hold what a key names while the context is open; None holds nothing.
+        """Hold a key while the context is open; None holds nothing.
 
         Args:
             where: the job, for the error of another one.
@@ -36,7 +36,7 @@ class Holds:
         if other is not None:
             raise UserError(
                 f"{other} works on {key} at the same time",
-                hint="let them run one after the other, or give them different names",
+                hint="run them one after the other, or give them different names",
             )
         try:
             yield

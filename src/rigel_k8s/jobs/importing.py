@@ -1,7 +1,7 @@
 """Where the classes of users are imported from: what is installed, and trusted directories.
 
-What lies beside the Rigelfile came with the Rigelfile, so it is imported only from a directory that
-the user trusts. The same holds for the working directory, where Python searches that.
+What lies next to the Rigelfile came with it, so it is imported only from a directory that
+the user trusts. The same holds for the working directory, if Python searches it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Places:
     """The directories whose modules need trust.
 
     Attributes:
-        directories: the Rigelfile's own, and the working directory where Python searches it.
+        directories: the Rigelfile's own, and the working directory if Python searches it.
     """
 
     directories: tuple[Path, ...]
@@ -41,7 +41,7 @@ class Places:
     def find(self, module: str) -> Path | None:
         """Return the file among these that an import of a module would run first.
 
-        None where the module is installed, or nowhere.
+        None if the module is installed, or does not exist.
         """
         top = module.partition(".")[0]
         with self.left_out():
@@ -68,9 +68,9 @@ class Places:
 
 
 def places_of(directory: Path | None) -> Places:
-    """Return the places of a Rigelfile that lies in a directory; None: of none."""
+    """Return the places of a Rigelfile in a directory; None: there is no Rigelfile."""
     found = [directory.resolve()] if directory else []
-    with suppress(FileNotFoundError):  # the working directory may be gone
+    with suppress(FileNotFoundError):  # the working directory may have been deleted
         here = Path.cwd()
         if any(Path(entry).resolve() == here for entry in sys.path):
             found.append(here)
@@ -93,7 +93,7 @@ def find_code(module: str, directory: Path) -> Path | None:
 
 @contextmanager
 def importable(directory: Path | None) -> Iterator[None]:
-    """Let modules of a trusted directory be imported, as Rigel does with the Rigelfile's own."""
+    """Make modules of a trusted directory importable, as Rigel does with the Rigelfile's own."""
     place = str(directory.resolve()) if directory else ""
     if not place or place in sys.path or not is_trusted(Path(place)):
         yield
@@ -107,5 +107,5 @@ def importable(directory: Path | None) -> Iterator[None]:
 
 
 def is_own_name(module: str) -> bool:
-    """Return whether a module is Python's own: it has no job type, and some act when imported."""
+    """Return whether a module is Python's own: it has no job type, and some run code on import."""
     return module.partition(".")[0] in sys.stdlib_module_names

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a call that may come at any moment; it knows no job."""
+"""Ctrl-C and SIGTERM as a call that may come at any moment; independent of jobs."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from contextlib import contextmanager
 
 from rigel_k8s import signals
 
-#: The handlers that no program has set on purpose; others are left alone.
+#: The default handlers; handlers that a program has set are not replaced.
 USUAL = (signal.default_int_handler, signal.SIG_DFL, signals.raise_interrupt)
 
 
 @contextmanager
-def interruptions(tell: Callable[[], None]) -> Iterator[None]:
-    """Call `tell` for each Ctrl-C and SIGTERM, in the main thread, between any two instructions.
+def interruptions(notify: Callable[[], None]) -> Iterator[None]:
+    """Call `notify` for each Ctrl-C and SIGTERM, in the main thread, between any two instructions.
 
     So it must be reentrant, as SimpleQueue.put is. Handlers that the program has set itself stay,
     and outside the main thread nothing is changed.
@@ -26,7 +26,7 @@ def interruptions(tell: Callable[[], None]) -> Iterator[None]:
 
     def handle(number: int, _: object) -> None:
         signals.note(number)
-        tell()
+        notify()
 
     for number in ours:
         signal.signal(number, handle)

@@ -1,4 +1,4 @@
-"""The seam between a sequence and what its jobs do; it knows no job type."""
+"""The interface between a sequence and its jobs; independent of job types."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ O_contra = TypeVar("O_contra", contravariant=True)  # the options of a job type 
 
 
 class JobReporter(report.Reporter, Protocol):
-    """Where a job tells how it goes. The command line implements it; jobs never print."""
+    """Where a job reports its progress. The command line implements it; jobs never print."""
 
     def child(self, name: str) -> JobReporter:
-        """Return a reporter for a part (a job, a parallel branch) that runs beside others."""
+        """Return a reporter for a part (a job, a parallel branch) that runs next to others."""
 
 
 @attrs.frozen
@@ -30,17 +30,17 @@ class JobContext:
     Attributes:
         name: the job's key in the Rigelfile.
         application: the Rigelfile's application.
-        data: what earlier jobs of the sequence stored (`{{ data.x }}`), and where this one stores.
+        data: what earlier jobs of the sequence stored (`{{ data.x }}`); this job stores there too.
         vars: the Rigelfile's `vars` as plain data, templates rendered.
         providers: connections of the Rigelfile's providers, by key.
-        report: where to tell how it goes.
-        cancel: set when the job must stop: end soon, leave nothing half done without a word.
+        report: where to report progress.
+        cancel: set when the job must stop: end soon, and report what is left half done.
         settings: the command line's global options.
         raw: the job's `with` as plain data, templates rendered, before it became options.
         serving: the job is a dependency of a concurrent stage: it serves until `cancel` is set.
-        ready: what a serving job sets when others may use it (one that returns need not).
-        applied: what a job that deploys sets when its objects are stored, and it waits for them.
-        place: problems with the options to texts with their lines in the Rigelfile.
+        ready: a serving job sets it when others may use it (not needed if it returns).
+        applied: a job that deploys sets it when its objects are stored, before it waits for them.
+        place: turns problems with the options into texts with their lines in the Rigelfile.
     """
 
     name: str
@@ -73,12 +73,12 @@ class JobContext:
 class JobType(Protocol[O_contra]):
     """One kind of job. `options` is an attrs class; unknown keys are refused by its fields' names.
 
-    `run` returns when the work is done and raises a RigelK8sError where it fails. A job that serves
+    `run` returns when the work is done and raises a RigelK8sError if it fails. A job that serves
     others (a dependency of a concurrent stage, `job.serving`) sets `job.ready` when they may use it
-    and runs until `job.cancel` is set; one whose work lasts by itself just returns.
+    and runs until `job.cancel` is set; one whose effect lasts without it just returns.
 
     A job type may also have a method `exclusive(options, application, settings) -> str | None`: a
-    key for what its jobs must not do side by side (deploy one release, write one file).
+    key for what its jobs must not do at the same time (deploy one release, write one file).
     """
 
     options: ClassVar[type[Any]]

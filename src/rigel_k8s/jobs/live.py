@@ -1,6 +1,6 @@
 """A run from its providers' connection to their disconnection, watched from the main thread.
 
-Jobs run in other threads, so that Ctrl-C reaches the one that can stop them in good order.
+Jobs run in other threads, so that Ctrl-C reaches the main thread, which can stop them cleanly.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rigel_k8s.jobs.providers import Declared, Providers
 from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.jobs.steps import Jobs
 
-#: Seconds that Python sleeps at most: it hears of a signal that comes just before when it wakes up.
+#: Seconds that Python sleeps at most: a signal just before that is handled when it wakes up.
 LOOK = 0.5
 
 
@@ -36,14 +36,14 @@ def run_steps(
 
     Args:
         steps: what to do.
-        around: what the run needs of the world; its providers are connected already.
+        around: what the run needs from outside; its providers are already connected.
         declared: the providers to connect before and to disconnect after.
         data: what was stored before; jobs write into it.
         scope: what stops the run from outside.
 
     Raises:
         JobFailed: the first failure; all other jobs were stopped.
-        Interrupted: Ctrl-C or SIGTERM; jobs were told to stop and waited for, `grace` seconds at
+        Interrupted: Ctrl-C or SIGTERM; jobs were cancelled and waited for, `grace` seconds at
             most, or not at all after a second one.
     """
     data = {} if data is None else data
@@ -65,7 +65,7 @@ class _Live:
         self._error: BaseException | None = None
 
     def run(self, steps: Jobs, data: dict[str, Any]) -> None:
-        """Connect, work, disconnect, and tell how it ended."""
+        """Connect, work, disconnect, and report how it ended."""
         self._execution.scope.on_cancel(lambda: self._mail.put("cancelled"))
         with interruptions(lambda: self._mail.put("interrupted")):
             self._follow(lambda: self._work(steps, data), "stop")
@@ -77,7 +77,7 @@ class _Live:
         self._execution.run(steps, data)
 
     def _follow(self, work: Callable[[], None], word: str) -> None:
-        """Do something in a thread of its own; once cancelled, wait no longer than the grace."""
+        """Do something in a separate thread; once cancelled, wait no longer than the grace."""
 
         def run_guarded() -> None:
             try:
@@ -91,10 +91,10 @@ class _Live:
         if not self._wait_for_end():
             for name in self._execution.running or ("a provider",):
                 grace = f"{self._around.grace:g} s"
-                self._around.report.warn(f"{name} did not {word} within {grace} and was left")
+                self._around.report.warn(f"{name} did not {word} within {grace} and was abandoned")
 
     def _wait_for_end(self) -> bool:
-        """Wait for the thread in hand; False when the grace is over."""
+        """Wait for the current thread; False when the grace is over."""
         deadline = None
         while True:
             if deadline is None and self._execution.scope.cancelled.is_set():
@@ -114,7 +114,7 @@ class _Live:
     def _interrupt(self) -> None:
         if self._interrupted:
             raise self._interruption(
-                "interrupted twice: nothing was waited for", "run the same command again"
+                "interrupted twice: stopped without waiting", "run the same command again"
             )
         self._interrupted = True
         running = ", ".join(self._execution.running) or "no job"
@@ -125,9 +125,10 @@ class _Live:
         if self._execution.failure:
             raise self._execution.failure
         if self._interrupted or (self._execution.scope.cancelled.is_set() and not self._error):
-            said = self._execution.interruption
-            message = said.message if said else "interrupted"
-            raise self._interruption(message, said.hint if said else None) from self._error
+            interruption = self._execution.interruption
+            message = interruption.message if interruption else "interrupted"
+            hint = interruption.hint if interruption else None
+            raise self._interruption(message, hint) from self._error
         if self._error:
             raise self._error
 

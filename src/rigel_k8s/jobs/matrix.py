@@ -1,4 +1,4 @@
-"""One combination for each choice of the matrix's values, in the order they are written."""
+"""The combinations of a matrix's values, in the order they are written."""
 
 from __future__ import annotations
 
@@ -15,5 +15,5 @@ def combinations(matrix: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
 
 
 def label(combination: Mapping[str, Any]) -> str:
-    """Return what a branch is called: `distro=noetic, arch=arm64`."""
+    """Return a branch's name: `distro=noetic, arch=arm64`."""
     return ", ".join(f"{key}={value}" for key, value in combination.items())

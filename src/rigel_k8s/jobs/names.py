@@ -1,7 +1,7 @@
 """The names that resolve to job types and providers of this package; it imports none of them.
 
-Each has a short name, its name for Rigel's readers (`rigel_k8s.OrchestrationPlugin`), and the names
-of Rigel's own and of src.plugin that people already have in their Rigelfiles.
+Each has a short name, its name for users of Rigel (`rigel_k8s.OrchestrationPlugin`), and the names
+of Rigel's own and of src.plugin that existing Rigelfiles use.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Builtin:
 
     Attributes:
         short: its short name.
-        target: module and class, `package.module:Class`; imported when it is asked for.
+        target: module and class, `package.module:Class`; imported when it is needed.
         paths: the import paths that mean it.
     """
 
@@ -35,7 +35,7 @@ class Builtin:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every name that may stand in a Rigelfile."""
+        """Every name that a Rigelfile may use."""
         return (self.short, *self.paths)
 
 

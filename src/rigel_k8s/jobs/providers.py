@@ -33,7 +33,7 @@ class Providers:
         self._closed = False
 
     def connect(self, stop: threading.Event) -> None:
-        """Connect all in the Rigelfile's order, until told to stop.
+        """Connect all in the Rigelfile's order, until `stop` is set.
 
         Raises:
             RigelK8sError: one could not connect; the error names it.
@@ -49,7 +49,7 @@ class Providers:
                 declared.type.disconnect(connection)
 
     def disconnect(self) -> None:
-        """Disconnect all in reverse order; what goes wrong is told and stops nothing."""
+        """Disconnect all in reverse order; an error is reported and does not stop the others."""
         with self._lock:
             self._closed = True
             ending, self._open = self._open[::-1], []

@@ -1,8 +1,8 @@
-"""From what stands behind `plugin:` or `provider:` to a job type or provider.
+"""From the value of `plugin:` or `provider:` to a job type or provider.
 
 In this order: the names of this package (names.py; Rigel's and src.plugin's lead here too), entry
 points of installed packages, import paths (a module beside the Rigelfile counts, if its directory
-is trusted). It knows no job type, and imports only the one that is asked for.
+is trusted). It is independent of job types, and imports only the requested one.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ def job_type(name: str, directory: Path | None = None) -> JobType[Any]:
 
     Args:
         name: a short name, an entry point's name or an import path.
-        directory: the Rigelfile's directory, whose modules can be imported where it is trusted.
+        directory: the Rigelfile's directory, whose modules can be imported if it is trusted.
 
     Raises:
         Untrusted: the class lies in a directory that the user has not trusted.
-        UserError: the name is unknown, or the class is no job type.
+        UserError: the name is unknown, or the class is not a job type.
     """
     resolved: JobType[Any] = _resolve("job", name.strip(), directory)
     return resolved
 
 
 def provider_type(name: str, directory: Path | None = None) -> ProviderType[Any]:
-    """Return the provider of that name; as job_type does."""
+    """Return the provider of that name, as job_type does."""
     resolved: ProviderType[Any] = _resolve("provider", name.strip(), directory)
     return resolved
 
@@ -132,7 +132,7 @@ def _module_exists(kind: Kind, name: str, module: str) -> bool:
 
 def _broken_error(kind: Kind, name: str, error: Exception) -> UserError:
     return UserError(
-        f"{word(kind)} {name} cannot be imported: {type(error).__name__}: {error}",
+        f"cannot import {word(kind)} {name}: {type(error).__name__}: {error}",
         hint="import it in Python to see the whole traceback",
     )
 
@@ -141,24 +141,24 @@ def _missing_class_error(
     kind: Kind, name: str, module: str, attribute: str, present: dict[str, Any]
 ) -> UserError:
     near = difflib.get_close_matches(attribute, list(present), 1)
-    hint = f"did you mean {module}.{near[0]}?" if near else f"see what module {module} defines"
+    hint = f"did you mean {module}.{near[0]}?" if near else f"check what {module} defines"
     return UserError(f"{word(kind)} {name}: module {module} has no {attribute}", hint=hint)
 
 
 def _unknown_error(kind: Kind, name: str) -> UserError:
     names = [n for short, paths in list_names(kind).items() for n in (short, *paths)]
     of_rigel = name.startswith(("rigel.plugins.", "rigel.providers."))
-    # Rigel's paths resemble each other: only a slip of the pen is near there.
+    # Rigel's paths are similar to each other: only a typo is close enough.
     near = difflib.get_close_matches(name, names, 1, 0.95 if of_rigel else 0.6)
     if of_rigel and not near:
         return UserError(
             f"{word(kind)} {name} is Rigel's own, and Rigel is not installed here",
-            hint="install Rigel 0.3 beside this package (docs/rigel.md), or take one of: "
+            hint="install Rigel 0.3 next to this package (docs/rigel.md), or use one of: "
             + ", ".join(list_names(kind)),
         )
     meant = f", did you mean {near[0]}?" if near else ""
     return UserError(
         f'unknown {word(kind)} "{name}"{meant}',
-        hint=f"known are {', '.join(list_names(kind))}; an own one is written package.module.Class "
-        "and stands beside the Rigelfile or is installed",
+        hint=f"use one of {', '.join(list_names(kind))}; or your own package.module.Class, which "
+        "is installed or beside the Rigelfile",
     )

@@ -1,6 +1,6 @@
 """Classes written for Rigel 0.3 (setup, start, process, stop), run as jobs and providers of ours.
 
-Known by their shape alone: Rigel itself is needed only where the class imports it.
+They are recognised by their shape: Rigel itself is needed only if the class imports it.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def fits(cls: type[Any], kind: Kind) -> bool:
 
 
 def adapt(cls: type[Any], kind: Kind) -> RigelStyleJob | RigelStyleProvider:
-    """Return a job type or provider of ours that does what Rigel would do with the class."""
+    """Return our job type or provider that does what Rigel would do with the class."""
     return RigelStyleJob(cls) if kind == "job" else RigelStyleProvider(cls)
 
 
@@ -59,7 +59,7 @@ class RigelStyleJob:
         self._cls = cls
 
     def check(self, options: dict[str, Any], application: Application) -> Sequence[Problem]:
-        """Return nothing: such a class looks at its data only when it is made."""
+        """Return nothing: such a class checks its data only when it is constructed."""
         return ()
 
     def run(self, options: dict[str, Any], job: JobContext) -> None:
@@ -132,7 +132,7 @@ class RigelStyleProvider:
         self._connected: list[tuple[Any, Any]] = []
 
     def check(self, options: dict[str, Any], application: Application) -> Sequence[Problem]:
-        """Return nothing: such a class looks at its data only when it is made."""
+        """Return nothing: such a class checks its data only when it is constructed."""
         return ()
 
     def connect(self, options: dict[str, Any], name: str, report: JobReporter) -> Any:
@@ -157,7 +157,7 @@ class RigelStyleProvider:
 
 @contextmanager
 def _translate_errors() -> Iterator[None]:
-    """Turn Rigel's own errors, and exit(), into errors of ours; others are bugs and stay."""
+    """Turn Rigel's own errors, and exit(), into our errors; others are bugs and stay."""
     try:
         yield
     except SystemExit as error:
@@ -169,6 +169,6 @@ def _translate_errors() -> Iterator[None]:
 
 
 def _rigel_error() -> tuple[type[BaseException], ...]:
-    """Return Rigel's base error where Rigel has been imported (by the class that runs)."""
+    """Return Rigel's base error if Rigel has been imported (by the class that runs)."""
     error = getattr(sys.modules.get("rigel.exceptions"), "RigelError", None)
     return (error,) if error else ()

@@ -1,6 +1,6 @@
-"""`run job` and `run sequence`: everything is resolved and checked, then it runs.
+"""`run job` and `run sequence`: resolve and check everything, then run it.
 
-What a job does stays behind its job type, how a run goes behind live.py.
+Job types decide what a job does, live.py decides how a run proceeds.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ GRACE = 30.0
 
 @attrs.frozen
 class Prepared:
-    """What will run, checked: no problem is known, `warnings` are rendered, without the word."""
+    """What will run, checked; `warnings` are rendered, without the word "warning"."""
 
     rigelfile: Rigelfile
     settings: Settings
@@ -77,7 +77,7 @@ def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared
 
     Raises:
         ProblemsError: all that is wrong with it and with the providers.
-        UserError: there is no such job.
+        UserError: unknown job.
     """
     spec = _find_named("job", name, rigelfile.jobs)
     return _look_at(
@@ -90,13 +90,13 @@ def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Pre
 
     Raises:
         ProblemsError: all that is wrong with its jobs and with the providers.
-        UserError: there is no such sequence, or two of its jobs cannot run side by side.
+        UserError: unknown sequence, or two of its jobs cannot run side by side.
     """
     return _sequence_looked_at(rigelfile, name, settings).prepare()
 
 
 def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Sequence[Finding]:
-    """Return what prepare_sequence would raise or warn of, each with its place."""
+    """Return the errors and warnings of prepare_sequence, each with its place."""
     try:
         return _sequence_looked_at(rigelfile, name, settings).findings
     except TooLarge as error:
@@ -174,7 +174,7 @@ def _warn_and_run(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
 
 @attrs.frozen
 class _LookedAt:
-    """Steps with all that was found when they were looked at."""
+    """Steps with the findings about them."""
 
     rigelfile: Rigelfile
     settings: Settings
@@ -183,7 +183,7 @@ class _LookedAt:
     findings: Sequence[Finding]
 
     def prepare(self) -> Prepared:
-        """Return what can run; raise ProblemsError where something is wrong."""
+        """Return what can run; raise ProblemsError if something is wrong."""
         source = self.rigelfile.source
         if any(finding.severity == "error" for finding in self.findings):
             raise problems_error(source, self.findings)
@@ -219,7 +219,7 @@ def _look_at(
 
 
 class _Unresolved:
-    """Stands where a job type could not be resolved, so that the other jobs are checked too."""
+    """Replaces a job type that could not be resolved, so that the other jobs are checked too."""
 
     options: ClassVar[type[Any]] = dict
 
@@ -273,7 +273,6 @@ def _find_named(what: str, name: str, known: Mapping[str, T]) -> T:
         return known[name]
     near = find_nearest(name, known)
     raise UserError(
-        f'there is no {what} "{name}" in the Rigelfile'
-        + (f", did you mean {near}?" if near else ""),
+        f'the Rigelfile has no {what} "{name}"' + (f", did you mean {near}?" if near else ""),
         hint=f"its {what}s are {', '.join(known)}" if known else f"it has no {what}s",
     )

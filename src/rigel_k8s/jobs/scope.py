@@ -1,4 +1,4 @@
-"""Cancellation that reaches everything started under it; it knows no job."""
+"""Cancellation that reaches everything started under it; independent of jobs."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from collections.abc import Callable
 
 
 class CancelScope:
-    """A part of a run that can be stopped: `cancelled` is set, and that of every part of it."""
+    """A part of a run that can be stopped: sets `cancelled`, also of all its parts."""
 
     def __init__(self) -> None:
         self.cancelled = threading.Event()
         self._parts: list[CancelScope] = []
-        self._tells: list[Callable[[], None]] = []
+        self._callbacks: list[Callable[[], None]] = []
         self._lock = threading.RLock()  # cancel() may come from a signal handler
 
-    def on_cancel(self, tell: Callable[[], None]) -> None:
+    def on_cancel(self, notify: Callable[[], None]) -> None:
         """Call a function when this is cancelled; at once if it is already."""
         with self._lock:
-            self._tells.append(tell)
+            self._callbacks.append(notify)
             cancelled = self.cancelled.is_set()
         if cancelled:
-            tell()
+            notify()
 
     def part(self) -> CancelScope:
-        """Return a new part; one of a scope that is cancelled already is born cancelled."""
+        """Return a new part; if the scope is already cancelled, so is the part."""
         part = CancelScope()
         with self._lock:
             self._parts.append(part)
@@ -37,8 +37,8 @@ class CancelScope:
         with self._lock:
             first = not self.cancelled.is_set()
             self.cancelled.set()
-            parts, tells = tuple(self._parts), tuple(self._tells)
-        for tell in tells if first else ():
-            tell()
+            parts, callbacks = tuple(self._parts), tuple(self._callbacks)
+        for notify in callbacks if first else ():
+            notify()
         for part in parts:
             part.cancel()

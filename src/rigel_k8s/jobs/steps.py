@@ -1,4 +1,4 @@
-"""What a sequence will do, as a tree of steps; made before anything runs, and pure.
+"""What a sequence will do, as a tree of steps; built before anything runs, and pure.
 
 Jobs        steps one after the other
 Serving     dependencies that are started first and stopped when the jobs have ended

@@ -1,4 +1,4 @@
-"""Whether a class is a job type or a provider; told when it is resolved, not when it runs.
+"""Whether a class is a job type or a provider; reported when it is resolved, not when it runs.
 
 The error names the class, the method and the signature it should have.
 """
@@ -30,23 +30,23 @@ OPTIONAL: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
 
 
 def looks_like(cls: type[Any], kind: Kind) -> bool:
-    """Return whether the class is meant as one of ours: it has `options` or the work's method."""
+    """Return whether the class is meant as ours: it has `options` or the method that works."""
     return hasattr(cls, "options") or (kind == "job" and hasattr(cls, "run"))
 
 
 def validate(cls: type[Any], kind: Kind, name: str) -> None:
-    """Raise a UserError that lists all in which the class does not fit."""
+    """Raise a UserError that lists everything that does not fit in the class."""
     faults = [*_options_faults(cls), *_method_faults(cls, kind), *_constructor_faults(cls)]
     if faults:
         raise UserError(
-            f"{name} is no {word(kind)}: {faults[0]}",
-            hint="docs/plugins.md shows a whole one",
+            f"{name} is not a {word(kind)}: {faults[0]}",
+            hint="see the complete example in docs/plugins.md",
             details=faults[1:],
         )
 
 
 def word(kind: Kind) -> str:
-    """Return what users call it."""
+    """Return the kind's name for users."""
     return "job type" if kind == "job" else "provider"
 
 
@@ -75,7 +75,7 @@ def _find_misfit(cls: type[Any], method: str, parameters: tuple[str, ...]) -> It
     function = getattr(cls, method)
     try:
         signature = inspect.signature(function)
-    except ValueError:  # written in C: nothing is known
+    except ValueError:  # written in C: its signature is unknown
         return
     try:
         signature.bind(*(() if static else (None,)), *parameters)
@@ -87,8 +87,8 @@ def _constructor_faults(cls: type[Any]) -> Iterator[str]:
     try:
         inspect.signature(cls).bind()
     except TypeError:
-        yield f"its constructor {cls.__name__}{inspect.signature(cls)} must need no argument"
-    except ValueError:  # written in C: nothing is known
+        yield f"its constructor {cls.__name__}{inspect.signature(cls)} must not need arguments"
+    except ValueError:  # written in C: its signature is unknown
         return
 
 

@@ -1,6 +1,6 @@
-"""A Rigelfile's values as jobs and matrices want them, before a run and in it.
+"""A Rigelfile's values as jobs and matrices need them, before and during a run.
 
-Here rigelfile/ and job types meet: it finds places, they know what is wrong.
+It joins rigelfile/, which finds places, and job types, which find problems.
 """
 
 from __future__ import annotations
@@ -47,10 +47,10 @@ class Values:
         return seen.options, findings
 
     def realise(self, job: Job, data: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
-        """Return a job's options and its raw `with`, now that all data is there.
+        """Return a job's options and its raw `with`, now that all data is available.
 
         Raises:
-            ProblemsError: something in it is wrong, with its places.
+            ProblemsError: something in it is wrong, with places.
         """
         real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
         findings = real.place_problems(job.type.check(real.options, self._rigelfile.application))
@@ -61,7 +61,7 @@ class Values:
     def place(
         self, job: Job, data: Mapping[str, Any], problems: Sequence[Problem]
     ) -> Sequence[str]:
-        """Return problems that were found while a job ran as texts, each with its place."""
+        """Return problems found while a job ran as texts, each with its place."""
         real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
         return [render(self._rigelfile.source, one) for one in real.place_problems(problems)]
 
@@ -72,10 +72,10 @@ class Values:
         return self._render_matrix(step, known, final=False)
 
     def matrix(self, step: Branches, data: Mapping[str, Any]) -> Mapping[str, list[Any]]:
-        """Return a matrix, now that all data is there.
+        """Return a matrix, now that all data is available.
 
         Raises:
-            ProblemsError: it is none, with its places.
+            ProblemsError: it is not a matrix, with places.
         """
         matrix, findings = self._render_matrix(step, data, final=True)
         if matrix is None:

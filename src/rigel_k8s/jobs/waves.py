@@ -1,7 +1,7 @@
-"""A matrix in waves: how many branches at once, when no further one begins, what became of each.
+"""A matrix in waves: how many branches at once, when to stop, and the outcome of each.
 
-The limits stand in the matrix itself, as lists of one number: Rigel 0.3 refuses any other key of a
-stage, and takes these for two more keys of its combinations. It knows no job and no thread.
+The limits are in the matrix itself, as lists of one number: Rigel 0.3 refuses any other key of a
+stage, and reads these as two more keys of its combinations. Independent of jobs and threads.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Limits:
 
     Attributes:
         max_parallel: branches of one wave; None is all of them.
-        stop_after: how many failures there may be before no further wave begins.
+        stop_after: after how many failures no further wave begins.
     """
 
     max_parallel: int | None = None
@@ -40,7 +40,7 @@ class Limits:
 
 @attrs.frozen
 class Outcome:
-    """What became of a branch; `cause` is why it failed."""
+    """The outcome of a branch; `cause` is why it failed."""
 
     name: str
     state: State
@@ -50,7 +50,7 @@ class Outcome:
 def split_limits(
     matrix: Mapping[str, Sequence[Any]],
 ) -> tuple[dict[str, Sequence[Any]], Limits | None]:
-    """Return a matrix without its limits, and these; None where it has none."""
+    """Return a matrix without its limits, and the limits; None if it has none."""
     rest = {key: values for key, values in matrix.items() if key not in LIMITS}
     if len(rest) == len(matrix):
         return rest, None
@@ -59,7 +59,7 @@ def split_limits(
 
 
 def find_limit_fault(key: str, values: object) -> str | None:
-    """Return what is wrong with the value of a limit, None where nothing is or it is no limit."""
+    """Return what is wrong with the value of a limit; None if it is right or not a limit."""
     if key not in LIMITS:
         return None
     fits = isinstance(values, list) and len(values) == 1 and type(values[0]) is int
@@ -74,14 +74,14 @@ def count_failures(outcomes: Sequence[Outcome]) -> int:
 
 
 def summarise(outcomes: Sequence[Outcome]) -> str:
-    """Return in one line how many branches ended how."""
+    """Return in one line how many branches ended in which state."""
     states = [outcome.state for outcome in outcomes]
     counts = [f"{states.count(state)} {state}" for state in dict.fromkeys(states)]
     return f"{len(outcomes)} in all: {', '.join(counts)}"
 
 
 def list_outcomes(outcomes: Sequence[Outcome]) -> Iterator[str]:
-    """Yield a line for those that are done and one for those not begun, and each failure."""
+    """Yield a line for each state, and each failure."""
     for state in ("done", "stopped", "not begun"):
         if names := [outcome.name for outcome in outcomes if outcome.state == state]:
             yield f"{state}: {'; '.join(names)}"
@@ -99,6 +99,6 @@ def failure(outcomes: Sequence[Outcome]) -> JobFailed:
     return JobFailed(
         f"{count_failures(outcomes)} of {len(outcomes)} branches failed",
         details=list(list_outcomes(outcomes)),
-        hint="run it again: what is up to date stays as it is"
-        + (f"; `{STOP_AFTER}` lets more branches fail before it stops" if left else ""),
+        hint="run it again: what is up to date is not changed"
+        + (f"; set a higher `{STOP_AFTER}` to continue after more failures" if left else ""),
     )

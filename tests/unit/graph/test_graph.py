@@ -317,7 +317,7 @@ def test_check_has_patience(looks: list[DiscoveryGraph | None]):
 def test_check_ends_in_an_error(
     looks: list[DiscoveryGraph | None], monkeypatch: pytest.MonkeyPatch
 ):
-    """What stays wrong is an error that says that the release is deployed all the same."""
+    """What stays wrong is an error that says that the release is deployed anyway."""
     monkeypatch.setattr(graphs, "PATIENCE", 0.05)
     looks.append(WRONG)
     with pytest.raises(graphs.GraphError) as caught:

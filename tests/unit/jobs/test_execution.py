@@ -228,7 +228,9 @@ def test_a_dependency_that_is_never_ready_fails_with_the_way_out(around: RunCont
     """The wait for `ready` is bounded by --timeout, and the hint says what sets it."""
     step = Serving((make_job("master", until_cancelled),), Jobs(()))
     around = attrs.evolve(around, settings=Settings(timeout=0.05))
-    with pytest.raises(JobFailed, match=r"dependency master: .*neither ready nor done") as caught:
+    with pytest.raises(
+        JobFailed, match=r"dependency master: .*neither ready nor finished"
+    ) as caught:
         run_steps(Jobs((step,)), around)
     assert "job.ready" in str(caught.value.hint)
 
@@ -314,7 +316,7 @@ def test_an_empty_matrix_runs_nothing_and_says_so(around: RunContext, told: Reco
     body = Jobs((make_job("build", lambda job: ran.append(1)),))
     run_steps(Jobs((make_branches({"distro": []}, body),)), around)
     assert ran == []
-    assert told.of("warn") == ["the matrix has no combination: its stages do not run"]
+    assert told.of("warn") == ["the matrix has no combinations: its stages do not run"]
 
 
 def test_branches_inside_branches_name_both_combinations(around: RunContext) -> None:

@@ -126,7 +126,7 @@ def test_a_job_that_ignores_cancel_is_left_and_told(around: RunContext, told: Re
     steps = Jobs((make_branches({"robot": [1, 2]}, Jobs((make_job("deaf", work),))),))
     with pytest.raises(JobFailed):
         run_steps(steps, attrs.evolve(around, grace=0.05))
-    assert told.of("warn") == ["job deaf (robot=2) did not stop within 0.05 s and was left"]
+    assert told.of("warn") == ["job deaf (robot=2) did not stop within 0.05 s and was abandoned"]
     release.set()
 
 
@@ -271,7 +271,7 @@ def test_an_interrupted_job_that_does_not_listen_is_left_after_the_grace(start: 
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=20)
     assert output.splitlines()[1:] == [
-        "warn job work did not stop within 0.1 s and was left",
+        "warn job work did not stop within 0.1 s and was abandoned",
         "disconnected robot",
         "interrupted ('still running: job work',)",
     ]

@@ -261,7 +261,7 @@ def test_robots_do_not_wait_for_dashboards(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(observability_install, "ensure", ensure)
     context = job()
     assert orchestration._observe(ASKED, None, context) is failed  # type: ignore[arg-type]
-    assert "the application is deployed all the same" in context.report.warnings[0]  # type: ignore[attr-defined]
+    assert "the application is deployed anyway" in context.report.warnings[0]  # type: ignore[attr-defined]
 
 
 def test_an_interruption_is_none_of_the_stacks_failures(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.settings import Application
 from rigel_k8s.system.oci import host_platform
 
-#: What Rigel builds for when nothing is said.
+#: What Rigel builds for by default.
 DEFAULT_PLATFORMS = ("linux/amd64", "linux/arm64")
 
 _PLATFORM = re.compile(r"[a-z0-9]+/[a-z0-9_]+(/[a-z0-9]+)?")
@@ -39,15 +39,15 @@ class BuildXOptions:
     Attributes:
         image: the image's name, with or without a tag.
         tags: further tags.
-        force_tag_latest: tag it `latest` as well; false: never.
+        force_tag_latest: also tag it `latest`; false: never.
         buildargs: values of ARG, by name.
         load: keep the image in docker's or podman's own store.
         push: push every tag, and deploy by the digest that the registry gave.
-        platforms: `linux/amd64` and so on; empty: this machine's; left out: amd64 and arm64, as far
+        platforms: `linux/amd64` and so on; empty: this machine's; default: amd64 and arm64, as far
             as this machine can.
-        context: the directory that COPY reads, relative to the application's; left out: that.
+        context: the directory that COPY reads, relative to the application's, which is the default.
         dockerfile: the Dockerfile, relative to the context.
-        tool: `docker`, `podman`, or `auto`: docker where it works.
+        tool: `docker`, `podman`, or `auto`: docker if it works.
         cluster_load: load it onto the nodes of a local cluster (rigel's, kind, k3d, minikube).
         insecure: the registry speaks plain HTTP, or its certificate cannot be verified.
     """
@@ -67,7 +67,7 @@ class BuildXOptions:
 
 
 class BuildXJob:
-    """Builds one image under all its tags; pushes and loads it where asked to."""
+    """Builds one image under all its tags; pushes and loads it if requested."""
 
     options: ClassVar[type[BuildXOptions]] = BuildXOptions
 
@@ -94,7 +94,7 @@ class BuildXJob:
 
 
 def image_names(options: BuildXOptions) -> tuple[str, ...]:
-    """Return the image's names: its own tag first, then the others, `latest` as Rigel has it."""
+    """Return the image's names: its own tag first, then the others, `latest` as in Rigel."""
     reference = parse_reference(options.image)
     bare = options.image
     if reference.tag:
@@ -113,8 +113,8 @@ def _build(
     dockerfile = context / options.dockerfile
     if not dockerfile.is_file():
         raise UserError(
-            f"there is no {dockerfile} to build {options.image} from",
-            hint="write one, or let a job `rigel_k8s.DockerfilePlugin` before this one write it",
+            f"cannot build {options.image}: {dockerfile} does not exist",
+            hint="write it, or add a job `rigel_k8s.DockerfilePlugin` before this one",
         )
     return Build(
         names=image_names(options),
@@ -128,7 +128,7 @@ def _build(
 def _platforms(
     wanted: Sequence[str] | None, engine: Engine, report: JobReporter
 ) -> tuple[str, ...]:
-    """Return what to build for, empty for this machine alone; reports what cannot be built for."""
+    """Return what to build for, empty for this machine only; report what cannot be built for."""
     able = engine.platforms()
     chosen = DEFAULT_PLATFORMS if wanted is None else tuple(wanted)
     unable = [platform for platform in chosen if platform not in able]
@@ -170,7 +170,7 @@ def _load(build: Build, engine: Engine, session: Session, job: JobContext) -> No
 
 
 def _remember(data: MutableMapping[str, Any], digests: Mapping[str, str]) -> None:
-    """Lay the digests over those of earlier jobs; `app:latest` is written `app` as well."""
+    """Add the digests to those of earlier jobs; `app:latest` is also written `app`."""
     both = dict(digests)
     for name, digest in digests.items():
         if name.endswith(":latest"):
@@ -188,26 +188,26 @@ def _check_image(options: BuildXOptions) -> Iterator[Problem]:
         yield Problem(("image",), error.message, "bad-image")
         return
     if reference.digest:
-        message = "an image to build has no digest yet, write NAME or NAME:TAG"
+        message = "an image to build has no digest yet: write NAME or NAME:TAG"
         yield Problem(("image",), message, "bad-image")
     elif not image_names(options):
-        message = "without `tags` and with `force_tag_latest: false` it has no tag: add one"
+        message = "without `tags` and with `force_tag_latest: false` the image has no tag: add one"
         yield Problem(("image",), message, "bad-image")
     if options.push and reference.name.startswith(f"{DOCKER_HUB}/library/"):
-        message = f'"{options.image}" names no registry to push to, write REGISTRY/{options.image}'
+        message = f'"{options.image}" has no registry to push to: write REGISTRY/{options.image}'
         yield Problem(("image",), message, "bad-image")
 
 
 def _check_words(options: BuildXOptions) -> Iterator[Problem]:
     for number, tag in enumerate(options.tags):
         if not has_template(tag) and not TAG.fullmatch(tag):
-            message = f'"{tag}" is no tag (letters, digits, ".", "_" and "-", at most 128)'
+            message = f'invalid tag "{tag}": use at most 128 letters, digits, ".", "_" and "-"'
             yield Problem(("tags", number), message, "bad-image")
     for number, platform in enumerate(options.platforms or ()):
         if not has_template(platform) and not _PLATFORM.fullmatch(platform):
-            message = f'"{platform}" is no platform, write OS/ARCH, like linux/arm64'
+            message = f'invalid platform "{platform}": write OS/ARCH, like linux/arm64'
             yield Problem(("platforms", number), message, "bad-platform")
     for name in options.buildargs:
         if not has_template(name) and not _ARGUMENT.fullmatch(name):
-            message = f'"{name}" is no name of a build argument'
+            message = f'"{name}" is not a name of a build argument'
             yield Problem(("buildargs", name), message, "bad-name", at_key=True)

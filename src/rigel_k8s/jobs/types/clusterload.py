@@ -1,4 +1,4 @@
-"""Image archives onto the nodes of a cluster on this machine, which its context's name tells."""
+"""Loads image archives onto the nodes of a local cluster, identified by its context's name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rigel_k8s.settings import Settings
 
 
 def load_archive(
-    archive: Path, context: str, tell: Callable[[str], None], cancel: threading.Event
+    archive: Path, context: str, report: Callable[[str], None], cancel: threading.Event
 ) -> None:
     """Import an image archive on every node of a context's cluster.
 
@@ -25,12 +25,12 @@ def load_archive(
     """
     own = context.removeprefix("rigel-")
     if context.startswith("rigel-") and own in localcluster.names():
-        localcluster.load([str(archive)], own, report=tell)
+        localcluster.load([str(archive)], own, report=report)
         return
     words = _command(archive, context)
     if shutil.which(words[0]) is None:
         raise RigelK8sError(
-            f"context {context}: {words[0]} loads its images, and is not installed",
+            f"context {context}: {words[0]} is not installed, which loads images",
             hint="install it, or push to a registry that the cluster pulls from",
         )
     stream(words, what=f"{words[0]} loading into {context}", env=os.environ, cancel=cancel)
@@ -45,7 +45,7 @@ def _command(archive: Path, context: str) -> list[str]:
     if kind == "minikube":
         return ["minikube", "--profile", context, "image", "load", str(archive)]
     raise UserError(
-        f"cluster_load: context {context} is no cluster of rigel, kind, k3d or minikube",
+        f"cluster_load: context {context} is not a cluster of rigel, kind, k3d or minikube",
         hint="push to a registry that the cluster pulls from instead (`push: true`)",
     )
 
@@ -64,5 +64,5 @@ def current_context(settings: Settings) -> str:
             return str(content["current-context"])
     raise UserError(
         "cluster_load: there is no current Kubernetes context",
-        hint="name one with --context, or make a cluster with `rigel cluster up`",
+        hint="choose one with --context, or create a cluster with `rigel cluster up`",
     )

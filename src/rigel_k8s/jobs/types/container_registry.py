@@ -23,8 +23,8 @@ class ContainerRegistryOptions:
     """The options of a registry provider, those of Rigel's and `insecure`.
 
     Attributes:
-        server: the registry, as image names begin (`ghcr.io`, `host:5000`, `docker.io`).
-        username: who pushes and pulls.
+        server: the registry, the beginning of image names (`ghcr.io`, `host:5000`, `docker.io`).
+        username: the user that pushes and pulls.
         password: a password or an access token.
         insecure: it speaks plain HTTP, or its certificate cannot be verified.
     """
@@ -36,7 +36,7 @@ class ContainerRegistryOptions:
 
 
 class ContainerRegistry:
-    """Checks the credentials once, and gives them to the jobs; nothing is written to this machine.
+    """Checks the credentials once, and passes them to the jobs; writes nothing to this machine.
 
     The connection is a rigel_k8s.images.credentials.Credentials.
     """
@@ -46,10 +46,10 @@ class ContainerRegistry:
     def check(
         self, options: ContainerRegistryOptions, application: Application
     ) -> Sequence[Problem]:
-        """Return what cannot be a registry or a user."""
+        """Return what is not a valid registry or user."""
         problems = []
         if not has_template(options.server) and not _SERVER.fullmatch(options.server):
-            message = f'"{options.server}" is no registry, write HOST or HOST:PORT'
+            message = f'"{options.server}" is not a registry: write HOST or HOST:PORT'
             problems.append(Problem(("server",), message, "bad-registry"))
         for key in ("username", "password"):
             if not getattr(options, key):
@@ -60,15 +60,15 @@ class ContainerRegistry:
     def connect(
         self, options: ContainerRegistryOptions, name: str, report: JobReporter
     ) -> RegistryCredentials:
-        """Try the credentials against the registry; RigelK8sError where it refuses them."""
+        """Try the credentials against the registry; RigelK8sError if it refuses them."""
         credentials = RegistryCredentials(
             options.server, options.username, options.password, insecure=options.insecure
         )
         if log_in(credentials):
             report.line(f"logged in to {options.server} as {options.username}")
         else:
-            report.line(f"{options.server} asks for no credentials")
+            report.line(f"{options.server} needs no credentials")
         return credentials
 
     def disconnect(self, connection: RegistryCredentials) -> None:
-        """Nothing is left to undo: connect wrote nothing and holds no session."""
+        """Do nothing: connect wrote nothing and holds no session."""

@@ -1,7 +1,7 @@
 """The job that checks that messages are delivered, now, from one pod to another.
 
-That both pods are ready does not say it: a subscriber may be deaf, or hear an older publisher. So a
-nonce is made, given to the publisher as a ROS parameter (of ROS 2: of its own node), and looked for
+Two ready pods do not prove it: a subscriber may be deaf, or hear an older publisher. So a
+nonce is passed to the publisher as a ROS parameter (ROS 2: of its own node), and searched for
 in the subscriber's log.
 """
 
@@ -48,7 +48,7 @@ class DeliveryOptions:
         metadata={"doc": "the node that publishes: its key in `nodes`, or its ROS name"}
     )
     subscriber: str = attrs.field(
-        metadata={"doc": "the node that logs each message that it hears"},
+        metadata={"doc": "the node that logs each message that it receives"},
     )
     parameter: RosName = attrs.field(
         default=RosName("/nonce"),
@@ -78,7 +78,7 @@ class DeliveryOptions:
 
 @attrs.frozen
 class RunningPod:
-    """What the check wants to know of a pod."""
+    """What the check needs to know about a pod."""
 
     name: str
     machine: str
@@ -91,14 +91,14 @@ class RunningPod:
 
 
 class DeliveryJob:
-    """Demands that new messages arrive, without a gap, and if asked from another machine."""
+    """Checks that new messages arrive, without a gap, and if requested from another machine."""
 
     options: ClassVar[type[DeliveryOptions]] = DeliveryOptions
 
     def check(self, options: DeliveryOptions, application: Application) -> Sequence[Problem]:
-        """Return what cannot work: a node that hears itself tells nothing."""
+        """Return what cannot work: a node that receives its own messages proves nothing."""
         if options.publisher == options.subscriber:
-            message = "publisher and subscriber are one node, name two"
+            message = "publisher and subscriber are the same node: name two"
             return [Problem(("subscriber",), message, "same-node")]
         return []
 
@@ -134,7 +134,7 @@ class _Check:
             raise RigelK8sError(
                 f"{self.options.publisher} and {self.options.subscriber} run on one machine, "
                 f"{publisher.machine}: messages do not cross the network",
-                hint="place them apart (`placement: {apart_from: [...]}`), "
+                hint="place them on different machines (`placement: {apart_from: [...]}`), "
                 "or set across_machines: false",
             )
         nonce = f"n{secrets.token_hex(8)}"
@@ -142,7 +142,7 @@ class _Check:
         self._follow(publisher, subscriber, Arrivals(nonce))
 
     def _pod(self, key: str) -> RunningPod:
-        """Return the newest ready pod of a node; waits while there is one that is not."""
+        """Return the newest ready pod of a node; wait while a pod is not ready yet."""
         while True:
             found = [_pod_of(pod) for pod in self._pods() if _is_of(pod, key)]
             ready = [pod for pod in found if pod.ready]
@@ -168,8 +168,8 @@ class _Check:
             )
         known = sorted({_name_of(pod) for pod in self._pods()})
         return RigelK8sError(
-            f"there is no pod of {key} in {where}",
-            details=[f"it has pods of: {', '.join(known) or 'nothing'}"],
+            f"{key} has no pod in {where}",
+            details=[f"it has pods of: {', '.join(known) or 'no node'}"],
             hint="name a node by its key, and the release by deployment_name and namespace",
         )
 
@@ -187,7 +187,7 @@ class _Check:
             if ros == "2":
                 needs = "the node must declare it, and the image needs python3 with rclpy"
             raise RigelK8sError(
-                f"the ROS parameter {parameter} could not be set from {publisher}",
+                f"cannot set the ROS parameter {parameter} from {publisher}",
                 details=output[-5:],
                 hint=f"{needs}; see `rigel status`",
             )
@@ -198,15 +198,15 @@ class _Check:
             self.namespace, subscriber.name, follow=True, since_seconds=10, cancel=self.over
         )
         for count in arrivals.count(lines):
-            self.job.report.progress(self.options.subscriber, f"heard {count} of {wanted}")
+            self.job.report.progress(self.options.subscriber, f"received {count} of {wanted}")
             if count >= wanted:
                 break
         if arrivals.gap:
             lost = f"a message of {self._way} is missing: {arrivals.gap}"
             raise self._failure(lost, publisher, subscriber, arrivals)
         if len(arrivals.numbers) < wanted:
-            heard = f"{len(arrivals.numbers)} of {wanted} messages of {self._way} arrived"
-            late = f"{heard} within {self.options.timeout}"
+            received = f"{len(arrivals.numbers)} of {wanted} messages of {self._way} arrived"
+            late = f"{received} within {self.options.timeout}"
             raise self._interruption(self._failure(late, publisher, subscriber, arrivals))
         self.job.report.line(
             f"{wanted} messages, {arrivals.numbers[0]} to {arrivals.numbers[-1]}, arrived from "
@@ -228,12 +228,12 @@ class _Check:
                 *last,
             ],
             hint=f"`rigel logs {self.options.publisher}`: does it log that value and a number? "
-            "`rigel status`: do the two know each other?",
+            "`rigel status`: are the two connected?",
         )
 
     def _interruption(self, error: RigelK8sError) -> RigelK8sError:
-        """Return the error, or that the job was told to stop before its time was over."""
-        return Interrupted("stopped before it was done") if self.job.cancel.is_set() else error
+        """Return the error, or that the job was cancelled before its time was over."""
+        return Interrupted("stopped before it was finished") if self.job.cancel.is_set() else error
 
 
 class Arrivals:
@@ -263,7 +263,7 @@ class Arrivals:
                 return
 
     def _add(self, number: int) -> bool:
-        """Note a number; a line that the log tells twice is no message more."""
+        """Note a number; a repeated line of the log does not count again."""
         before = self.numbers[-1] if self.numbers else number - 1
         if number not in (before, before + 1):
             self.gap = f"after message {before} came {number}"
@@ -275,7 +275,7 @@ class Arrivals:
 
 @contextmanager
 def _time_limit(cancel: threading.Event, seconds: float) -> Iterator[threading.Event]:
-    """Yield an event that is set when the time is over, or when the job is told to stop."""
+    """Yield an event that is set when the time is over, or when the job is cancelled."""
     over = threading.Event()
 
     def watch() -> None:

@@ -43,7 +43,7 @@ class Compiler:
     """What builds the workspace.
 
     Attributes:
-        name: `catkin_make`, `colcon`, or `none`; left out: catkin_make for ROS 1, else colcon.
+        name: `catkin_make`, `colcon`, or `none`; default: catkin_make for ROS 1, else colcon.
         cmake_args: CMake variables by name.
     """
 
@@ -75,10 +75,10 @@ class DockerfileOptions:
         entrypoint: lines of shell to run in the container before its command.
         env: environment variables of the image.
         rosinstall: .rosinstall or .repos files whose repositories are built with the application.
-        ros_image: the image to start from; left out: ros:DISTRO.
-        docker_run: commands to run as root while the image is built, before the sources come.
-        username: the user that builds and runs; `root` makes none.
-        rosdep: install what the package.xml files depend on; false: `apt` names it all.
+        ros_image: the image to start from; default: ros:DISTRO.
+        docker_run: commands to run as root while the image is built, before the sources are copied.
+        username: the user that builds and runs; `root` creates none.
+        rosdep: install what the package.xml files depend on; false: `apt` lists everything.
     """
 
     compiler: Compiler = attrs.field(factory=Compiler)
@@ -94,7 +94,7 @@ class DockerfileOptions:
 
 
 class DockerfileJob:
-    """Writes Dockerfile, dockerfile_entrypoint.sh and, where there is none, .dockerignore."""
+    """Writes Dockerfile, dockerfile_entrypoint.sh and, if it does not exist, .dockerignore."""
 
     options: ClassVar[type[DockerfileOptions]] = DockerfileOptions
 
@@ -110,16 +110,16 @@ class DockerfileJob:
     def exclusive(
         self, options: DockerfileOptions, application: Application, settings: Settings
     ) -> str | None:
-        """Return the file that two jobs must not write side by side."""
+        """Return the file that two jobs must not write at the same time."""
         return str((application.dir / DOCKERFILE).resolve())
 
     def run(self, options: DockerfileOptions, job: JobContext) -> None:
-        """Write the files that changed; UserError where one of them is the user's own."""
+        """Write the files that changed; UserError if one of them is the user's own."""
         directory = job.application.dir
         if not directory.is_dir():
             raise UserError(
-                f"application.dir: there is no directory {directory}",
-                hint="it holds the sources of the application, relative to the Rigelfile",
+                f"application.dir: the directory {directory} does not exist",
+                hint="set it to the directory of the sources, relative to the Rigelfile",
             )
         recipe = _recipe(options, job.application)
         _check_rosinstall(recipe, directory)
@@ -183,7 +183,7 @@ def _packages(directory: Path) -> Iterator[str]:
 
 def _check_compiler(options: DockerfileOptions, application: Application) -> Iterator[Problem]:
     if options.compiler.name == "catkin_make" and application.distro not in ROS1:
-        message = f"catkin_make builds ROS 1, and {application.distro} is ROS 2: use colcon"
+        message = f"catkin_make builds ROS 1, but {application.distro} is ROS 2: use colcon"
         yield Problem(("compiler", "name"), message, "bad-compiler")
 
 
@@ -209,18 +209,24 @@ def _check_image(options: DockerfileOptions) -> Iterator[Problem]:
 
 def _check_words(options: DockerfileOptions) -> Iterator[Problem]:
     if not _fits(_USER, options.username):
-        message = f'"{options.username}" is no user name (small letters, digits, "_" and "-")'
+        message = (
+            f'invalid user name "{options.username}": use lower case letters, digits, "_" and "-"'
+        )
         yield Problem(("username",), message, "bad-name")
     for number, package in enumerate(options.apt):
         if not _fits(_PACKAGE, package):
-            message = f'"{package}" is no Debian package (NAME, or NAME=VERSION), one per entry'
+            message = (
+                f'invalid Debian package "{package}": write one NAME or NAME=VERSION per entry'
+            )
             yield Problem(("apt", number), message, "bad-name")
     for number, variable in enumerate(options.env):
         if not _fits(_VARIABLE, variable.name):
-            message = f'"{variable.name}" is no name of an environment variable'
+            message = f'"{variable.name}" is not a name of an environment variable'
             yield Problem(("env", number, "name"), message, "bad-name")
         if "\n" in text_of(variable.value):
-            message = "a Dockerfile cannot set a value of several lines; export it in `entrypoint`"
+            message = (
+                "a Dockerfile cannot set a value with several lines: export it in `entrypoint`"
+            )
             yield Problem(("env", number, "value"), message, "bad-value")
 
 
@@ -232,13 +238,13 @@ def _check_rosinstall(recipe: Recipe, directory: Path) -> None:
     for file in recipe.rosinstall:
         if not (directory / file).is_file():
             raise UserError(
-                f"rosinstall: there is no file {file} in {directory}",
-                hint="name it relative to the application's directory, which is all docker sees",
+                f"rosinstall: {directory} has no file {file}",
+                hint="write its path relative to the application's directory, all that docker sees",
             )
 
 
 def _is_ours(file: Path) -> bool:
-    """Whether the file may be written: it does not exist, or has our mark near its top."""
+    """Whether the file may be written: it does not exist, or begins with our mark."""
     if not file.is_file():
         return not os.path.lexists(file)
     return MARK in "".join(file.read_text("utf-8", errors="replace").splitlines()[:2])
@@ -247,8 +253,8 @@ def _is_ours(file: Path) -> bool:
 def _refuse_foreign(file: Path) -> None:
     if not _is_ours(file):
         raise UserError(
-            f"{file} was not written by this job, and is not overwritten",
-            hint="to keep it, take this job out of the sequence; to have it generated, remove it",
+            f"{file} was not written by this job, so it is not overwritten",
+            hint="to generate it, remove the file; to keep it, remove this job from the sequence",
         )
 
 

@@ -1,4 +1,4 @@
-"""The job that deploys the agent which takes commands of Eclipse Muto."""
+"""The job that deploys the agent that executes commands of Eclipse Muto."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class MutoAgentJob:
     options: ClassVar[type[MutoAgent]] = MutoAgent
 
     def check(self, options: MutoAgent, application: Application) -> Sequence[Problem]:
-        """Return nothing: the options refuse themselves what contradicts itself."""
+        """Return nothing: the options themselves refuse contradictions."""
         return ()
 
     def exclusive(
@@ -73,15 +73,17 @@ class MutoAgentJob:
                 description=said.description,
                 lock_timeout=said.lock_timeout,
             )
-        job.report.line(f"{release.name} in {release.namespace} takes commands for {options.thing}")
+        job.report.line(
+            f"{release.name} in {release.namespace} accepts commands for {options.thing}"
+        )
 
 
 def find_deploy_job(rigelfile: Rigelfile, options: MutoAgent) -> ComponentSpec:
     """Return the job that commands deploy.
 
     Raises:
-        UserError: there is no such job, it deploys nothing or the agent's own release, or it needs
-            files beside it.
+        UserError: the job does not exist, deploys nothing or the agent's own release, or needs
+            files next to it.
     """
     name = options.job
     spec = rigelfile.jobs.get(name)
@@ -116,7 +118,7 @@ def find_values(value: Any, key: str) -> Iterator[Any]:
 
 
 def write_rigelfile(rigelfile: Rigelfile, spec: ComponentSpec) -> str:
-    """Return a Rigelfile with one job only, its variables filled in: a pod has none of them."""
+    """Return a Rigelfile with one job only, its variables filled in: a pod does not have them."""
     job = {"plugin": spec.plugin, "with": grammar.strip_places(spec.options)}
     application = {"distro": rigelfile.application.distro}
     whole = {"application": application, "jobs": {spec.name: job}}

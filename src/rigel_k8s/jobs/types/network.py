@@ -13,18 +13,18 @@ from rigel_k8s.settings import Application, Settings
 
 
 class NetworkJob:
-    """Puts Multus and whereabouts onto the cluster, until every node attaches pods."""
+    """Installs Multus and whereabouts, and waits until every machine attaches pods."""
 
     options: ClassVar[type[Install]] = Install
 
     def check(self, options: Install, application: Application) -> Sequence[Problem]:
-        """Return what contradicts itself."""
+        """Return contradictions."""
         return tuple(check_install(options))
 
     def exclusive(
         self, options: Install, application: Application, settings: Settings
     ) -> str | None:
-        """Return the cluster's network: two branches must not install it at once."""
+        """Return the cluster's network: two branches must not install it at the same time."""
         return "the cluster's network"
 
     def run(self, options: Install, job: JobContext) -> None:

@@ -1,7 +1,7 @@
 """How a nonce gets into a publisher's messages: a ROS parameter, set from inside its pod.
 
-Nothing but Python, and for ROS 2 rclpy, has to be in the publisher's image: both are what its own
-node may use. It knows no cluster; whoever runs the commands does.
+The publisher's image only needs Python, and rclpy for ROS 2, which its own
+node may use too. The caller runs the commands; there is no access to a cluster here.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from rigel_k8s.inpod import MOUNT_PATH
 from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 
-#: A shell's exit code for a program that is not there.
+#: A shell's exit code for a program that is not installed.
 NO_PYTHON = 127
 
 _ROS1 = """
@@ -53,10 +53,10 @@ sys.exit(0 if result.successful else "%s refused it: %s" % (owner, result.reason
 
 
 def ros_of(pod: Mapping[str, Any], distro: str) -> str:
-    """Return which ROS a pod speaks, "1" or "2": as it says itself, else that of `distro`."""
+    """Return the ROS of a pod, "1" or "2": from its annotation, else that of `distro`."""
     note = pod["metadata"].get("annotations", {}).get(NETWORK_ANNOTATION)
-    told = json.loads(note).get("ros") if note else None
-    return str(ros_of_distro(distro, told))
+    noted = json.loads(note).get("ros") if note else None
+    return str(ros_of_distro(distro, noted))
 
 
 def commands(

@@ -1,4 +1,4 @@
-"""The job that deploys the observability stack alone, and what an orchestration job does of it."""
+"""The job that deploys only the observability stack; orchestration jobs use it too."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from rigel_k8s.settings import Application, Settings
 
 
 class ObservabilityJob:
-    """Puts Loki, Promtail, Prometheus and Grafana onto the cluster, for all applications."""
+    """Installs Loki, Promtail, Prometheus and Grafana on the cluster, for all applications."""
 
     options: ClassVar[type[ObservabilityOptions]] = ObservabilityOptions
 
     def check(self, options: ObservabilityOptions, application: Application) -> Sequence[Problem]:
-        """Return what contradicts itself, or what a program of the stack would refuse."""
+        """Return contradictions, and what a program of the stack would refuse."""
         return tuple(check(options))
 
     def exclusive(
         self, options: ObservabilityOptions, application: Application, settings: Settings
     ) -> str | None:
-        """Return the cluster's stack: two branches must not change it at once."""
+        """Return the cluster's stack: two branches must not change it at the same time."""
         return "the cluster's observability stack"
 
     def run(self, options: ObservabilityOptions, job: JobContext) -> None:
@@ -40,7 +40,7 @@ class ObservabilityJob:
 
 
 def run(request: StackRequest, job: JobContext) -> None:
-    """Have the stack there that a job asks for, and report what was done.
+    """Install the stack that a job requests, and report what was done.
 
     Raises: as observability.install.
     """

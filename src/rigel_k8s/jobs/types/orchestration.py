@@ -1,7 +1,7 @@
 """The job that deploys: options to objects, objects to the cluster, results back.
 
-It joins app/, network/, graph/, rosgraph/ and observability/; each of them decides purely and asks
-apart. They are imported where they are used: `rigel status` and the like need the options alone.
+It joins app/, network/, graph/, rosgraph/ and observability/; in each of them, decisions are pure
+and queries separate. They are imported where they are used: `rigel status` needs only the options.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ Failure = TypeVar("Failure", bound=RigelK8sError)
 
 #: Seconds that a graph may stay worse before it is rolled back.
 WITHIN = 60.0
-#: What to do after a rollback of what did not become ready, and of what made the graph worse.
-CORRECT = "correct the cause, then run it again"
-LOOK = "`rigel graph` shows the graph as it is now; without `rollback_on` the update stays"
+#: Hints after a rollback: because it did not become ready, and because the graph became worse.
+CORRECT = "fix the cause, then run it again"
+LOOK = "see the current graph with `rigel graph`; to keep the update, remove `rollback_on`"
 
 
 class OrchestrationJob:
-    """Makes a release on a cluster what the options say, and waits until it is ready."""
+    """Deploys the release that the options describe, and waits until it is ready."""
 
     options: ClassVar[type[OrchestrationOptions]] = OrchestrationOptions
 
     def check(self, options: OrchestrationOptions, application: Application) -> Sequence[Problem]:
-        """Return what Kubernetes or ROS would refuse, or do otherwise than it looks."""
+        """Return what Kubernetes or ROS would refuse, or do differently than it looks."""
         from rigel_k8s.app.checks.application import check
 
         return tuple(check(options, application.distro))
@@ -45,7 +45,7 @@ class OrchestrationJob:
     def exclusive(
         self, options: OrchestrationOptions, application: Application, settings: Settings
     ) -> str | None:
-        """Return the release: two branches must not deploy it at once."""
+        """Return the release: two branches must not deploy it at the same time."""
         namespace = settings.namespace or options.namespace
         return f"release {options.deployment_name}{f' in {namespace}' if namespace else ''}"
 
@@ -56,9 +56,9 @@ class OrchestrationJob:
             UserError: the options do not fit the cluster or the release; nothing was written.
             ClusterError, RolloutFailed: it went wrong; the causes are in the details.
             GraphError: it is deployed, and its DDS nodes do not discover each other.
-            GraphWorse: it was rolled back, as `rollback_on` asks for.
+            GraphWorse: it was rolled back, as `rollback_on` requests.
 
-        Where only the observability stack does not become ready, the application is deployed and
+        If only the observability stack does not become ready, the application is deployed and
         the stack's RolloutFailed raised afterwards.
         """
         from rigel_k8s.app.deploying.places import check_places
@@ -100,7 +100,7 @@ class OrchestrationJob:
 
 
 def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
-    """Deploy, and report what an update did to the ROS graph; roll back where that is asked for."""
+    """Deploy, and report what an update did to the ROS graph; roll back if that is requested."""
     from rigel_k8s.app.checks.exporter import speaks_zenoh
     from rigel_k8s.app.deploying.prepare import timeout_of
     from rigel_k8s.release.deploy import deploy
@@ -139,7 +139,7 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
 
 
 def _refuse(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
-    """Raise where the deploy to come is refused: something is to be written before it."""
+    """Raise if the deploy will be refused, before anything is written."""
     from rigel_k8s.release.deploy import diff
 
     with _placing_refusals(job):
@@ -148,7 +148,7 @@ def _refuse(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
 
 @contextmanager
 def _placing_refusals(job: JobContext) -> Iterator[None]:
-    """Give a refusal the places of its problems in the Rigelfile."""
+    """Add the places in the Rigelfile to the problems of a refusal."""
     from rigel_k8s.release.refusals.verdict import Refused
 
     try:
@@ -159,7 +159,7 @@ def _placing_refusals(job: JobContext) -> Iterator[None]:
 
 
 def _find_limit(options: OrchestrationOptions) -> float | None:
-    """Return how many seconds the graph may stay worse before a rollback; None: for ever."""
+    """Return how many seconds the graph may stay worse before a rollback; None: forever."""
     said = options.rollback_on
     if said is None or not said.graph_worse:
         return None
@@ -174,7 +174,7 @@ def _undo(
     cluster: Cluster,
     job: JobContext,
 ) -> Failure:
-    """Roll an update back, and return the error that says why, and what became of it."""
+    """Roll an update back, and return the error with the reason and the result."""
     from rigel_k8s.app.deploying.prepare import timeout_of
     from rigel_k8s.release.rollback import undo
 
@@ -192,10 +192,10 @@ def _undo(
 
 
 def _observe(prepared: Preparation, cluster: Cluster, job: JobContext) -> RolloutFailed | None:
-    """Have the observability stack there that the job asks for; nothing where it asks for none.
+    """Install the observability stack if the job requests one.
 
     Returns:
-        Why it does not become ready: robots do not wait for dashboards: it is reported at the end.
+        Why it does not become ready. Robots do not wait for dashboards: it is reported at the end.
     """
     if prepared.stack is None:
         return None
@@ -204,13 +204,13 @@ def _observe(prepared: Preparation, cluster: Cluster, job: JobContext) -> Rollou
     try:
         ensure(cluster, prepared.stack, job.deploy_options)
     except RolloutFailed as error:
-        job.report.warn(f"{error.message}; the application is deployed all the same")
+        job.report.warn(f"{error.message}; the application is deployed anyway")
         return error
     return None
 
 
 def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
-    """Install what the network wants installed, and refuse a cluster where it cannot work."""
+    """Install what the network needs, and refuse a cluster where it cannot work."""
     network = prepared.options.network
     if network is None:
         return
@@ -228,7 +228,7 @@ def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext)
 
 
 def _check_graph(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
-    """Look whether DDS nodes discover each other; ROS 1 nodes are found by their master."""
+    """Check that DDS nodes discover each other; ROS 1 nodes find each other by their master."""
     if ros_of(job.application.distro, prepared.options.ros) == "1":
         return
     from rigel_k8s.graph.check import check as check_graph

@@ -24,8 +24,8 @@ def test_servers_pass(server: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "key", "message"),
     [
-        ({"server": "my registry"}, "server", "is no registry"),
-        ({"server": ""}, "server", "is no registry"),
+        ({"server": "my registry"}, "server", "is not a registry"),
+        ({"server": ""}, "server", "is not a registry"),
         ({"username": ""}, "username", "empty username"),
         ({"password": ""}, "password", "empty password"),
     ],

@@ -187,8 +187,13 @@ def test_the_namespace_is_the_flags_then_the_files_then_the_contexts(
         (FakeCluster(TWO, numbers=(1, 2)), {}, "2 of 10 messages", "I heard hello world"),
         (FakeCluster(TWO, numbers=()), {}, "0 of 10 messages", "nothing"),
         (FakeCluster(TWO, numbers=(1, 3)), {}, "after message 1 came 3", "pod listener on node2"),
-        (FakeCluster(TWO, codes=(1,)), {}, "/nonce could not be set", "Connection refused"),
-        (FakeCluster(TWO), {"publisher": "tlker"}, "no pod of tlker", "listener, talker"),
+        (
+            FakeCluster(TWO, codes=(1,)),
+            {},
+            "cannot set the ROS parameter /nonce",
+            "Connection refused",
+        ),
+        (FakeCluster(TWO), {"publisher": "tlker"}, "tlker has no pod", "listener, talker"),
         (
             FakeCluster([pod("talker", "node1", ready=False), TWO[1]]),
             {},

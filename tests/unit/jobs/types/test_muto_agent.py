@@ -55,7 +55,7 @@ def test_an_agent_has_a_rigelfile_with_the_one_job(
     found = load(tmp_path / "inside")
     assert list(found.jobs) == ["deploy"]
     assert json.loads(text)["jobs"]["deploy"]["with"]["image"] == "lab/robot:1"
-    assert report.lines[-1] == "muto-agent in n takes commands for org:robot"
+    assert report.lines[-1] == "muto-agent in n accepts commands for org:robot"
 
 
 def test_an_agent_may_deploy_into_its_namespace(run: Any, fake: FakeCluster) -> None:

@@ -113,7 +113,7 @@ def test_a_stack_that_is_not_ready_is_the_last_word(run: Any, steps: Any, report
     with pytest.raises(RolloutFailed, match="loki"):
         run(WHOLE)
     assert taken == STEPS
-    assert report.warnings == ["loki is not ready; the application is deployed all the same"]
+    assert report.warnings == ["loki is not ready; the application is deployed anyway"]
 
 
 def test_ros_1_has_no_graph_to_look_at(run: Any, steps: Any) -> None:

@@ -1,1 +1,1 @@
-"""One ROS application: options, checks, the objects they become (pure), and deploying it."""
+"""One ROS application: options, checks, the objects built from them (pure), and deploying it."""

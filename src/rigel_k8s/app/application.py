@@ -25,12 +25,12 @@ APP_CONTAINER = "ros-app"
 
 
 def has_application(options: OrchestrationOptions) -> bool:
-    """Return whether there is an application besides `nodes`."""
+    """Return whether there is an application in addition to `nodes`."""
     return bool(options.application_image or options.additional_k8s_params.application)
 
 
 def application_identity(around: ReleaseContext, options: OrchestrationOptions) -> PodIdentity:
-    """Return what the network knows the application by."""
+    """Return the application's identity on the network."""
     image = str(options.application_image or around.default_image)
     policy = pull_policy(None, pinned=bool(remote_selector(options.distributed)))
     return PodIdentity(
@@ -41,11 +41,11 @@ def application_identity(around: ReleaseContext, options: OrchestrationOptions) 
 def application_deployment(
     around: ReleaseContext, options: OrchestrationOptions, wired: Wiring, asked: Sequence[str]
 ) -> Object:
-    """Return the application's Deployment with the user's own parts laid over it.
+    """Return the application's Deployment with the user's own parts merged in.
 
     Args:
         wired: what the network adds.
-        asked: what the readiness probe asks where the user says nothing.
+        asked: what the readiness probe checks by default.
     """
     selector = remote_selector(options.distributed)
     volumes = options.persistent_storage.volumes
@@ -123,13 +123,13 @@ def container(
 
 
 def replaces_container(options: OrchestrationOptions) -> bool:
-    """Return whether the user's containers are all there is: no image, and none called ros-app."""
+    """Return whether the pod has only the user's containers: no image, and none called ros-app."""
     names = [c.get("name") for c in containers_of(options.additional_k8s_params.application)]
     return bool(names) and APP_CONTAINER not in names and options.application_image is None
 
 
 def containers_of(params: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the containers that the user wrote over a Deployment."""
+    """Return the containers that the user merged into a Deployment."""
     place: Any = params
     for key in ("spec", "template", "spec", "containers"):
         place = place.get(key) if isinstance(place, Mapping) else None

@@ -1,4 +1,4 @@
-"""Which pods start again when something that they have read at their start changes."""
+"""Which pods restart when something that they have read at their start changes."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ MASTER_ANNOTATION = "rigel-k8s/master"
 
 
 def bind_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
-    """Yield the objects, the pods of all nodes bound to the very roscore that they register with.
+    """Yield the objects; the pods of all nodes are bound to the roscore that they register with.
 
-    A roscore that is changed is started again and knows no node; no node registers again. So its
-    nodes must start again too, after it: a hash of its pod template stands in theirs. A roscore
-    behind a gate gets its registrations back from that.
+    A changed roscore restarts without any registrations, and no node registers again. So its nodes
+    must restart too, after it: a hash of its pod template is in theirs. A roscore behind a gate
+    gets its registrations back from the gate.
     """
     masters = [item for item in made if is_master(item) and not is_gated(item)]
     text = json.dumps([item["spec"]["template"] for item in masters], sort_keys=True)
@@ -31,23 +31,23 @@ def bind_to_master(made: Sequence[Manifest]) -> Iterator[Manifest]:
 
 
 def bind_to_parameters(made: Sequence[Manifest]) -> Iterator[Manifest]:
-    """Yield the objects; nodes start again where the global parameters change, which they read."""
+    """Yield the objects; nodes restart if the global parameters change, which they read."""
     notes = [notes_of_pods(item) for item in made]
     setters = [one[PARAMETERS_ANNOTATION] for one in notes if PARAMETERS_ANNOTATION in one]
     return annotate_nodes(made, {PARAMETERS_ANNOTATION: setters[0]} if setters else {})
 
 
 def annotate_nodes(made: Sequence[Manifest], notes: Mapping[str, str]) -> Iterator[Manifest]:
-    """Yield the objects, the pods of all ROS nodes with annotations."""
+    """Yield the objects; the pods of all ROS nodes get annotations."""
     over = {"spec": {"template": {"metadata": {"annotations": dict(notes)}}}}
     for item in made:
         yield merge(item, over) if notes and has_nodes(item) else item
 
 
 def has_nodes(item: Manifest) -> bool:
-    """Return whether an object's pods have ROS nodes that know one master for their whole life.
+    """Return whether an object's pods have ROS nodes that keep one master for their whole life.
 
-    The exporter registers again by itself, and would forget that there was another roscore.
+    The exporter registers again automatically, and would forget that there was another roscore.
     """
     without_ros = item["metadata"].get("annotations", {}).get(ROS_ANNOTATION) == "none"
     stays = is_master(item) or item["metadata"]["name"] == EXPORTER or without_ros

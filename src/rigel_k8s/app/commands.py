@@ -1,6 +1,6 @@
 """What a ROS 1 container runs: a program with ROS' own arguments, rosrun, roslaunch; parameters.
 
-An image's ENTRYPOINT sets up ROS, so what runs stands in `args` unless the user wrote `command`.
+An image's ENTRYPOINT sets up ROS, so what runs is in `args` unless the user wrote `command`.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from rigel_k8s.objects.naming import ros_name
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.option_text import text_of
 
-#: Programs that would take `__name:=x` for something else, or do not pass it on.
+#: Programs that would misread `__name:=x`, or do not pass it on.
 NO_ROS_ARGUMENTS = frozenset(
     ("sh", "bash", "dash", "ash", "zsh", "busybox", "env")
     + ("roslaunch", "roscore", "rosmaster", "sleep", "tail", "true", "cat")
 )
 
-#: What loads nodelets where a node has components and names no program.
+#: What loads nodelets if a node has components and no program.
 MANAGER = ("rosrun", "nodelet", "nodelet", "manager")
 
-#: Loads the parameter files into $0, then becomes the program. A master may not be there yet.
+#: Loads the parameter files into $0, then becomes the program. The master may not run yet.
 LOADER = f"""\
 command -v rosparam >/dev/null || {{
   echo "no rosparam in PATH, so parameters cannot be loaded; is ROS set up?" >&2; exit 127; }}
@@ -45,8 +45,8 @@ class Command:
 
     Attributes:
         files: name to text, to be mounted at PARAMETERS_PATH.
-        start: the words of start.sh, which `programs.prepare` puts in front of all others; none
-            where there is nothing to prepare.
+        start: the words of start.sh, which `programs.prepare` puts before all others; empty
+            if there is nothing to prepare.
     """
 
     command: Sequence[str] | None = None
@@ -91,7 +91,7 @@ def program(node: NodeOptions) -> list[str]:
     """Return the program and its own arguments; empty for the image's CMD."""
     own = split(node, node.args or [])
     if node.launch:
-        # Without --wait it ends at once where there is no master yet.
+        # Without --wait it ends at once if the master does not run yet.
         package = [node.launch.package] if node.launch.package else []
         return ["roslaunch", "--wait", *package, node.launch.file, *assignments(node.launch.args)]
     if node.package:
@@ -107,7 +107,7 @@ def ros_arguments(key: str, node: NodeOptions) -> Iterator[str]:
     if not node.anonymous:
         yield f"__name:={full_name(key, node).rpartition('/')[2]}"
     yield from assignments(node.remappings)
-    if not wants_file(node):
+    if not needs_file(node):
         for name, value in flat(node.parameters):
             yield f"_{name}:={scalar(value)}"
 
@@ -143,11 +143,11 @@ def reads_otherwise(value: Any) -> bool:
         return True
 
 
-def wants_file(node: NodeOptions) -> bool:
+def needs_file(node: NodeOptions) -> bool:
     """Return whether a node's parameters are loaded from files before it starts.
 
-    So are those that a command line cannot carry: roscpp reads no list from it, and text that looks
-    like a number as a number. Nothing can be loaded for a name that is made at start.
+    So are those that a command line cannot carry: roscpp cannot read a list from it, and reads text
+    that looks like a number as a number. Nothing can be loaded for a name generated at the start.
     """
     if needs_script(node):
         return not node.anonymous
@@ -167,7 +167,7 @@ def parameter_namespace(key: str, node: NodeOptions) -> str:
 
 def parameter_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
     """Return the files to mount, in the order of loading; `parameters` win over files."""
-    if not wants_file(node):
+    if not needs_file(node):
         return {}
     found = {name: files[path] for name, path in list_local(node)}
     if node.parameters and needs_script(node):

@@ -1,4 +1,4 @@
-"""Everything that a job wants on the cluster: options in, Desired out; pure."""
+"""Everything that a job deploys: options in, Desired out; pure."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ from rigel_k8s.settings import Application
 #: The node that each roscore has.
 ROSOUT = "/rosout"
 
-#: What to do where the cluster refuses pods, by the ground of the refusal.
+#: What to do if the cluster refuses pods, by the reason of the refusal.
 REMEDIES = {
-    "pod-security": "`security: restricted` makes pods that every namespace takes; see what they"
-    " ask for with `rigel render`",
-    "quota": "ask for less (`resources`, `replicas`), or have the quota raised",
-    "no-resources": "give each node `resources`: the quota counts only what is said",
+    "pod-security": "set `security: restricted` for pods that every namespace accepts; see their"
+    " requests with `rigel render`",
+    "quota": "request less (`resources`, `replicas`), or let an administrator raise the quota",
+    "no-resources": "set `resources` of each node: the quota needs them",
     "limit-range": "set `resources` within the limits of the namespace: `kubectl describe limits`",
-    "policy": "change what the policy names, or ask who has made it",
+    "policy": "change what the policy names, or ask its author",
 }
 
 #: The texts of parameter files, by the names that the Rigelfile gives them.
@@ -64,7 +64,7 @@ Traced = Iterator[tuple[Path, Object]]
 
 
 def has_workloads(options: OrchestrationOptions) -> bool:
-    """Return whether anything would run."""
+    """Return whether the job runs anything."""
     return bool(options.nodes or has_application(options) or options.deploy_ros_master)
 
 
@@ -102,7 +102,7 @@ def draft(
         scripts: the in-pod scripts, name to text.
         files: the texts of the nodes' parameter files.
         program: the gate's files, name to text.
-        previous: the objects of the last revision, which tell who has which address.
+        previous: the objects of the last revision, which have the addresses in use.
     """
     ros = ros_of(application.distro, options.ros)
     gate = deploys_master(options, ros) and has_gate(options, application.distro)
@@ -122,7 +122,7 @@ def draft(
 
 @attrs.frozen
 class Draft:
-    """A release before it is known which images exactly run in it, and who may pull them.
+    """A release before the digests of its images and its pull secrets are known.
 
     Attributes:
         traced: its objects, each with the path of the options that it comes from.
@@ -149,12 +149,12 @@ class Draft:
         pull_secrets: Sequence[str] = (),
         create_namespace: bool = False,
     ) -> Desired:
-        """Return what the release is to be on the cluster.
+        """Return the release as it should be on the cluster.
 
         Args:
             raw: the options as plain data, kept in the revision.
             digests: image reference to the same with its digest, for those that are known.
-            pull_secrets: Secrets with registry credentials besides those of the options.
+            pull_secrets: further Secrets with registry credentials.
         """
         final = [
             add_pull_secrets(pin_images(item, digests or {}), pull_secrets) for item in self.objects
@@ -185,7 +185,7 @@ class Parts:
 
     @property
     def master(self) -> PodIdentity:
-        """What the network knows roscore by."""
+        """The identity of roscore on the network."""
         image = self.options.ros_master_image or self.around.default_image
         return PodIdentity(MASTER_NAME, str(image), ROSOUT)
 
@@ -198,20 +198,20 @@ class Parts:
 
     @property
     def exporter(self) -> RosMetrics | None:
-        """What the exporter shall do; None where there is none, or it could see nothing."""
+        """What the exporter should do; None without one, or if it could see nothing."""
         found = self.options.observability.exporter
         seen = has_workloads(self.options) and can_be_seen(self.options, self.around.ros)
         return found if seen else None
 
     @property
     def setter(self) -> PodIdentity | None:
-        """What the network knows the setter of global parameters by; None where there is none."""
+        """The identity of the setter of global parameters; None without one."""
         if self.around.ros != "1" or not list_keys(self.options):
             return None
         return setter_identity(self.around, self.options)
 
     def identities(self) -> Iterator[PodIdentity]:
-        """Yield all workloads as the network knows them."""
+        """Yield the identities of all workloads on the network."""
         if self.has_master:
             yield self.master
         if self.setter:
@@ -223,7 +223,7 @@ class Parts:
     def plan(self, previous: Sequence[Manifest]) -> NetworkPlan:
         """Return the network of all of them.
 
-        Nobody needs to know the exporter, which knows the others; but it has an address of its own.
+        The exporter connects to the others, never they to it; but it has an address of its own.
         """
         network = self.options.network
         static = network is not None and network.ipam == "static"
@@ -283,7 +283,7 @@ def objects(
 
 
 def secure(made: Traced, own: Parts) -> Traced:
-    """Yield the objects with what `security` adds to their pods; the exporter's has all of it."""
+    """Yield the objects with what `security` adds to their pods; the exporter's has it already."""
     security = own.options.security
     for path, item in made:
         if security is None or item["metadata"]["name"] == EXPORTER:
@@ -293,31 +293,31 @@ def secure(made: Traced, own: Parts) -> Traced:
 
 
 def graph_of(own: Parts, plan: NetworkPlan) -> WatchedGraph:
-    """Return what the exporter shall see: the nodes of one domain, and where all of them are."""
+    """Return what the exporter should see: the nodes of one domain, and their Deployments."""
     nodes = list(own.nodes())
     domains = {node.key: plan_of(node, plan).domain_id for node in nodes}
     domain = next(iter(domains.values())) if len(set(domains.values())) == 1 else plan.domain_id
     near = [node for node in nodes if domains[node.key] == domain]
     named = {node.ros_name: node for node in near if node.ros_name and own.around.ros != "none"}
-    told = {name: node.name for name, node in named.items() if is_told(own.around.ros, node)}
-    rest = {name: node.name for name, node in named.items() if name not in told}
-    if own.around.ros == "2":  # a nodelet is no node of its own in the graph of ROS 1
-        told |= {
+    ours = {name: node.name for name, node in named.items() if sets_name(own.around.ros, node)}
+    rest = {name: node.name for name, node in named.items() if name not in ours}
+    if own.around.ros == "2":  # a nodelet is not a separate node in the graph of ROS 1
+        ours |= {
             one.full_name(key): n.name for n in near for key, one in n.options.components.items()
         }
     if own.has_master:
-        told[ROSOUT] = MASTER_NAME
-    return WatchedGraph(told, rest, domain or 0, placement(own.options))
+        ours[ROSOUT] = MASTER_NAME
+    return WatchedGraph(ours, rest, domain or 0, placement(own.options))
 
 
-def is_told(ros: Ros, node: RosNode) -> bool:
-    """Return whether a program gets its ROS name from here; another may have one of its own."""
+def sets_name(ros: Ros, node: RosNode) -> bool:
+    """Return whether a program gets its ROS name here; others may have a name of their own."""
     line = program(ros, node.options)
     return not node.options.launch and takes_ros_arguments(ros, line)
 
 
 def placement(options: OrchestrationOptions) -> Mapping[str, Any]:
-    """Return where the exporter runs: with the nodes, where all are bound to the same machines."""
+    """Return where the exporter runs: with the nodes, if all are bound to the same machines."""
     chosen = [node_selector(node.placement) for node in options.nodes.values()]
     if has_application(options):
         chosen.append(remote_selector(options.distributed))

@@ -1,4 +1,4 @@
-"""Which ROS a distribution is; no image and no cluster is asked."""
+"""Which ROS a distribution is, without a look at images or the cluster."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from rigel_k8s.objects.naming import Ros
 
 
 def is_ros1(distro: str) -> bool:
-    """Return whether a distribution is of ROS 1; one of a user's own is taken for that."""
+    """Return whether a distribution is of ROS 1; a user's own counts as ROS 1."""
     return distro.lower() not in ROS2
 
 
-def ros_of(distro: str, told: Ros | None = None) -> Ros:
-    """Return which ROS an application is of: what the Rigelfile says, else that of its distro."""
-    return told or ("1" if is_ros1(distro) else "2")
+def ros_of(distro: str, chosen: Ros | None = None) -> Ros:
+    """Return the ROS of an application: the chosen one, else that of its distro."""
+    return chosen or ("1" if is_ros1(distro) else "2")
 
 
 def guess_distro(distro: str) -> str | None:

@@ -1,4 +1,4 @@
-"""The environment of a container: what ROS needs, what the network adds, what the user says."""
+"""The environment of a container: what ROS needs, what the network adds, what the user sets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def environment(
     own = dict(entries(extra))
     env = {**defaults, **wired}
     if "ROS_HOSTNAME" in own:
-        env.pop("ROS_IP", None)  # ROS_HOSTNAME wins in ROS; two would mislead the reader
+        env.pop("ROS_IP", None)  # ROS_HOSTNAME wins in ROS; both would be misleading
     env |= own
     return [{"name": name, **source} for name, source in env.items() if has_value(source)]
 
@@ -59,8 +59,8 @@ def ros1_variables(
 def ros2_variables() -> dict[str, Object]:
     """Return the variables of a ROS 2 container.
 
-    They make rclpy and rclcpp log at once, plainly and to one stream; rcl does not start where it
-    can write no log directory, as with a user of its own or a read-only root.
+    They make rclpy and rclcpp log at once, plainly and to one stream; rcl does not start if it
+    cannot write a log directory, for example with another user or a read-only root.
     """
     return {
         "PYTHONUNBUFFERED": {"value": "1"},
@@ -77,7 +77,7 @@ def has_value(source: Mapping[str, Any]) -> bool:
 
 
 def find_literal(extra: Extra, name: str) -> str | None:
-    """Return the text that the user gives a variable, None where it is not known here."""
+    """Return the text that the user sets for a variable, None if it is not known here."""
     found = dict(entries(extra)).get(name, {}).get("value")
     return None if found is None else str(found)
 

@@ -1,4 +1,4 @@
-"""The gate in front of roscore: its container, the object that keeps its memory, and its rights."""
+"""The gate in front of roscore: its container, the object with its state, and its rights."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from rigel_k8s.objects.workloads import ReleaseContext, config_map
 PROGRAM_PATH = "/rigel-k8s-gate"
 PACKAGE_PATH = f"{PROGRAM_PATH}/rigel_k8s/gate"
 JOURNAL_PATH = "/rigel-k8s-memory"
-#: Where roscore finds roscore.xml, which says what it starts.
+#: Where roscore finds roscore.xml, the list of what it starts.
 ROSCORE_PATH = "/rigel-k8s-roscore"
-#: What roscore is started by: its master listens where only this pod reaches it, as ROS does at an
-#: address of its own that is the loopback's. Not in the container's environment, which `rigel exec`
-#: gives to tools that other pods must reach.
+#: Starts roscore with a master that listens on the loopback, where only this pod reaches it. The
+#: variables are not in the container's environment, which `rigel exec` passes to tools that other
+#: pods must reach.
 LOOPBACK = [
     *("env", "-u", "ROS_HOSTNAME", "ROS_IP=127.0.0.1"),
     *("RIGEL_K8S_POD_IP=$(ROS_IP)", f"ROS_ETC_DIR={ROSCORE_PATH}"),
 ]
-#: Starts roscore again without an end of its container: meanwhile callers reach the gate.
+#: Restarts roscore while its container keeps running: callers reach the gate meanwhile.
 KEPT = ["/bin/sh", f"{SCRIPTS_PATH}/keep.sh"]
 MEMORY_NAME = f"{MASTER_NAME}-memory"
 ACCOUNT_PATH = "/var/run/secrets/kubernetes.io/serviceaccount"
-#: What of the objects the role `edit` may not write.
+#: The objects that the role `edit` may not write.
 KINDS = ("Role", "RoleBinding")
 RIGHTS = (
-    "roscore's gate has a Role of its own, which the role `edit` may not write: ask for the rights"
-    " that `rigel rbac deployer` prints, or leave the gate out with `gate: false`"
+    "roscore's gate has a Role of its own, which the role `edit` may not write: request the rights"
+    " that `rigel rbac deployer` prints, or set `gate: false`"
 )
 #: The ROS distributions whose images have the Python that the gate needs, 3.8.
 DISTROS = ("noetic",)
@@ -55,7 +55,7 @@ def has_gate(options: OrchestrationOptions, distro: str) -> bool:
 
 
 def replaces_roscore(params: Mapping[str, Any]) -> bool:
-    """Return whether the user says what the master's container runs, and at which port."""
+    """Return whether the user sets what the master's container runs, and its port."""
     place: Any = params
     for key in ("spec", "template", "spec", "containers"):
         place = place.get(key) if isinstance(place, Mapping) else None
@@ -64,7 +64,7 @@ def replaces_roscore(params: Mapping[str, Any]) -> bool:
 
 
 def remedies_of(made: Iterable[Object]) -> dict[str, str]:
-    """Return what to do where objects that only a gate has may not be written, by their kind."""
+    """Return what to do if the objects of a gate may not be written, by their kind."""
     return {item["kind"]: RIGHTS for item in made if item["kind"] in KINDS}
 
 
@@ -94,7 +94,7 @@ def gate_container(image: str, env: list[Object], release: str) -> Object:
 def mounts(release: str) -> Iterator[tuple[Object, str, Object]]:
     """Yield (volume, mount path, more of the mount) of what only the gate sees.
 
-    The service account's token is not for roscore, and for nobody's nodes.
+    Only the gate gets the service account's token, not roscore or nodes.
     """
     files = {"name": program_config(release), "defaultMode": 0o444}
     read_only = {"readOnly": True}
@@ -120,7 +120,7 @@ def program_config(release: str) -> str:
 
 
 def gate_objects(around: ReleaseContext, program: Mapping[str, str]) -> Iterator[Object]:
-    """Yield what the gate needs besides its container: its files, its memory, the right to that."""
+    """Yield what the gate needs in addition: its files, its state, the right to write it."""
     yield config_map(around, program_config(around.release), program, part_of=MASTER_NAME)
     yield {
         "apiVersion": "v1",

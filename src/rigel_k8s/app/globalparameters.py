@@ -1,7 +1,7 @@
 """Global parameters of ROS 1: a Deployment that sets them at the master before the nodes start.
 
 No node's container can set them: many nodes read one parameter, and one that restarts would write
-over what has been changed since. The Deployment's program is inpod/globalparameters.py.
+over later changes. The Deployment's program is inpod/globalparameters.py.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, probes
 from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
 
-#: The keys of a job, in the order in which a problem is shown at one of them.
+#: The keys of a job; a problem is shown at the first one that is set.
 KEYS = ("parameters", "parameter_files", "parameter_commands")
 CONTAINER = "global-parameters"
-#: On nodes: which global parameters they started with, so that a change starts them again.
+#: On nodes: which global parameters they started with, so that a change restarts them.
 PARAMETERS_ANNOTATION = "rigel-k8s/global-parameters"
-#: Of its own, since it has no options: a quota may refuse pods that ask for nothing.
+#: Its own resources, since it has no options: a quota may refuse pods without requests.
 RESOURCES = {"requests": {"cpu": "10m", "memory": "48Mi"}, "limits": {"memory": "512Mi"}}
 #: inpod/globalparameters.py writes it: "set", or why they are not.
 STATE = "/tmp/rigel-k8s-global-parameters"
@@ -36,7 +36,7 @@ READY = f'read -r state <{STATE} && echo "$state" && test "$state" = set'
 
 
 def list_keys(options: OrchestrationOptions) -> list[str]:
-    """Return the keys with parameters that belong to no node."""
+    """Return the keys of parameters that do not belong to a node."""
     return [key for key in KEYS if getattr(options, key)]
 
 
@@ -46,7 +46,7 @@ def setter_name(release: str) -> str:
 
 
 def setter_identity(around: ReleaseContext, options: OrchestrationOptions) -> PodIdentity:
-    """Return what the network knows the Deployment by; each image of ROS 1 can set values."""
+    """Return the Deployment's identity on the network; each image of ROS 1 can set values."""
     own = options.image or options.application_image or options.ros_master_image
     return PodIdentity(setter_name(around.release), str(own or around.default_image))
 
@@ -62,7 +62,7 @@ def setter_objects(
 
     Args:
         files: the texts of parameter files, by the names that the Rigelfile gives them.
-        place: fields of the pod's spec that say where it runs.
+        place: fields of the pod's spec that decide where it runs.
     """
     identity = setter_identity(around, options)
     mounted = {name: files[path] for name, path in list_local(options)}
@@ -108,7 +108,7 @@ def setter_objects(
 
 
 def mark_name(release: str) -> str:
-    """Return the parameter that says that those of a release are set."""
+    """Return the parameter that marks that those of a release are set."""
     return f"/rigel_k8s/{re.sub('[^a-z0-9]', '_', release)}/global_parameters"
 
 

@@ -1,7 +1,7 @@
 """roscore: the Deployment and Service `ros-master`.
 
-Two roscores behind one Service are worse than none, so the old one is gone before the new starts.
-There is no liveness probe: one that restarts a busy roscore destroys the whole graph. For the same
+Two roscores behind one Service are worse than none, so the old one ends before the new one starts.
+It has no liveness probe: restarting a busy roscore would destroy the whole graph. For the same
 reason the readiness probe is patient: a pod that is not ready is left out of the Service.
 """
 
@@ -34,9 +34,9 @@ from rigel_k8s.objects.workloads import ReleaseContext, deployment, service
 
 MASTER_CONTAINER = "ros-master-container"
 
-#: A replaced pod's address swallows what is sent to it. roscore tells the old node to end (and its
-#: cached parameters to change) all the same, each time in one of 3 threads, for two minutes: three
-#: such pods and no node hears of a new publisher. So 10 threads, and 3 s for a connection.
+#: A replaced pod's address swallows what is sent to it. roscore still calls the old node to end it
+#: (and to update cached parameters), each time in one of 3 threads, for two minutes: with three
+#: such pods no node learns of a new publisher. So 10 threads, and 3 s for a connection.
 MASTER_OPTIONS = ["-w", "10", "-t", "3"]
 ROSCORE = ["/bin/sh", f"{SCRIPTS_PATH}/roscore.sh", *MASTER_OPTIONS]
 
@@ -44,7 +44,7 @@ ROSCORE = ["/bin/sh", f"{SCRIPTS_PATH}/roscore.sh", *MASTER_OPTIONS]
 def master_deployment(
     around: ReleaseContext, image: str, params: Mapping[str, Any], wired: Wiring
 ) -> Object:
-    """Return roscore's Deployment with the user's own parts laid over it."""
+    """Return roscore's Deployment with the user's own parts merged in."""
     volume, mount = inpod_volume(around.release)
     own = attrs.evolve(around, master_uri=f"http://localhost:{MASTER_PORT}")
     container = {
@@ -82,17 +82,17 @@ def master_deployment(
 
 
 def patient(made: Object) -> Object:
-    """Return roscore's probes; it may be silent for a minute before its pod is not ready."""
+    """Return roscore's probes; its pod becomes unready after a minute of silence."""
     return {**made, "readinessProbe": {**made["readinessProbe"], "failureThreshold": 6}}
 
 
 def master_service(around: ReleaseContext, master: Mapping[str, Any]) -> Object:
     """Return the Service by which all pods find roscore.
 
-    When a machine is lost, the pod there goes on to exist until the machine is back, and another
-    one takes its place elsewhere: a Service that publishes pods that are not ready would lead half
-    of all calls to the lost one. A pod that stays on its machine has no such second one. It keeps
-    its address, as cutting the graph off from a master that works again would only do harm.
+    When a machine is lost, its pod continues to exist until the machine is back, and another pod
+    replaces it elsewhere: a Service that publishes unready pods would send half of all calls to the
+    lost one. A pod that stays on its machine has no such replacement. It keeps its address, because
+    cutting off the graph from a master that works again would only do harm.
 
     Args:
         master: roscore's Deployment.

@@ -29,7 +29,7 @@ def source_count(mount: VolumeMount) -> int:
 
 
 def mounts(options: NodeOptions, known: Mapping[str, Volume]) -> tuple[list[Object], list[Object]]:
-    """Return (the pod's volumes, the container's mounts); a claim that is mounted twice is one."""
+    """Return (the pod's volumes, the container's mounts); a claim gives one volume."""
     volumes: dict[str, Object] = {}
     seen = []
     for index, item in enumerate(options.volumes):
@@ -72,6 +72,6 @@ def mount_entry(mount: VolumeMount, name: str, known: Mapping[str, Volume]) -> O
 
 
 def device_resources(devices: Sequence[MountPath | Device]) -> dict[str, str]:
-    """Return the limits that device plugins are asked by."""
+    """Return the limits that request devices from device plugins."""
     asked = map(device_of, devices)
     return {str(d.resource): str(int(d.count)) for d in asked if d.resource}

@@ -1,4 +1,4 @@
-"""Each of `nodes`: a Deployment of one container, and a Service where it has ports."""
+"""Each of `nodes`: a Deployment of one container, and a Service if it has ports."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ PARAMETERS_ANNOTATION = "rigel-k8s/parameters"
 
 @attrs.frozen
 class RosNode:
-    """A node with all that is needed to make its objects.
+    """A node with everything needed to build its objects.
 
     Attributes:
         image: its image, or the job's.
@@ -78,19 +78,19 @@ class RosNode:
 
     @property
     def pinned(self) -> bool:
-        """Whether it belongs to certain machines."""
+        """Whether it is bound to certain machines."""
         return bool(node_selector(self.options.placement))
 
     @property
     def ros_name(self) -> str | None:
-        """The full ROS name, None where it is made at start or there is no ROS."""
+        """The full ROS name, None if it is generated at the start or there is no ROS."""
         if self.options.anonymous or self.options.ros == "none":
             return None
         return full_name(self.key, self.options)
 
     @property
     def identity(self) -> PodIdentity:
-        """What the network knows the node by."""
+        """The node's identity on the network."""
         replicas = self.options.replicas
         return PodIdentity(
             self.name,
@@ -124,7 +124,7 @@ def node_objects(around: ReleaseContext, node: RosNode, plan: NetworkPlan) -> It
 
 
 def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
-    """Return the network as a node has it, which may say itself in which domain it is."""
+    """Return the network of a node, which may set its own domain."""
     own = find_literal(node.options.env, "ROS_DOMAIN_ID") if plan.ros == "2" else None
     return attrs.evolve(plan, domain_id=int(own)) if own and own.isdecimal() else plan
 
@@ -132,7 +132,7 @@ def plan_of(node: RosNode, plan: NetworkPlan) -> NetworkPlan:
 def node_deployment(
     around: ReleaseContext, node: RosNode, command: Command, plan: NetworkPlan
 ) -> Object:
-    """Return a node's Deployment with the user's patch laid over it."""
+    """Return a node's Deployment with the user's patch merged in."""
     options = node.options
     name = node.ros_name if around.ros != "none" else None
     wired = wiring_of(node, plan)
@@ -140,18 +140,20 @@ def node_deployment(
     if way.lifecycle:
         command = run_by_lifecycle(command)
     command = prepare(command)
-    told = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
+    notes = {NODE_ANNOTATION: node.key} | ({ROS_NAME_ANNOTATION: name} if name else {})
     if node.options.ros == "none":
-        told[ROS_ANNOTATION] = "none"
+        notes[ROS_ANNOTATION] = "none"
     made = deployment(
         around,
         node.name,
         pod_spec(around, node, command, plan, wired, way),
         strategy=way.strategy,
         replicas=node.identity.replicas,
-        annotations=told | ({SINGLETON_ANNOTATION: name} if name else {}) | way.annotations(around),
+        annotations=notes
+        | ({SINGLETON_ANNOTATION: name} if name else {})
+        | way.annotations(around),
         pod_annotations={
-            **told,
+            **notes,
             **parameters_hash(command),
             **({DEFAULT_CONTAINER: NODE_CONTAINER} if wired.init_containers else {}),
             **wired.annotations,
@@ -251,7 +253,7 @@ def own_variables(node: RosNode, way: Way) -> dict[str, Object]:
 
 
 def asked_words(node: RosNode, plan: NetworkPlan, way: Way) -> tuple[str, ...]:
-    """Return what the readiness probe of a node asks: the network, then who works beside it."""
+    """Return what the readiness probe of a node checks: the network, then scripts next to it."""
     options = node.options
     waited_for = {
         "--lifecycle": bool(way.lifecycle),
@@ -269,7 +271,7 @@ def grace_seconds(options: NodeOptions) -> int | None:
 
 
 def ros_namespace(node: RosNode) -> str | None:
-    """Return the node's ROS namespace, from its name where that is a path; None at the root."""
+    """Return the node's ROS namespace, from its name if that is a path; None at the root."""
     if node.options.launch or node.options.anonymous:
         return str(node.options.namespace) if node.options.namespace else None
     return full_name(node.key, node.options).rpartition("/")[0] or None
@@ -313,7 +315,7 @@ def port_of(port: Port | PortOptions) -> PortOptions:
 
 
 def port_name(port: PortOptions) -> str:
-    """Return a port's name: Kubernetes wants one as soon as there are two."""
+    """Return a port's name: Kubernetes needs one if there are two."""
     return str(port.name or f"{port.protocol.lower()}-{int(port.port)}")
 
 

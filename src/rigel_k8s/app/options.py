@@ -1,7 +1,7 @@
 """The options of an orchestration job: src.plugin's keys, and a mapping of ROS nodes.
 
-Every field says what it is for in its metadata; the JSON schema and docs/reference.md are made from
-it. It knows no Kubernetes object.
+Every field has its documentation in its metadata; the JSON schema and docs/reference.md use
+it. Independent of Kubernetes objects.
 """
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
@@ -56,7 +56,7 @@ class Distributed:
 
     enabled: bool = option("whether the other two keys count", default=False)
     default_to_remote: bool = option("place the application on remote machines", default=False)
-    force_local_flag: bool = option("do not, whatever default_to_remote says", default=False)
+    force_local_flag: bool = option("overrides default_to_remote", default=False)
 
 
 @attrs.frozen(kw_only=True)
@@ -66,12 +66,12 @@ class Results:
     source_path: MountPath = required_field("a file or directory inside the container")
     container: ObjectName = option("which container", ObjectName("ros-app"))
     target: str = option("the directory to copy into, from the application's own", "results")
-    wait: Duration | None = option("how long to wait for source_path; left out: one look")
+    wait: Duration | None = option("how long to wait for source_path (default: not at all)")
 
 
 @attrs.frozen(kw_only=True)
 class RollbackOn:
-    """What makes an update go back to the last good revision by itself."""
+    """What makes an update return to the last good revision automatically."""
 
     graph_worse: bool = option(
         "the ROS graph stays worse than before the update: a node, a topic's publishers or"
@@ -85,28 +85,28 @@ class RollbackOn:
 
 @attrs.frozen(kw_only=True)
 class KubernetesParams:
-    """Anything of a Deployment, laid over what is generated."""
+    """Any part of a Deployment, merged into the generated one."""
 
-    ros_master: Mapping[str, Any] = option("over the Deployment ros-master", {})
-    application: Mapping[str, Any] = option("over the application's Deployment", {})
+    ros_master: Mapping[str, Any] = option("for the Deployment ros-master", {})
+    application: Mapping[str, Any] = option("for the application's Deployment", {})
 
 
 @attrs.frozen(kw_only=True)
 class Launch:
     """A launch file: roslaunch, or ros2 launch, PACKAGE FILE ARGS."""
 
-    package: str | None = option("the ROS package; left out: file is a path")
+    package: str | None = option("the ROS package (default: `file` is a path)")
     file: str = required_field("the launch file")
     args: Mapping[str, Scalar] = option("the launch file's arguments", {})
 
 
 @attrs.frozen(kw_only=True)
 class ParameterFile:
-    """A YAML file of parameters: one beside the Rigelfile, or one of the image."""
+    """A YAML file of parameters: one beside the Rigelfile, or one in the image."""
 
-    file: str | None = option("a file, from the application's directory")
+    file: str | None = option("a file, relative to the application's directory")
     image_file: str | None = option(
-        "a file of the image; with `substitution_args` as in $(find PACKAGE)/config/rates.yaml"
+        "a file in the image; with `substitution_args` also $(find PACKAGE)/config/rates.yaml"
     )
     namespace: RosName | None = option("ROS 1: where its parameters go, below the node's name")
 
@@ -115,30 +115,30 @@ class ParameterFile:
 class NodeOptions:
     """One ROS node: a Deployment of one container, called ros-node."""
 
-    name: RosName | None = option("its ROS name where it differs from the key")
-    namespace: RosName | None = option("the ROS namespace it lives in")
+    name: RosName | None = option("its ROS name, if it differs from the key")
+    namespace: RosName | None = option("its ROS namespace")
     ros: Literal["none"] | None = option(
         "none: a program without ROS beside ROS nodes; it gets no name, argument or variable of"
-        " ROS, no probe unless one is asked for, and is not looked for in the graph"
+        " ROS, no probe by default, and is not expected in the graph"
     )
     image: ImageRef | None = option("the image (default: the job's `image`)")
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] | None = option("when to pull it")
     labels: Mapping[LabelKey, LabelValue] = option("labels of the Deployment and its pods", {})
-    args: str | list[Scalar] | None = option("what to run, behind the image's ENTRYPOINT")
+    args: str | list[Scalar] | None = option("what to run, as arguments of the image's ENTRYPOINT")
     command: str | list[Scalar] | None = option("what to run instead of the image's ENTRYPOINT")
     package: str | None = option("a ROS package: rosrun (or ros2 run) PACKAGE EXECUTABLE ARGS")
     executable: str | None = option("an executable of `package`")
     launch: Launch | None = option("a launch file: roslaunch (or ros2 launch) PACKAGE FILE")
     components: Mapping[str, Component] = option(
         "composable nodes (ROS 1: nodelets) by ROS name, which this node loads at its start; it is"
-        " rclcpp_components' component_container (nodelet's manager) where it names no program",
+        " rclcpp_components' component_container (nodelet's manager) if it has no program",
         {},
     )
     lifecycle: Lifecycle | None = option(
         "ROS 2: the transitions of a lifecycle node, as in {start: [configure, activate]}"
     )
     anonymous: bool = option(
-        "its ROS name is made at start: replicas and surge are safe", default=False
+        "its ROS name is generated at its start: replicas and surge are safe", default=False
     )
     env: Mapping[EnvName, Scalar] | list[EnvVar] = option("environment variables", {})
     parameters: Mapping[str, Any] = option("private parameters", {})
@@ -149,12 +149,12 @@ class NodeOptions:
         "private parameters whose values are printed by programs of the image: xacro FILE", {}
     )
     substitution_args: bool = option(
-        "replace $(find PACKAGE), $(env NAME) and $(optenv NAME DEFAULT) inside of the container,"
-        " in what it runs, in `env`, and in the parameters of it and its components",
+        "replace $(find PACKAGE), $(env NAME) and $(optenv NAME DEFAULT) inside the container,"
+        " in its command line, in `env`, and in its parameters and those of its components",
         default=False,
     )
     remappings: Mapping[RosName, RosName] = option("ROS names: from -> to", {})
-    replicas: Replicas | None = option("how many pods; more than one only where anonymous")
+    replicas: Replicas | None = option("how many pods; more than one only if anonymous")
     resources: Resources = attrs.field(factory=Resources, metadata={"doc": "requests and limits"})
     ports: list[Port | PortOptions] = option("ports for a Service of the node's name", [])
     volumes: list[ObjectName | VolumeMount] = option(
@@ -162,10 +162,10 @@ class NodeOptions:
     )
     devices: list[MountPath | Device] = option("devices of the machine", [])
     security_context: Mapping[str, Any] = option("Kubernetes' securityContext of the container", {})
-    runtime_class: ObjectName | None = option("runtimeClassName: nvidia, say")
+    runtime_class: ObjectName | None = option("runtimeClassName, for example nvidia")
     readiness: Readiness | Literal["ros", "dds", "none"] | None = option(
         "when it is ready: a command, a file, none, or ros and dds (ROS 1: registered with the"
-        " master, and answers; ROS 2 and DDS: takes part in its domain, and reads what it is sent)"
+        " master, and answers; ROS 2 and DDS: takes part in its domain, and reads its messages)"
     )
     placement: Placement = attrs.field(factory=Placement, metadata={"doc": "where it runs"})
     tolerations: list[Toleration] = option("taints it tolerates", [])
@@ -173,7 +173,9 @@ class NodeOptions:
     service_account: ObjectName | None = option("serviceAccountName")
     termination_grace_period: Duration | None = option("how long it may take to stop (default 30s)")
     update: RollingUpdate | None = option("how it is updated")
-    patch: Mapping[str, Any] = option("anything of the Deployment, laid over what is generated", {})
+    patch: Mapping[str, Any] = option(
+        "any part of the Deployment, merged into the generated one", {}
+    )
 
 
 @attrs.frozen(kw_only=True)
@@ -183,10 +185,10 @@ class OrchestrationOptions:
     #: src.plugin's users write all keys below this one; both shapes mean the same.
     nested_under: ClassVar[str] = "orchestration"
 
-    namespace: ObjectName | None = option("the Kubernetes namespace; made where it is missing")
+    namespace: ObjectName | None = option("the Kubernetes namespace; created if it does not exist")
     deployment_name: ObjectName = option(
         "the release's name, and that of the application's Deployment;"
-        " two jobs that name one release change one application",
+        " two jobs with the same name change the same application",
         ObjectName("rigel-k8s-application"),
     )
     deploy_ros_master: bool | None = option(
@@ -194,16 +196,16 @@ class OrchestrationOptions:
     )
     ros_master_image: ImageRef | None = option("roscore's image (default ros:DISTRO-ros-core)")
     gate: bool | None = option(
-        "ROS 1: put a gate in front of roscore, which hands the names of nodes over in updates and"
+        "ROS 1: put a gate in front of roscore, which hands over the names of nodes in updates and"
         " gives a restarted roscore its registrations back (default: with noetic's roscore, unless"
-        " additional_k8s_params say what its container runs)"
+        " additional_k8s_params set what its container runs)"
     )
-    ros_master_uri: RosUri | None = option("a master that is there already, a robot's own")
+    ros_master_uri: RosUri | None = option("an existing master, for example a robot's own")
     application_image: ImageRef | None = option("the image of the one application's Deployment")
-    image: ImageRef | None = option("the image of all `nodes` that name none")
+    image: ImageRef | None = option("the image of all `nodes` without one")
     nodes: Mapping[str, NodeOptions] = option("the ROS nodes, each a Deployment, by ROS name", {})
     parameters: Mapping[str, Any] = option(
-        "ROS 1: global parameters, which are set before the nodes start", {}
+        "ROS 1: global parameters, set before the nodes start", {}
     )
     parameter_files: list[str | ParameterFile] = option(
         "ROS 1: YAML files of global parameters; a path is short for a `file`", []
@@ -217,7 +219,7 @@ class OrchestrationOptions:
         default=False,
     )
     muto: Muto | None = option(
-        "a stack of Eclipse Muto, whose nodes `nodes` are laid over; a word is short for its"
+        "a stack of Eclipse Muto, into whose nodes `nodes` are merged; a word is short for its"
         " `stack`",
         accepts=Muto | str | None,
         converter=muto_of,
@@ -226,7 +228,7 @@ class OrchestrationOptions:
         "which ROS; none is a plain DDS application (default: that of application.distro)"
     )
     middleware: Literal["fastdds", "cyclonedds", "zenoh"] | None = option(
-        "ROS 2: RMW_IMPLEMENTATION; DDS: whose configuration the network writes",
+        "ROS 2: RMW_IMPLEMENTATION; DDS: the implementation that the network configures",
         accepts=Literal["fastdds", "cyclonedds", "zenoh"]
         | Literal["rmw_fastrtps_cpp", "rmw_cyclonedds_cpp", "rmw_zenoh_cpp"]
         | None,
@@ -239,7 +241,7 @@ class OrchestrationOptions:
         converter=network_of,
     )
     security: Security | None = option(
-        "how little containers may do; `restricted` is short for its `level`",
+        "what containers may do; `restricted` is short for its `level`",
         accepts=Security | Level | None,
         converter=security_of,
     )
@@ -257,7 +259,7 @@ class OrchestrationOptions:
         "allow more than one container in a pod of ROS 2 or DDS", default=False
     )
     rolling_update: RollingUpdate | None = option("how the application is updated")
-    rollback_on: RollbackOn | None = option("when an update is rolled back by itself")
+    rollback_on: RollbackOn | None = option("when an update is rolled back automatically")
     persistent_storage: PersistentStorage = attrs.field(
         factory=PersistentStorage, metadata={"doc": "volumes; the application mounts all of them"}
     )
@@ -265,17 +267,17 @@ class OrchestrationOptions:
     observability: Observability = attrs.field(
         factory=Observability, metadata={"doc": "logs, metrics and dashboards"}
     )
-    observability_only: bool = option("deploy nothing but observability", default=False)
+    observability_only: bool = option("deploy only observability", default=False)
     results: Results | None = option("files to copy out of the application afterwards")
     additional_k8s_params: KubernetesParams = attrs.field(
-        factory=KubernetesParams, metadata={"doc": "laid over the generated Deployments"}
+        factory=KubernetesParams, metadata={"doc": "merged into the generated Deployments"}
     )
     image_pull_secrets: list[ObjectName] = option("Secrets with registry credentials", [])
     timeout: Duration | None = option("how long the roll-out may take (default 5m)")
 
     @staticmethod
     def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
-        """Put a stack's nodes in place of `muto`, before anything else reads the options."""
+        """Replace `muto` with a stack's nodes, before anything else reads the options."""
         if "muto" not in node.value:
             return Expanded(node)
         from rigel_k8s.muto.expansion import expand

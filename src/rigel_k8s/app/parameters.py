@@ -15,7 +15,7 @@ PARAMETERS_PATH = "/rigel-k8s-parameters"
 
 
 class ParameterOptions(Protocol):
-    """What a node and a job both have."""
+    """The options that a node and a job have in common."""
 
     @property
     def substitution_args(self) -> bool:
@@ -55,7 +55,7 @@ def list_paths(options: ParameterOptions) -> Iterator[tuple[str, str]]:
 
 
 def make_key(name: str) -> str:
-    """Return a file's name as a key of a ConfigMap may be."""
+    """Return a file's name as a valid key of a ConfigMap."""
     stem = PurePosixPath(name).stem
     return "".join(c if c.isascii() and (c.isalnum() or c in "-_.") else "_" for c in stem)[:200]
 

@@ -8,26 +8,26 @@ from typing import Any
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.objects.overlay import merge, simplify
 
-#: A job that says one of these says what the release is.
+#: A job with one of these describes a whole release.
 WHOLE = ("nodes", "muto", "application_image", "deploy_ros_master")
-#: Options whose parts belong together: half of an old and half of a new one would be neither.
+#: Options whose parts belong together: a mix of an old and a new one would be invalid.
 AS_ONE = ("readiness", "rolling_update", "results")
 
 
 def flat(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a job's `with` without the level that src.plugin's users write, as plain data."""
+    """Return a job's `with` without src.plugin's extra level, as plain data."""
     result: dict[str, Any] = simplify(raw)
     nested = result.pop(OrchestrationOptions.nested_under, None)
     return {**(nested or {}), **result}
 
 
 def is_partial(raw: Mapping[str, Any]) -> bool:
-    """Return whether a job says only how a release differs from its last revision."""
+    """Return whether a job describes only how a release differs from its last revision."""
     return not any(key in flat(raw) for key in WHOLE)
 
 
 def overlay(previous: Mapping[str, Any], raw: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a release's last revision with a partial job's laid over them."""
+    """Return the options of a release's last revision with a partial job's merged in."""
     part = flat(raw)
     kept = {key: v for key, v in flat(previous).items() if key not in AS_ONE or key not in part}
     result: dict[str, Any] = merge(kept, part)

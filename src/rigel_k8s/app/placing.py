@@ -1,4 +1,4 @@
-"""Where a pod runs, and that it stays there."""
+"""Where a pod runs, and whether it stays there."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rigel_k8s.objects.podoptions import Placement, Toleration
 from rigel_k8s.objects.pods import Object, drop_empty
 
 HOSTNAME = "kubernetes.io/hostname"
-#: The label of remote machines, as src.plugin has it.
+#: The label of remote machines, as in src.plugin.
 REMOTE: Mapping[str, str] = {"deploymentType": "remote"}
 
 #: A robot that loses its network keeps its pods: without these they are evicted after 300 s.
@@ -33,7 +33,7 @@ def remote_selector(distributed: Distributed) -> dict[str, str]:
 
 
 def affinity(placement: Placement) -> Object:
-    """Return what keeps a pod off the machines of others."""
+    """Return what keeps a pod off the machines of other pods."""
     terms = [
         {"labelSelector": {"matchLabels": selector(object_name(key))}, "topologyKey": HOSTNAME}
         for key in placement.apart_from
@@ -44,7 +44,7 @@ def affinity(placement: Placement) -> Object:
 
 
 def tolerations(asked: Sequence[Toleration], *, pinned: bool) -> list[Object]:
-    """Return the pod's tolerations; one that is pinned to a machine stays when its network goes."""
+    """Return the pod's tolerations; a pod pinned to a machine stays when its network fails."""
     result = [toleration(item) for item in asked]
     if pinned:
         result += [{"key": key, "operator": "Exists", "effect": "NoExecute"} for key in STAY]
@@ -52,7 +52,7 @@ def tolerations(asked: Sequence[Toleration], *, pinned: bool) -> list[Object]:
 
 
 def stays(pod: Mapping[str, Any]) -> bool:
-    """Return whether a pod's spec keeps it on a machine that Kubernetes cannot reach, for ever."""
+    """Return whether a pod's spec keeps it forever on a machine that Kubernetes cannot reach."""
     return any(
         one.get("key") in (STAY[1], None)
         and one.get("operator") == "Exists"

@@ -1,4 +1,4 @@
-"""What a node's container runs, by which ROS it is of."""
+"""What a node's container runs, by its ROS version."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def program(ros: Ros, node: NodeOptions) -> list[str]:
 
 
 def find_program(ros: Ros, node: NodeOptions) -> list[str]:
-    """Return what a node runs; nothing for a line that cannot be split, which others report."""
+    """Return what a node runs; empty for an invalid command line, which others report."""
     try:
         return program(ros, node)
     except ValueError:
@@ -46,7 +46,7 @@ def takes_ros_arguments(ros: Ros, line: Sequence[str]) -> bool:
 
 
 def run_beside(command: Command, *words: str) -> Command:
-    """Return a command beside which an in-pod script runs; see docs/beside-a-node.md."""
+    """Return a command with an in-pod script that runs next to it; see docs/beside-a-node.md."""
     return wrap(command, "beside.sh", *words, "--")
 
 
@@ -56,7 +56,7 @@ def run_by_lifecycle(command: Command) -> Command:
 
 
 def prepare(command: Command) -> Command:
-    """Return a command that start.sh completes, before anything runs beside the node."""
+    """Return a command that start.sh completes, before anything runs next to the node."""
     return put_before(command, *command.start, "--") if command.start else command
 
 

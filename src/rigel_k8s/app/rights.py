@@ -1,6 +1,6 @@
-"""What people need to be allowed: to deploy applications in a namespace, or only to look at them.
+"""Which rights people need: to deploy applications in a namespace, or only to view them.
 
-`rigel rbac` prints it as Roles. A deploy's own check (`release/refusals/rights.py`) asks for the
+`rigel rbac` prints them as Roles. A deploy's own check (`release/refusals/rights.py`) tests the
 part that this deploy needs, from the same declarations.
 """
 
@@ -29,7 +29,7 @@ OBJECTS: tuple[Kind, ...] = (
     ("v1", "PersistentVolumeClaim"),
     ("apps/v1", "Deployment"),
 )
-#: Those that roscore's gate has besides.
+#: Additional ones of roscore's gate.
 OF_GATE: tuple[Kind, ...] = (("v1", "ServiceAccount"), (RBAC, "Role"), (RBAC, "RoleBinding"))
 #: Those of a second network, and of a network that only the application's own pods may use.
 OF_NETWORK: tuple[Kind, ...] = (
@@ -39,9 +39,9 @@ OF_NETWORK: tuple[Kind, ...] = (
 
 
 def need_to_deploy(namespace: str) -> Iterator[Right]:
-    """Yield what it takes to deploy applications in a namespace, to look at them and end them.
+    """Yield the rights to deploy applications in a namespace, to view and to remove them.
 
-    Commands run in pods (`pods/exec`) show what the nodes know of each other, and forward ports.
+    Commands run in pods (`pods/exec`) show which nodes are connected, and forward ports.
     """
     yield from need_always(namespace)
     yield from need_to_explain(namespace)
@@ -51,13 +51,13 @@ def need_to_deploy(namespace: str) -> Iterator[Right]:
 
 
 def need_always(namespace: str) -> Iterator[Right]:
-    """Yield what every deploy needs, whatever is in it."""
+    """Yield the rights that every deploy needs."""
     yield from need_to_record(namespace)
     yield from need_to_wait(namespace)
 
 
 def need_to_have(kinds: Iterable[Kind], namespace: str) -> Iterator[Right]:
-    """Yield what it takes to create, update and delete objects of some kinds."""
+    """Yield the rights to create, update and delete objects of some kinds."""
     for api_version, kind in kinds:
         watch = " watch" if kind in WATCHED else ""
         verbs = f"get list create patch delete{watch}"
@@ -65,7 +65,7 @@ def need_to_have(kinds: Iterable[Kind], namespace: str) -> Iterator[Right]:
 
 
 def need_to_look(namespace: str) -> Iterator[Right]:
-    """Yield what it takes to see what runs and why not, and to read logs: no Secret, no command."""
+    """Yield the rights to view pods and their state, and to read logs; not Secrets or commands."""
     yield from grant("", "pods/log", "get", namespace)
     yield from grant("", "pods", "list watch", namespace)
     yield from grant("", "events", "list", namespace)

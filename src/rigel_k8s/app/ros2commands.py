@@ -29,10 +29,10 @@ from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper, Loader
 
 FLAG, END = "--ros-args", "--"
-#: The parameters of whatever nodes a process has.
+#: The parameters of all nodes of a process.
 ANY_NODE = "/**"
 PARAMETERS = "ros__parameters"
-#: What loads components where a node names no program of its own.
+#: What loads components if a node has no program of its own.
 CONTAINER = ("ros2", "run", "rclcpp_components", "component_container")
 #: The node's own `parameters`, as rcl reads them.
 OWN_FILE = "99-parameters.yaml"
@@ -110,7 +110,7 @@ def rules(key: str, node: NodeOptions) -> Iterator[str]:
 
 
 def reads_ros_arguments(line: Sequence[str]) -> bool:
-    """Return whether the end of a line is read as ROS arguments already."""
+    """Return whether the end of a line is already read as ROS arguments."""
     marks = [word for word in line if word in (FLAG, END)]
     return marks[-1:] == [FLAG]
 
@@ -133,9 +133,9 @@ def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
 
 
 def nest_parameters(text: str) -> str:
-    """Return a parameter file as rcl reads it; one of plain names and values is for any node.
+    """Return a parameter file as rcl reads it; plain names and values apply to any node.
 
-    The text itself is kept: rcl reads 1e3 as a number where this program's reader sees text.
+    The text itself is kept: rcl reads 1e3 as a number, our YAML parser as text.
     """
     if has_key(yaml.load(text, Loader), PARAMETERS):
         return text

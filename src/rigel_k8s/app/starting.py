@@ -1,4 +1,4 @@
-"""The command line of inpod/start.sh, which prepares a container with what only its image knows."""
+"""The command line of inpod/start.sh, which fills in what only the container's image has."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rigel_k8s.objects.pods import SCRIPTS_PATH
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.substitution_args import has_substitution, split_line
 
-#: Parameters as JSON, which the script reads; it lies beside the mounted parameter files.
+#: Parameters as JSON, which the script reads; it is beside the mounted parameter files.
 VALUES = "99-parameters.json"
 
 

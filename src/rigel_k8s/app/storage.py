@@ -20,7 +20,7 @@ def volume_name(name: str) -> str:
 
 
 def mount_path(volume: Volume) -> str:
-    """Return where a volume is mounted unless told otherwise."""
+    """Return where a volume is mounted by default."""
     return str(volume.mount_path or f"/persistent/{volume.name}")
 
 
@@ -43,7 +43,7 @@ def storage(
 
 
 def storage_class(volume: Volume) -> str | None:
-    """Return the class: none at all for a static volume, or its claim would get the default one."""
+    """Return the class: "" for a static volume, or its claim would get the default one."""
     if volume.storage_class is not None:
         return volume.storage_class
     return "" if volume.host_path else None

@@ -1,4 +1,4 @@
-"""How pods are replaced: by hand-over where the gate or a lifecycle allows it, else one by one."""
+"""How pods are replaced: by hand-over if the gate or a lifecycle allows it, else one by one."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from rigel_k8s.objects.pods import GATE_PORT, MASTER_NAME, Object
 from rigel_k8s.objects.scalars import Share
 from rigel_k8s.objects.workloads import ReleaseContext
 
-#: On a Deployment of ROS 1, and on one of ROS 2 that hands over: how it is updated, and why so.
+#: On a Deployment of ROS 1, and on one of ROS 2 that hands over: how it is updated, and why.
 UPDATE_ANNOTATION = "rigel-k8s/update"
-#: The ROS_MASTER_URI of pods whose nodes hand their names over: the gate knows them by its port.
+#: The ROS_MASTER_URI of pods whose nodes hand over their names: the gate recognises its port.
 GATE_URI = f"http://{MASTER_NAME}:{GATE_PORT}"
-#: Volumes that one machine alone, or one pod alone, may have mounted.
+#: Access modes of volumes that only one machine, or only one pod, may mount.
 EXCLUSIVE = ("ReadWriteOnce", "ReadWriteOncePod")
 
 
@@ -30,8 +30,8 @@ class Way:
     """How a workload's pods are replaced.
 
     Attributes:
-        reason: why it is not handed over, for people; "" for HandOver.
-        update: what the user says of it.
+        reason: why it is not handed over, for users; "" for HandOver.
+        update: the user's options for it.
         lifecycle: the full ROS name of the lifecycle node that is handed over, in ROS 2.
     """
 
@@ -42,7 +42,7 @@ class Way:
 
     @property
     def hands_over(self) -> bool:
-        """Whether the new pod works once the old one has given up, and not before."""
+        """Whether the new pod works only after the old one has stopped working."""
         return self.name == "HandOver"
 
     @property
@@ -57,7 +57,7 @@ class Way:
         return {"type": "RollingUpdate", "rollingUpdate": numbers}
 
     def annotations(self, around: ReleaseContext) -> dict[str, str]:
-        """Return what a Deployment says of its updates."""
+        """Return the annotations about a Deployment's updates."""
         if not self.lifecycle and (around.ros != "1" or not around.gate):
             return {}
         return {UPDATE_ANNOTATION: f"{self.name}: {self.reason}" if self.reason else self.name}
@@ -78,7 +78,7 @@ class Way:
 
 
 def is_rolling(update: RollingUpdate | None) -> bool:
-    """Return whether somebody asks for an update by surge, src.plugin's default."""
+    """Return whether an update by surge is requested, src.plugin's default."""
     if update is None:
         return False
     if update.strategy is None:
@@ -86,8 +86,8 @@ def is_rolling(update: RollingUpdate | None) -> bool:
     return update.strategy.lower() in ("rolling", "rollingupdate")
 
 
-def asks_hand_over(update: RollingUpdate | None) -> bool:
-    """Return whether the user wants a hand-over."""
+def requests_hand_over(update: RollingUpdate | None) -> bool:
+    """Return whether the user requests a hand-over."""
     return update is not None and (update.strategy or "").lower() == "handover"
 
 
@@ -102,23 +102,23 @@ def choose_way(
     """Return how a workload is updated.
 
     Args:
-        obstacle: why two of it cannot run, or why the gate does not know them; see `find_obstacle`
+        obstacle: why two of it cannot run, or why the gate cannot manage them; see `find_obstacle`
             and `find_lifecycle_obstacle`.
-        ros_name: the full name of the node, where it is known.
+        ros_name: the full name of the node, if it is known.
     """
     asked = update or RollingUpdate()
     if is_rolling(update):
-        return Way("Rolling", "`update` asks for it", asked)
+        return Way("Rolling", "`update` requests it", asked)
     if asked.strategy is not None and asked.strategy.lower() == "recreate":
-        return Way("Recreate", "`update` asks for it", asked)
+        return Way("Recreate", "`update` requests it", asked)
     if anonymous:
-        return Way("Rolling", "its ROS name is another one in each pod", asked)
+        return Way("Rolling", "its ROS name differs in each pod", asked)
     if around.ros != "1":
-        if asks_hand_over(update) and ros_name and not obstacle:
+        if requests_hand_over(update) and ros_name and not obstacle:
             return Way("HandOver", "", asked, ros_name)
         return Way("Recreate", "only lifecycle nodes can be handed over in DDS", asked)
     if not around.gate:
-        return Way("Recreate", "there is no gate in front of roscore", asked)
+        return Way("Recreate", "roscore has no gate", asked)
     return Way("Recreate", obstacle, asked) if obstacle else Way("HandOver", "", asked)
 
 
@@ -138,9 +138,9 @@ def find_lifecycle_obstacle(
     if node.launch:
         return "a launch file gives its nodes their names: use package and executable, or args"
     if node.lifecycle:
-        return "it makes the transitions of `lifecycle`: leave one of the two out"
+        return "it makes the transitions of `lifecycle`: remove one of the two"
     if node.components:
-        return "its components are loaded anew, and would work beside those of the old pod"
+        return "its components are loaded again, and would run beside those of the old pod"
     try:
         line = program("2", node)
     except ValueError:
@@ -157,7 +157,7 @@ def find_lifecycle_obstacle(
         if mode.one_pod:
             return f"with `{network.mode}` the two pods do not find each other"
     if middleware == "zenoh":
-        return "it goes by DDS, and this is zenoh"
+        return "hand-over needs DDS, and this is zenoh"
     return find_obstacle(node, volumes, ready_by=(None, "ros", "dds"))
 
 
@@ -168,12 +168,12 @@ def find_obstacle(
     own_master: bool = False,
     ready_by: Sequence[str | None] = (None, "ros"),
 ) -> str | None:
-    """Return why two pods of a node cannot run side by side, or the gate cannot know them.
+    """Return why two pods of a node cannot run side by side, or the gate cannot manage them.
 
     Args:
         volumes: the release's persistent volumes, by name.
         own_master: the network gives it a ROS_MASTER_URI of its own.
-        ready_by: the readiness checks that know of hand-overs.
+        ready_by: the readiness checks that support hand-overs.
     """
     mounted = [mount_of(item) for item in node.volumes]
     claims = [volumes[str(m.name)] for m in mounted if m.name and str(m.name) in volumes]
@@ -182,7 +182,7 @@ def find_obstacle(
         f"it has the device {device}": bool(node.devices),
         "it uses the machine's own network": node.host_network,
         "it is privileged": bool(node.security_context.get("privileged")),
-        "it says itself when it is ready": node.readiness not in ready_by,
+        "it has a readiness check of its own": node.readiness not in ready_by,
         "it has a ROS_MASTER_URI of its own": own_master or has_variable(node, "ROS_MASTER_URI"),
     }
     own = next((reason for reason, holds in found.items() if holds), None)
@@ -213,23 +213,23 @@ def find_application_obstacle(
 ) -> str | None:
     """Return why two pods of src.plugin's one application cannot run side by side."""
     if readiness not in (None, "ros"):
-        return "it says itself when it is ready"
+        return "it has a readiness check of its own"
     if own_master:
         return "it has a ROS_MASTER_URI of its own"
     return find_exclusive(volumes) or find_patched(params)
 
 
 def find_patched(patch: Mapping[str, Any]) -> str | None:
-    """Return why a user's own part of a Deployment keeps two pods from running side by side."""
+    """Return why a user's own part of a Deployment prevents two pods from running side by side."""
     spec = mapping(mapping(mapping(patch.get("spec")).get("template")).get("spec"))
     if spec.get("hostNetwork"):
         return "it uses the machine's own network"
-    for container in listed(spec.get("containers")):
+    for container in list_mappings(spec.get("containers")):
         if mapping(container.get("securityContext")).get("privileged"):
             return "it is privileged"
-        if any("hostPort" in port for port in listed(container.get("ports"))):
+        if any("hostPort" in port for port in list_mappings(container.get("ports"))):
             return "it has a port of its machine"
-    if any("persistentVolumeClaim" in one for one in listed(spec.get("volumes"))):
+    if any("persistentVolumeClaim" in one for one in list_mappings(spec.get("volumes"))):
         return "it mounts a claim that may be exclusive"
     return None
 
@@ -239,12 +239,12 @@ def mapping(value: Any) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
-def listed(value: Any) -> Iterator[Mapping[str, Any]]:
+def list_mappings(value: Any) -> Iterator[Mapping[str, Any]]:
     """Yield the mappings of a list."""
     items = value if isinstance(value, list | tuple) else ()
     yield from (one for one in items if isinstance(one, Mapping))
 
 
 def share(value: Share | None, default: int) -> int | str:
-    """Return a number of pods, or a percentage, as the Kubernetes field takes it."""
+    """Return a number of pods, or a percentage, for the Kubernetes field."""
     return default if value is None else value.value

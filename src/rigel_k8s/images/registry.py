@@ -49,7 +49,7 @@ _PARAMETER = re.compile(r'(\w+)=(?:"((?:[^"\\]|\\.)*)"|([^\s,"]+))')
 
 
 class _Unclear(Exception):
-    """The registry gave no usable answer; the text says why."""
+    """The registry gave no usable answer; the text is the reason."""
 
 
 class _Unreachable(_Unclear):
@@ -391,7 +391,7 @@ def _encrypts(host: str, timeout: float) -> bool:
 
 
 def _proxy_of(url: str) -> str | None:
-    """Return the environment's proxy for a URL, None if there is none."""
+    """Return the environment's proxy for a URL, None without one."""
     parts = urlsplit(url)
     return None if is_loopback(parts.netloc) else environment_proxy(parts, os.environ) or None
 

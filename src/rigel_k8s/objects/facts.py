@@ -1,4 +1,4 @@
-"""What live objects say about themselves: conditions, readiness, defaults; pure."""
+"""What the status of live objects contains: conditions, readiness, defaults; pure."""
 
 from __future__ import annotations
 

@@ -127,7 +127,7 @@ def look(
     options: type[Any],
     directory: Path | None,
 ) -> Preview:
-    """Return a component's options as far as a scope knows their values.
+    """Return a component's options as far as their values are in a scope.
 
     Args:
         directory: the application's, where files are that the options name; None: unknown.

@@ -24,7 +24,7 @@ class Name:
 
     Attributes:
         text: the whole template, braces included.
-        header: the part before the first dot; empty if there is none.
+        header: the part before the first dot; empty without a dot.
         name: the part after it.
     """
 

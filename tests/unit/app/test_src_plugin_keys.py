@@ -64,7 +64,7 @@ KEYS: list[tuple[str, Look, Any, Any]] = [
         "rolling_update: {strategy: Rolling}",
         lambda d: find(d, "Deployment", "rigel-k8s-application")["metadata"]["annotations"],
         {"rigel-k8s/update": "HandOver"},
-        {"rigel-k8s/update": "Rolling: `update` asks for it"},
+        {"rigel-k8s/update": "Rolling: `update` requests it"},
     ),
     (
         "rolling_update: {strategy: rolling, max_surge: 2}",

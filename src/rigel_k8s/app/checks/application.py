@@ -1,7 +1,7 @@
 """What is wrong with a job's options beyond the form of single values; pure.
 
 Each check yields Problems with paths into the options. A job may describe only a part of a release:
-nothing is asked for that its last revision may have.
+options that its last revision may have are not required.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from rigel_k8s.app.nodes import NODE_CONTAINER
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.security.checks import check_security
 from rigel_k8s.app.updating import (
-    asks_hand_over,
     find_application_obstacle,
     find_lifecycle_obstacle,
     find_obstacle,
     is_rolling,
+    requests_hand_over,
     share,
 )
 from rigel_k8s.objects.naming import Ros, object_name
@@ -51,18 +51,18 @@ SURGE: Mapping[str, str] = {
     "1": "during an update two pods of one ROS name run at once, and the ROS master shuts one of"
     " them down; Recreate, the default, leaves a gap instead, and only anonymous nodes need"
     " neither",
-    "2": "during an update two nodes of one name run at once: each message of theirs comes twice,"
-    " and services and actions answer from either; Recreate, the default, leaves a gap instead",
+    "2": "during an update two nodes of one name run at once: each of their messages comes twice,"
+    " and either answers services and actions; Recreate, the default, leaves a gap instead",
 }
 SIDECARS = (
-    "a pod of ROS 2 or DDS has one container: the network's interface, domain and peers are set for"
-    " that one, and it alone is probed, counted in the graph and stopped by itself; make the other"
-    " one of `nodes`, or say allow_sidecars: true where it has nothing to do with DDS"
+    "a pod of ROS 2 or DDS has one container: only that one gets the network's interface, domain"
+    " and peers, is probed, counted in the graph and stopped cleanly; make the other one a node of"
+    " `nodes`, or set allow_sidecars: true if it does not use DDS"
 )
 
 
 def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
-    """Yield what is wrong, and what works otherwise than it looks."""
+    """Yield what is wrong, and what works differently than it looks."""
     ros = ros_of(distro, options.ros)
     if options.ros is None:
         yield from check_distro(distro)
@@ -92,10 +92,11 @@ def check(options: OrchestrationOptions, distro: str) -> Iterator[Problem]:
 
 
 def check_distro(distro: str) -> Iterator[Problem]:
-    """Yield a distribution that is probably misspelt; one of a user's own is no mistake."""
+    """Yield a distribution that is probably misspelt; a user's own is not an error."""
     if name := guess_distro(distro):
         message = (
-            f'application.distro: "{distro}" is taken for a ROS 1 of your own, or is it "{name}"?'
+            f'application.distro: unknown distro "{distro}", did you mean "{name}"?'
+            " (treated as a ROS 1 of your own)"
         )
         yield Problem((), message, "unknown-distro", severity="warning")
 
@@ -106,19 +107,19 @@ def check_master(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
         yield from check_masterless(options, ros)
         return
     if options.deploy_ros_master and options.ros_master_uri:
-        message = "a master that is there already and one of our own: leave one of the two out"
+        message = "ros_master_uri names a master, but deploy_ros_master deploys another: remove one"
         yield Problem(("ros_master_uri",), message, "two-masters", at_key=True)
     nowhere = options.deploy_ros_master is False and options.ros_master_uri is None
     if nowhere and options.nodes:
         message = (
-            "no ROS master: each node looks for one in its own container;"
-            " give ros_master_uri where there is one"
+            "no ROS master: each node searches for one in its own container;"
+            " set ros_master_uri if there is one"
         )
         yield Problem(("deploy_ros_master",), message, "no-master", severity="warning")
 
 
 def check_masterless(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield what asks for a master where there is none."""
+    """Yield options for a master in an application without one."""
     what = "ROS 2" if ros == "2" else "a plain DDS application"
     asked = {
         "deploy_ros_master": options.deploy_ros_master,
@@ -129,17 +130,17 @@ def check_masterless(options: OrchestrationOptions, ros: Ros) -> Iterator[Proble
     for key, value in asked.items():
         if value:
             path = (key, "ros_master") if key == "additional_k8s_params" else (key,)
-            message = f"{what} has no master: leave it out; nodes find each other by `network`"
+            message = f"{what} has no master: remove it; nodes find each other by `network`"
             yield Problem(path, message, "no-master-in-ros2", at_key=True)
 
 
 def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield names that two things would have: Kubernetes names, and ROS names."""
+    """Yield names that two things would share: Kubernetes names, and ROS names."""
     if options.deployment_name == MASTER_NAME and ros == "1":
         yield Problem(("deployment_name",), f'"{MASTER_NAME}" is roscore\'s name', "name-taken")
     taken = {MASTER_NAME: "roscore"} if deploys_master(options, ros) else {}
     if list_keys(options):
-        taken[setter_name(str(options.deployment_name))] = "what sets the global parameters"
+        taken[setter_name(str(options.deployment_name))] = "the Deployment for global parameters"
     if has_application(options):
         taken[str(options.deployment_name)] = "the application"
     ros_names: dict[str, list[str]] = defaultdict(list)
@@ -155,9 +156,7 @@ def check_names(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
             ros_names[component.full_name(name)].append(str(key))
     for name, keys in ros_names.items():
         for key in (key for key in keys if key != keys[0]):
-            message = (
-                f'the ROS name {name} is that of "{keys[0]}" already; ROS allows one node of it'
-            )
+            message = f'"{keys[0]}" already has the ROS name {name}; ROS allows one node of a name'
             yield Problem(("nodes", key), message, "name-taken", at_key=True)
 
 
@@ -167,7 +166,7 @@ def check_volumes(options: OrchestrationOptions) -> Iterator[Problem]:
     for index, volume in enumerate(options.persistent_storage.volumes):
         path = ("persistent_storage", "volumes", index, "name")
         if volume.name in names:
-            yield Problem(path, f'there is a volume "{volume.name}" already', "name-taken")
+            yield Problem(path, f'the volume "{volume.name}" already exists', "name-taken")
         names.add(volume.name)
 
 
@@ -181,19 +180,19 @@ def check_update(
     if not is_rolling(update) and any(value is not None for value in numbers.values()):
         given = next(key for key, value in numbers.items() if value is not None)
         kept = update.strategy or "Recreate"
-        message = f"{kept} has no {given}: leave it out, or say strategy: Rolling"
+        message = f"{kept} has no {given}: remove it, or set strategy: Rolling"
         yield Problem((*path, given), message, "bad-update", at_key=True)
     elif is_rolling(update):
         surge, missing = share(update.max_surge, 1), share(update.max_unavailable, 0)
         if {surge, missing} <= {0, "0%"}:
-            message = "with max_surge and max_unavailable both 0 no pod could ever be replaced"
+            message = "max_surge and max_unavailable are both 0: no pod could be replaced"
             yield Problem(path, message, "bad-update")
         elif not anonymous and ros in SURGE:
             yield Problem(path, SURGE[ros], "surge", severity="warning", at_key=True)
 
 
 def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Iterator[Problem]:
-    """Yield updates that are to hand over and cannot."""
+    """Yield updates that should hand over but cannot."""
     gate = deploys_master(options, ros) and has_gate(options, distro)
     static = options.network is not None and options.network.ipam == "static"
     volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
@@ -202,7 +201,7 @@ def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Ite
         if ros != "1":
             obstacle = find_lifecycle_obstacle(node, volumes, options.network, options.middleware)
         if node.anonymous:
-            obstacle = "its ROS name is another one in each pod: leave `strategy` out"
+            obstacle = "its ROS name differs in each pod: remove `strategy`"
         path: Path = ("nodes", str(key), "update")
         yield from refuse_hand_over(path, node.update, ros, obstacle, gate=gate)
     obstacle = find_application_obstacle(
@@ -212,7 +211,7 @@ def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Ite
         own_master=static,
     )
     if ros == "2":
-        obstacle = "in ROS 2 the command line is changed for it: make it one of `nodes`"
+        obstacle = "in ROS 2 it needs another command line: make it one of `nodes`"
     yield from refuse_hand_over(
         ("rolling_update",), options.rolling_update, ros, obstacle, gate=gate
     )
@@ -221,19 +220,19 @@ def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Ite
 def refuse_hand_over(
     path: Path, update: RollingUpdate | None, ros: Ros, obstacle: str | None, *, gate: bool
 ) -> Iterator[Problem]:
-    """Yield why an update cannot hand over, where it says so."""
-    if not asks_hand_over(update):
+    """Yield why an update cannot hand over, if it requests that."""
+    if not requests_hand_over(update):
         if update is not None and update.warm and (ros != "1" or update.strategy):
-            message = "only nodes that hand their names over can be warm: leave it out"
+            message = "only nodes that hand over their names can be warm: remove it"
             yield Problem((*path, "warm"), message, "bad-update", at_key=True)
         return
     if ros == "2" and update is not None and update.warm:
-        message = "a lifecycle node hears its topics from `configure` on anyway: leave it out"
+        message = "a lifecycle node receives its topics from `configure` on anyway: remove it"
         yield Problem((*path, "warm"), message, "bad-update", at_key=True)
     if ros == "none":
         obstacle = "plain DDS has no lifecycle to hand over; use Recreate or Rolling"
     elif ros == "1" and not gate:
-        obstacle = "there is no gate in front of roscore, see `gate`"
+        obstacle = "roscore has no gate, see `gate`"
     if obstacle:
         message = f"HandOver is not possible: {obstacle}"
         yield Problem((*path, "strategy"), message, "hand-over", at_key=True)
@@ -245,10 +244,10 @@ def check_rollback(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]
     if said is None:
         return
     if said.within is not None and not said.graph_worse:
-        message = "it says how long the graph may stay worse: add graph_worse: true"
+        message = "`within` has no effect without graph_worse: add graph_worse: true"
         yield Problem(("rollback_on", "within"), message, "incomplete", at_key=True)
     if said.graph_worse and speaks_zenoh(options, ros):
-        message = "the graph of nodes that use zenoh cannot be read: leave it out"
+        message = "the graph of nodes that use zenoh cannot be read: remove it"
         yield Problem(("rollback_on", "graph_worse"), message, "no-graph", at_key=True)
 
 
@@ -257,36 +256,34 @@ def check_readiness(path: Path, readiness: Readiness | str | None) -> Iterator[P
     if not isinstance(readiness, Readiness):
         return
     if readiness.command is not None and readiness.file is not None:
-        yield Problem(
-            (*path, "file"), "a command and a file: leave one out", "conflict", at_key=True
-        )
+        yield Problem((*path, "file"), "a command and a file: remove one", "conflict", at_key=True)
     if readiness.command is not None:
         yield from check_words((*path, "command"), readiness.command)
 
 
 def check_words(path: Path, command: str | list[str]) -> Iterator[Problem]:
-    """Yield why a command line is none."""
+    """Yield why a command line is not valid."""
     try:
         line = split_words(command)
     except ValueError as error:
         yield Problem(path, f"it cannot be split into words: {str(error).lower()}", "bad-command")
         return
     if not line:
-        yield Problem(path, "an empty command, leave it out instead", "bad-command")
+        yield Problem(path, "the command is empty: remove it", "bad-command")
 
 
 def check_params(options: OrchestrationOptions) -> Iterator[Problem]:
-    """Yield raw parts that would break what holds a Deployment and its pods together."""
+    """Yield raw parts that would separate a Deployment from its pods."""
     params = options.additional_k8s_params
     for key, tree in (("ros_master", params.ros_master), ("application", params.application)):
         yield from check_patch(("additional_k8s_params", key), tree)
     if options.results and options.nodes and not has_application(options):
-        message = "results are copied out of the application, and this job has only `nodes`"
+        message = "results are copied out of the application, but this job has only `nodes`"
         yield Problem(("results",), message, "no-application", at_key=True)
 
 
 def check_containers(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield pods with more than one container, which DDS does not survive."""
+    """Yield pods with more than one container, which breaks DDS."""
     if ros == "1" or options.allow_sidecars:
         return
     params = options.additional_k8s_params.application
@@ -306,13 +303,13 @@ def check_containers(options: OrchestrationOptions, ros: Ros) -> Iterator[Proble
 
 
 def list_extra_containers(written: Sequence[Mapping[str, Any]], own: Sequence[str]) -> str:
-    """Return the names of the containers that come to a pod's first one, "" for none."""
+    """Return the names of a pod's containers after the first, "" for none."""
     names = [*own, *(str(c.get("name")) for c in written if c.get("name") not in own)]
     return ", ".join(names[1:])
 
 
 def check_observability(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield what is wrong with the stack that the job asks for."""
+    """Yield what is wrong with the stack that the job requests."""
     said = options.observability
     if options.observability_only:
         said = attrs.evolve(said, enabled=True)

@@ -1,4 +1,4 @@
-"""What keeps an application from having the ROS exporter that is asked for; pure."""
+"""Why an application cannot have the ROS exporter that it requests; pure."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from rigel_k8s.observability.names import EXPORTER
 from rigel_k8s.problems import Problem
 
 ZENOH = (
-    "ros_metrics: the exporter joins DDS and speaks no zenoh, so this application has no metrics of"
+    "ros_metrics: the exporter supports DDS but not zenoh, so this application has no metrics of"
     " its ROS graph; set `ros_metrics: false` to turn this warning off"
 )
 NO_MASTER = (
-    "ros_metrics: without a ROS master that others reach there is no graph to be seen: give"
-    " ros_master_uri or leave deploy_ros_master out, or say `ros_metrics: false`"
+    "ros_metrics: the exporter needs a ROS master that other pods reach: set ros_master_uri, remove"
+    " deploy_ros_master, or set `ros_metrics: false`"
 )
 
 
@@ -26,7 +26,7 @@ def can_be_seen(options: OrchestrationOptions, ros: Ros) -> bool:
 
 
 def reason(options: OrchestrationOptions, ros: Ros) -> str | None:
-    """Return why an exporter would see nothing, None where it would."""
+    """Return why an exporter would see nothing, None if it would see the graph."""
     if ros == "1":
         alone = options.deploy_ros_master is False and options.ros_master_uri is None
         return NO_MASTER if alone else None
@@ -40,7 +40,7 @@ def speaks_zenoh(options: OrchestrationOptions, ros: Ros) -> bool:
 
 
 def check_exporter(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield what keeps the exporter from seeing the graph, and who has its name."""
+    """Yield what hides the graph from the exporter, and what has the exporter's name."""
     wanted = options.observability
     if wanted.exporter is None:
         return

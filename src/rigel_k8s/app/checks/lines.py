@@ -1,4 +1,4 @@
-"""Command lines as options have them: a text, or a list of words."""
+"""Command lines in options: a text, or a list of words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rigel_k8s.problems import Path, Problem
 def check_line(
     options: ParameterOptions, path: Path, line: str | Sequence[Any] | None
 ) -> Iterator[Problem]:
-    """Yield why a command line is none."""
+    """Yield why a command line is not valid."""
     if line is None:
         return
     try:
@@ -23,4 +23,4 @@ def check_line(
         yield Problem(path, message, "bad-command")
     else:
         if empty:
-            yield Problem(path, "an empty command line, leave it out instead", "bad-command")
+            yield Problem(path, "the command line is empty: remove it", "bad-command")

@@ -15,8 +15,8 @@ from rigel_k8s.problems import Problem
 
 MISSING = (
     "no `network`: on most clusters nodes on different machines will not find each other, since pod"
-    " networks carry no multicast; say network: macvlan, ipvlan, attachment, peers,"
-    " discovery-server, zenoh or host, or none where it is known to work (docs/networking.md)"
+    " networks carry no multicast; set network: macvlan, ipvlan, attachment, peers,"
+    " discovery-server, zenoh or host, or none if it is known to work (docs/networking.md)"
 )
 
 
@@ -24,7 +24,7 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
     """Yield what is wrong, with paths from the root of the options."""
     network, middleware = options.network, options.middleware
     if ros == "1" and middleware:
-        message = "ROS 1 has no middleware to choose: leave it out"
+        message = "ROS 1 has no middleware to choose: remove it"
         yield Problem(("middleware",), message, "ros1", at_key=True)
     if network is None:
         yield from check_missing(options, ros)
@@ -38,19 +38,19 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
 
 
 def check_missing(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield that several pods of ROS 2 or DDS have no network to find each other on."""
+    """Yield a warning if several pods of ROS 2 or DDS have no network to find each other."""
     if ros != "1" and sum(one.pods for one in workloads_of(options)) > 1:
         path = ("nodes",) if options.nodes else ()
         yield Problem(path, MISSING, "network-missing", severity="warning", at_key=True)
 
 
 def check_images(options: OrchestrationOptions, middleware: str | None) -> Iterator[Problem]:
-    """Yield official images that lack the middleware, each place once."""
+    """Yield official images without the middleware, each place once."""
     if middleware not in ("cyclonedds", "zenoh"):
         return
     for path in dict.fromkeys(one.image for one in workloads_of(options) if one.official):
         message = (
-            f"official ROS images carry Fast DDS only: {middleware} wants an image with"
+            f"official ROS images have only Fast DDS: {middleware} needs an image with"
             f" ros-DISTRO-rmw-{middleware}-cpp installed"
         )
         yield Problem(path, message, "image-lacks-rmw", severity="warning")

@@ -20,14 +20,14 @@ from rigel_k8s.problems import Problem
 
 #: What two nodes of one name do to each other.
 CLASH: Mapping[str, str] = {
-    "1": "throw each other out",
+    "1": "shut each other down",
     "2": "answer each other's services and parameters",
 }
-#: Labels by which objects are found again.
+#: Labels that identify objects.
 RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
-#: What is read by a node that is started with it.
+#: Options that a node reads at its start.
 APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
-#: What only ROS can read.
+#: Options that only ROS can read.
 ROS_ONLY = ("name", "namespace", "package", "launch", "substitution_args", *APPENDED)
 
 
@@ -35,7 +35,7 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     """Yield what is wrong with the node of a key."""
     node = options.nodes[key]
     if node.image is None and options.image is None:
-        message = f'"{key}" has no image: give it one here, or one for all nodes as `image`'
+        message = f'"{key}" has no image: set one here, or one for all nodes as `image` of the job'
         yield Problem((), message, "missing-image", at_key=True)
     yield from check_ros(node, ros)
     ros = node.ros or ros
@@ -54,34 +54,34 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
 
 
 def check_name(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield why a node cannot be called so, or not be there twice."""
+    """Yield why a node cannot have its name, or have several pods."""
     if ros == "none":
         return
     if node.name is None and not node.anonymous and not node.launch:
         try:
             RosName.parse(key)
         except ValueError as error:
-            yield Problem((), f"{error}, or give it a `name`", RosName.kind, at_key=True)
+            yield Problem((), f"{error}, or set a `name`", RosName.kind, at_key=True)
     if node.name is not None and node.anonymous:
-        message = "the name of an anonymous node is made at start: leave one of the two out"
+        message = "the name of an anonymous node is generated at its start: remove one of the two"
         yield Problem(("name",), message, "conflict", at_key=True)
     if node.replicas is not None and node.replicas > 1 and not node.anonymous:
         message = (
             f"ROS allows one node of a name, and {node.replicas} pods would {CLASH[ros]};"
-            " say anonymous: true where its name is made at start"
+            " set anonymous: true if its name is generated at its start"
         )
         yield Problem(("replicas",), message, "duplicate-node")
 
 
 def check_ros(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield a readiness that a program without ROS beside ROS nodes never reaches."""
+    """Yield a readiness that a program without ROS never reaches."""
     if node.ros == "none" and (node.readiness == "ros" or (node.readiness == "dds" and ros == "1")):
         message = f"a program without ROS (ros: none) never becomes ready by {node.readiness}"
         yield Problem(("readiness",), f"{message}: use a command or a file", "not-ros", at_key=True)
 
 
 def check_plain(node: NodeOptions) -> Iterator[Problem]:
-    """Yield what a program without ROS would not understand."""
+    """Yield options that a program without ROS cannot read."""
     what = "program without ROS" if node.ros else "plain DDS application"
     for key in ROS_ONLY:
         if getattr(node, key):
@@ -92,10 +92,10 @@ def check_plain(node: NodeOptions) -> Iterator[Problem]:
 
 
 def check_labels(node: NodeOptions) -> Iterator[Problem]:
-    """Yield labels that are not the user's to give."""
+    """Yield labels that a user must not set."""
     for key in node.labels:
         if str(key).startswith(RESERVED):
-            message = f'"{key}" is one of those that objects are found by; choose another name'
+            message = f'the label "{key}" identifies objects of a release: choose another name'
             yield Problem(("labels", str(key)), message, "reserved-label", at_key=True)
 
 
@@ -110,7 +110,7 @@ def check_command(node: NodeOptions) -> Iterator[Problem]:
         given = [name for name in given if name != "args"] + ["package"]
     if len(given) > 1:
         listed = " and ".join(f"`{name}`" for name in given)
-        message = f"{listed} each say what to run: leave one"
+        message = f"{listed} each set what to run: keep one"
         if {"command", "args"} == set(given):
             message += " (args keeps the image's ENTRYPOINT, which sets up ROS)"
         yield Problem((given[1],), message, "conflict", at_key=True)
@@ -127,12 +127,12 @@ def check_appended(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
 
 
 def explain_unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
-    """Return why a node could not read what the key says, None where it can."""
+    """Return why a node could not read the key's value, None if it can."""
     line = program(ros, node)
     if not line:
         return (
             f"{key} cannot be appended to the image's CMD:"
-            " say what runs with args, package and executable, or launch"
+            " set what runs with args, package and executable, or launch"
         )
     if node.launch:
         return explain_unreadable_to_launch(node, key, ros)
@@ -145,20 +145,18 @@ def explain_unreadable(node: NodeOptions, key: str, ros: Ros) -> str | None:
 
 
 def explain_unreadable_to_launch(node: NodeOptions, key: str, ros: Ros) -> str | None:
-    """Return why a launch file could not read what the key says, None where it can."""
+    """Return why a launch file could not read the key's value, None if it can."""
     if key == "parameter_files":
         named = any(PARAMETERS_PATH in str(value) for value in node.launch.args.values())  # type: ignore[union-attr]
         if ros == "1" or named:
             return None
         path, _ = next(list_paths(node))
-        return (
-            f"ros2 launch reads no parameter files by itself: name them in launch.args, as {path}"
-        )
+        return f"ros2 launch does not read parameter files: pass them in launch.args, as {path}"
     if key == "parameter_commands" and ros == "1":
         return None
     where = "launch.args" if key == "parameters" else "the launch file"
     tool = "roslaunch" if ros == "1" else "ros2 launch"
-    return f"{tool} reads no {key} from its command line: write them in {where}"
+    return f"{tool} does not read {key} from its command line: write them in {where}"
 
 
 def check_env(node: NodeOptions) -> Iterator[Problem]:
@@ -169,45 +167,45 @@ def check_env(node: NodeOptions) -> Iterator[Problem]:
     for index, item in enumerate(node.env):
         assert isinstance(item, EnvVar)
         if item.value is not None and item.value_from is not None:
-            message = "value and valueFrom: leave one out"
+            message = "value and valueFrom: remove one"
             yield Problem(("env", index, "value"), message, "conflict", at_key=True)
         if item.name in names:
-            message = f'there is a variable "{item.name}" already'
+            message = f'the variable "{item.name}" is already set'
             yield Problem(("env", index, "name"), message, "name-taken")
         names.add(item.name)
 
 
 def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
-    """Yield mounts of nothing, of two things, of unknown volumes, and on one path."""
+    """Yield mounts of nothing, of two things, of unknown volumes, and on the same path."""
     places: set[str] = set()
     for index, item in enumerate(node.volumes):
         mount = mount_of(item)
         path = ("volumes", index)
         if source_count(mount) != 1:
-            message = "give one of name, host_path, config_map, secret and memory"
+            message = "set exactly one of name, host_path, config_map, secret and memory"
             yield Problem(path, message, "bad-volume")
         elif mount.name and mount.name not in known:
             listed = ", ".join(sorted(known)) or "none"
-            message = f'no volume "{mount.name}" in persistent_storage.volumes (there: {listed})'
+            message = f'unknown volume "{mount.name}"; persistent_storage.volumes has: {listed}'
             yield Problem(path, message, "unknown-volume")
         elif mount.mount_path is None and not mount.name:
-            yield Problem(path, "where to? give mount_path", "bad-volume")
+            yield Problem(path, "mount_path is missing", "bad-volume")
         place = str(mount.mount_path or mount.name)
         if place in places:
-            yield Problem(path, f"something is mounted at {place} already", "name-taken")
+            yield Problem(path, f"another volume is already mounted at {place}", "name-taken")
         places.add(place)
 
 
 def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:
-    """Yield devices that are none, and those that the container may not open.
+    """Yield invalid devices, and those that the container may not open.
 
     Args:
-        restricted: device files are refused already, so no remedy is given for them.
+        restricted: device files are already refused, so no remedy is given for them.
     """
     for index, device in enumerate(map(device_of, node.devices)):
         path = ("devices", index)
         if (device.path is None) == (device.resource is None):
-            yield Problem(path, "give either path or resource", "bad-device")
+            yield Problem(path, "set either path or resource", "bad-device")
         elif device.path and not restricted and not node.security_context.get("privileged"):
             message = (
                 f"the container sees {device.path} but may not open it: add security_context:"
@@ -217,12 +215,12 @@ def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:
 
 
 def check_ports(node: NodeOptions) -> Iterator[Problem]:
-    """Yield ports and port names that are there twice."""
+    """Yield ports and port names that occur twice."""
     seen: set[tuple[str, object]] = set()
     for index, port in enumerate(map(port_of, node.ports)):
         for what in (("port", (port.port, port.protocol)), ("name", port.name)):
             if what[1] is not None and what in seen:
-                message = f"this {what[0]} is there already"
+                message = f"another port already has this {what[0]}"
                 yield Problem(("ports", index), message, "name-taken")
             seen.add(what)
 
@@ -230,15 +228,15 @@ def check_ports(node: NodeOptions) -> Iterator[Problem]:
 def check_placement(
     key: str, node: NodeOptions, nodes: Mapping[str, NodeOptions]
 ) -> Iterator[Problem]:
-    """Yield places that contradict each other, taints without sense and raw parts that break."""
+    """Yield contradicting placements, meaningless tolerations and raw parts that break."""
     for index, other in enumerate(node.placement.apart_from):
         if other not in nodes or other == key:
-            message = f'"{other}" is none of the other nodes'
+            message = f'"{other}" is not one of the other nodes'
             yield Problem(("placement", "apart_from", index), message, "unknown-node")
     for index, item in enumerate(node.tolerations):
         if item.value is not None and item.operator == "Exists":
-            message = "Exists compares no value: leave `operator` or `value` out"
+            message = "Exists compares no value: remove `operator` or `value`"
             yield Problem(("tolerations", index, "value"), message, "conflict", at_key=True)
         if item.seconds is not None and item.effect != "NoExecute":
-            message = "only NoExecute ends after some seconds: add effect: NoExecute"
+            message = "only NoExecute has `seconds`: add effect: NoExecute"
             yield Problem(("tolerations", index, "seconds"), message, "conflict", at_key=True)

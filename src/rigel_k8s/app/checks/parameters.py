@@ -1,6 +1,6 @@
 """What is wrong with parameters of a node or of the job, and with substitution args; pure.
 
-Paths begin at what has them.
+Paths begin at the node or job.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rigel_k8s.substitution_args import (
 #: Where substitution args are replaced.
 IN_PARAMETERS = ("parameters", "parameter_files", "parameter_commands")
 IN_NODES = ("args", "command", "launch", "env", "components", *IN_PARAMETERS)
-#: Where an expression is hardly meant as text, with how severe it is that it stays one.
+#: Where an expression is probably not meant as text, and the severity if it stays text.
 NOT_LITERAL: Mapping[str, Literal["error", "warning"]] = {
     "parameter_files": "error",
     "parameter_commands": "error",
@@ -47,7 +47,7 @@ def check_global_parameters(options: OrchestrationOptions, ros: Ros) -> Iterator
         return
     if options.substitution_args and not keys:
         message = (
-            "this job has no global parameters to replace anything in: set substitution_args of the"
+            "this job has no global parameters with substitution args: set substitution_args of the"
             " nodes that need it"
         )
         path = ("substitution_args",)
@@ -62,7 +62,7 @@ def check_parameters(options: ParameterOptions, ros: Ros) -> Iterator[Problem]:
         yield from check_name(("parameters", key), name)
     for index, entry in enumerate(map(file_of, options.parameter_files)):
         if bool(entry.file) == bool(entry.image_file):
-            message = "give either file, beside the Rigelfile, or image_file"
+            message = "set either file, beside the Rigelfile, or image_file"
             yield Problem(("parameter_files", index), message, "bad-parameter-file")
         if entry.namespace is not None and ros != "1":
             path = ("parameter_files", index, "namespace")
@@ -75,14 +75,14 @@ def check_parameters(options: ParameterOptions, ros: Ros) -> Iterator[Problem]:
 
 
 def check_name(path: tuple[str, ...], name: str) -> Iterator[Problem]:
-    """Yield why a parameter cannot be called so."""
+    """Yield why a parameter cannot have a name."""
     try:
         RosName.parse(name)
     except ValueError as error:
         yield Problem(path, str(error), RosName.kind, at_key=True)
     else:
         if name == "/":
-            message = "/ is a namespace: give the parameter a name"
+            message = "/ is a namespace: add the parameter's name"
             yield Problem(path, message, RosName.kind, at_key=True)
 
 
@@ -105,7 +105,7 @@ def as_data(value: Any) -> Any:
 def check_substitution(
     options: NodeOptions | OrchestrationOptions, keys: tuple[str, ...]
 ) -> Iterator[Problem]:
-    """Yield expressions that are not replaced, although they look as if they were."""
+    """Yield expressions that look as if they were replaced but are not."""
     for key in keys:
         value = as_data(getattr(options, key))
         if options.substitution_args:
@@ -115,7 +115,7 @@ def check_substitution(
                 if not is_substituted(text) and not is_variable(text)
             )
             for text in dict.fromkeys(unknown):
-                message = f"unknown substitution arg {text}: there are {FORMS}"
+                message = f"unknown substitution arg {text}: use {FORMS}"
                 yield Problem((key,), message, "unknown-substitution", at_key=True)
         elif key in NOT_LITERAL and has_substitution(value):
             text = next(filter(is_substituted, find_expressions(value)))

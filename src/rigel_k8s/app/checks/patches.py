@@ -1,6 +1,6 @@
 """What is wrong with raw parts of a Deployment: fields that no patch may change, and their shape.
 
-Kubernetes knows every field; here are those that our own code reads and goes on from.
+Kubernetes checks every field; these are the ones that our own code reads.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from rigel_k8s.problems import Path, Problem
 
 Shape: TypeAlias = "Mapping[str, Shape] | Sequence[Shape]"
 
-#: A shape is a mapping of its keys' shapes, or a list with the shape of its items. Keys that do not
-#: stand here may have any value.
+#: A shape is a mapping of its keys' shapes, or a list with the shape of its items. Other keys
+#: may have any value.
 MAPPING: Shape = {}
 LIST: Shape = (MAPPING,)
 META: Shape = {"labels": MAPPING, "annotations": MAPPING}
@@ -44,7 +44,7 @@ DEPLOYMENT: Shape = {
     "metadata": META,
     "spec": {"strategy": MAPPING, "template": {"metadata": META, "spec": POD}},
 }
-#: What a Deployment cannot be without; null would take it away.
+#: What a Deployment needs; null would remove it.
 NEEDED = frozenset(
     {
         ("metadata",),
@@ -58,7 +58,7 @@ NEEDED = frozenset(
 
 
 def check_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield what is wrong with a part of a Deployment that is laid over what is generated."""
+    """Yield what is wrong with a part of a Deployment that is merged into the generated one."""
     yield from check_fixed(path, tree)
     yield from check_shape(path, (), tree, DEPLOYMENT)
 
@@ -70,7 +70,7 @@ def check_fixed(path: Path, tree: object) -> Iterator[Problem]:
         for key in field:
             place = place.get(key) if isinstance(place, dict) else None
         if place is not None:
-            message = f"{'.'.join(field)} is what a release is recognised by and cannot change"
+            message = f"{'.'.join(field)} identifies the release and cannot change"
             yield Problem((*path, *field), message, "fixed-field", at_key=True)
 
 
@@ -102,9 +102,9 @@ def check_shape(path: Path, field: Path, tree: object, shape: Shape) -> Iterator
             )
 
 
-def _wrong_type(path: Path, name: str, wanted: str, value: object) -> Problem:
-    """Return the problem of a value that is not what Kubernetes wants there."""
+def _wrong_type(path: Path, name: str, kind: str, value: object) -> Problem:
+    """Return the problem of a value of a kind that Kubernetes refuses there."""
     found = {str: "text", bool: "true or false", int: "a number", float: "a number"}
-    kind = "a list" if isinstance(value, Sequence) else "a mapping"
-    message = f"{name} of a Deployment must be {wanted}, not {found.get(type(value), kind)}"
+    other = "a list" if isinstance(value, Sequence) else "a mapping"
+    message = f"{name} of a Deployment must be {kind}, not {found.get(type(value), other)}"
     return Problem(path, message, "wrong-type")

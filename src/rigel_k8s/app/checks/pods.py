@@ -17,7 +17,7 @@ from rigel_k8s.network.rangechecks import pool_of
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.problems import Path, Problem
 
-#: The images of docker.io/library/ros and osrf/ros, which carry Fast DDS alone.
+#: The images of docker.io/library/ros and osrf/ros, which have only Fast DDS.
 OFFICIAL = re.compile(r"(docker\.io/)?(library/|osrf/)?ros([:@].*)?")
 
 STATIC = "with `ipam: static` each workload has one address"
@@ -25,11 +25,11 @@ STATIC = "with `ipam: static` each workload has one address"
 
 @attrs.frozen
 class Workload:
-    """What a check needs of a node, or of the application.
+    """What a check needs to know about a node, or about the application.
 
     Attributes:
-        path: where it stands in the options; replicas, update: where those of it stand.
-        pods: how many at most; node: the machine it is pinned to.
+        path: its place in the options; replicas, update: the places of these keys.
+        pods: the maximum number; node: the machine it is pinned to.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Workload:
 
 
 def workloads_of(options: OrchestrationOptions) -> Iterator[Workload]:
-    """Yield the nodes and the application; roscore has its own ways."""
+    """Yield the nodes and the application; roscore is handled separately."""
     for key, node in options.nodes.items():
         path: Path = ("nodes", str(key))
         image = str(node.image or options.image or "")
@@ -93,7 +93,7 @@ def check_pods(
     """Yield what the workloads cannot do.
 
     Args:
-        others: how many pods there are besides, roscore's and the exporter's.
+        others: how many other pods there are, roscore's and the exporter's.
     """
     found = list(workloads_of(options))
     yield from check_replicas(network, found)
@@ -105,16 +105,16 @@ def check_pods(
 
 
 def check_replicas(network: Network, found: list[Workload]) -> Iterator[Problem]:
-    """Yield workloads of more pods than have an address, or are found."""
+    """Yield workloads with more pods than addresses, or than can be found."""
     static, one_pod = network.ipam == "static", mode_of(network).one_pod
     for one in found:
         if one.pods > 1 and static:
-            message = f"{STATIC}, and here are {one.pods} pods"
+            message = f"{STATIC}, but this one has {one.pods} pods"
             yield Problem(one.replicas, message, "replicas")
         elif one.pods > 1 and one_pod:
             yield Problem(one.replicas, one_pod, "replicas")
         elif static and one.rolling:
-            message = f"{STATIC}, and a rolling update has two pods at once; say strategy: Recreate"
+            message = f"{STATIC}, but a rolling update has two pods at once: set strategy: Recreate"
             yield Problem(one.update, message, "surge", at_key=True)
 
 
@@ -137,18 +137,18 @@ def check_count(network: Network, pods: int) -> Iterator[Problem]:
     pool = pool_of(network) if network.ipam != "dhcp" else None
     if pool is not None and pods > len(pool):
         narrow = "range_end" if network.range_end else "subnet"
-        message = f"{len(pool)} addresses to give out, and {pods} pods want one: widen the range"
+        message = f"the range has {len(pool)} addresses, but {pods} pods need one: widen the range"
         yield Problem(("network", narrow), message, "too-few-addresses")
 
 
 def check_machines(network: Network, found: list[Workload]) -> Iterator[Problem]:
-    """Yield that host-local would give one address to two machines."""
+    """Yield a problem if host-local would give one address to two machines."""
     if network.ipam != "host-local" or sum(one.pods for one in found) < 2:
         return
     machines = {one.node for one in found}
     if None in machines or len(machines) > 1:
         message = (
-            "host-local counts on each machine for itself, so two machines give out one address"
+            "host-local counts on each machine separately, so two machines assign one address"
             " twice: pin all nodes to one machine (placement: {node: ...}), or use whereabouts"
         )
         yield Problem(("network", "ipam"), message, "host-local")
@@ -160,7 +160,7 @@ def check_host_network(network: Network, found: list[Workload]) -> Iterator[Prob
         if one.host_network and mode_of(network).attached:
             message = (
                 f"a pod on the machine's own network gets no second interface, so {network.mode}"
-                " does not reach it: leave host_network out"
+                " does not reach it: remove host_network"
             )
             yield Problem((*one.path, "host_network"), message, "conflict", at_key=True)
 
@@ -168,7 +168,7 @@ def check_host_network(network: Network, found: list[Workload]) -> Iterator[Prob
 def check_names(
     options: OrchestrationOptions, network: Network, found: list[Workload]
 ) -> Iterator[Problem]:
-    """Yield workloads that have the name of something that the mode makes."""
+    """Yield workloads that have the name of an object of the mode."""
     names = [one.name for one in found]
     made = set(mode_of(network).services(str(options.deployment_name), network, names))
     for one in found:

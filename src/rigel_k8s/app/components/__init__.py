@@ -1,1 +1,1 @@
-"""The option `components` of a node: several ROS nodes that one process has loaded."""
+"""The option `components` of a node: several ROS nodes in one process."""

@@ -31,7 +31,7 @@ def check_components(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]
         path: Path = ("components", name)
         full = component.full_name(name)
         if full in taken:
-            message = f"the ROS name {full} is that of {taken[full]} already"
+            message = f"{taken[full]} already has the ROS name {full}"
             yield Problem(path, message, "name-taken", at_key=True)
         taken.setdefault(full, f'"{name}"')
         for problem in check_component(name, component, ros):
@@ -39,18 +39,18 @@ def check_components(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]
 
 
 def explain_no_loading(node: NodeOptions, ros: Ros) -> str | None:
-    """Return why nothing can be loaded into a node, None where it can."""
+    """Return why nothing can be loaded into a node, None if it can."""
     if ros == "none":
         return "only a ROS node loads components"
     if node.launch:
-        return "a launch file loads its components itself: leave `launch` or `components` out"
+        return "a launch file loads its components itself: remove `launch` or `components`"
     if node.anonymous:
-        return "components are loaded by the node's name, and an anonymous node's is unknown"
+        return "components are loaded by the node's name, but an anonymous node's name is unknown"
     if ros == "2" and is_rolling(node.update):
-        return "in a rolling update the containers of both pods would be asked: use Recreate"
+        return "in a rolling update the containers of both pods would load them: use Recreate"
     line = find_program(ros, node)
     if line and not takes_ros_arguments(ros, line):
-        return f"{line[0]} does not pass the node's name on, by which components are loaded"
+        return f"{line[0]} does not pass on the node's name, by which components are loaded"
     return None
 
 
@@ -60,14 +60,14 @@ def check_component(key: str, component: Component, ros: Ros) -> Iterator[Proble
         try:
             RosName.parse(key)
         except ValueError as error:
-            yield Problem((), f"{error}, or give it a `name`", RosName.kind, at_key=True)
+            yield Problem((), f"{error}, or set a `name`", RosName.kind, at_key=True)
     if ros == "2" and component.package is None:
-        message = f"in which package is {component.plugin}? Add `package`"
+        message = f"the package of {component.plugin} is missing: add `package`"
         yield Problem((), message, "incomplete", at_key=True)
     if ros == "1":
         for name in ("package", "extra_arguments"):
             if getattr(component, name):
-                message = f"a nodelet has no {name}; its plugin is PACKAGE/CLASS"
+                message = f"a nodelet has no {name}: write its plugin as PACKAGE/CLASS"
                 yield Problem((name,), message, "not-ros1", at_key=True)
     for name, value in component.parameters.items():
         if reason := explain_unfit({name: value}, ros):
@@ -75,7 +75,7 @@ def check_component(key: str, component: Component, ros: Ros) -> Iterator[Proble
 
 
 def explain_unfit(parameters: dict[str, Any], ros: Ros) -> str | None:
-    """Return why parameters cannot be given to a component, None where they can."""
+    """Return why parameters cannot be passed to a component, None if they can."""
     for name, value in dotted(parameters):
         if value is None:
             return f'the parameter "{name}" has no value'

@@ -1,4 +1,4 @@
-"""What a node loads into its process; it knows no Kubernetes object."""
+"""What a node loads into its process; independent of Kubernetes objects."""
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
@@ -22,12 +22,12 @@ class Component:
     plugin: str = required_field(
         "the class: image_proc::RectifyNode in ROS 2, image_proc/rectify in ROS 1"
     )
-    name: RosName | None = option("its ROS name where it differs from the key")
-    namespace: RosName | None = option("the ROS namespace it lives in")
+    name: RosName | None = option("its ROS name, if it differs from the key")
+    namespace: RosName | None = option("its ROS namespace")
     parameters: Mapping[str, Any] = option("its private parameters", {})
     remappings: Mapping[RosName, RosName] = option("ROS names: from -> to", {})
     extra_arguments: Mapping[str, Scalar] = option(
-        "ROS 2: what the container is told besides, use_intra_process_comms say", {}
+        "ROS 2: further arguments of the component, such as use_intra_process_comms", {}
     )
 
     def full_name(self, key: str) -> str:

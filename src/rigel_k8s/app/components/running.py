@@ -1,4 +1,4 @@
-"""How a node's components are loaded: a script beside its process, and what it reads.
+"""How a node's components are loaded: a script next to its process, and its input.
 
 The scripts' contract is docs/beside-a-node.md.
 """
@@ -22,12 +22,12 @@ from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.substitution_args import has_substitution
 
 FILE = "components.json"
-#: What loads, by which ROS it is of.
+#: The script that loads, by ROS version.
 SCRIPTS: Mapping[Ros, str] = {"1": "nodelets.py", "2": "components.py"}
 
 
 def load_components(command: Command, ros: Ros, key: str, node: NodeOptions) -> Command:
-    """Return a command beside which the node's components are loaded."""
+    """Return a command that also runs the script that loads the node's components."""
     if not node.components or ros == "none":
         return command
     describe = describe_nodelet if ros == "1" else describe_component
@@ -44,7 +44,7 @@ def load_components(command: Command, ros: Ros, key: str, node: NodeOptions) -> 
 
 
 def describe_nodelet(key: str, component: Component) -> dict[str, Any]:
-    """Return what nodelets.py reads of a nodelet: full names, nested parameters."""
+    """Return a nodelet for nodelets.py: full names, nested parameters."""
     name = component.full_name(key)
     namespace = name.rpartition("/")[0]
     return {
@@ -59,14 +59,14 @@ def describe_nodelet(key: str, component: Component) -> dict[str, Any]:
 
 
 def resolve(name: str, node: str, namespace: str) -> str:
-    """Return the full name that a ROS name of a node means."""
+    """Return the full name of a ROS name in a node."""
     if name.startswith("/"):
         return name
     return f"{node}/{name[1:].lstrip('/')}" if name.startswith("~") else f"{namespace}/{name}"
 
 
 def describe_component(key: str, component: Component) -> dict[str, Any]:
-    """Return what components.py reads of a composable node: dotted parameters, remapping rules."""
+    """Return a composable node for components.py: dotted parameters, remapping rules."""
     return {
         "name": component.full_name(key),
         "package": component.package,

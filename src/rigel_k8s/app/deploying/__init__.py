@@ -1,1 +1,1 @@
-"""What a deploy of an application asks of the cluster and the registries."""
+"""What a deploy of an application needs from the cluster and the registries."""

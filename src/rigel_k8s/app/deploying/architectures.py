@@ -1,7 +1,7 @@
-"""Whether the machines that may run a workload are of a kind that its images run on.
+"""Whether the machines that may run a workload have an architecture of its images.
 
-It is asked with the dry runs of a deploy, for workloads that change. Where a registry or the
-cluster does not say, the deploy goes on: the container runtime then refuses the image.
+It is checked with the dry runs of a deploy, for workloads that change. If a registry or the
+cluster gives no answer, the deploy continues: the container runtime may then refuse the image.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
 ARCHITECTURE = "kubernetes.io/arch"
-#: Architectures by image; those of an image that is unknown are missing.
+#: Architectures by image; unknown images are not in it.
 Architectures = Mapping[str, frozenset[str]]
 
 
@@ -67,12 +67,12 @@ def describe(image: str, runs_on: Iterable[str], machines: Iterable[str], *, cho
     """Return what does not fit, and what to do."""
     which = "the machines that its placement allows are" if chosen else "the cluster's machines are"
     return (
-        f"{image.partition('@')[0]} runs on {', '.join(sorted(runs_on))}, and {which}"
-        f" {', '.join(sorted(set(machines)))}; build it for them too (`platforms` of a build job),"
+        f"{image.partition('@')[0]} runs on {', '.join(sorted(runs_on))}, but {which}"
+        f" {', '.join(sorted(set(machines)))}: build it for them too (`platforms` of a build job),"
         " or choose other machines with `placement`"
     )
 
 
 def read_architecture(node: Mapping[str, Any]) -> str:
-    """Return a machine's architecture, "" where it does not say."""
+    """Return a machine's architecture, "" if it is unknown."""
     return str((node["metadata"].get("labels") or {}).get(ARCHITECTURE, ""))

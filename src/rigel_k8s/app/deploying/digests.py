@@ -1,4 +1,4 @@
-"""Images by digest, so that the same tag built again is rolled out, and is the same everywhere."""
+"""Images by digest, so that a rebuilt tag is rolled out, and is the same everywhere."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def pins(
     credentials: Sequence[RegistryCredentials],
     last_objects: Callable[[], Manifests],
 ) -> dict[str, str]:
-    """Return {image: image@digest} for the images whose digest somebody knows.
+    """Return {image: image@digest} for the images whose digest is known.
 
-    Asked in this order: a push of this run, the image's registry, the release's last revision. An
+    The sources, in this order: a push of this run, the image's registry, the last revision. An
     image of the nodes' own (loaded, never pushed) has none and stays as it is.
     """
     digests = dict(_find_pushed(images, data))

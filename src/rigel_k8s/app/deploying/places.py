@@ -1,4 +1,4 @@
-"""Whether the cluster has a machine for each workload, told before anything is applied."""
+"""Whether the cluster has a machine for each workload; checked before anything is applied."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Manifests = Iterable[Mapping[str, Any]]
 
 
 def check_places(objects: Manifests, cluster: Cluster) -> None:
-    """Raise UserError where a workload wants labels that no node of the cluster has.
+    """Raise UserError if a workload needs labels that no machine of the cluster has.
 
-    Who may not list nodes is not kept from deploying: the scheduler tells it later.
+    A user who may not list machines can still deploy: the scheduler reports it later.
     """
     wanted = dict(selectors(objects))
     if not wanted:
@@ -31,7 +31,7 @@ def check_places(objects: Manifests, cluster: Cluster) -> None:
     if missing:
         count = len(missing)
         raise UserError(
-            missing[0] if count == 1 else f"{count} workloads want machines that are not there",
+            missing[0] if count == 1 else f"{count} workloads need machines that do not exist",
             details=[] if count == 1 else missing,
             hint=remedy(wanted, nodes),
         )
@@ -52,27 +52,27 @@ def find_unplaced(
     for workload, labels in wanted.items():
         if not any(fits(labels, node) for node in nodes):
             listed = ", ".join(f"{key}={value}" for key, value in labels.items())
-            yield f"no node of the cluster has the labels that {workload} wants: {listed}"
+            yield f"no machine of the cluster has the labels that {workload} needs: {listed}"
 
 
 def fits(labels: Mapping[str, str], node: Mapping[str, Any]) -> bool:
-    """Return whether a node has all labels."""
+    """Return whether a machine has all labels."""
     return bool(labels.items() <= node["metadata"].get("labels", {}).items())
 
 
 def remedy(wanted: Mapping[str, Mapping[str, str]], nodes: Sequence[Mapping[str, Any]]) -> str:
-    """Return the commands that give the cluster what is missing."""
-    lacking: dict[str, None] = defaultdict()
+    """Return the commands that add what is missing."""
+    remedies: dict[str, None] = defaultdict()
     for labels in wanted.values():
         if any(fits(labels, node) for node in nodes):
             continue
         host = labels.get(HOSTNAME, "NODE")
         names = {node["metadata"].get("labels", {}).get(HOSTNAME) for node in nodes}
         if host != "NODE" and host not in names:
-            lacking[f"placement.node must be one of {', '.join(sorted(filter(None, names)))}"] = (
+            remedies[f"placement.node must be one of {', '.join(sorted(filter(None, names)))}"] = (
                 None
             )
             continue
         own = [f"{key}={value}" for key, value in labels.items() if key != HOSTNAME]
-        lacking[f"kubectl label node {host} {' '.join(own)}"] = None
-    return "; ".join(lacking)
+        remedies[f"kubectl label node {host} {' '.join(own)}"] = None
+    return "; ".join(remedies)

@@ -1,6 +1,6 @@
-"""From an orchestration job's options to what its release shall be: all that comes before writing.
+"""From an orchestration job's options to the release: everything before the first write.
 
-`run`, `render` and `diff` go this way together; only reading happens here.
+`run`, `render` and `diff` share it; it only reads.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ class Preparation:
     """A release that is ready to be deployed.
 
     Attributes:
-        options: the job's, laid over those of the last revision where it is a partial one.
+        options: the job's, merged into those of the last revision if it is a partial job.
         credentials: users of the registries that its images come from.
-        findings: what the preflight found meanwhile; None: nobody has looked yet.
-        stack: what the job says of the observability stack; None: it asks for none.
+        findings: of the preflight; None: it has not run yet.
+        stack: the job's observability stack; None: it requests none.
     """
 
     desired: Desired
@@ -76,15 +76,15 @@ def prepare(
     providers: Mapping[str, Any] | None = None,
     preflight: bool = False,
 ) -> Preparation:
-    """Return what the release shall be, images pinned by digest where one is known.
+    """Return the release to deploy, with images pinned by digest where one is known.
 
     Args:
         raw: the job's `with` as plain data.
-        cluster: asked for the last revision; None: the Rigelfile and the registries say it all.
+        cluster: read for the last revision; None: use only the Rigelfile and the registries.
         data: the sequence's shared data, with the digests of images that it pushed.
-        providers: the connected providers; those of registries give credentials. None: nobody
-            has connected them (`diff`), so a pull secret that the cluster has is believed.
-        preflight: look at the network too, while the registries are asked.
+        providers: the connected providers; those of registries give credentials. None: they are
+            not connected (`diff`), so a pull secret that the cluster has is kept.
+        preflight: also check the network, while the registries are asked.
 
     Raises:
         UserError: options that contradict the last revision's, or a parameter file that is missing.
@@ -92,7 +92,7 @@ def prepare(
     if options.observability_only:
         raise UserError(
             "observability_only: this job describes no application",
-            hint="a job without observability_only deploys one",
+            hint="deploy one with a job without observability_only",
         )
     release = release_of(options, settings, cluster)
     last = _LastRevision(cluster, release)
@@ -101,7 +101,7 @@ def prepare(
     if not has_workloads(options):
         raise UserError(
             f"nothing to deploy as {release.name} in {release.namespace}: this job describes a part"
-            " of a release, and there is no such release yet",
+            " of a release, which does not exist yet",
             hint="run the job that describes all of it first: application_image, or nodes",
         )
     known = [one for one in (providers or {}).values() if isinstance(one, RegistryCredentials)]
@@ -119,7 +119,7 @@ def prepare(
 
 
 def is_settled(options: OrchestrationOptions) -> bool:
-    """Whether the cluster's network is as it will be: this job installs nothing of it before."""
+    """Whether this job leaves the cluster's network as it is, without installing anything."""
     network = options.network
     return network is not None and network.install is None
 
@@ -162,7 +162,7 @@ def _finish(
 def _examine(
     objects: Sequence[Manifest], options: OrchestrationOptions, cluster: Cluster | None
 ) -> Sequence[PreflightFinding] | None:
-    """Return what the preflight finds; None where nobody shall look."""
+    """Return what the preflight finds; None if it should not run."""
     if cluster is None:
         return None
     from rigel_k8s.network.preflight.examine import examine
@@ -171,7 +171,7 @@ def _examine(
 
 
 class _LastRevision:
-    """The release's last good revision, looked for once and only if somebody asks."""
+    """The release's last good revision, read once and only if it is needed."""
 
     def __init__(self, cluster: Cluster | None, release: ReleaseId) -> None:
         self._cluster, self._release = cluster, release
@@ -195,7 +195,7 @@ def timeout_of(options: OrchestrationOptions, settings: Settings) -> float | Non
     """Return how long the roll-out may take, in seconds; None: deploy's own default.
 
     In src.plugin, readiness.timeout_seconds bounds the wait for the application, so it does here;
-    that of one node among others only gives more time than the default.
+    that of one node among others only extends the default.
     """
     if settings.timeout is not None:
         return settings.timeout
@@ -220,7 +220,7 @@ def _lay_over(
     last: _LastRevision,
     application: Application,
 ) -> tuple[OrchestrationOptions, Mapping[str, Any]]:
-    """Return a partial job's options with those of the last revision below them."""
+    """Return a partial job's options merged into those of the last revision."""
     if last.revision is None or not last.revision.options:
         return options, raw
     merged = overlay(last.revision.options, raw)
@@ -230,7 +230,7 @@ def _lay_over(
         )
     except InvalidOptions as error:
         raise UserError(
-            f"this job does not fit revision {last.revision.number}, which it describes a part of",
+            f"this job describes a part of revision {last.revision.number}, but does not fit it",
             hint="run the job that describes all of the release",
             details=list(map(str, error.problems)),
         ) from error
@@ -253,26 +253,26 @@ def _parameter_files(options: OrchestrationOptions, directory: Path, home: Path)
     if sum(len(texts[path]) for path, _ in uses) > MOST_PARAMETERS:
         raise UserError(
             f"the parameter files of all nodes have more than {MOST_PARAMETERS} characters",
-            hint="a file counts once for each node that names it: divide it",
+            hint="split the file: it counts once for each node that uses it",
         )
     return texts
 
 
 def _parameter_file(path: Path, home: Path, where: str) -> str:
-    """Return a parameter file's text, once it is known to hold parameters."""
+    """Return a parameter file's text, after checking that it contains parameters."""
     try:
         text = read_text(path, home, LARGEST_PARAMETER_FILE, what=where)
         content = _read_parameters(text)
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise UserError(
-            f"{where}: {path} cannot be read: {reason}",
-            hint="its path is relative to the application's directory",
+            f"{where}: cannot read {path}: {reason}",
+            hint="write its path relative to the application's directory",
         ) from error
     except yaml.YAMLError as error:
-        raise UserError(f"{where}: {path} is no YAML", details=str(error).splitlines()) from error
+        raise UserError(f"{where}: {path} is not YAML", details=str(error).splitlines()) from error
     if not isinstance(content, dict):
-        raise UserError(f"{where}: {path} is no mapping of parameter names to values")
+        raise UserError(f"{where}: {path} is not a mapping of parameter names to values")
     return text
 
 

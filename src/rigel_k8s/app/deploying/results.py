@@ -1,4 +1,4 @@
-"""Results out of the application's pod, by tar through exec, as kubectl cp does it."""
+"""Copies results out of the application's pod, by tar through exec, like kubectl cp."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rigel_k8s.release.types import ReleaseId
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
-#: Seconds between two looks for results that are waited for.
+#: Seconds between two checks for results.
 LOOK = 1.0
 
 
@@ -34,8 +34,8 @@ def copy_results(
     """Copy source_path out of the newest ready pod into a directory; return what was written.
 
     Raises:
-        RigelK8sError: there is no ready pod, no such path, or no tar in the image.
-        Interrupted: the job was told to stop while it waited for the path.
+        RigelK8sError: no pod is ready, the path does not exist, or the image has no tar.
+        Interrupted: the job was cancelled while it waited for the path.
     """
     pod = find_newest_pod(release, cluster)
     source = PurePosixPath(results.source_path)
@@ -55,7 +55,7 @@ def copy_results(
         if code != 0:
             raise RigelK8sError(
                 f"results: tar of {source} in pod {pod} ended with exit code {code}",
-                hint="the image needs tar",
+                hint="install tar in the image",
                 details=errors.getvalue().decode("utf-8", "replace").splitlines(),
             )
         archive.seek(0)
@@ -70,7 +70,7 @@ def find_newest_pod(release: ReleaseId, cluster: Cluster) -> str:
     if not pods:
         raise RigelK8sError(
             f"results: no pod of {release.name} in {release.namespace} is ready",
-            hint="`rigel status` says why",
+            hint="see why with `rigel status`",
         )
     return str(max(pods, key=lambda p: p["metadata"]["creationTimestamp"])["metadata"]["name"])
 
@@ -83,20 +83,20 @@ def wait_for(
     cluster: Cluster,
     cancel: threading.Event,
 ) -> None:
-    """Return when the path is there; look once where no wait was asked for."""
+    """Return when the path exists; check once if no wait was requested."""
     bound = results.wait.seconds if results.wait else 0.0
     deadline = time.monotonic() + bound
     test = ["test", "-e", str(source)]
     while cluster.run(release.namespace, pod, test, container=str(results.container)).code != 0:
         if time.monotonic() >= deadline:
             waited = f" after {bound:g} s" if bound else ""
-            raise RigelK8sError(f"results: {source} is not there in pod {pod}{waited}")
+            raise RigelK8sError(f"results: {source} does not exist in pod {pod}{waited}")
         if cancel.wait(LOOK):
             raise Interrupted(f"stopped while waiting for {source} in pod {pod}")
 
 
 def extract(archive: BinaryIO, target: Path) -> None:
-    """Unpack an archive from a pod; what would leave the directory is refused.
+    """Unpack an archive from a pod; refuse paths outside of the directory.
 
     Raises:
         RigelK8sError: a member points out of the directory, or the archive is cut off.
@@ -111,4 +111,4 @@ def extract(archive: BinaryIO, target: Path) -> None:
         with tarfile.open(fileobj=archive) as opened:
             opened.extractall(target, filter="data")
     except tarfile.TarError as error:
-        raise RigelK8sError(f"results: the pod's archive cannot be unpacked: {error}") from error
+        raise RigelK8sError(f"results: cannot unpack the pod's archive: {error}") from error

@@ -1,7 +1,7 @@
 """The pods' pull secret, from the credentials of registry providers.
 
-It stands in no revision and no render: it is written beside the release, and carries the release's
-label, by which `down` finds it.
+It is not in revisions and renders: it is written separately, and has the release's
+label, so that `down` finds it.
 """
 
 from __future__ import annotations
@@ -65,10 +65,10 @@ def write_pull_secret(
     *,
     before: Callable[[], object],
 ) -> None:
-    """Have the pull secret on the cluster before the first pod wants it; unchanged: no write.
+    """Write the pull secret before the first pod needs it; nothing if it is unchanged.
 
     Args:
-        before: called before it is written; raises where the release itself will be refused.
+        before: called before it is written; raises if the release itself will be refused.
     """
     if not credentials:
         return

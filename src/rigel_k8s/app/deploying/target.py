@@ -1,4 +1,4 @@
-"""Which release a job's options name: all that is known of a deploy before anything is prepared."""
+"""Which release a job's options name; known before anything is prepared."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def release_of(
 
 
 def _context_namespace(settings: Settings) -> str:
-    """Return the context's namespace; nobody is asked, and no context is no reason to fail."""
+    """Return the context's namespace without a request; a missing context is not an error."""
     from rigel_k8s.kube import connect
 
     try:

@@ -16,19 +16,19 @@ def check_lifecycle(node: NodeOptions, ros: Ros) -> Iterator[Problem]:
     if node.lifecycle is None:
         return
     if not node.lifecycle.start and not node.lifecycle.stop:
-        message = "no transitions: give `start`, as in start: [configure, activate], or `stop`"
+        message = "no transitions: set `start`, as in start: [configure, activate], or `stop`"
         yield Problem(("lifecycle",), message, "incomplete", at_key=True)
     elif reason := explain_no_transitions(node, ros):
         yield Problem(("lifecycle",), reason, "lifecycle", at_key=True)
 
 
 def explain_no_transitions(node: NodeOptions, ros: Ros) -> str | None:
-    """Return why no transitions of a node can be made, None where they can."""
+    """Return why no transitions of a node can be made, None if they can."""
     line = find_program(ros, node)
     if ros != "2":
         return "only ROS 2 has lifecycle nodes"
     if node.anonymous:
-        return "an anonymous node's name is unknown, by which its transitions are made"
+        return "transitions are made by the node's name, but an anonymous node's name is unknown"
     if node.launch:
         return "a launch file gives its nodes their names: use package and executable, or args"
     if node.components:
@@ -36,7 +36,7 @@ def explain_no_transitions(node: NodeOptions, ros: Ros) -> str | None:
     if is_rolling(node.update):
         return "in a rolling update the nodes of both pods would make them: use Recreate"
     if not line:
-        return "the image's CMD takes no ROS name: say what runs with args, or package"
+        return "the image's CMD takes no ROS name: set what runs with args, or package"
     if not takes_ros_arguments(ros, line):
-        return f"{line[0]} does not pass the node's name on, by which its transitions are made"
+        return f"{line[0]} does not pass on the node's name, by which its transitions are made"
     return None

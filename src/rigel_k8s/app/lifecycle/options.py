@@ -1,4 +1,4 @@
-"""Which transitions a lifecycle node makes; it knows no Kubernetes object."""
+"""Which transitions a lifecycle node makes; independent of Kubernetes objects."""
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations

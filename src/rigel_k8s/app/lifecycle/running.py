@@ -1,4 +1,4 @@
-"""How the transitions of a lifecycle node are made: a script beside it, and the preStop hook.
+"""How the transitions of a lifecycle node are made: a script next to it, and the preStop hook.
 
 Their contract is docs/beside-a-node.md.
 """
@@ -15,7 +15,7 @@ STOP = "RIGEL_K8S_TRANSITIONS"
 
 
 def make_transitions(command: Command, key: str, node: NodeOptions) -> Command:
-    """Return a command beside which the node's transitions at the start are made."""
+    """Return a command that also runs the script that makes the transitions at the start."""
     if not node.lifecycle or not node.lifecycle.start:
         return command
     words = ("start", full_name(key, node), *node.lifecycle.start)

@@ -1,1 +1,1 @@
-"""`network_policy`: who may connect to the application's pods."""
+"""`network_policy`: which pods and addresses may connect to the application's pods."""

@@ -11,11 +11,11 @@ from rigel_k8s.problems import Path, Problem
 
 ON_MACHINE = (
     "pods on the machine's own network are not covered by network_policy, and the other pods of the"
-    " release do not let them in: add the machines' addresses to network_policy.allow"
+    " release refuse their connections: add the machines' addresses to network_policy.allow"
 )
 ATTACHED = (
-    "network_policy covers the pods' first interface only: who is on the second network reaches all"
-    " nodes there"
+    "network_policy covers only the pods' first interface: everything on the second network reaches"
+    " all nodes there"
 )
 ELSEWHERE = (
     "nodes of this master that run elsewhere cannot connect to the nodes of this release: add their"

@@ -1,8 +1,8 @@
-"""`network_policy`: NetworkPolicies by which only a release's own pods reach each other.
+"""`network_policy`: NetworkPolicies that let only a release's own pods reach each other.
 
-They limit who may connect to the release's pods, never where its pods connect to: DNS, a robot's
+They limit connections to the release's pods, never connections from them: DNS, a robot's
 own master and the API server stay reachable. A machine always reaches the pods that run on it, so
-probes work, and `rigel` comes by the API server and the pod's machine.
+probes work, and `rigel` connects through the API server and the pod's machine.
 """
 
 from __future__ import annotations

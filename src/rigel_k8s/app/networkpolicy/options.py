@@ -1,4 +1,4 @@
-"""The option `network_policy`; it knows no Kubernetes object."""
+"""The option `network_policy`; independent of Kubernetes objects."""
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
@@ -13,7 +13,7 @@ from rigel_k8s.objects.scalars import ObjectName, Text
 
 
 class Source(Text):
-    """Who else may reach a release: another release, a namespace, or addresses."""
+    """What else may reach a release: another release, a namespace, or addresses."""
 
     kind = "bad-source"
     expects = "RELEASE, NAMESPACE/RELEASE, NAMESPACE/*, or addresses such as 192.168.1.0/24"
@@ -37,7 +37,7 @@ class Source(Text):
 
     @property
     def cidr(self) -> str | None:
-        """The range of addresses that it names, None where it names releases."""
+        """The range of addresses that it names, None if it names releases."""
         try:
             return str(ip_network(self, strict=False))
         except ValueError:
@@ -46,7 +46,7 @@ class Source(Text):
 
 @attrs.frozen(kw_only=True)
 class NetworkPolicy:
-    """Who may connect to the release's pods besides themselves."""
+    """What may connect to the release's pods, in addition to the pods themselves."""
 
     allow: list[Source] = option(
         "others that may connect: RELEASE, NAMESPACE/RELEASE, NAMESPACE/* or a range of addresses",

@@ -1,4 +1,4 @@
-"""What a Rigelfile asks for that `security: restricted` does not allow; pure."""
+"""What a Rigelfile requests that `security: restricted` does not allow; pure."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OWNER = (
 
 
 def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
-    """Yield what the level "restricted" does not allow, with the option that asks for it."""
+    """Yield what the level "restricted" does not allow, with the option that requests it."""
     if options.security is None:
         return
     if options.network is not None and mode_of(options.network).in_machine_network:
@@ -51,7 +51,7 @@ def check_security(options: OrchestrationOptions) -> Iterator[Problem]:
 
 
 def check_node(node: NodeOptions) -> Iterator[Problem]:
-    """Yield what a node asks for that is not allowed; paths are the node's own."""
+    """Yield what a node requests that is not allowed; paths are the node's own."""
     if node.host_network:
         message = NETWORK.replace("choose another mode", "remove `host_network`")
         yield Problem(("host_network",), message, "restricted", at_key=True)
@@ -67,7 +67,7 @@ def check_node(node: NodeOptions) -> Iterator[Problem]:
 
 
 def find_in_patch(path: Path, tree: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield what a patch of a Deployment asks for that is not allowed."""
+    """Yield what a patch of a Deployment requests that is not allowed."""
     spec: Any = tree
     for key in POD:
         spec = mapping(spec).get(key)

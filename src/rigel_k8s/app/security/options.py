@@ -1,4 +1,4 @@
-"""The option `security`; it knows no Kubernetes object."""
+"""The option `security`; independent of Kubernetes objects."""
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
 from __future__ import annotations
@@ -10,7 +10,7 @@ import attrs
 from rigel_k8s.objects.fields import option
 from rigel_k8s.objects.scalars import Number
 
-#: The level's name in a Rigelfile, as Kubernetes has it.
+#: The level's name in a Rigelfile, as in Kubernetes.
 Level = Literal["restricted"]
 
 
@@ -24,7 +24,7 @@ class UserId(Number):
 
 @attrs.frozen(kw_only=True)
 class Security:
-    """How little the application's containers may do."""
+    """What the application's containers may do."""
 
     level: Level = option(
         "restricted: pods pass Kubernetes' Pod Security level of that name: no root, no privileges,"
@@ -32,12 +32,12 @@ class Security:
         "restricted",
     )
     user: UserId = option(
-        "the numeric user and group that containers run as; the image need not know it",
+        "the numeric user and group of the containers; the image does not need an entry for it",
         UserId(1000),
     )
     read_only: bool = option("mount the images read-only; HOME and /tmp are writable", default=True)
 
 
 def security_of(value: Security | Level | None) -> Security | None:
-    """Return the security that may be written as a word, short for its `level`."""
+    """Return the security; a word is short for its `level`."""
     return Security(level=value) if isinstance(value, str) else value

@@ -1,7 +1,7 @@
-"""`security: restricted` laid into pods: who they run as, what they may do, where they write.
+"""Applies `security: restricted` to pods: the user, the privileges, the writable directories.
 
 It fills in what is missing, so what a Rigelfile sets itself stays; the checks refuse what the level
-does not allow. Images that run as root today work since what ROS writes goes to volumes: HOME with
+does not allow. Images that run as root work too, because what ROS writes goes to volumes: HOME with
 its logs, and /tmp.
 """
 
@@ -24,21 +24,21 @@ WRITABLE = {
     HOME_PATH: ("rigel-home", "4Gi"),
     "/tmp": ("rigel-tmp", "1Gi"),
 }
-#: A user without an entry in the image's /etc/passwd still has a name for programs that ask.
+#: A user without an entry in the image's /etc/passwd still has a name for programs that need one.
 USER_NAME = "ros"
 CONTAINERS = ("initContainers", "containers")
 ROS_HOME = f"{HOME_PATH}/.ros"
 LOG_PATH = f"{ROS_HOME}/log"
-#: ROS 1 gives each directory that it makes the owner of the one above it, and writes no log at all
-#: where it may not. A volume belongs to root, so a container of the same user makes the first ones.
+#: ROS 1 gives each directory that it creates the owner of its parent, and writes no log at all if
+#: it may not. A volume belongs to root, so a container of the same user creates the first ones.
 INIT_NAME = "rigel-home"
-#: What that container has of the one that it prepares HOME for.
+#: What that container copies from the one that it prepares HOME for.
 SHARED = ("image", "imagePullPolicy", "resources")
 IDENTITY = ("runAsUser", "runAsGroup", "seLinuxOptions")
 
 
 def restrict(item: Mapping[str, Any], security: Security, ros: Ros) -> Object:
-    """Return a Deployment whose pods pass the level "restricted", any other object as it is."""
+    """Return a Deployment whose pods pass the level "restricted"; other objects unchanged."""
     if item["kind"] != "Deployment":
         return dict(item)
     made: Object = simplify(item)
@@ -66,7 +66,7 @@ def restrict(item: Mapping[str, Any], security: Security, ros: Ros) -> Object:
 
 
 def prepare_home(template: Object) -> None:
-    """Add the container that makes ROS 1's directories before the others start."""
+    """Add the container that creates ROS 1's directories before the others start."""
     pod, meta = template["spec"], template["metadata"]
     first = pod["containers"][0]
     pod["initContainers"] = [home_container(first), *pod.get("initContainers", ())]
@@ -74,7 +74,7 @@ def prepare_home(template: Object) -> None:
 
 
 def home_container(container: Mapping[str, Any]) -> Object:
-    """Return the init container that makes ROS 1's directories, as the user of a container."""
+    """Return the init container that creates ROS 1's directories, as the user of a container."""
     own = container.get("securityContext") or {}
     return {
         "name": INIT_NAME,
@@ -109,7 +109,7 @@ def restrict_container(container: Object, ros: Ros, *, read_only: bool) -> None:
 
 
 def variables(ros: Ros) -> dict[str, str]:
-    """Return the variables that lead programs to where they may write."""
+    """Return the variables that point programs to where they may write."""
     home = {"HOME": HOME_PATH, "USER": USER_NAME, "LOGNAME": USER_NAME}
     if ros == "none":
         return home

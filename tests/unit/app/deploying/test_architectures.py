@@ -61,7 +61,7 @@ def test_the_reason_names_both_sides_and_the_way_out() -> None:
     """The image as the user writes it."""
     [(ref, text)] = explain([pinned()], [node("amd64")], {IMAGE: frozenset({"arm64"})})
     assert ref.name == "talker"
-    assert text.startswith("r/app:1 runs on arm64, and the cluster's machines are amd64; ")
+    assert text.startswith("r/app:1 runs on arm64, but the cluster's machines are amd64: ")
     assert "`platforms`" in text
 
 

@@ -132,10 +132,10 @@ def test_a_part_that_does_not_fit_is_refused(revision: dict[str, Any]) -> None:
     volumes = {"volumes": [{"name": "v"}, {"name": "v"}]}
     revision["options"] = {"application_image": "localhost:1/a", "persistent_storage": volumes}
     raw = {"readiness": {"command": "x"}}
-    with pytest.raises(UserError, match="does not fit revision 3") as caught:
+    with pytest.raises(UserError, match="part of revision 3, but does not fit it") as caught:
         prepare(options(raw), raw, NOETIC, Settings(), Cluster())  # type: ignore[arg-type]
     assert caught.value.details == (
-        'persistent_storage.volumes.1.name: there is a volume "v" already [name-taken]',
+        'persistent_storage.volumes.1.name: the volume "v" already exists [name-taken]',
     )
 
 
@@ -298,24 +298,24 @@ def test_labels_that_some_node_has_are_fine() -> None:
     [
         (
             [workload("a", robot="leg")],
-            "no node of the cluster has the labels that Deployment a wants: robot=leg",
+            "no machine of the cluster has the labels that Deployment a needs: robot=leg",
             "kubectl label node NODE robot=leg",
         ),
         (
             [workload("a", robot="arm", kubernetes_hostname="n2")],
-            "no node of the cluster has the labels that Deployment a wants:"
+            "no machine of the cluster has the labels that Deployment a needs:"
             " robot=arm, kubernetes.io/hostname=n2",
             "kubectl label node n2 robot=arm",
         ),
         (
             [workload("a", kubernetes_hostname="n3")],
-            "no node of the cluster has the labels that Deployment a wants:"
+            "no machine of the cluster has the labels that Deployment a needs:"
             " kubernetes.io/hostname=n3",
             "placement.node must be one of n1, n2",
         ),
         (
             [workload("a", robot="leg"), workload("b", robot="leg")],
-            "2 workloads want machines that are not there",
+            "2 workloads need machines that do not exist",
             "kubectl label node NODE robot=leg",
         ),
     ],
@@ -360,9 +360,9 @@ def test_who_bounds_the_roll_out(raw: dict[str, Any], given: float | None, secon
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "cannot be read: No such file or directory"),
-        ("a: [", "is no YAML"),
-        ("- a\n", "is no mapping"),
+        (None, "No such file or directory"),
+        ("a: [", "is not YAML"),
+        ("- a\n", "is not a mapping"),
     ],
 )
 def test_a_parameter_file_is_looked_at_before_anything_is_sent(
@@ -417,12 +417,12 @@ def test_results_are_unpacked_into_their_directory(tmp_path: Path) -> None:
 
 def test_a_pod_cannot_write_outside_the_results(tmp_path: Path) -> None:
     """What comes out of a container is not trusted."""
-    with pytest.raises(RigelK8sError, match="cannot be unpacked"):
+    with pytest.raises(RigelK8sError, match="cannot unpack"):
         extract(archive(UP__evil="1"), tmp_path / "results")
     assert not (tmp_path / "evil").exists()
 
 
 def test_a_cut_archive_is_told(tmp_path: Path) -> None:
     """As it is when the pod ends meanwhile."""
-    with pytest.raises(RigelK8sError, match="cannot be unpacked"):
+    with pytest.raises(RigelK8sError, match="cannot unpack"):
         extract(io.BytesIO(archive(one="1" * 2000).getvalue()[:700]), tmp_path)

@@ -142,7 +142,7 @@ def test_labels_that_no_machine_has_are_told_before_anything_is_written(
     fake.create({"apiVersion": "v1", "kind": "Node", "metadata": {"name": "node1", "labels": {}}})
     fake.calls.clear()
     placed = {"talker": {"args": ["talk"], "placement": {"node": "node2"}}}
-    with pytest.raises(UserError, match="no node of the cluster has the labels"):
+    with pytest.raises(UserError, match="no machine of the cluster has the labels"):
         run({"image": IMAGE, "nodes": placed}, distro="noetic")
     assert fake.writes == []
 

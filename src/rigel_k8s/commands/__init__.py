@@ -1,1 +1,1 @@
-"""What a command does, as functions: they join the features, print nothing and know no click."""
+"""What a command does, as functions: they join the features, and print nothing."""

@@ -1,4 +1,4 @@
-"""cluster up: a local cluster with images that other rooms make."""
+"""cluster up: a local cluster with images that other packages build."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from rigel_k8s.lab import exporter
 
 @attrs.frozen
 class Steps:
-    """A Reporter that tells steps alone."""
+    """A Reporter of steps only."""
 
-    tell: Callable[[str], None]
+    show: Callable[[str], None]
 
     def line(self, text: str) -> None:
-        """Tell a step."""
-        self.tell(text)
+        """Report a step."""
+        self.show(text)
 
     def warn(self, text: str) -> None:
-        """Tell what to look at."""
-        self.tell(text)
+        """Report a warning."""
+        self.show(text)
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Leave out what happens within a step."""
+        """Ignore what happens within a step."""
 
 
 def up(
@@ -40,9 +40,9 @@ def up(
     mirror: str | None,
     report: Callable[[str], None],
 ) -> localcluster.ClusterStatus:
-    """Start a cluster, or what of it does not run; see `localcluster.up`.
+    """Start a cluster, or the parts of it that do not run; see `localcluster.up`.
 
-    With "observability" it serves the ROS exporter too, which is made here.
+    With "observability" it also serves the ROS exporter, which is built here.
     """
     return localcluster.up(
         name,
@@ -57,5 +57,5 @@ def up(
 
 
 def ros_exporter(report: Callable[[str], None]) -> Path:
-    """Return the archive of the ROS exporter's image, made where it is not there yet."""
+    """Return the archive of the ROS exporter's image; build it if it does not exist."""
     return exporter.build(Steps(report)).archive

@@ -1,4 +1,4 @@
-"""doctor: what a deploy needs, asked for one by one."""
+"""doctor: checks what a deploy needs, one by one."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from rigel_k8s.release.refusals.missing import ask_missing
 from rigel_k8s.settings import Settings
 
 #: A deploy needs no right to see them.
-UNSEEN = "not to be seen with your rights, which a deploy does not need"
+UNSEEN = "you have no right to list them, which a deploy does not need"
 
 
 @attrs.frozen
 class DoctorFinding:
-    """One thing that a deploy needs: whether it is there, and what to do where it is not."""
+    """One thing that a deploy needs: whether it exists, and what to do if not."""
 
     what: str
     ok: bool
@@ -30,7 +30,7 @@ class DoctorFinding:
 
 
 def examine(settings: Settings) -> list[DoctorFinding]:
-    """Return what was found; the first thing that is missing ends the search."""
+    """Return the findings; without a reachable cluster, nothing else is checked."""
     try:
         with connect(settings) as cluster:
             version = cluster.server_version()
@@ -46,7 +46,7 @@ def examine(settings: Settings) -> list[DoctorFinding]:
 
 
 def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
-    """Report what we may not do of all that a deploy needs, then what it can go on without."""
+    """Report the missing rights: those that a deploy needs, then the optional ones."""
     missing = set(ask_missing(cluster, need_to_deploy(namespace), namespace))
     of_gate = missing & {*need_to_have(OF_GATE, namespace)}
     needed = missing & {*need_to_have(OBJECTS, namespace), *need_always(namespace)}
@@ -54,7 +54,7 @@ def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
         f"rights in {namespace}",
         ok=not needed,
         found=f"missing: {list_all(needed)}" if needed else "all that a release needs",
-        hint=f"`rigel -n {namespace} rbac deployer --user YOU` prints the Role to ask for",
+        hint=f"print the Role to request with `rigel -n {namespace} rbac deployer --user YOU`",
     )
     yield DoctorFinding(
         f"rights for a gate in {namespace}",
@@ -64,7 +64,7 @@ def rights(cluster: Cluster, namespace: str) -> Iterator[DoctorFinding]:
         else "all that ROS 1's gate needs",
     )
     if rest := missing - needed - of_gate:
-        found = f"missing: {list_all(rest)}; a deploy works without, and explains less"
+        found = f"missing: {list_all(rest)}; a deploy works without them, but explains less"
         yield DoctorFinding(f"more rights in {namespace}", ok=True, found=found)
 
 
@@ -74,7 +74,7 @@ def list_all(rights: Iterable[Right]) -> str:
 
 
 def nodes(cluster: Cluster) -> DoctorFinding:
-    """Tell which machines are ready."""
+    """Report which machines are ready."""
     ready: list[str] = []
     other: list[str] = []
     try:
@@ -89,12 +89,12 @@ def nodes(cluster: Cluster) -> DoctorFinding:
 
 
 def storage(cluster: Cluster) -> DoctorFinding:
-    """Tell the default StorageClass; without one, claims need a storage_class or host_path."""
+    """Report the default StorageClass; without one, claims need a storage_class or host_path."""
     try:
         classes = cluster.list("storage.k8s.io/v1", "StorageClass")
     except Forbidden:
         return DoctorFinding("storage", ok=True, found=UNSEEN)
     default = [one["metadata"]["name"] for one in classes if is_default_class(one)]
     found = f"default class {default[0]}" if default else "no default StorageClass"
-    hint = "give each volume a storage_class or a host_path"
+    hint = "set storage_class or host_path of each volume"
     return DoctorFinding("storage", ok=bool(default), found=found, hint=hint)

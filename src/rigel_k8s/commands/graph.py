@@ -1,4 +1,4 @@
-"""graph: the live ROS graph of a release, with rates where something has measured them."""
+"""graph: the live ROS graph of a release, with rates if they are measured."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rigel_k8s.rosgraph.reading import read_graph
 from rigel_k8s.rosgraph.types import GraphProblem, RosGraph
 from rigel_k8s.settings import Settings
 
-#: The pictures that can be had of a graph.
+#: The formats in which a graph can be drawn.
 DRAWINGS: Mapping[str, Callable[[Picture], str]] = {
     "dot": write_dot,
     "mermaid": write_mermaid,
@@ -30,7 +30,7 @@ DRAWINGS: Mapping[str, Callable[[Picture], str]] = {
 
 @attrs.frozen
 class LiveGraph:
-    """A release's graph as it is now, and what is wrong in it."""
+    """A release's current graph, and what is wrong in it."""
 
     release: ReleaseId
     graph: RosGraph
@@ -58,7 +58,7 @@ def graph(settings: Settings, job: str | None) -> LiveGraph:
 
 
 def measured_rates(found: Release) -> dict[str, float]:
-    """Return messages a second by topic, as Prometheus knows them; nothing where there is none."""
+    """Return messages per second by topic, from Prometheus; empty without one."""
     queries = [TOPICS[name].format(select_series(found.id)) for name in ("counted", "heard")]
     try:
         prometheus = prometheus_of(found)
@@ -70,7 +70,7 @@ def measured_rates(found: Release) -> dict[str, float]:
 
 
 def add_rates(graph: RosGraph, rates: Mapping[str, float]) -> RosGraph:
-    """Return a graph with rates where it has none."""
+    """Return a graph with rates added where it has none."""
     topics = [
         topic if topic.rate is not None else attrs.evolve(topic, rate=rates.get(topic.name))
         for topic in graph.topics
@@ -83,7 +83,7 @@ def draw(found: LiveGraph, form: str, *, everything: bool = False) -> str:
 
     Args:
         form: one of DRAWINGS.
-        everything: also what each node has, its log say.
+        everything: also what each node has, such as its log topic.
     """
     return DRAWINGS[form](picture_of(found, everything=everything))
 

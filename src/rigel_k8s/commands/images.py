@@ -49,7 +49,7 @@ def _deliver(image: BaseImage, push: str | None, report: JobReporter) -> str:
     name = parse_reference(push)
     if name.registry in localcluster.registries():
         push_archive(image.archive, f"{name.repository}:{name.version}", name.registry)
-        forget_image(push)  # a cluster that had this address before may have had another image
+        forget_image(push)  # an earlier cluster at this address may have had another image
         report.progress(push, "pushed", done=True)
     else:
         push_image(image, push, report)

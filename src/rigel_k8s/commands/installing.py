@@ -1,7 +1,7 @@
-"""What it takes to install Multus, whereabouts and the observability stack, on the whole cluster.
+"""The rights to install Multus, whereabouts and the observability stack, in the whole cluster.
 
-It is read from their own manifests. Kubernetes lets no one grant a right that they do not have, so
-the rights of the programs that are installed are part of it.
+They are read from the manifests. In Kubernetes no one can grant a right that they do not have, so
+the rights of the installed programs are part of them.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def list_rules() -> list[Manifest]:
 
 
 def list_rights() -> Iterator[Right]:
-    """Yield the rights: for the objects, for the look at the machines, and those passed on."""
+    """Yield the rights: for the objects, for the check of the machines, and those granted on."""
     for need in (need_to_record, need_to_wait, need_to_explain):
         yield from need("")
     yield from grant("", "namespaces", "get create patch")
     yield from grant("", "nodes", "get list")
-    yield from grant("", "secrets", "get")  # Grafana's password is made once
+    yield from grant("", "secrets", "get")  # Grafana's password is created once
     yield from grant("", "pods", "delete")
     yield from grant("", "pods/exec", "get create")
     yield from grant("", "services/proxy", "get")  # `rigel observe status` asks the stack
@@ -61,13 +61,13 @@ def list_rights() -> Iterator[Right]:
 
 
 def list_narrow_rules() -> Iterator[Manifest]:
-    """Yield the rules that are passed on as they are."""
+    """Yield the rules that are granted unchanged."""
     for manifest in list_manifests():
         yield from filter(is_narrow, manifest.get("rules") or [])
 
 
 def is_narrow(rule: Manifest) -> bool:
-    """Whether a rule is about objects of some names, or about URLs that are no objects."""
+    """Whether a rule is about objects with certain names, or about URLs."""
     return bool(rule.get("resourceNames") or rule.get("nonResourceURLs"))
 
 

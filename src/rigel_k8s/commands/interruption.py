@@ -1,4 +1,4 @@
-"""Ctrl-C as an event for work that ends in good order; a second one ends at once."""
+"""Ctrl-C as an event for work that ends cleanly; a second one ends at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from contextlib import contextmanager
 from rigel_k8s import signals
 from rigel_k8s.jobs.interruption import interruptions
 
-TWICE = "interrupted twice, nothing was waited for; run the same command again to complete its work"
+TWICE = (
+    "interrupted twice, stopped without waiting; run the same command again to complete its work"
+)
 
 
 @contextmanager
@@ -19,11 +21,11 @@ def interruptible() -> Iterator[threading.Event]:
     cancel = threading.Event()
     calls = itertools.count()
 
-    def tell() -> None:
+    def notify() -> None:
         if next(calls):
             signals.end_at_once(TWICE)
         # Event.set takes a lock that the interrupted main thread may hold in this very moment.
         threading.Thread(target=cancel.set).start()
 
-    with interruptions(tell):
+    with interruptions(notify):
         yield cancel

@@ -9,7 +9,7 @@ from rigel_k8s.settings import Settings
 
 
 def releases(settings: Settings, *, everywhere: bool) -> tuple[str | None, list[ReleaseSummary]]:
-    """Return the namespace that was looked at, None for all, and its releases.
+    """Return the listed namespace, None for all, and its releases.
 
     Raises:
         Forbidden: the right to list Secrets or workloads is missing.
@@ -20,5 +20,5 @@ def releases(settings: Settings, *, everywhere: bool) -> tuple[str | None, list[
             return namespace, list_releases(cluster, namespace)
         except Forbidden as error:
             if everywhere:
-                error.hint = "without -A, `rigel list -n NAMESPACE` asks for one namespace only"
+                error.hint = "list one namespace only with `rigel list -n NAMESPACE`, without -A"
             raise

@@ -37,12 +37,12 @@ from rigel_k8s.system.trees import File, Tree, write_tree
 
 @attrs.frozen
 class Converted:
-    """A Rigelfile, and what there is to say about the stack.
+    """A Rigelfile, and warnings about the stack.
 
     Attributes:
         text: the Rigelfile's.
         warnings: rendered.
-        sources: what the Rigelfile builds an image of, in the directory SOURCES.
+        sources: what the Rigelfile builds an image from, in the directory SOURCES.
     """
 
     text: str
@@ -54,11 +54,11 @@ def convert(source: Muto, target: Target) -> Converted:
     """Return the Rigelfile that deploys a stack.
 
     Args:
-        source: the stack; files and ids are looked for in the working directory.
+        source: the stack; files and ids are searched for in the working directory.
 
     Raises:
         ProblemsError: something is wrong with the stack, with its places; or it needs a build.
-        UserError: there is no such stack, or it may not be read.
+        UserError: the stack does not exist, or may not be read.
         RigelK8sError: the Ditto with the stack cannot be reached, or refuses.
     """
     return _convert(source, target, builds=False)
@@ -67,7 +67,7 @@ def convert(source: Muto, target: Target) -> Converted:
 def write(source: Muto, target: Target, directory: Path) -> Converted:
     """Write a new directory with the Rigelfile that deploys a stack, and an archive's sources.
 
-    Raises: as convert; and UserError where the directory is there already. Nothing is written then.
+    Raises: as convert; and UserError if the directory exists. Nothing is written then.
     """
     made = _convert(source, target, builds=True)
     sources = {f"{SOURCES}/{path}": entry for path, entry in made.sources.items()}
@@ -76,7 +76,7 @@ def write(source: Muto, target: Target, directory: Path) -> Converted:
 
 
 def _convert(source: Muto, target: Target, *, builds: bool) -> Converted:
-    """Return a stack's Rigelfile; that of an archive only where it may have sources beside it."""
+    """Return a stack's Rigelfile; that of an archive only if it may have sources beside it."""
     nothing = Source(source.stack, "")
     sources: Tree = {}
     try:
@@ -91,7 +91,7 @@ def _convert(source: Muto, target: Target, *, builds: bool) -> Converted:
         else:
             made = require_nodes(stack, translate(stack, given, find, ros2=target.is_ros2(stack)))
     except NotFound as error:
-        hint = "name a file, the id of a stack in a file of the working directory, or a URL"
+        hint = "give a file, the id of a stack in a file of the working directory, or a URL"
         raise UserError(str(error), hint=hint) from error
     except Unreadable as error:
         raise problems_error(nothing, [error.remark.finding]) from error
@@ -105,7 +105,7 @@ def _convert(source: Muto, target: Target, *, builds: bool) -> Converted:
 
 
 def _open(source: Muto) -> tuple[Stack, Find]:
-    """Return the stack, and what finds those that it refers to."""
+    """Return the stack, and a function that finds the stacks that it refers to."""
     path = Path(source.name)
     home = path.parent if path.exists() else Path()
     url = source.base_url
@@ -114,7 +114,7 @@ def _open(source: Muto) -> tuple[Stack, Find]:
 
 
 def _check(name: str, stack: Stack, made: Translation, target: Target) -> Iterator[Finding]:
-    """Yield what `rigel check` would find, at its place in the stack."""
+    """Yield the findings of `rigel check`, at their places in the stack."""
     at = stack.place
     options = {k: node_of(v, at) for k, v in list_options(name, stack, target).items()}
     nodes = attrs.evolve(at, value=dict(made.nodes), raw=None)

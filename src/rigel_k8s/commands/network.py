@@ -15,7 +15,7 @@ from rigel_k8s.settings import Settings
 
 
 def install(settings: Settings, options: Install, report: Reporter) -> MultusResult:
-    """Install or update both, until every node attaches pods."""
+    """Install or update both, and wait until every machine attaches pods."""
     with connect(settings) as cluster, interruptible() as cancel:
         cluster.endure(report.line, cancel)
         return network_install.install(
@@ -24,7 +24,7 @@ def install(settings: Settings, options: Install, report: Reporter) -> MultusRes
 
 
 def status(settings: Settings, options: Install) -> NetworkStatus:
-    """Return how both are on each node, and which pods lack their network."""
+    """Return the state of both on each machine, and pods without their network."""
     with connect(settings) as cluster:
         return network_status(cluster, options)
 
@@ -32,7 +32,7 @@ def status(settings: Settings, options: Install) -> NetworkStatus:
 def remove(
     settings: Settings, options: Install, report: Reporter, *, force: bool, definitions: bool
 ) -> Removed:
-    """Take both away, so that every node goes on starting pods."""
+    """Remove both in an order in which every machine keeps starting pods."""
     with connect(settings) as cluster, interruptible() as cancel:
         cluster.endure(report.line, cancel)
         return network_removal.remove(

@@ -1,4 +1,4 @@
-"""observe: the stack's parts at ports of this machine, how it is, and its removal."""
+"""observe: the stack's parts at ports of this machine, its state, and its removal."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
-LOOK = 1.0  # seconds between two looks at the doors
+LOOK = 1.0  # seconds between two checks of the doors
 
 
 @attrs.frozen
 class Administrator:
-    """Who may log in to Grafana; why the password is not known, where it is not."""
+    """The user of Grafana; or why the password is not known."""
 
     user: str = ""
     password: str = ""
@@ -40,7 +40,7 @@ class Opened:
     Attributes:
         urls: by the part's name.
         closed: why a part is not served, by its name.
-        administrator: None where there is no Grafana, or its password is not wanted.
+        administrator: None without Grafana, or if its password is not requested.
     """
 
     namespace: str
@@ -52,17 +52,17 @@ class Opened:
 def observe(
     settings: Settings, ports: Mapping[str, int | None], *, password: bool
 ) -> Iterator[Opened | str]:
-    """Serve the stack's parts on this machine; yield what is served, and then what is told.
+    """Serve the stack's parts on this machine; yield what is served, and then messages.
 
     Ends when it is closed.
 
     Args:
-        ports: of each part the local port; 0 is any, None its usual one or, where that is taken,
+        ports: the local port of each part; 0 is any, None its usual one or, if that is in use,
             any.
         password: read Grafana's.
 
     Raises:
-        NoStack: there is none, or several and none is named.
+        NoStack: no stack is found, or several and none is named.
         ClusterError: nothing of it can be reached.
     """
     with connect(settings) as cluster, ExitStack() as open_doors:
@@ -70,9 +70,9 @@ def observe(
         opened, closed = doors(stack, ports, open_doors)
         if not opened:
             raise ClusterError(
-                f"nothing of the observability stack in {stack.namespace} can be reached",
+                f"cannot reach any part of the observability stack in {stack.namespace}",
                 details=[f"{name}: {reason}" for name, reason in closed.items()],
-                hint="`rigel observe status` tells how it is",
+                hint="see its state with `rigel observe status`",
             )
         wanted = password and GRAFANA in stack.services
         yield Opened(
@@ -93,31 +93,31 @@ def watch_doors(opened: list[Door]) -> Iterator[str]:
 
 
 def administrator(cluster: Cluster, namespace: str) -> Administrator:
-    """Return Grafana's administrator, as far as we may know."""
+    """Return Grafana's administrator, as far as we may read it."""
     ref = administrator_ref(namespace)
     try:
         secret = cluster.get(ref)
     except ClusterError:
         return Administrator(why_not=f"you may not read the Secret {ref.name}")
     if secret is None:
-        return Administrator(why_not=f"there is no Secret {ref.name}")
+        return Administrator(why_not=f"the Secret {ref.name} does not exist")
     data = {name: base64.b64decode(text).decode() for name, text in secret["data"].items()}
     return Administrator(data.get("admin-user", ""), data.get("admin-password", ""))
 
 
 def remove(settings: Settings, report: Reporter, *, volumes: bool) -> tuple[ReleaseId, int, int]:
-    """Take the stack away; return what it was, and how many objects went and how many stayed.
+    """Remove the stack; return its release, and how many objects were deleted and how many stayed.
 
     Args:
-        volumes: its data go too.
+        volumes: delete its data too.
 
     Raises:
-        NoStack: there is none, nor data of one.
+        NoStack: neither a stack nor its data exist.
     """
     with connect(settings) as cluster, interruptible() as cancel:
         cluster.endure(report.line, cancel)
         namespace = settings.namespace
-        with suppress(NoStack):  # its data may still be there
+        with suppress(NoStack):  # its data may still exist
             namespace = find_stack(cluster, namespace).namespace
         plan = observability_removal.remove(
             cluster,

@@ -19,7 +19,7 @@ from rigel_k8s.rigelfile import find_nearest
 from rigel_k8s.settings import Settings
 
 COMPONENT_LABEL, OBSERVABILITY = "app.kubernetes.io/component", "observability"
-LOOK = 1.0  # seconds between two looks at a forward
+LOOK = 1.0  # seconds between two checks of a forward
 
 
 @attrs.frozen
@@ -27,13 +27,13 @@ class Pod:
     """A pod of a release.
 
     Attributes:
-        workload: the Kubernetes name of what it belongs to.
-        aliases: all names under which a user may mean its node.
+        workload: the Kubernetes name of its workload.
+        aliases: all names that a user may use for its node.
         container: its first container.
         scripts: whether that has the in-pod scripts.
-        machine: the cluster node, "" before one takes it.
+        machine: the machine, "" before it is scheduled.
         restarts: of its first container.
-        helper: it is no node of the application but looks at them (the ROS exporter).
+        helper: it is not a node of the application but watches them (the ROS exporter).
     """
 
     name: str
@@ -52,7 +52,7 @@ class Pod:
 
 
 def pod_of(item: dict[str, Any]) -> Pod:
-    """Return what we need of a pod object."""
+    """Return what we need from a pod object."""
     meta, status = item["metadata"], item.get("status", {})
     notes = meta.get("annotations") or {}
     workload = (meta.get("labels") or {}).get(NAME_LABEL, "")
@@ -78,7 +78,7 @@ def pod_of(item: dict[str, Any]) -> Pod:
 
 
 def restarts_of(status: dict[str, Any], container: str) -> int:
-    """Return how often a container was started again."""
+    """Return how often a container was restarted."""
     counts = {s["name"]: s["restartCount"] for s in status.get("containerStatuses") or []}
     return int(counts.get(container, 0))
 
@@ -94,7 +94,7 @@ def choose_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
     """Return the pods of some ROS nodes, or of all.
 
     Raises:
-        UserError: there is none.
+        UserError: there is no such pod.
     """
     if nodes:
         return [pod for node in nodes for pod in pods_of(found, node)]
@@ -108,7 +108,7 @@ def no_pod_error(found: Release) -> UserError:
     """Return the error for a release without pods."""
     return UserError(
         f"no pod of {found.id.name} is in the namespace {found.id.namespace}",
-        hint="`rigel status` tells what is there; -n names another namespace",
+        hint="see what runs with `rigel status`, or choose another namespace with -n",
     )
 
 
@@ -126,11 +126,11 @@ def pods_of(found: Release, node: str) -> list[Pod]:
         raise no_pod_error(found)
     close = find_nearest(node, names)
     meant = f', did you mean "{close}"?' if close else ""
-    raise UserError(f'no pod of a node "{node}"{meant}', hint=f"there are: {', '.join(names)}")
+    raise UserError(f'no pod of a node "{node}"{meant}', hint=f"its nodes are: {', '.join(names)}")
 
 
 def find_matching(pods: Sequence[Pod], node: str) -> list[Pod]:
-    """Return those of the pods that a name means."""
+    """Return the pods that a name means."""
     chosen = [pod for pod in pods if node in pod.aliases]
     return chosen or [pod for pod in pods if pod.workload == object_name(node)]
 
@@ -145,7 +145,7 @@ def choose_running(pods: Sequence[Pod]) -> Pod:
     if not alive:
         raise UserError(
             f"no pod of {pods[0].workload} runs: {pods[-1].name} is {pods[-1].phase}",
-            hint="`rigel status` says why",
+            hint="see why with `rigel status`",
         )
     return max(alive, key=lambda pod: (pod.ready, pod.created))
 
@@ -163,7 +163,7 @@ def execute(
 ) -> int:
     """Run a command in a node's container with ROS set up; return its exit code.
 
-    Without a command it is a shell. A container without our scripts gets the command as it is.
+    Without a command it is a shell. A container without our scripts gets the command unchanged.
     """
     found = release(settings, job, [node])
     with found.cluster as cluster:
@@ -181,7 +181,7 @@ def execute(
 
 
 def wrap_command(pod: Pod, command: Sequence[str]) -> list[str]:
-    """Return what to run in a pod, so that it finds ROS set up."""
+    """Return what to run in a pod to have ROS set up."""
     if pod.scripts:
         return ["/bin/sh", f"{SCRIPTS_PATH}/exec.sh", *command]
     return list(command) or ["/bin/sh"]
@@ -190,32 +190,32 @@ def wrap_command(pod: Pod, command: Sequence[str]) -> list[str]:
 def forward(
     settings: Settings, node: str, ports: dict[int, int], job: str | None = None
 ) -> Iterator[str]:
-    """Forward local ports to a node's pod (remote -> local, 0 any); yield what is told meanwhile.
+    """Forward local ports to a node's pod (remote -> local, 0 any); yield messages.
 
     Ends when it is closed.
 
     Raises:
-        UserError: the pod has gone.
-        ClusterError: we lack the right, which shows with the first connection.
+        UserError: the pod has ended.
+        ClusterError: the right is missing, which shows with the first connection.
     """
     found = release(settings, job, [node])
     with found.cluster as cluster:
         pod = choose_running(pods_of(found, node))
         with cluster.port_forward(pod.namespace, pod.name, ports) as opened:
             yield from (f"127.0.0.1:{lo} -> {pod.name}:{re}" for re, lo in opened.ports.items())
-            told = 0
+            reported = 0
             while True:
                 time.sleep(LOOK)
                 if opened.denied:
                     raise opened.denied
-                if told < len(opened.errors):
-                    yield from opened.errors[told:]
-                    told = len(opened.errors)
+                if reported < len(opened.errors):
+                    yield from opened.errors[reported:]
+                    reported = len(opened.errors)
                     require_running(cluster, pod, node)
 
 
 def require_running(cluster: Cluster, pod: Pod, node: str) -> None:
-    """Raise where a pod has ended: connections to it can only fail from now on."""
+    """Raise if a pod has ended: connections to it can only fail from now on."""
     there = cluster.list("v1", "Pod", pod.namespace, fields=f"metadata.name={pod.name}")
     if not there or pod_of(there[0]).phase != "Running":
-        raise UserError(f"the pod {pod.name} is gone", hint=f"run it again for {node}'s next pod")
+        raise UserError(f"the pod {pod.name} has ended", hint=f"run it again for {node}'s next pod")

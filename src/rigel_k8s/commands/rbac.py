@@ -1,4 +1,4 @@
-"""Roles for people who deploy, look, or install: as manifests, from the declared rights."""
+"""Roles for people who deploy, view, or install: as manifests, from the declared rights."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RBAC = "rbac.authorization.k8s.io"
 
 @attrs.frozen
 class Subject:
-    """Who gets a role: a user, a group, or a service account with its namespace."""
+    """The subject of a role: a user, a group, or a service account with its namespace."""
 
     kind: Literal["User", "Group", "ServiceAccount"]
     name: str
@@ -27,7 +27,7 @@ class Subject:
 
     @property
     def manifest(self) -> dict[str, str]:
-        """The subject as a binding has it."""
+        """The subject in the form of a binding."""
         if self.kind == "ServiceAccount":
             return {"kind": self.kind, "name": self.name, "namespace": self.namespace}
         return {"apiGroup": RBAC, "kind": self.kind, "name": self.name}
@@ -50,7 +50,7 @@ def account(text: str) -> Subject:
 def roles(
     settings: Settings, purpose: str, subjects: Sequence[Subject], *, namespace: str | None = None
 ) -> list[Manifest]:
-    """Return a role, and its bindings where somebody is to have it.
+    """Return a role, and its bindings if there are subjects.
 
     Args:
         purpose: deployer, viewer or installer.
@@ -81,7 +81,7 @@ def bind(
     rules: Sequence[Manifest],
     subjects: Sequence[Subject],
 ) -> Iterator[Manifest]:
-    """Yield a role, and a binding of its own for each subject, so that no apply ends another's."""
+    """Yield a role, and a separate binding for each subject, so that no apply ends another's."""
     place = {"namespace": namespace} if namespace else {}
     api = f"{RBAC}/v1"
     yield {

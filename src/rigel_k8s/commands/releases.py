@@ -1,4 +1,4 @@
-"""render, diff, history, rollback, down: what is done with a release."""
+"""render, diff, history, rollback, down: the commands about a release."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Manifests:
 
 @attrs.frozen
 class Difference:
-    """What a job would change: the plan, the same as text ("" where nothing), and warnings."""
+    """What a job would change: the plan, its text ("" if nothing changes), and warnings."""
 
     plan: Plan
     text: str
@@ -48,9 +48,9 @@ class Difference:
 def render(settings: Settings, job: str | None) -> Manifests:
     """Return the manifests that apply would send, those of the observability stack first.
 
-    The cluster is asked only where the Rigelfile alone does not say enough: a job that describes
-    a part of a release is laid over the release's last revision. The stack is what this job says
-    of it; on a cluster it is laid over what others have said.
+    The cluster is read only if the Rigelfile is not enough: a job that describes a part of a
+    release is merged into the release's last revision. The stack is what this job requests; on a
+    cluster it is merged into what others have requested.
     """
     rigelfile = load(settings)
     if alone := stacks.stack_job(rigelfile, settings, job):
@@ -90,12 +90,12 @@ def diff(settings: Settings, job: str | None) -> Difference:
 
 
 def describe(plan: Plan, warnings: tuple[str, ...]) -> Difference:
-    """Return a plan with the same as text."""
+    """Return a plan with its text."""
     return Difference(plan, difference(plan), warnings)
 
 
 def stack_request_of(raw: Mapping[str, Any]) -> StackRequest:
-    """Return what an orchestration job says of the observability stack."""
+    """Return what an orchestration job requests of the observability stack."""
     return request_of(flat(raw).get("observability") or {})
 
 
@@ -109,7 +109,7 @@ def history(settings: Settings, job: str | None) -> Sequence[Revision]:
 def rollback(
     settings: Settings, job: str | None, number: int | None, report: JobReporter
 ) -> Revision:
-    """Deploy an earlier revision's objects again; None is the good one before the present."""
+    """Deploy an earlier revision's objects again; None is the last good one before the current."""
     found = release(settings, job)
     with found.cluster as cluster, interruptible() as cancel:
         cluster.endure(report.line, cancel)
@@ -128,10 +128,10 @@ def rollback(
 def down(
     settings: Settings, job: str | None, report: JobReporter, *, volumes: bool
 ) -> tuple[ReleaseId, Plan]:
-    """Delete a release's objects; claims and volumes only where asked for.
+    """Delete a release's objects; claims and volumes only if requested.
 
     Raises:
-        UserError: there is nothing of it.
+        UserError: the release does not exist.
     """
     found = release(settings, job)
     with found.cluster as cluster, interruptible() as cancel:
@@ -148,6 +148,6 @@ def down(
     if not plan.steps and not plan.records:
         raise UserError(
             f"there is no release {found.id.name} in the namespace {found.id.namespace}",
-            hint="-n NAMESPACE or --context NAME, if it is elsewhere",
+            hint="if it is elsewhere, set -n NAMESPACE or --context NAME",
         )
     return found.id, plan

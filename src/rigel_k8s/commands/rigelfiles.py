@@ -1,4 +1,4 @@
-"""init, check, schema: what can be done with a Rigelfile alone."""
+"""init, check, schema: what needs only a Rigelfile."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def load(settings: Settings, *, patient: bool = False) -> Rigelfile:
     """Return the Rigelfile of the settings.
 
     Args:
-        patient: variables that are nowhere are wrong only where a value is needed.
+        patient: undefined variables are wrong only where a value is needed.
 
     Raises:
-        UserError: it is not there, with what to do.
+        UserError: it does not exist, with what to do.
         ProblemsError: its grammar is wrong.
     """
     require(settings.rigelfile)
@@ -43,14 +43,15 @@ def require(path: Path) -> None:
     """Refuse a path without a Rigelfile."""
     if not path.is_file():
         raise UserError(
-            f"there is no {path}", hint="`rigel init` writes one, or name another with -f FILE"
+            f"{path} does not exist",
+            hint="write one with `rigel init`, or choose another with -f FILE",
         )
 
 
 def check(settings: Settings) -> CheckResult:
     """Return every problem of the Rigelfile, with our job types' own checks.
 
-    What two jobs of a sequence do to each other is looked at where each by itself is right.
+    How two jobs of a sequence affect each other is checked only if each of them is right.
     """
     from rigel_k8s.jobs.runner import check_sequence
 
@@ -72,7 +73,7 @@ def check(settings: Settings) -> CheckResult:
 
 
 def check_rigel03(settings: Settings) -> CheckResult:
-    """Return what Rigel 0.3 would refuse or read otherwise."""
+    """Return what Rigel 0.3 would refuse or read differently."""
     require(settings.rigelfile)
     return grammar.rigel03(settings.rigelfile, os.environ)
 
@@ -84,10 +85,10 @@ def init(path: Path, *, ros: str, force: bool) -> None:
         ros: for which ROS, "1" or "2".
 
     Raises:
-        UserError: there is one already, and not force.
+        UserError: it already exists, and not `force`.
     """
     if path.exists() and not force:
-        raise UserError(f"{path} is there already", hint="--force overwrites it")
+        raise UserError(f"{path} already exists", hint="overwrite it with --force")
     path.write_text(grammar.STARTERS[ros])
 
 

@@ -1,4 +1,4 @@
-"""The observability stack as `render` and `diff` show it: what a job would have there of it."""
+"""The observability stack as `render` and `diff` show it: what a job would deploy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rigel_k8s.settings import Settings
 
 
 def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> TargetJob | None:
-    """Return the named job where it is one that deploys the stack alone, None where it is none.
+    """Return the named job if it deploys only the stack, else None.
 
     Raises:
         ProblemsError: its options are wrong, or wait for data of other jobs.
@@ -37,15 +37,15 @@ def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> Tar
     findings = made.place_problems(found.check(made.options, rigelfile.application))
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)
-    told = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
-    return TargetJob(spec.name, made.options, made.raw, rigelfile.application, told)
+    warnings = tuple(grammar.render(rigelfile.source, finding) for finding in findings)
+    return TargetJob(spec.name, made.options, made.raw, rigelfile.application, warnings)
 
 
 def manifests(request: StackRequest) -> tuple[Manifest, ...]:
-    """Return the stack's manifests as one job describes it; no cluster is asked."""
+    """Return the stack's manifests as one job describes it, without a cluster."""
     return manifests_to_apply(render_stack(request).desired)
 
 
 def plan(request: StackRequest, cluster: Cluster, *, adopt: bool) -> Plan:
-    """Return what a job would change of the stack that is there. Raises like a deploy."""
+    """Return what a job would change in the existing stack. Raises like a deploy."""
     return deploys.diff(desired_stack(request, cluster).desired, cluster, adopt=adopt)

@@ -1,6 +1,6 @@
-"""status: what of a release runs where.
+"""status: what runs where, for one release.
 
-It is called often, also by scripts: it imports nothing that only deploying needs.
+Scripts call it often, so it imports nothing that only a deploy needs.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from rigel_k8s.settings import Settings
 
 @attrs.frozen
 class Status:
-    """What of a release runs where.
+    """What runs where, for one release.
 
     Attributes:
-        graph: who discovers whom; None without DDS, or where nobody asked.
-        gate: what the gate in front of roscore knows; None without one, or where nobody asked.
+        graph: which nodes discover each other; None without DDS, or if not requested.
+        gate: the state of roscore's gate; None without one, or if not requested.
     """
 
     release: ReleaseStatus
@@ -31,20 +31,20 @@ class Status:
 
     @property
     def ok(self) -> bool:
-        """Whether all that is needed is ready, and no node is kept from the others."""
+        """Whether everything required is ready, and all nodes reach the others."""
         ready = all(workload.ok for workload in self.release.workloads)
         return ready and not (self.graph and self.graph.errors)
 
 
 def status(settings: Settings, job: str | None, *, graph: bool = True) -> Status:
-    """Return what of a release runs where.
+    """Return what runs where, for one release.
 
     Args:
-        graph: look from inside its pods whether DDS nodes discover each other, and what roscore's
-            gate knows; takes seconds.
+        graph: check from inside its pods whether DDS nodes discover each other, and read the state
+            of roscore's gate; takes seconds.
 
     Raises:
-        UserError: nothing of it is on the cluster.
+        UserError: the cluster has nothing of it.
     """
     found = release(settings, job)
     with found.cluster as cluster:

@@ -1,6 +1,6 @@
 """Which job, and so which release, a command is about.
 
-A release on a cluster needs no Rigelfile: its revisions have all that is asked about it.
+A release on a cluster needs no Rigelfile: its revisions have all the information.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from rigel_k8s.settings import Application, Settings
 
 @attrs.frozen
 class TargetJob:
-    """An orchestration job, all of whose options are known and right.
+    """An orchestration job whose options are all known and right.
 
     Attributes:
-        warnings: what its options' check has to say, rendered.
-        place: problems with the options to texts with their lines in the Rigelfile.
+        warnings: of its options' check, rendered.
+        place: turns problems with the options into texts with their lines in the Rigelfile.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Release:
     """A release on a cluster, connected.
 
     Attributes:
-        observability: the job's options of that name; None where it was not found by a job.
+        observability: the job's options of that name; None if it was not found by a job.
     """
 
     cluster: Cluster
@@ -73,10 +73,10 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
     """Return the named orchestration job, or the one that the Rigelfile has.
 
     Args:
-        rigelfile: what the settings' file holds, where it was read before.
+        rigelfile: the content of the settings' file, if it was read before.
 
     Raises:
-        UserError: there is none, or several releases and no name; they are listed.
+        UserError: the job does not exist, or there are several releases and no name; lists them.
         ProblemsError: the job's options are wrong, or wait for data of other jobs.
     """
     rigelfile = rigelfile or load(settings)
@@ -103,18 +103,18 @@ def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = 
     """Return a release, connected.
 
     Args:
-        name: a job of the Rigelfile, or a release of the cluster; the job, where both are called
-            so. None is the one release of the Rigelfile. Of a job's options only the release's
+        name: a job of the Rigelfile, or a release of the cluster; the job, if both have the
+            name. None is the one release of the Rigelfile. Of a job's options only the release's
             two names must be known.
-        nodes: where the Rigelfile has several releases: the one that has these nodes.
+        nodes: if the Rigelfile has several releases, choose the one with these nodes.
 
     Raises: as job_of.
     """
     if not settings.rigelfile.exists() and is_default(settings.rigelfile):
         if name is None:
             raise UserError(
-                f"there is no {settings.rigelfile}, and no release is named",
-                hint="`rigel list` shows the releases of a namespace, `rigel list -A` all of them",
+                f"{settings.rigelfile} does not exist, and no release is named",
+                hint="list the releases of a namespace with `rigel list`, all with `rigel list -A`",
             )
         return name_release(connect(settings), settings, name)
     rigelfile = load(settings, patient=True)
@@ -132,15 +132,15 @@ def is_default(rigelfile: Path) -> bool:
 
 
 def name_release(cluster: Cluster, settings: Settings, name: str) -> Release:
-    """Return a release by its name; whether it is there shows when it is asked."""
+    """Return a release by its name, without checking that it exists."""
     return Release(cluster, ReleaseId(settings.namespace or cluster.namespace, name))
 
 
 def find_other(unknown: NoSuchJob, settings: Settings) -> Release:
-    """Return the release that is named as no job of the Rigelfile is.
+    """Return the release with a name that is not a job of the Rigelfile.
 
     Raises:
-        NoSuchJob: there is no such release either, or the cluster cannot be asked.
+        NoSuchJob: the release does not exist either, or the cluster cannot be reached.
     """
     try:
         cluster = connect(settings)
@@ -158,13 +158,13 @@ def names(settings: Settings) -> list[str]:
 
 
 def node_names(settings: Settings, job: str | None = None) -> list[str]:
-    """Return the keys of a job's nodes, and what else of it runs. Raises as job_of."""
+    """Return the keys of a job's nodes, and its other workloads. Raises as job_of."""
     rigelfile = load(settings, patient=True)
     return list_node_names(rigelfile, choose_job(rigelfile, settings, job))
 
 
 def list_node_names(rigelfile: Rigelfile, spec: ComponentSpec) -> list[str]:
-    """Return the keys of a job's nodes, and what else of it runs. Raises as names_of."""
+    """Return the keys of a job's nodes, and its other workloads. Raises as names_of."""
     from rigel_k8s.app.desired import deploys_master
 
     options = names_of(rigelfile, spec)
@@ -177,14 +177,14 @@ def list_node_names(rigelfile: Rigelfile, spec: ComponentSpec) -> list[str]:
 def choose_job(
     rigelfile: Rigelfile, settings: Settings, name: str | None, nodes: Sequence[str] = ()
 ) -> ComponentSpec:
-    """Return the job that is meant: deploy and update jobs of one release count as one."""
+    """Return the meant job: deploy and update jobs of one release count as one."""
     specs = candidates(rigelfile, settings)
     if name is not None:
         return find_job(rigelfile, specs, name)
     if not specs:
         raise UserError(
             f"{rigelfile.source.name} has no orchestration job",
-            hint="a job with `plugin: rigel_k8s.OrchestrationPlugin` deploys an application",
+            hint="add a job with `plugin: rigel_k8s.OrchestrationPlugin`",
         )
     by_release: dict[tuple[str, str], list[ComponentSpec]] = {}
     for spec in specs:
@@ -202,7 +202,7 @@ def choose_job(
 
 
 def choose_whole(specs: Sequence[ComponentSpec]) -> ComponentSpec:
-    """Return the job of a release that describes all of it, where there is one."""
+    """Return the job of a release that describes all of it, if there is one."""
     return next((spec for spec in specs if not is_partial(spec_keys(spec))), specs[0])
 
 
@@ -228,11 +228,11 @@ def find_job(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> Com
         raise UserError(f'the job "{name}" deploys nothing', hint=hint)
     close = grammar.find_nearest(name, ours)
     meant = f', did you mean "{close}"?' if close else ""
-    raise NoSuchJob(name, f'there is no job "{name}"{meant}', hint=hint)
+    raise NoSuchJob(name, f'unknown job "{name}"{meant}', hint=hint)
 
 
 def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
-    """Return whether a job's type is ours; an unknown one is somebody else's."""
+    """Return whether a job's type is ours; an unknown one counts as another's."""
     try:
         found = registry.job_type(spec.plugin, directory)
     except UserError:
@@ -241,7 +241,7 @@ def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
 
 
 def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
-    """Return a job's `with` as far as it stands in the file."""
+    """Return a job's `with` as far as it is in the file."""
     plain: dict[str, Any] = grammar.strip_places(spec.options)
     return plain
 

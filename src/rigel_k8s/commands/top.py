@@ -1,4 +1,4 @@
-"""top: what each ROS node uses, and what Prometheus knows of it; and the topics between them."""
+"""top: what each ROS node uses, its data in Prometheus, and the topics between nodes."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from rigel_k8s.observability.reading.stack import NoStack, part_of
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.settings import Settings
 
-#: A mean of this time is told, of a series that is as old; two scrapes are in it in any case.
+#: The mean over this time, if the series is old enough; it always contains two scrapes.
 SPAN = "2m"
 
 
 def growth_rate(series: str) -> str:
-    """Return a counter's growth a second; of a young one that between its last two scrapes."""
+    """Return a counter's growth per second; of a young one between its last two scrapes."""
     return f"(rate({series}[{SPAN}]) and {series} offset {SPAN} or irate({series}[5m]))"
 
 
 UP = "max by (ros_node, workload) (ros_node_up{{{0}}})"
 FLOW = f"sum by (ros_node, direction) ({growth_rate('ros_node_topic_messages_total{{{0}}}')})"
-#: By topic; the nodes' own counts stand in for topics that the exporter was not told to hear.
+#: By topic; topics that the exporter does not subscribe to use the nodes' own counts.
 SENT = '{{{0},direction="published"}}'
 TOPICS = {
     "publishers": "max by (topic, type) (ros_topic_publishers{{{0}}})",
@@ -36,7 +36,7 @@ TOPICS = {
     "heard_bytes": f"sum by (topic) ({growth_rate('ros_topic_bytes_total{{{0}}}')})",
     "counted": f"sum by (topic) ({growth_rate('ros_node_topic_messages_total' + SENT)})",
     "counted_bytes": f"sum by (topic) ({growth_rate('ros_node_topic_bytes_total' + SENT)})",
-    # When it was scraped: since then it has only become older for us.
+    # At the time of the scrape.
     "age": "min by (topic) (timestamp(ros_topic_last_message_timestamp_seconds{{{0}}})"
     " - ros_topic_last_message_timestamp_seconds{{{0}}})",
     "delay": "max by (topic) (ros_topic_header_age_seconds{{{0}}})",
@@ -45,13 +45,13 @@ TOPICS = {
 
 @attrs.frozen
 class UsageRow:
-    """A pod of a ROS node; what nobody told is None.
+    """A pod of a ROS node; unknown values are None.
 
     Attributes:
         cpu: cores.
         memory: bytes.
         up: whether the ROS node is in the graph and answers.
-        published, received: messages a second, of all its topics, as the node itself counts them.
+        published, received: messages per second, of all its topics, counted by the node itself.
     """
 
     workload: str
@@ -68,7 +68,7 @@ class UsageRow:
 
 @attrs.frozen
 class Top:
-    """Rows, and who told them: prometheus, metrics-server or kubelet; and why not one before."""
+    """Rows, and their source: prometheus, metrics-server or kubelet; and why not an earlier one."""
 
     release: ReleaseId
     rows: tuple[UsageRow, ...]
@@ -78,13 +78,13 @@ class Top:
 
 @attrs.frozen
 class TopicUsage:
-    """A topic; what nobody told is None.
+    """A topic; unknown values are None.
 
     Attributes:
-        rate: messages a second.
-        bandwidth: bytes a second; of a topic that is not heard what its publishers sent in all.
-        age: seconds since the last message when it was scraped last, of a topic that is heard.
-        delay: seconds from a message's stamp to its being heard.
+        rate: messages per second.
+        bandwidth: bytes per second; without a subscription what its publishers sent in total.
+        age: seconds since the last message at the last scrape, with a subscription.
+        delay: seconds from a message's stamp to its arrival at the exporter.
         heard: whether the exporter subscribes to it.
     """
 
@@ -111,8 +111,8 @@ def top(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Top
     """Return what the pods of some ROS nodes use, or of all.
 
     Raises:
-        UserError: there is no such node, or no pod at all.
-        ClusterError: nobody tells what they use.
+        UserError: the node is unknown, or there is no pod at all.
+        ClusterError: no source has their usage.
     """
     found = release(settings, job)
     with found.cluster as cluster:
@@ -122,8 +122,8 @@ def top(settings: Settings, nodes: Sequence[str], job: str | None = None) -> Top
         except (NoStack, ClusterError) as error:
             prometheus = error
         usage = measure_usage(cluster, pods, prometheus)
-        told = ros_of(found, prometheus) if isinstance(prometheus, PrometheusClient) else Ros()
-    rows = tuple(row_of(pod, usage.by_pod.get(pod.name), told) for pod in pods)
+        ros = ros_of(found, prometheus) if isinstance(prometheus, PrometheusClient) else Ros()
+    rows = tuple(row_of(pod, usage.by_pod.get(pod.name), ros) for pod in pods)
     return Top(found.id, rows, usage.source, usage.reasons)
 
 
@@ -131,11 +131,11 @@ def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> 
     """Return the topics of a release, as its ROS exporter sees them.
 
     Raises:
-        UserError: names of nodes are given; there is no stack; no exporter looks at the release.
-        ClusterError: Prometheus may not be asked.
+        UserError: names of nodes are given; there is no stack; the release has no exporter.
+        ClusterError: access to Prometheus is denied.
     """
     if nodes:
-        raise UserError("--topics shows the topics of all nodes", hint="leave the names out")
+        raise UserError("--topics shows the topics of all nodes", hint="remove the names")
     found = release(settings, job)
     with found.cluster as cluster:
         prometheus = prometheus_of(found)
@@ -145,15 +145,15 @@ def topics(settings: Settings, nodes: Sequence[str], job: str | None = None) -> 
     rows = topics_of(answers)
     if not rows:
         raise UserError(
-            f"Prometheus knows no topic of {found.id.name} in {found.id.namespace}",
-            hint="`observability: {enabled: true}` in its job deploys an exporter beside its nodes,"
-            " whose first look comes within a minute",
+            f"Prometheus has no topics of {found.id.name} in {found.id.namespace}",
+            hint="set `observability: {enabled: true}` in its job to deploy an exporter beside its"
+            " nodes; its first data come within a minute",
         )
     return Topics(found.id, rows)
 
 
 def choose_running_pods(found: Release, nodes: Sequence[str]) -> list[Pod]:
-    """Return the pods that run; raises where there is none."""
+    """Return the running pods; raises if there are none."""
     pods = choose_pods(found, nodes)
     return [pod for pod in pods if pod.phase == "Running"] or pods
 
@@ -170,7 +170,7 @@ def select_series(release: ReleaseId) -> str:
 
 @attrs.frozen
 class Ros:
-    """What the exporter tells of nodes, by ROS name; of pods of several (a launch) by workload."""
+    """The exporter's data of nodes, by ROS name; of pods with several nodes by workload."""
 
     up: dict[str, float] = attrs.field(factory=dict)
     published: dict[str, float] = attrs.field(factory=dict)
@@ -178,7 +178,7 @@ class Ros:
 
 
 def ros_of(found: Release, prometheus: PrometheusClient) -> Ros:
-    """Return what Prometheus knows of a release's ROS nodes; nothing where it has no exporter."""
+    """Return Prometheus' data of a release's ROS nodes; empty without an exporter."""
     own = select_series(found.id)
     queries = [UP.format(own), FLOW.format(own)]
     try:
@@ -191,7 +191,7 @@ def ros_of(found: Release, prometheus: PrometheusClient) -> Ros:
             "ros_node", (sample for sample in flow if sample.labels.get("direction") == direction)
         )
 
-    # Several nodes of one workload: the one that is not there counts.
+    # Of several nodes of one workload, a missing one counts.
     whole = index_by("workload", sorted(up, key=lambda sample: -sample.value))
     return Ros({**whole, **index_by("ros_node", up)}, flows("published"), flows("received"))
 
@@ -201,10 +201,10 @@ def index_by(label: str, samples: Iterable[Sample]) -> dict[str, float]:
     return {sample.labels.get(label, ""): sample.value for sample in samples}
 
 
-def row_of(pod: Pod, usage: Usage | None, told: Ros) -> UsageRow:
+def row_of(pod: Pod, usage: Usage | None, ros: Ros) -> UsageRow:
     """Return a pod's row."""
     name = pod.ros_name
-    up = told.up.get(name or pod.workload)
+    up = ros.up.get(name or pod.workload)
     return UsageRow(
         workload=pod.workload,
         ros_name=name,
@@ -214,32 +214,32 @@ def row_of(pod: Pod, usage: Usage | None, told: Ros) -> UsageRow:
         cpu=usage.cpu if usage else None,
         memory=usage.memory if usage else None,
         up=None if up is None else bool(up),
-        published=told.published.get(name),
-        received=told.received.get(name),
+        published=ros.published.get(name),
+        received=ros.received.get(name),
     )
 
 
 def topics_of(answers: Mapping[str, Sequence[Sample]]) -> tuple[TopicUsage, ...]:
-    """Return the topics that the answers to TOPICS tell of, by name."""
-    told = {name: index_by("topic", samples) for name, samples in answers.items()}
+    """Return the topics in the answers to TOPICS, by name."""
+    values = {name: index_by("topic", samples) for name, samples in answers.items()}
     types = {
         sample.labels.get("topic", ""): sample.labels.get("type", "")
         for sample in (*answers["publishers"], *answers["subscribers"])
     }
     found = []
     for name, kind in sorted(types.items()):
-        heard = name in told["age"] or name in told["heard"]
+        heard = name in values["age"] or name in values["heard"]
         rates, sizes = ("heard", "heard_bytes") if heard else ("counted", "counted_bytes")
         found.append(
             TopicUsage(
                 name=name,
                 type=kind,
-                publishers=int(told["publishers"].get(name, 0)),
-                subscribers=int(told["subscribers"].get(name, 0)),
-                rate=told[rates].get(name),
-                bandwidth=told[sizes].get(name),
-                age=told["age"].get(name),
-                delay=told["delay"].get(name),
+                publishers=int(values["publishers"].get(name, 0)),
+                subscribers=int(values["subscribers"].get(name, 0)),
+                rate=values[rates].get(name),
+                bandwidth=values[sizes].get(name),
+                age=values["age"].get(name),
+                delay=values["delay"].get(name),
                 heard=heard,
             )
         )

@@ -1,6 +1,6 @@
 """CPU and memory of pods: from Prometheus, from metrics.k8s.io, or from the machines' kubelets.
 
-The later ones know only the present, and less of it; who may not ask one is told so by the next.
+The later ones have only current values, and fewer; without the right to one, the next is used.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rigel_k8s.observability.reading.prometheus import PrometheusClient, Sample,
 from rigel_k8s.observability.reading.stack import NoStack, explain
 
 METRICS = "metrics.k8s.io/v1beta1"
-#: The last two samples of each container, whatever the time between two scrapes is.
+#: The last two samples of each container, independent of the scrape interval.
 CPU = (
     "sum by (pod) (max by (pod, container)"
     ' (irate(container_cpu_usage_seconds_total{{{0},container!="",container!="POD"}}[5m])))'
@@ -45,7 +45,7 @@ class Used:
 
     Attributes:
         source: prometheus, metrics-server or kubelet.
-        reasons: why those before it were not asked.
+        reasons: why earlier sources were not used.
     """
 
     by_pod: Mapping[str, Usage]
@@ -56,10 +56,10 @@ class Used:
 def measure_usage(
     cluster: Cluster, pods: Sequence[Pod], prometheus: PrometheusClient | NoStack | ClusterError
 ) -> Used:
-    """Return what pods of one namespace use, from the first that tells.
+    """Return what pods of one namespace use, from the first source that has it.
 
     Raises:
-        ClusterError: nobody tells; with all reasons.
+        ClusterError: no source has it; with all reasons.
     """
 
     def try_prometheus() -> Mapping[str, Usage]:
@@ -84,16 +84,17 @@ def measure_usage(
             continue
         if any(pod.name in found for pod in pods):
             return Used(found, source, tuple(reasons))
-        reasons.append(f"{name} knows none of these pods")
+        reasons.append(f"{name} has none of these pods")
     raise ClusterError(
-        "nobody tells what the pods use",
+        "no source has the usage of these pods",
         details=reasons,
-        hint="any of: `observability: {enabled: true}`, a metrics-server, the right nodes/proxy",
+        hint="set `observability: {enabled: true}`, install a metrics-server, or request the"
+        " right nodes/proxy",
     )
 
 
 def explain_refusal(name: str, error: NoStack | ClusterError) -> str:
-    """Return why one was not asked."""
+    """Return why a source was not used."""
     if isinstance(error, Forbidden) and name != "Prometheus":
         return f"you may not ask {name}"
     return explain(name, error)
@@ -128,7 +129,7 @@ def ask_metrics_server(cluster: Cluster, namespace: str) -> Mapping[str, Usage]:
 
 
 def ask_kubelets(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
-    """Return what the kubelets of the pods' machines tell."""
+    """Return the usage from the kubelets of the pods' machines."""
     machines = sorted({pod.machine for pod in pods} - {""})
 
     def ask(machine: str) -> Any:
@@ -145,7 +146,7 @@ def ask_kubelets(cluster: Cluster, pods: Sequence[Pod]) -> Mapping[str, Usage]:
 
 
 def read_summary(summary: Mapping[str, Any], namespace: str) -> dict[str, Usage]:
-    """Return the pods of a namespace in a kubelet's summary, but those that have just begun."""
+    """Return the pods of a namespace in a kubelet's summary, without those that just started."""
     found = {}
     for pod in summary.get("pods") or []:
         containers = pod.get("containers") or []

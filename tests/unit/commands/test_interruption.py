@@ -76,7 +76,7 @@ def test_the_second_ends_at_once_with_one_line(number: int) -> None:
     code, said = run(TWICE, number)
     assert code == 128 + number
     assert said == (
-        "error: interrupted twice, nothing was waited for; "
+        "error: interrupted twice, stopped without waiting; "
         "run the same command again to complete its work\n"
     )
 

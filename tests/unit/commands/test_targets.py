@@ -95,7 +95,7 @@ def test_a_node_says_which_release_is_meant(tmp_path: Path, kubeconfig: Path) ->
 def test_a_wrong_name_tells_the_nearest(tmp_path: Path) -> None:
     """A job that deploys nothing is told apart from one that is not there."""
     found = settings(tmp_path, DEPLOY, BUILD)
-    with pytest.raises(UserError, match='no job "deplo", did you mean "deploy"'):
+    with pytest.raises(UserError, match='unknown job "deplo", did you mean "deploy"'):
         job_of(found, "deplo")
     with pytest.raises(UserError, match='the job "build" deploys nothing'):
         job_of(found, "build")
@@ -194,7 +194,7 @@ def test_without_a_rigelfile_a_release_must_be_named(
 
 def test_a_rigelfile_that_was_named_and_is_missing_is_an_error(tmp_path: Path) -> None:
     """`-f` says where the release's names are: another meaning of the word would surprise."""
-    with pytest.raises(UserError, match=r"there is no .*Robots"):
+    with pytest.raises(UserError, match=r"Robots does not exist"):
         release(Settings(tmp_path / "Robots"), "arm")
 
 
@@ -213,5 +213,5 @@ def test_a_release_beside_a_rigelfile_is_found_by_its_name(
     monkeypatch.setattr(targets, "connect", lambda settings: fake)
     words = settings(tmp_path, DEPLOY, namespace="lab")
     assert release(words, "arm").id == ReleaseId("lab", "arm")
-    with pytest.raises(UserError, match='there is no job "amr"'):
+    with pytest.raises(UserError, match='unknown job "amr"'):
         release(words, "amr")

@@ -1,1 +1,1 @@
-"""Reading logs: what pods print now, and what Loki keeps of pods that are gone."""
+"""Reading logs: of current pods, and of deleted pods from Loki."""

@@ -13,15 +13,15 @@ from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import RigelK8sError
 from rigel_k8s.objects.marks import RELEASE_LABEL
 
-LOOK = 0.2  # seconds between two looks whether a follow has ended
+LOOK = 0.2  # seconds between two checks whether a follow has ended
 
 
 class Follow:
     """Lines of all pods of some workloads as they come: a thread for each run of a container.
 
     Args:
-        pods: those that were there before; the others are read from their beginning.
-        read: reads and follows a pod; `old` says that its pod was there before.
+        pods: those that existed before; other pods are read from their beginning.
+        read: reads and follows a pod; `old`: the pod existed before.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Follow:
             self._lines.put(error)
 
     def _look(self, item: dict[str, Any]) -> None:
-        """Follow a container's run that is new."""
+        """Follow a new run of a container."""
         pod, number = pod_of(item), run_of(item)
         if pod.workload not in self._workloads or number is None:
             return

@@ -1,9 +1,9 @@
-"""Log lines of the past by time, from Loki where it is there, and what it has not got yet.
+"""Past log lines by time: from Loki if it is installed, and what it does not have yet.
 
-Loki knows pods that are gone. The API server knows the last seconds, which the collector has
-still to bring: it is asked for each pod's lines from shortly before Loki's last one, however long
-ago that was, and what both have is told once. So lines are missing only where a container was gone
-before the collector came.
+Loki has the lines of deleted pods. The API server has the last seconds, which the collector has not
+delivered yet: it is asked for each pod's lines from shortly before Loki's last one, however long
+ago that was, and lines in both are printed once. So lines are missing only if a container was
+deleted before the collector read it.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.observability.names import LOKI
 from rigel_k8s.observability.reading.stack import NoStack, explain, part_of
 
-HOUR = 3600  # seconds: how far `level` looks back where nothing else is said
-BEHIND = 10 * SECOND  # by how much Loki's last line may be later than one that is still to come
+HOUR = 3600  # seconds: how far `level` looks back by default
+BEHIND = 10 * SECOND  # by how much Loki's last line may be later than one that arrives afterwards
 
 
 def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterator[LogLine]:
-    """Yield what some nodes have said, by time; with `follow`, go on with what they say.
+    """Yield the lines of some nodes, by time; with `follow`, continue with new lines.
 
     Raises: as logs.
     """
@@ -54,7 +54,7 @@ def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterat
             part = part_of(found.cluster, LOKI, found.observability)
             stored = read_stored(part, found.id, options.since or HOUR)
         except (NoStack, ClusterError) as error:
-            text = f"{explain('Loki', error)}: these are lines of containers that are there now"
+            text = f"{explain('Loki', error)}: these are only the lines of existing containers"
             yield LogLine("", "", text, note=True)
     past = Past(found, nodes, options, stored)
     yield from past.lines()
@@ -63,7 +63,7 @@ def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterat
 
 
 class Past:
-    """What the pods of some nodes have said, and where to go on."""
+    """The lines of some nodes' pods, and where to continue."""
 
     def __init__(
         self, found: Release, nodes: Sequence[str], options: LogOptions, stored: Stored | None
@@ -79,7 +79,7 @@ class Past:
         self._edges = {pod.name: Edge() for pod in self._pods}
 
     def lines(self) -> Iterator[LogLine]:
-        """Yield the lines that there are now."""
+        """Yield the existing lines."""
         if self._stored is None:
             yield from self._tail(self._read_fresh())
             return
@@ -91,25 +91,25 @@ class Past:
         yield from self._tail(merge_lines(stored, self._read_fresh()))
 
     def follow(self) -> Iterator[LogLine]:
-        """Yield what they say from now on, once."""
+        """Yield new lines, each once."""
         workloads = self._asked.workloads | {pod.workload for pod in self._pods}
         return Follow(self._found, workloads, self._pods, self._go_on).lines()
 
     def _read_fresh(self) -> Iterator[LogLine]:
-        """Yield what the API server has, by time; of each pod from where Loki ends."""
+        """Yield the lines of the API server, by time; of each pod from where Loki ends."""
         return heapq.merge(*map(self._read, self._pods), key=time_of)
 
     def _read(self, pod: Pod) -> Iterator[LogLine]:
-        """Yield a pod's lines, or why there are none."""
+        """Yield a pod's lines, or the reason why they cannot be read."""
         try:
-            yield from sort_lines(self._read_wanted(pod, follow=False))
+            yield from sort_lines(self._read_new(pod, follow=False))
         except ClusterError as error:
             if len(self._pods) == 1 and self._stored is None:
                 raise
             yield LogLine(pod.workload, pod.name, error.message, note=True)
 
     def _tail(self, lines: Iterable[LogLine]) -> Iterator[LogLine]:
-        """Yield the last lines of each pod, where only those are wanted."""
+        """Yield the last lines of each pod, if only those are requested."""
         if self._options.tail is None:
             yield from lines
             return
@@ -124,12 +124,12 @@ class Past:
     def _go_on(self, pod: Pod, *, old: bool, cancel: threading.Event) -> Iterator[LogLine]:
         if not old:
             self._edges[pod.name] = Edge(since=0)
-        return self._read_wanted(pod, follow=True, cancel=cancel)
+        return self._read_new(pod, follow=True, cancel=cancel)
 
-    def _read_wanted(
+    def _read_new(
         self, pod: Pod, *, follow: bool, cancel: threading.Event | None = None
     ) -> Iterator[LogLine]:
-        """Yield a pod's lines of the wanted levels that were not read before."""
+        """Yield a pod's lines of the requested levels that were not read before."""
         edge = self._edges[pod.name]
         for text in self._found.cluster.logs(
             pod.namespace,
@@ -142,7 +142,7 @@ class Past:
             **self._choose_start(edge),
         ):
             moment, words = split_stamp(text)
-            if moment is None:  # the kubelet's own word about the log
+            if moment is None:  # a message of the kubelet about the log
                 yield LogLine(pod.workload, pod.name, text, note=True)
                 continue
             level = edge.reader.level(words)
@@ -150,7 +150,7 @@ class Past:
                 yield line_of(pod, words, moment, level)
 
     def _choose_start(self, edge: Edge) -> dict[str, Any]:
-        """Return from when on the API server is asked."""
+        """Return the start time for the API server."""
         if edge.since is not None:
             return {"since_time": f"{stamp(edge.since)[:19]}Z"} if edge.since else {}
         if self._options.since is None:
@@ -164,9 +164,9 @@ class Edge:
     """Up to where a pod's lines were read.
 
     Attributes:
-        since: the time to read on from, None where nothing is known, 0 from its beginning.
+        since: the time to continue from, None if unknown, 0 for its beginning.
         known: the lines that were read from then on.
-        reader: knows the level with which the next line may go on.
+        reader: has the level that the next line may continue.
     """
 
     since: int | None = None
@@ -188,10 +188,10 @@ class Edge:
 def resolve_names(
     found: Release, nodes: Sequence[str], pods: Sequence[Pod], stored: Stored | None
 ) -> Asked:
-    """Return whose lines some names mean: of pods that are there, or that Loki knows.
+    """Return whose lines some names mean: of existing pods, or of pods in Loki.
 
     Raises:
-        UserError: a name means nothing, or there is no pod at all.
+        UserError: a name is unknown, or there is no pod at all.
     """
     if not nodes:
         there = {pod.workload for pod in pods if not pod.helper}
@@ -214,12 +214,12 @@ def resolve_name(found: Release, node: str, pods: Sequence[Pod], stored: Stored 
         return Asked(frozenset(there))
     if stored and (known := stored.resolve_name(node)):
         return known
-    pods_of(found, node)  # raises, and names the nodes that there are
+    pods_of(found, node)  # raises, and lists the existing nodes
     raise AssertionError("no pod matches, and one was found")
 
 
 def line_of(pod: Pod, text: str, moment: int, level: str) -> LogLine:
-    """Return a line that the API server told."""
+    """Return a line of the API server."""
     return LogLine(
         pod.workload,
         pod.name,

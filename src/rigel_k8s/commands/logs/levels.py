@@ -1,7 +1,7 @@
 """The level of log lines that come from the API server, as the stack's collector reads it for Loki.
 
-By the same expressions (observability/manifests/lines.py), so that both ways give the same lines.
-Pure text: it knows neither pods nor Loki.
+It uses the same expressions (observability/manifests/lines.py), so that both give the same levels.
+Pure text: independent of pods and Loki.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SAME = {"warning": "warn", "critical": "fatal", "trace": "debug"}
 
 
 def level_of(line: str) -> str:
-    """Return the level that a line says of itself: one of LEVELS, or "" where it says none."""
+    """Return the level in a line: one of LEVELS, or "" if it has none."""
     for form in FORMS:
         if found := form.match(line):
             word = found["level"].lower()
@@ -34,16 +34,16 @@ def at_least(level: str) -> frozenset[str]:
 
 
 class LevelReader:
-    """Gives each line of one container its level: those that go on have that of their beginning.
+    """Gives each line of one container its level: continuation lines have that of the first line.
 
-    Blank and indented lines go on, and after a Python traceback's head everything up to its
-    exception, with the exceptions that it was raised from. A traceback that stands by itself is an
-    error, whatever was logged before it.
+    Continuation lines are blank and indented lines, and everything after a Python traceback's head
+    up to its exception, with the exceptions that it was raised from. A traceback that does not
+    follow a log line is an error, whatever was logged before it.
     """
 
     def __init__(self) -> None:
         self._level = ""
-        self._open = False  # within a traceback whose exception has not come
+        self._open = False  # within a traceback, before its exception
 
     def level(self, line: str) -> str:
         """Return the next line's level."""

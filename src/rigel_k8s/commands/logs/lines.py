@@ -1,7 +1,7 @@
-"""Log lines as plain data: their times, and how two sources of the same lines become one.
+"""Log lines as plain data: their times, and how to merge two sources of the same lines.
 
-Loki and the API server tell the same time for the same line, to the nanosecond: what the container
-runtime wrote down.
+Loki and the API server have the same time for the same line, to the nanosecond: the one that the
+container runtime recorded.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from datetime import datetime, timezone
 import attrs
 
 SECOND = 1_000_000_000
-#: How much later than a line one with an earlier time may be written down.
+#: How much later than a line one with an earlier time may be recorded.
 DISORDER = 2 * SECOND
 STAMP = re.compile(
     r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+-]\d\d:\d\d) ?(.*)", re.DOTALL
@@ -27,11 +27,11 @@ class LogLine:
     """One line, and what it is of.
 
     Attributes:
-        text: without its end; where no time is known and one was asked for, it begins with it.
-        note: it is ours and not the pod's.
-        time: nanoseconds since 1970, None where it was not asked for.
-        level: one of names.LEVELS, "" where none is known.
-        ros_node: the ROS name, "" where the pod is of no ROS node.
+        text: without its line end; without `time`, it may begin with the time stamp.
+        note: the line is ours, not the pod's.
+        time: nanoseconds since 1970, None if it was not requested.
+        level: one of names.LEVELS, "" if unknown.
+        ros_node: the ROS name, "" if the pod is not of a ROS node.
         node: the machine.
         part: which line of an entry of several (a traceback) it is; all have the entry's time.
     """
@@ -66,7 +66,7 @@ def stamp(time: int) -> str:
 
 
 def sort_lines(lines: Iterable[LogLine]) -> Iterator[LogLine]:
-    """Yield one container's lines by time: its two outputs are written down by two hands.
+    """Yield one container's lines by time: its two outputs are recorded separately.
 
     On a busy machine one of them may be later by a tenth of a second.
     """
@@ -82,9 +82,9 @@ def sort_lines(lines: Iterable[LogLine]) -> Iterator[LogLine]:
 
 
 def merge_lines(stored: Iterable[LogLine], fresh: Iterable[LogLine]) -> Iterator[LogLine]:
-    """Yield the lines of both by time, those that are in both once; both are in order themselves.
+    """Yield the lines of both by time, common lines once; each of them is already sorted.
 
-    A line of a traceback has its own time where it is fresh, and its entry's where it is stored.
+    A fresh line of a traceback has its own time, a stored one the time of its entry.
     """
     both = Both()
     sources = (((time_of(line), 0, line) for line in stored),) + (
@@ -99,7 +99,7 @@ def merge_lines(stored: Iterable[LogLine], fresh: Iterable[LogLine]) -> Iterator
 
 
 class Both:
-    """Knows which lines are in both sources, while they come by time, the stored ones first."""
+    """Finds lines that are in both sources; they come by time, the stored ones first."""
 
     def __init__(self) -> None:
         self._time = -1
@@ -129,16 +129,16 @@ class Both:
 
 
 def time_of(line: LogLine) -> int:
-    """Return a line's time; what has none comes first."""
+    """Return a line's time; lines without one come first."""
     return line.time or 0
 
 
 @attrs.frozen
 class LogOptions:
-    """Which log lines: of the last seconds, the last so many, of the container before.
+    """Which log lines: of the last seconds, the last N, of the previous container.
 
     Attributes:
-        level: this one of names.LEVELS and those above it.
+        level: one of names.LEVELS, and all above it.
         parsed: with time and level of each line, in the order of time.
     """
 
@@ -152,5 +152,5 @@ class LogOptions:
 
     @property
     def of_the_past(self) -> bool:
-        """Whether more is asked than the containers that there are now can tell."""
+        """Whether it requests more than the existing containers have."""
         return (self.since is not None or self.level is not None) and not self.previous

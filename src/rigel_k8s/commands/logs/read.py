@@ -1,7 +1,7 @@
 """logs: of some or all ROS nodes, followed through restarts and roll-outs.
 
-What is asked of the past (`since`, `level`) is told in the order of time, from Loki where it is
-there (history.py); what a pod says now comes as it is, from the API server alone.
+Past lines (`since`, `level`) come in the order of time, from Loki if it is
+installed (history.py); current lines come unchanged, from the API server only.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from rigel_k8s.settings import Settings
 def logs(
     settings: Settings, nodes: Sequence[str], options: LogOptions, job: str | None = None
 ) -> Iterator[LogLine]:
-    """Yield log lines of the nodes (all, where none is named); `follow` ends when it is closed.
+    """Yield log lines of the nodes (all, if none is named); `follow` ends when it is closed.
 
     Raises:
-        UserError: there is no such node, or no pod at all.
-        ClusterError: the one pod that was asked for has no log.
+        UserError: the node is unknown, or there is no pod at all.
+        ClusterError: the one requested pod has no log.
     """
     found = release(settings, job, nodes)
     with found.cluster as cluster:
@@ -40,7 +40,7 @@ def logs(
         if options.follow:
 
             def read(pod: Pod, *, old: bool, cancel: threading.Event) -> Iterator[LogLine]:
-                # What began after us is new from its beginning.
+                # A pod that started after this command is new from its beginning.
                 words = options if old else attrs.evolve(options, since=None, tail=None)
                 return lines_of(cluster, pod, words, follow=True, cancel=cancel)
 

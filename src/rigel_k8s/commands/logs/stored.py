@@ -20,18 +20,18 @@ AHEAD = 60 * SECOND  # machines' clocks may be ahead of ours
 
 @attrs.frozen
 class Asked:
-    """Whose lines are asked for: of all pods of some workloads, and of some pods."""
+    """Whose lines are requested: of all pods of some workloads, and of some pods."""
 
     workloads: frozenset[str]
     pods: frozenset[str] = frozenset()
 
     def has(self, workload: str, pod: str) -> bool:
-        """Return whether a pod's lines are asked for."""
+        """Return whether a pod's lines are requested."""
         return workload in self.workloads or pod in self.pods
 
 
 def read_stored(part: StackService, release: ReleaseId, since: int) -> Stored:
-    """Return what Loki has of a release from the last so many seconds; raises as Part.ask."""
+    """Return what Loki has of a release from the last `since` seconds; raises as Part.ask."""
     loki = LokiClient(part.ask)
     now = time.time_ns()
     begin, end = now - since * SECOND, now + AHEAD
@@ -51,7 +51,7 @@ class Stored:
 
     @property
     def workloads(self) -> frozenset[str]:
-        """The workloads that have said anything; the exporter is no ROS node."""
+        """The workloads with any line; the exporter is not a ROS node."""
         return frozenset({s.get("workload", "") for s in self._series} - {"", EXPORTER})
 
     def resolve_name(self, node: str) -> Asked | None:
@@ -67,7 +67,7 @@ class Stored:
         return Asked(frozenset(found)) if found else None
 
     def end(self, pod: str) -> int | None:
-        """Return when Loki's last line of a pod was said, None where it has none."""
+        """Return the time of Loki's last line of a pod, None if it has none."""
         last = self._loki.read_last(selector(**self._own, pod=pod), self._begin, self._end, 1)
         return last[-1].time if last else None
 
@@ -75,8 +75,8 @@ class Stored:
         """Yield lines by time.
 
         Args:
-            levels: only these; all, where it is empty.
-            tail: of each pod only so many, the last.
+            levels: only these; empty: all.
+            tail: only this many last lines of each pod.
         """
         pods = {
             s["pod"] for s in self._series if asked.has(s.get("workload", ""), s.get("pod", ""))

@@ -43,8 +43,8 @@ class Application:
     """What an agent deploys into.
 
     Attributes:
-        job: the job that says images, network and placement; None: the only one that deploys.
-        twin: keys of the job's `muto` that the agent says itself: twin_url, token, user, password.
+        job: the job with images, network and placement; None: the only one that deploys.
+        twin: keys of the job's `muto` that the agent sets: twin_url, token, user, password.
     """
 
     settings: Settings
@@ -61,7 +61,7 @@ class Application:
     def prepare(self, wanted: Wanted) -> tuple[Prepared, tuple[str, ...]]:
         """Return the job with a stack in it, checked, and the images that the options name.
 
-        A Ditto that has the stack is asked now, and not again while it is deployed.
+        A Ditto with the stack is asked now, and not again during the deploy.
 
         Raises:
             ProblemsError, UserError: the stack, or the job with it, is wrong.
@@ -69,8 +69,8 @@ class Application:
         """
         rigelfile = load(self.settings)
         spec = choose_job(rigelfile, self.settings, self.job)
-        said = spec_keys(spec)
-        muto = said.get("muto") or (said.get(NESTED) or {}).get("muto") or {}
+        keys = spec_keys(spec)
+        muto = keys.get("muto") or (keys.get(NESTED) or {}).get("muto") or {}
         muto = muto if isinstance(muto, dict) else {}
         stack = wanted.stack_id if wanted.text is None else write_data(wanted.text)
         override = node_of({"muto": {**muto, **self.twin, "stack": stack}}, spec.options)
@@ -111,7 +111,7 @@ class Application:
         """Return the release's newest revision, and why it is not ready.
 
         Raises:
-            ClusterError: the cluster cannot be asked.
+            ClusterError: the cluster cannot be reached.
         """
         with connect(self.settings) as cluster:
             try:
@@ -126,12 +126,12 @@ class Application:
 
         Raises:
             UserError: this agent does not answer such a question, or nothing runs.
-            ClusterError: the graph or the master cannot be asked.
+            ClusterError: the graph or the master cannot be read.
         """
         if query.kind == "ros/topic/echo":
             raise UserError(
-                "this agent does not send on the messages of topics",
-                hint="`rigel exec NODE rostopic echo TOPIC` shows them",
+                "this agent does not forward messages of topics",
+                hint="see them with `rigel exec NODE rostopic echo TOPIC`",
             )
         with connect(self.settings) as cluster:
             release = self.find_release(cluster)

@@ -1,7 +1,7 @@
-"""Carries out commands of Muto: one at a time, and the last one wins.
+"""Executes commands of Muto: one at a time, and the last one wins.
 
-A command is checked, stored, and then deployed beside the caller. What is stored says what must
-run: an agent that starts again goes on with what the one before has not finished.
+A command is checked, stored, and then deployed in the background. The stored record describes what
+must run: an agent that restarts continues what the previous one has not finished.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ from rigel_k8s.muto.agent.wanted import Record, State, Wanted, apply_command
 PATIENCE = 3.0
 #: Seconds for an answer about the ROS graph.
 ANSWER = 7.0
-#: Seconds between two looks whether what must run is still ready.
+#: Seconds between two checks whether what must run is still ready.
 LOOK = 10.0
 #: Seconds that a deploy may take to end when the agent ends.
 GRACE = 20.0
 #: Lines of an error that senders get.
 MOST_DETAILS = 5
 
-SUPERSEDED = Outcome(Stage.SUPERSEDED, "a newer command has taken the place of this one")
+SUPERSEDED = Outcome(Stage.SUPERSEDED, "a newer command has replaced this one")
 
 
 class Executor:
-    """Carries commands out on one release.
+    """Executes commands on one release.
 
     Args:
-        announce: is given the record whenever it changes.
+        announce: is called with the record whenever it changes.
     """
 
     def __init__(
@@ -73,22 +73,22 @@ class Executor:
         self.record = memory.load()
 
     def start(self) -> None:
-        """Begin, with what an agent before has left unfinished."""
+        """Start, with what a previous agent has not finished."""
         self._announce(self.record)
         if self.record.is_open:
-            self.report.line("going on with the last command")
+            self.report.line("continuing the last command")
             self._turns.put(_Task(self, self.record))
         self._turns.start()
 
     def close(self) -> None:
-        """End soon; a command that is being carried out is finished by the next agent."""
+        """End soon; the next agent finishes a command that is being executed."""
         self._turns.close(GRACE)
 
     def submit(self, command: Command) -> Outcome:
-        """Store a command and begin with it; return when its objects are stored, or it failed.
+        """Store a command and start it; return when its objects are stored, or it failed.
 
         Raises:
-            Unavailable: the cluster cannot be reached, and so does not store it.
+            Unavailable: the cluster cannot be reached, so the command is not stored.
         """
         if command.identity and command.identity in self.record.identities:
             return self._describe_duplicate(command.identity)
@@ -159,7 +159,7 @@ class Executor:
             self._announce(record)
 
     def carry_out(self, task: _Task) -> Record:
-        """Deploy or remove; return the record of what has become of it.
+        """Deploy or remove; return the record with the result.
 
         Raises:
             RigelK8sError: it failed.
@@ -173,14 +173,14 @@ class Executor:
         return attrs.evolve(record, state="active", is_there=True)
 
     def finish(self, record: Record) -> None:
-        """Store and announce what has become of a command, unless there is a newer one."""
+        """Store and announce the result of a command, unless there is a newer one."""
         with self._lock:
             before = self.record
             if before.number != record.number:
                 return
             try:
                 self._memory.store(record)
-            except RigelK8sError as error:  # after a restart it is found out again
+            except RigelK8sError as error:  # after a restart it is determined again
                 self.report.warn(f"cannot store the agent's record: {error.message}")
             self.record = record
             if record.state == before.state:
@@ -190,16 +190,16 @@ class Executor:
             self.report.line(f"{record.label or 'the stack'} is {record.state}{cause}")
 
     def _look_again(self) -> None:
-        """Look whether what was deployed still runs and is ready, and announce what has changed."""
+        """Check whether what was deployed still runs and is ready, and announce changes."""
         record = self.record
         if not record.is_there:
             return
         try:
             revision, faults = self._application.look()
         except RigelK8sError:
-            return  # what cannot be seen has not changed
+            return  # an unreachable cluster is not a change
         if record.revision not in (0, revision) and not faults:
-            faults = [f"revision {revision} of the release is not of this command"]
+            faults = [f"revision {revision} of the release is not from this command"]
         state: State = "failed" if faults else "active"
         changed = attrs.evolve(record, state=state, revision=record.revision or revision)
         if state != record.state:
@@ -209,7 +209,7 @@ class Executor:
 
 
 class _Task:
-    """One command that is carried out, and what its sender waits for."""
+    """One command that is executed, and what its sender waits for."""
 
     def __init__(
         self, executor: Executor, record: Record, prepared: Prepared | None = None
@@ -222,7 +222,7 @@ class _Task:
         self._ended: Record | None = None
 
     def run(self) -> None:
-        """Carry it out, and store what became of it."""
+        """Execute it, and store the result."""
         try:
             self._ended = self._executor.carry_out(self)
         except Interrupted:
@@ -252,7 +252,7 @@ class _Task:
 
 
 def describe_record(record: Record) -> Outcome:
-    """Return what a command's sender is told."""
+    """Return the answer to a command's sender."""
     if record.state == "failed":
         return Outcome(Stage.FAILED, record.cause)
     if record.is_open:

@@ -1,4 +1,4 @@
-"""Whether the agent hears its broker, for Kubernetes' probe."""
+"""Whether the agent is connected to its broker, for Kubernetes' probe."""
 
 from __future__ import annotations
 

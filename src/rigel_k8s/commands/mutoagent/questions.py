@@ -16,7 +16,7 @@ def answer(query: Query, graph: RosGraph) -> Any:
     """Return the answer to a question about nodes and topics.
 
     Raises:
-        UserError: the question lacks its argument, or is none that a graph answers.
+        UserError: the question has no argument, or is not one that a graph answers.
     """
     if query.kind == "ros/node":
         return {"nodes": [_show_node(node, graph) for node in graph.nodes if node.registered]}

@@ -32,16 +32,16 @@ from rigel_k8s.settings import Settings
 
 @attrs.frozen(kw_only=True)
 class Agent:
-    """What an agent is told.
+    """The settings of an agent.
 
     Attributes:
         thing: the device's id, NAMESPACE:NAME.
         broker: its URL.
         job: the job that commands deploy; None: the only one that deploys.
-        credentials: a directory with files that the broker wants.
+        credentials: a directory with files that the broker needs.
         target: the device's name in Symphony; None: the thing's NAME.
-        twin_url: the Ditto that is told what runs; None: none is.
-        health: the port that says whether the broker is heard; None: no port.
+        twin_url: the Ditto to which the agent reports what runs; None: none.
+        health: the port of the probe for the connection to the broker; None: no port.
     """
 
     thing: str
@@ -67,13 +67,13 @@ class Agent:
 
     @property
     def twin(self) -> Mapping[str, str]:
-        """The same as keys of `muto`, for stacks that are there."""
-        said = {"twin_url": self.twin_url, **attrs.asdict(self.access)}
-        return {key: value for key, value in said.items() if value is not None}
+        """The same as keys of `muto`, for stacks in that Ditto."""
+        keys = {"twin_url": self.twin_url, **attrs.asdict(self.access)}
+        return {key: value for key, value in keys.items() if value is not None}
 
 
 def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
-    """Take commands until Ctrl-C or SIGTERM.
+    """Accept commands until Ctrl-C or SIGTERM.
 
     Raises:
         UserError: the Rigelfile, the broker's address or a file is wrong.
@@ -101,7 +101,7 @@ def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
             if announcer is not None:
                 announcer.start()
             executor.start()
-            report.line(f"takes commands for {agent.thing} from {address}")
+            report.line(f"accepts commands for {agent.thing} from {address}")
             try:
                 serve(broker, dialects, executor, report, ending)
             finally:
@@ -111,17 +111,17 @@ def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
 
 
 def read_login(directory: Path | None) -> Login:
-    """Return how to log in at the broker: the files that a directory has.
+    """Return how to log in to the broker: the files of a directory.
 
     Raises:
-        UserError: there is no such directory, or its files do not belong together.
+        UserError: the directory does not exist, or its files do not fit together.
     """
     if directory is None:
         return Login()
     if not directory.is_dir():
         raise UserError(
-            f"there is no directory {directory}",
-            hint="it has username, password, ca.crt, tls.crt and tls.key, or some of them",
+            f"the directory {directory} does not exist",
+            hint="create it with username, password, ca.crt, tls.crt and tls.key, or some of them",
         )
 
     def find(name: str) -> Path | None:

@@ -149,12 +149,12 @@ def test_levels_of_ros_2(ros2_app: App) -> None:
 
 
 def test_without_loki_the_lines_are_the_same(app: App, limited: Callable[..., App]) -> None:
-    """Of containers that are there; one line on standard error says why there are no others."""
+    """Of existing containers; one line on standard error says why there are no others."""
     someone = limited()
     told = someone("logs", "--since", "1h", "--level", "warn", "talker")
     [why] = told.stderr.splitlines()
     assert "you may not ask Loki" in why or "there is no observability stack" in why
-    assert "containers that are there now" in why
+    assert "only the lines of existing containers" in why
     lines = [json.loads(x) for x in someone("logs", "--level", "warn", "-o", "json", "talker")
              .stdout.splitlines()]  # fmt: skip
     assert {line["level"] for line in lines} == {"warn", "error"}

@@ -89,7 +89,7 @@ def test_topics_have_rates_and_ages(app: App) -> None:
     assert re.search(
         r"^/chatter +std_msgs/String +1 +\d+ +[\d.]+/s", app("top", "--topics").stdout, re.M
     )
-    assert "leave the names out" in app("top", "--topics", "talker", code=2).stderr
+    assert "remove the names" in app("top", "--topics", "talker", code=2).stderr
 
 
 def test_without_prometheus_the_kubelets_tell(
@@ -178,7 +178,7 @@ def test_a_metrics_server_is_asked_before_the_kubelets(
 def test_who_may_ask_nobody_is_told_so(app: App, limited: Callable[..., App]) -> None:
     """Each that was asked, and what would help."""
     error = limited()("top", code=1).stderr
-    assert "nobody tells what the pods use" in error
+    assert "no source has the usage of these pods" in error
     assert "you may not ask Prometheus" in error
     assert "you may not ask the kubelets" in error
     assert "nodes/proxy" in error

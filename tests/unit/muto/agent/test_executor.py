@@ -182,7 +182,7 @@ def test_what_others_deploy_is_not_the_agents(agent: Agent) -> None:
     settle(executor)
     rollback(agent.fake, RELEASE, 1, report=agent.report)  # type: ignore[arg-type]
     agent.until("org:b", "failed")
-    assert executor.record.cause == "revision 3 of the release is not of this command"
+    assert executor.record.cause == "revision 3 of the release is not from this command"
     down(agent.fake, RELEASE, volumes=False, report=agent.report)  # type: ignore[arg-type]
     executor.submit(Start(stack_id="org:a"))
     agent.until("org:a", "active")

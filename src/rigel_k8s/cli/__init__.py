@@ -1,1 +1,1 @@
-"""The command line: words to one action, its result to print."""
+"""The command line: runs one action for the given words and prints its result."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def complete_name(
     ctx: click.Context, param: click.Parameter, incomplete: str
 ) -> list[str]:  # pragma: no cover - called by the shell
-    """Return the clusters that there are."""
+    """Return the existing clusters."""
     from rigel_k8s.lab import cluster as localcluster
 
     return [name for name in localcluster.names() if name.startswith(incomplete)]
@@ -58,7 +58,7 @@ def cluster() -> None:
 @click.option(
     "--layout",
     type=click.Choice(["plain", "k3s"]),
-    help="Lay out CNI and containerd in a new cluster as this distribution does [default: plain].",
+    help="Lay out CNI and containerd in a new cluster like this distribution [default: plain].",
 )
 @click.option(
     "--data-dir",
@@ -90,9 +90,9 @@ def up(
 ) -> None:
     """Start a cluster, or the parts of it that do not run.
 
-    The first time its programs are downloaded from their projects' releases; what cannot be
-    reached is compiled (all of it: about 15 minutes on two cores). They are kept in a cache. The
-    context rigel-NAME is put into your kubeconfig and becomes the current one.
+    The first time its programs are downloaded from their projects' releases; those that cannot be
+    downloaded are compiled (all of them: about 15 minutes on two cores). They are kept in a cache.
+    The context rigel-NAME is added to your kubeconfig and becomes the current one.
     """
     from rigel_k8s.commands import cluster as clusters
 
@@ -117,10 +117,10 @@ def up(
     if status.kubectl:
         click.echo(f"  kubectl   {status.kubectl}")
     click.echo(f"  logs      {status.logs}/*/logs")
-    tell_offers(status)
+    print_offers(status)
 
 
-def tell_offers(status: ClusterStatus) -> None:
+def print_offers(status: ClusterStatus) -> None:
     """Print which images the registry offers on request."""
     for title, image in zip(("offers", *[""] * len(status.offers)), status.offers, strict=False):
         click.echo(f"  {title:<9} {image}")
@@ -134,14 +134,14 @@ def down(ctx: click.Context, /, name: str) -> None:
     from rigel_k8s.lab import cluster as localcluster
 
     there_was = localcluster.down(name, report=steps(ctx))
-    click.echo(f"Cluster {name} is gone" if there_was else f"There is no cluster {name}")
+    click.echo(f"Cluster {name} is deleted" if there_was else f"Cluster {name} does not exist")
 
 
 @cluster.command()
 @name_option
 @json_option
 def status(name: str, output: str) -> int:
-    """Show a cluster: nodes, context, registry. Exit code 1 where it does not run."""
+    """Show a cluster: nodes, context, registry. Exit code 1 if it does not run."""
     from rigel_k8s.lab import cluster as localcluster
 
     found = localcluster.status(name)
@@ -158,7 +158,7 @@ def status(name: str, output: str) -> int:
         click.echo(f"  kubectl   {found.kubectl}")
     click.echo(f"  logs      {found.logs}/*/logs")
     click.echo(f"  layout    {found.layout}")
-    tell_offers(found)
+    print_offers(found)
     for node in found.nodes:
         click.echo(f"  {node.name:<9} {node.address} {'Ready' if node.ready else 'NotReady'}")
     return 0 if found.running else 1
@@ -178,18 +178,18 @@ def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
 @cluster.command()
 @name_option
 def kubeconfig(name: str) -> None:
-    """Print a kubeconfig of the cluster alone."""
+    """Print a kubeconfig with only this cluster."""
     from rigel_k8s.lab import cluster as localcluster
 
     click.echo(localcluster.kubeconfig_text(name), nl=False)
 
 
 def steps(ctx: click.Context) -> Callable[[str], None]:
-    """Return what prints each step with the seconds since the command began."""
+    """Return a function that prints each step with the seconds since the start."""
     begin = time.monotonic()
 
-    def tell(text: str) -> None:
+    def show(text: str) -> None:
         if not is_quiet(ctx):
             click.echo(f"{time.monotonic() - begin:5.0f} s  {text}", err=True)
 
-    return tell
+    return show

@@ -1,4 +1,4 @@
-"""What roscore's gate knows, as lines below the status table."""
+"""The state of roscore's gate, as lines below the status table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rigel_k8s.rosgraph.gate import GateStatus
 
 
 def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
-    """Yield what a person should know: names that were lost, nodes that wait or are silent."""
+    """Yield lines for users: names that were lost, nodes that wait or are silent."""
     pods = {pod.ip: pod.name for workload in found.workloads for pod in workload.pods if pod.ip}
 
     def place(api: str) -> str:
@@ -18,7 +18,7 @@ def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
         return f"pod {pods[host]}" if host in pods else f"{host} (no pod of this release)"
 
     if gate.problem:
-        yield f"the gate in front of roscore cannot be asked: {gate.problem}"
+        yield f"cannot reach the gate in front of roscore: {gate.problem}"
         return
     if not gate.has_master:
         yield "roscore does not answer its gate; calls to the master wait until it does"
@@ -31,7 +31,7 @@ def gate_lines(gate: GateStatus, found: ReleaseStatus) -> Iterator[str]:
         )
         yield (
             f"{one.node}: {place(one.old)} lost its name to {place(one.new)} {when}; ROS 1 allows"
-            " one node of a name: stop one of the two, or give it another name"
+            " one node of a name: stop one of the two, or rename it"
         )
     for name in gate.silent:
         yield f"{name} has not answered since roscore restarted; it is registered once it does"

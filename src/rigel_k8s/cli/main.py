@@ -22,7 +22,7 @@ from rigel_k8s.errors import RigelK8sError
 
 INTERRUPTED = 130
 
-#: Command -> (module of this package, one line of help), in the order in which help shows them.
+#: Command -> (module of this package, one line of help), in the order of the help.
 COMMANDS = {
     "init": ("rigelfiles", "Write a commented Rigelfile to start from."),
     "check": ("rigelfiles", "Report all problems of the Rigelfile at once."),
@@ -61,24 +61,24 @@ class Commands(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command, None where there is none of that name."""
+        """Import a command, None if the name is unknown."""
         if cmd_name not in COMMANDS:
             return None
         module = import_module(f"rigel_k8s.cli.{COMMANDS[cmd_name][0]}")
-        known = vars(module)  # Python has words of its own for `exec` and `list`
+        known = vars(module)  # `exec` and `list` are Python's own names
         command: click.Command = known.get(cmd_name) or known[f"{cmd_name}_"]
         return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command, or say which one was probably meant."""
+        """Find the command, or suggest a similar one."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             from difflib import get_close_matches
 
             close = get_close_matches(args[0], COMMANDS, n=1)
             meant = f' Did you mean "{close[0]}"?' if close else ""
-            raise click.UsageError(f'There is no command "{args[0]}".{meant}', ctx)
+            raise click.UsageError(f'Unknown command "{args[0]}".{meant}', ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -90,7 +90,7 @@ class Commands(click.Group):
 @click.group(
     cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    epilog="Options stand before the command: rigel -f robots/Rigelfile -n lab logs -f talker",
+    epilog="Options come before the command: rigel -f robots/Rigelfile -n lab logs -f talker",
 )
 @click.option(
     "-f",
@@ -141,14 +141,14 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
     """Run the command line and end the process.
 
     Exit codes: 0, 1 something went wrong, 2 what the user wrote is wrong, 130 interrupted by
-    Ctrl-C, 143 by SIGTERM; `exec` passes on its command's, `diff --exit-code` says 1 where there
+    Ctrl-C, 143 by SIGTERM; `exec` passes on its command's, `diff --exit-code` returns 1 if there
     are differences.
 
     Args:
-        name: the program's name where it was not called by it; never handed over to Rigel then.
+        name: the program's name if it was called by another one; then Rigel is never run.
     """
-    # A thousand nodes are a million values, and all of them are kept: looking for garbage among
-    # them again and again would take as long as the work, and longer the more nodes there are.
+    # A thousand nodes are a million values, and all of them are kept: searching them for garbage
+    # again and again would take as long as the work, and longer the more nodes there are.
     gc.set_threshold(100_000, 50, 50)
     words = list(sys.argv[1:] if arguments is None else arguments)
     if arguments is None and name is None and words[:1] in (["init"], ["run"]):
@@ -160,7 +160,7 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
     code = run(words, name)
     if code == INTERRUPTED:
         code = signals.exit_code()
-        # Threads that were told to end and have not would hold the terminal until they do.
+        # Cancelled threads that have not ended would block the terminal until they do.
         sys.stderr.flush()
         os._exit(code)
     if arguments is None:
@@ -169,12 +169,12 @@ def main(arguments: Sequence[str] | None = None, *, name: str | None = None) -> 
 
 
 def leave(code: int) -> NoReturn:
-    """End the process without freeing what it has, a tenth of the time of a short command."""
+    """End the process without freeing memory, a tenth of the time of a short command."""
     import atexit
 
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # closed by whoever read it
+        with suppress(OSError, ValueError):  # closed by its reader
             stream.flush()
     os._exit(code)
 
@@ -202,7 +202,7 @@ def run(words: list[str], name: str | None) -> int:
         click.echo("interrupted", err=True)
         return INTERRUPTED
     except BrokenPipeError:
-        # Whoever read our output has ended (`| head`): nothing is wrong, nothing can be told.
+        # The reader of our output has ended (`| head`): this is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception:
@@ -215,7 +215,7 @@ def program() -> str:
 
 
 def report_bug() -> int:
-    """Print the traceback of what should not have happened, and where to tell it."""
+    """Print the traceback of a bug, and ask to report it."""
     from traceback import format_exc
 
     click.echo(format_exc(), err=True, nl=False)
@@ -228,7 +228,7 @@ def report_bug() -> int:
 
 
 def show(error: RigelK8sError, *, causes: bool = False, color: bool | None = None) -> None:
-    """Print an error: what went wrong, what helps to understand it, what to do next."""
+    """Print an error: what went wrong, its details, what to do next."""
     if causes:
         from traceback import format_exc
 

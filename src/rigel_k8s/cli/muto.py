@@ -24,7 +24,7 @@ def muto() -> None:
     "--arg", "arguments", metavar="NAME=VALUE", multiple=True, help="Set an argument of the stack."
 )
 @click.option(
-    "--image", metavar="IMAGE", help="Write this image, which has the programs of the stack."
+    "--image", metavar="IMAGE", help="Write this image, which contains the programs of the stack."
 )
 @click.option(
     "--distro",
@@ -153,11 +153,11 @@ def agent(
     whole_stacks: bool,  # noqa: FBT001 - click passes them by name
     **options: Any,
 ) -> None:
-    """Take commands of Muto's dashboard, of Ditto and of Symphony by MQTT, until Ctrl-C.
+    """Accept commands of Muto's dashboard, of Ditto and of Symphony by MQTT, until Ctrl-C.
 
-    They deploy a job of the Rigelfile with the stack that they name. Anyone who may publish on the
-    device's topics can start programs of the job's images. The job type muto-agent runs this in a
-    cluster.
+    They deploy a job of the Rigelfile with the stack that they name. Everyone who may publish on
+    the device's topics can start programs of the job's images. The job type muto-agent runs this in
+    a cluster.
     """
     from rigel_k8s.commands.mutoagent.serving import Agent, run
     from rigel_k8s.muto.agent.allowance import Allowance

@@ -73,7 +73,7 @@ def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
 def network() -> None:
     """Second networks for pods: Multus and whereabouts on the cluster.
 
-    A Rigelfile with `network: {install: true}` does what `install` does by itself.
+    A Rigelfile with `network: {install: true}` runs `install` automatically.
     """
 
 
@@ -90,7 +90,7 @@ def install(
     adopt: bool,  # noqa: FBT001 - click passes it by name
     **words: str | bool | None,
 ) -> None:
-    """Install or update both, and let each node attach a pod. What others installed is used."""
+    """Install or update both, and test them on each machine. Existing installations are used."""
     from rigel_k8s.commands import network as networks
     from rigel_k8s.network.multus.install import describe
 
@@ -106,7 +106,7 @@ def install(
 @json_option
 @click.pass_context
 def status(ctx: click.Context, /, output: str, **words: str | None) -> int:
-    """Show both on each node, and pods that lack a network. Exit code 1 where something does."""
+    """Show both on each machine, and pods without their network. Exit code 1 if any is missing."""
     from rigel_k8s.commands import network as networks
 
     found = networks.status(settings(ctx), options_of(words))
@@ -148,32 +148,32 @@ def remove(
             force=force,
             definitions=definitions,
         )
-    kept = "; the kinds and all attachments are kept (--definitions)" if done.kept else ""
-    click.echo(f"Multus and whereabouts are gone: {done.count} objects deleted{kept}")
+    kept = "; the kinds and all attachments are kept (see --definitions)" if done.kept else ""
+    click.echo(f"removed Multus and whereabouts: {done.count} objects deleted{kept}")
 
 
 def options_of(words: Mapping[str, str | bool | None]) -> Install:
-    """Return the words as the same options that a Rigelfile has.
+    """Return the words as the options of a Rigelfile.
 
     Raises:
-        UserError: they are no such options.
+        UserError: they are not valid options.
     """
     from rigel_k8s.network.checks import check_install
     from rigel_k8s.network.options import Install
     from rigel_k8s.rigelfile import InvalidOptions, structure_plain
 
-    said = {name: word for name, word in words.items() if word is not None}
+    options = {name: word for name, word in words.items() if word is not None}
     try:
-        return structure_plain(said, Install, check_install)
+        return structure_plain(options, Install, check_install)
     except InvalidOptions as error:
         raise UserError(
-            "these options are wrong",
+            "these options are not valid",
             details=[f"--{str(p.path[0]).replace('_', '-')}: {p.message}" for p in error.problems],
         ) from error
 
 
 def show(found: NetworkStatus) -> None:
-    """Print a status for people."""
+    """Print a status as text."""
     from rigel_k8s.cli.tables import table
 
     click.echo(f"Multus       {line_of(found.multus)}")
@@ -185,20 +185,20 @@ def show(found: NetworkStatus) -> None:
             node.platform,
             state(node.multus, node.up),
             state(node.whereabouts, node.up),
-            "seen" if node.proven else "not tried",
+            "tested" if node.proven else "not tested",
             f"{node.conf_dir} {node.bin_dir}",
         ]
         for node in found.nodes
     ]
     click.echo(f"\n{table(heads, rows)}")
-    lacking: list[Missing | Unkept] = [*found.missing, *found.unkept]
-    for wrong in lacking:
+    problems: list[Missing | Unkept] = [*found.missing, *found.unkept]
+    for wrong in problems:
         click.secho(f"\n{wrong}", fg="yellow", nl=False)
         click.echo(f"\n  kubectl -n {wrong.namespace} delete pod {wrong.pod}")
 
 
 def line_of(part: PartStatus | None) -> str:
-    """Return whose a part is."""
+    """Return where a part is and who installed it."""
     if part is None:
         return "not installed: rigel network install"
     by = "installed by rigel" if part.ours else "installed by others, used as it is"
@@ -206,5 +206,5 @@ def line_of(part: PartStatus | None) -> str:
 
 
 def state(ready: bool, up: bool) -> str:  # noqa: FBT001 - two columns of a table
-    """Return how a part is on a node."""
-    return "ready" if ready else "not ready" if up else "node away"
+    """Return the state of a part on a machine."""
+    return "ready" if ready else "not ready" if up else "unreachable"

@@ -1,4 +1,4 @@
-"""`rigel observe`: the observability stack's parts here, how it is, and its removal."""
+"""`rigel observe`: opens the observability stack, shows its state, removes it."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ def observe(
 ) -> None:
     """Open Grafana, Prometheus and Loki on this machine until Ctrl-C.
 
-    Prints their addresses, and Grafana's user and password. Where a usual port is taken, any other
-    is used. `observability: {enabled: true}` in a Rigelfile deploys the stack.
+    Prints their addresses, and Grafana's user and password. If a default port is in use, another
+    one is used. `observability: {enabled: true}` in a Rigelfile deploys the stack.
     """
     if ctx.invoked_subcommand is not None:
         return
     from rigel_k8s.commands import observe as actions
 
     ports = {"grafana": grafana, "prometheus": prometheus, "loki": loki}
-    for told in actions.observe(settings(ctx), ports, password=not no_password):
-        if isinstance(told, str):
-            click.echo(told, err=True)
+    for event in actions.observe(settings(ctx), ports, password=not no_password):
+        if isinstance(event, str):
+            click.echo(event, err=True)
         elif output == "json":
-            print_json(attrs.asdict(told))
+            print_json(attrs.asdict(event))
         else:
-            show(told)
+            show(event)
         sys.stdout.flush()
 
 
@@ -69,18 +69,20 @@ def observe(
 @json_option
 @click.pass_context
 def status(ctx: click.Context, /, output: str) -> int:
-    """Show whether the stack runs, answers and hears, and which alerts fire.
+    """Show whether the stack runs, answers and gets data, and which alerts fire.
 
-    Exit code 1 where the stack itself is not in order.
+    Exit code 1 if the stack itself is not in order.
     """
     from rigel_k8s.cli.tables import status_json
     from rigel_k8s.observability.reading import status as observe_status
 
     found = observe_status.status(settings(ctx))
     if output == "json":
-        told = [attrs.asdict(one) for one in found.answers]
+        answers = [attrs.asdict(one) for one in found.answers]
         fire = [attrs.asdict(one) for one in found.alerts]
-        print_json({**status_json(found.release), "answers": told, "alerts": fire, "ok": found.ok})
+        print_json(
+            {**status_json(found.release), "answers": answers, "alerts": fire, "ok": found.ok}
+        )
     else:
         show_status(found)
     return 0 if found.ok else 1
@@ -98,7 +100,7 @@ def remove(
     yes: bool,  # noqa: FBT001
     timeout: float | None,
 ) -> None:
-    """Take the stack away, for all applications. Its data stay unless --volumes."""
+    """Remove the stack, for all applications. Its data stay unless --volumes."""
     from rigel_k8s.cli.releases import confirm
     from rigel_k8s.commands import observe as actions
 
@@ -108,11 +110,11 @@ def remove(
         gone, count, kept = actions.remove(settings(ctx, timeout=timeout), report, volumes=volumes)
     left = f", {kept} kept for their data" if kept else ""
     deleted = f"{count} object{'s' * (count != 1)} deleted"
-    click.echo(f"the observability stack is gone from {gone.namespace}: {deleted}{left}")
+    click.echo(f"removed the observability stack from {gone.namespace}: {deleted}{left}")
 
 
 def show(opened: Opened) -> None:
-    """Print where the parts are."""
+    """Print the addresses of the parts."""
     from rigel_k8s.cli.tables import table
 
     who = login(opened.administrator)
@@ -122,7 +124,7 @@ def show(opened: Opened) -> None:
     ]
     closed = [[name.capitalize(), "-", reason] for name, reason in opened.closed.items()]
     click.echo(table([f"in {opened.namespace}", "", ""], [*rows, *closed]))
-    click.echo("Ctrl-C ends it.", err=True)
+    click.echo("Press Ctrl-C to stop.", err=True)
 
 
 def login(administrator: Administrator | None) -> str:
@@ -135,7 +137,7 @@ def login(administrator: Administrator | None) -> str:
 
 
 def show_status(found: ObserveStatus) -> None:
-    """Print a status for people."""
+    """Print a status as text."""
     from rigel_k8s.cli.tables import status_text, table
 
     click.echo(status_text(found.release))

@@ -65,9 +65,9 @@ def logs(
 ) -> None:
     """Print the logs of ROS nodes; of all nodes if you name none.
 
-    Lines of one node are printed as they are, those of several with the node's name before them.
-    With --since or --level they come by time, also those of pods that are gone, from the
-    observability stack's Loki; without one, from the API server.
+    Lines of one node are printed unchanged, those of several with the node's name before them.
+    With --since or --level they come by time, also those of deleted pods, from the
+    observability stack's Loki; without Loki, from the API server.
     """
     from rigel_k8s.commands.logs.lines import LogOptions
     from rigel_k8s.commands.logs.read import logs as lines_of
@@ -93,14 +93,14 @@ def logs(
 
 
 def text_of(line: LogLine, *, timestamps: bool) -> str:
-    """Return a line as people read it."""
+    """Return a line as text."""
     from rigel_k8s.commands.logs.lines import stamp
 
     return f"{stamp(line.time)} {line.text}" if timestamps and line.time else line.text
 
 
 def line_json(line: LogLine) -> dict[str, str | None]:
-    """Return a line as scripts get it (docs/cli.md)."""
+    """Return a line for scripts (docs/cli.md)."""
     from rigel_k8s.commands.logs.lines import stamp
 
     return {
@@ -141,7 +141,7 @@ def exec_(
     if not command and not (stdin or tty):
         stdin, tty = True, terminal
     if tty and not terminal:
-        click.echo("warning: standard input is no terminal, so the command gets none", err=True)
+        click.echo("warning: standard input is not a terminal, so the command gets none", err=True)
     sys.stdout.flush()
     return pods.execute(
         settings(ctx),
@@ -165,7 +165,7 @@ def port_pair(text: str) -> tuple[int, int]:
     except ValueError:
         pair = 0, 0
     if not (0 < pair[0] < 65536 and 0 <= pair[1] < 65536):
-        raise click.BadParameter(f'"{text}" is no port: write PORT, LOCAL:REMOTE or :REMOTE')
+        raise click.BadParameter(f'invalid port "{text}": use PORT, LOCAL:REMOTE or :REMOTE')
     return pair
 
 

@@ -38,9 +38,9 @@ def rbac(
 ) -> None:
     """Print the least rights for a purpose, as YAML for `kubectl apply -f -`.
 
-    deployer: deploys applications in one namespace, looks at them and deletes them. viewer: sees
-    what runs in a namespace and reads logs; no Secrets, and no commands in pods. installer:
-    installs Multus, whereabouts and the observability stack, which is as much as an administrator.
+    deployer: deploys, views and deletes applications in one namespace. viewer: views what runs in
+    a namespace and reads logs; no Secrets, and no commands in pods. installer: installs Multus,
+    whereabouts and the observability stack, which needs about the rights of an administrator.
     """
     from rigel_k8s.commands import rbac as roles
     from rigel_k8s.commands.rbac import Subject

@@ -52,7 +52,7 @@ def diff(ctx: click.Context, /, job: str | None, exit_code: bool, adopt: bool) -
         found = releases.diff(settings(ctx, adopt=adopt), job)
     except RigelK8sError as error:
         if exit_code and error.exit_code == 1:
-            error.exit_code = 2  # 1 says that there are differences
+            error.exit_code = 2  # 1 means that there are differences
         raise
     warn(found.warnings)
     for line in found.text.splitlines():
@@ -81,8 +81,8 @@ def summary(plan: Any) -> str:
         "prune": "to delete",
         "keep": "unchanged",
     }
-    told = [f"{counts[action]} {text}" for action, text in words.items() if counts.get(action)]
-    return ", ".join(told) or "nothing to do"
+    changes = [f"{counts[action]} {text}" for action, text in words.items() if counts.get(action)]
+    return ", ".join(changes) or "nothing to do"
 
 
 @click.command()
@@ -92,7 +92,7 @@ def summary(plan: Any) -> str:
 @click.option(
     "--no-graph",
     is_flag=True,
-    help="Leave out what is read from inside pods: DDS discovery and the gate.",
+    help="Skip what is read from inside pods: DDS discovery and the gate.",
 )
 @click.pass_context
 def status(ctx: click.Context, /, job: str | None, output: str, no_graph: bool) -> int:  # noqa: FBT001
@@ -127,7 +127,7 @@ def history(ctx: click.Context, /, job: str | None, output: str) -> None:
         heads = ["REVISION", "STATUS", "CREATED", "DESCRIPTION"]
         click.echo(table(heads, [[str(row[name]) for name in columns] for row in rows]))
     else:
-        click.echo("no revision: nothing was deployed", err=True)
+        click.echo("no revisions: nothing was deployed", err=True)
 
 
 @click.command()
@@ -151,9 +151,9 @@ def rollback(
     lock_timeout: float | None,
     adopt: bool,  # noqa: FBT001 - click passes it by name
 ) -> None:
-    """Deploy an earlier revision again; without a number, the good one before the present.
+    """Deploy an earlier revision again; without a number, the last good one before the current.
 
-    A rollback that was interrupted is finished first.
+    An interrupted rollback is finished first.
     """
     from rigel_k8s.commands import releases
 
@@ -190,22 +190,24 @@ def down(
         found, plan = releases.down(words, job, report, volumes=volumes)
     if not plan.steps:
         records = ", ".join(map(str, plan.records))
-        click.echo(f"{found.name} was gone from {found.namespace} but for its records: {records}")
+        click.echo(f"removed the records of {found.name} from {found.namespace}: {records}")
         return
     counts = dict.fromkeys(("prune", "forget"), 0)
     for step in plan.steps:
         counts[step.action] = counts.get(step.action, 0) + 1
     left = f", {counts['forget']} kept for its data" if counts["forget"] else ""
     deleted = f"{counts['prune']} object{'s' * (counts['prune'] != 1)} deleted"
-    click.echo(f"{found.name} is gone from {found.namespace}: {deleted}{left}")
+    click.echo(f"removed {found.name} from {found.namespace}: {deleted}{left}")
 
 
 def confirm(question: str) -> None:
-    """Ask; without a terminal nobody can answer.
+    """Ask for confirmation.
 
     Raises:
         UserError: there is no terminal.
     """
     if not sys.stdin.isatty():
-        raise UserError("--volumes deletes data, and there is no terminal to ask", hint="say -y")
+        raise UserError(
+            "--volumes deletes data, and there is no terminal to ask", hint="confirm with -y"
+        )
     click.confirm(question, abort=True, err=True)

@@ -1,4 +1,4 @@
-"""How a running command tells how it goes: lines, or live rows in a terminal.
+"""How a running command reports its progress: lines, or live rows in a terminal.
 
 Both are the Reporter of jobs/job.py; jobs call them from several threads.
 """
@@ -16,7 +16,7 @@ import click
 
 
 class Lines:
-    """One line for each thing told; a progress row's line only where its state changes."""
+    """One line for each report; a progress row's line only if its state changes."""
 
     def __init__(self, *, quiet: bool = False, prefix: str = "", shared: Any = None) -> None:
         self._quiet = quiet
@@ -30,11 +30,11 @@ class Lines:
             self._print(text)
 
     def warn(self, text: str) -> None:
-        """Print a warning; also where quiet."""
+        """Print a warning, even if quiet."""
         self._print(click.style("warning: ", fg="yellow", bold=True) + text)
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Print the state of one thing where it changed."""
+        """Print the state of one thing if it changed."""
         if self._states.get(key) != state:
             self._states[key] = state
             mark = "✓ " if done else "  "
@@ -51,7 +51,7 @@ class Lines:
 
 
 class Rows:
-    """Lines that stay, and below them a row for each thing that is on its way."""
+    """Lines that stay, and below them a row for each thing in progress."""
 
     def __init__(self, live: Any, prefix: str = "", table: _Table | None = None) -> None:
         self._live = live
@@ -85,7 +85,7 @@ class Rows:
 
 
 class _Table:
-    """The rows that are on their way, with how long they have been."""
+    """The rows in progress, with their duration."""
 
     def __init__(self) -> None:
         self._rows: dict[str, tuple[str, float]] = {}
@@ -99,7 +99,7 @@ class _Table:
             self._done.discard(key)
 
     def remove(self, key: str) -> bool:
-        """Take a row out; False where it was done before."""
+        """Remove a row; False if it was removed before."""
         with self._lock:
             self._rows.pop(key, None)
             new = key not in self._done
@@ -122,9 +122,9 @@ class _Table:
 
 @contextmanager
 def reporter(*, quiet: bool = False, plain: bool = False) -> Iterator[Lines | Rows]:
-    """Give the reporter that suits where the output goes: rows in a terminal, else lines.
+    """Yield the reporter for the output: rows in a terminal, else lines.
 
-    Both write to standard error: standard output belongs to results.
+    Both write to standard error: standard output is for results.
     """
     if quiet or plain or not sys.stderr.isatty():
         yield Lines(quiet=quiet)

@@ -53,7 +53,7 @@ def check(ctx: click.Context, /, rigel03: bool, output: str) -> int:  # noqa: FB
 
 
 def finding_json(name: str, finding: object) -> dict[str, object]:
-    """Return a finding as a script wants it."""
+    """Return a finding for scripts."""
     from rigel_k8s.rigelfile import Finding
 
     assert isinstance(finding, Finding)
@@ -71,7 +71,7 @@ def finding_json(name: str, finding: object) -> dict[str, object]:
 def schema() -> None:
     """Print a JSON schema of Rigelfiles.
 
-    For VS Code's YAML extension: rigel schema > rigelfile.schema.json, and name the file in
+    For VS Code's YAML extension: rigel schema > rigelfile.schema.json, and add the file to
     "yaml.schemas".
     """
     from rigel_k8s.commands import rigelfiles as actions

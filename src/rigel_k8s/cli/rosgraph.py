@@ -1,4 +1,4 @@
-"""`rigel graph`: the ROS graph as text for people, as JSON, or as a picture."""
+"""`rigel graph`: the ROS graph as text, as JSON, or as a picture."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rigel_k8s.rosgraph.drawing.picture import Picture
 
 FORMS = ("text", "json", "dot", "mermaid", "svg")
-#: Which form a file's name means.
+#: The format by a file's suffix.
 ENDINGS = {".txt": "text", ".json": "json", ".dot": "dot", ".gv": "dot", ".mmd": "mermaid"}
 ENDINGS |= {".mermaid": "mermaid", ".svg": "svg"}
 HOME = "\x1b[H\x1b[2J\x1b[3J"  # to the top left of an empty terminal
@@ -31,14 +31,14 @@ HOME = "\x1b[H\x1b[2J\x1b[3J"  # to the top left of an empty terminal
     "-o",
     "--output",
     type=click.Choice(FORMS),
-    help="Print in this format [default: text, or what the name after --to says].",
+    help="Print in this format [default: text, or by the suffix of the file after --to].",
 )
 @click.option("--to", type=click.Path(path_type=Path, dir_okay=False), help="Write to this file.")
 @click.option(
     "--all",
     "everything",
     is_flag=True,
-    help="Show also /rosout and other topics that every node has.",
+    help="Also show /rosout and other topics that every node has.",
 )
 @click.option("-w", "--watch", is_flag=True, help="Repeat until Ctrl-C.")
 @click.option(
@@ -84,7 +84,7 @@ def follow(
     *,
     everything: bool,
 ) -> None:
-    """Show the graph again and again; what keeps one look from succeeding does not end it."""
+    """Show the graph repeatedly; an error is printed and does not end it."""
     from rigel_k8s.commands import graph as actions
     from rigel_k8s.errors import ClusterError
 
@@ -98,13 +98,13 @@ def follow(
                 continue
             text = click.style(error.message, fg="red") + "\n"
         if to is None and form == "text" and sys.stdout.isatty():
-            sys.stdout.write(HOME)  # not by click, which takes it for a colour
+            sys.stdout.write(HOME)  # not by click, which treats it as a colour
         show(text, to)
         time.sleep(interval)
 
 
 def show(text: str, to: Path | None) -> None:
-    """Print a text, or write it to a file, which is never seen half written.
+    """Print a text, or write it to a file atomically.
 
     Raises:
         UserError: the file cannot be written.
@@ -135,7 +135,7 @@ def render(found: LiveGraph, form: str, *, everything: bool) -> str:
 
 
 def graph_json(found: LiveGraph) -> dict[str, Any]:
-    """Return a graph as scripts get it (docs/rosgraph.md); everything is in it."""
+    """Return a complete graph for scripts (docs/rosgraph.md)."""
     import attrs
 
     return {
@@ -148,7 +148,7 @@ def graph_json(found: LiveGraph) -> dict[str, Any]:
 
 
 def graph_text(found: LiveGraph, picture: Picture) -> str:
-    """Return a graph for people: nodes by machine, topics, problems."""
+    """Return a graph as text: nodes by machine, topics, problems."""
     from rigel_k8s.cli.tables import table
 
     where = f"release {found.release.name} in namespace {found.release.namespace}"
@@ -196,6 +196,6 @@ def problem_lines(found: LiveGraph) -> Iterator[str]:
         yield click.style(problem.message, fg="red", bold=problem.error or None)
 
 
-def redden(line: str, bad: bool) -> str:  # noqa: FBT001 - whether it is bad is what it is about
-    """Return a line, in red where something is wrong with it."""
+def redden(line: str, bad: bool) -> str:  # noqa: FBT001 - the condition itself
+    """Return a line, in red if it is bad."""
     return click.style(line, fg="red") if bad else line

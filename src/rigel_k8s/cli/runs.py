@@ -45,11 +45,11 @@ def run(
     from rigel_k8s.commands import run as runs
 
     with choose_reporter(ctx) as report:
-        said = settings(
+        chosen = settings(
             ctx,
             timeout=timeout,
             adopt=adopt,
             lock_timeout=lock_timeout,
             rollback_on_failure=rollback_on_failure,
         )
-        runs.run(kind, name, said, report)
+        runs.run(kind, name, chosen, report)

@@ -1,4 +1,4 @@
-"""Results as columns of text for people, and as JSON for scripts."""
+"""Results as columns of text for users, and as JSON for scripts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
 from rigel_k8s.release.status import AWAY, UNSEEN, PodStatus, ReleaseStatus, WorkloadStatus
 from rigel_k8s.rosgraph.gate import GateStatus
 
-#: The kind of a node that its roscore has forgotten: nothing in ROS 1 registers it again.
+#: The kind of a node that its roscore has forgotten: in ROS 1 nothing registers it again.
 ORPHAN = "orphan"
 
 
@@ -35,35 +35,35 @@ def status_text(
     graph: DiscoveryGraph | None = None,
     gate: GateStatus | None = None,
 ) -> str:
-    """Return a release's workloads and pods, and below them why something is not in order."""
+    """Return a release's workloads and pods, and below them what is wrong."""
     now = now or datetime.now(timezone.utc)
     heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "RESTARTS", "AGE", "IMAGE"]
     if graph is not None:
         heads[5:5] = HEADS
     rows = [row for workload in found.workloads for row in rows_of(workload, now, graph)]
     parts = [headline(found), table(heads, rows) if rows else "nothing runs"]
-    told = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
-    told += gate_lines(gate, found) if gate is not None else ()
-    reasons = "\n".join(click.style(reason, fg="yellow") for reason in told)
+    lines = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
+    lines += gate_lines(gate, found) if gate is not None else ()
+    reasons = "\n".join(click.style(reason, fg="yellow") for reason in lines)
     return "\n\n".join(part for part in (*parts, reasons, way_out(found)) if part)
 
 
 def headline(found: ReleaseStatus) -> str:
-    """Return what it is about."""
+    """Return the release and its revision."""
     where = f"release {found.release.name} in namespace {found.release.namespace}"
     if found.revision_status == UNSEEN:
-        return f"{where}; its revision cannot be seen (the right to list secrets)"
+        return f"{where}; its revision cannot be read (the right to list secrets is missing)"
     if not found.revision:
         return f"{where}: no revision"
-    state = {"good": "", "pending": " (not ended)"}
-    told = state.get(found.revision_status, f" ({found.revision_status})")
-    return f"{where}, revision {found.revision}{told}"
+    state = {"good": "", "pending": " (not finished)"}
+    suffix = state.get(found.revision_status, f" ({found.revision_status})")
+    return f"{where}, revision {found.revision}{suffix}"
 
 
 def rows_of(
     workload: WorkloadStatus, now: datetime, graph: DiscoveryGraph | None = None
 ) -> Iterator[list[str]]:
-    """Yield a row for each pod of a workload, or one where it has none."""
+    """Yield a row for each pod of a workload, or one row without a pod."""
     ros_name = workload.annotations.get(ROS_NAME_ANNOTATION, "-")
     name = [workload.name, ros_name, f"{workload.ready}/{workload.desired}"]
     for pod in workload.pods:
@@ -75,7 +75,7 @@ def rows_of(
 
 
 def reasons_of(found: ReleaseStatus) -> Iterator[str]:
-    """Yield why something is not ready: of each workload, and of its pods what adds to it."""
+    """Yield why something is not ready: of each workload, and additional reasons of its pods."""
     for workload in found.workloads:
         if not workload.done and workload.message:
             yield f"{workload.name}: {workload.message}"
@@ -88,12 +88,12 @@ def reasons_of(found: ReleaseStatus) -> Iterator[str]:
 
 
 def find_unready(workload: WorkloadStatus) -> list[PodStatus]:
-    """Return the pods that are not ready and should be; one that ends has no need to."""
+    """Return the pods that are not ready and should be; an ending one need not be."""
     return [pod for pod in workload.pods if not pod.ready and pod.phase != "Terminating"]
 
 
 def way_out(found: ReleaseStatus) -> str:
-    """Return the command that brings nodes back which roscore has forgotten."""
+    """Return the command that brings back nodes that roscore has forgotten."""
     orphans = [
         w.name for w in found.workloads if any(pod.kind == ORPHAN for pod in find_unready(w))
     ]
@@ -108,7 +108,7 @@ def way_out(found: ReleaseStatus) -> str:
 
 
 def age(created: str, now: datetime) -> str:
-    """Return how long ago a time of Kubernetes' was: 42s, 12m, 5h, 3d."""
+    """Return how long ago a Kubernetes time was: 42s, 12m, 5h, 3d."""
     try:
         then = datetime.strptime(created, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=timezone.utc)
     except ValueError:
@@ -129,7 +129,7 @@ def shorten_image(image: str) -> str:
 def status_json(
     found: ReleaseStatus, graph: DiscoveryGraph | None = None, gate: GateStatus | None = None
 ) -> dict[str, Any]:
-    """Return a release as scripts get it (docs/cli.md)."""
+    """Return a release for scripts (docs/cli.md)."""
     return {
         "release": found.release.name,
         "namespace": found.release.namespace,
@@ -143,7 +143,7 @@ def status_json(
 
 
 def workload_json(workload: WorkloadStatus) -> dict[str, Any]:
-    """Return a workload as scripts get it."""
+    """Return a workload for scripts."""
     return {
         "kind": workload.kind,
         "name": workload.name,

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 KIB = 1024.0
 HEADS = ["NODE", "ROS NAME", "UP", "CPU", "MEMORY", "OUT", "IN", "RESTARTS", "POD", "ON"]
-#: Columns that only a ROS exporter fills, some of ROS 1 alone: left out together where none does.
+#: Columns that only a ROS exporter fills, some only for ROS 1; not shown if all are empty.
 EXPORTERS = (("UP",), ("OUT", "IN"))
-NOT_TOLD = "-"
+UNKNOWN = "-"
 
 
 @click.command()
@@ -48,9 +48,9 @@ def top(
 ) -> None:
     """Show what ROS nodes use and do; all nodes if you name none.
 
-    CPU and memory come from the observability stack's Prometheus, without one from the
-    metrics-server, without that from the kubelets. What only the ROS exporter can tell (UP, and of
-    ROS 1 OUT and IN in messages a second) stands where it looks at the application.
+    CPU and memory come from the observability stack's Prometheus, without it from the
+    metrics-server, else from the kubelets. The ROS exporter of an application adds UP, and for
+    ROS 1 OUT and IN in messages per second.
     """
     from rigel_k8s.commands import top as actions
 
@@ -79,8 +79,8 @@ def show(found: Top, output: str) -> None:
 
 
 def has_any(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
-    """Return whether any of these columns says anything."""
-    return any(row[HEADS.index(head)] != NOT_TOLD for row in rows for head in heads)
+    """Return whether any of these columns has a value."""
+    return any(row[HEADS.index(head)] != UNKNOWN for row in rows for head in heads)
 
 
 def cells(row: UsageRow) -> list[str]:
@@ -110,9 +110,7 @@ def show_topics(found: Topics, output: str) -> None:
     heads = ["TOPIC", "TYPE", "FROM", "TO", "RATE", "BANDWIDTH", "LAST", "DELAY"]
     click.echo(table(heads, [topic_cells(row) for row in found.rows]))
     if not any(row.heard for row in found.rows):
-        click.echo(
-            "LAST and DELAY: of topics that `ros_metrics: {topics: [...]}` names only", err=True
-        )
+        click.echo("LAST and DELAY: only of topics in `ros_metrics: {topics: [...]}`", err=True)
 
 
 def topic_cells(row: TopicUsage) -> list[str]:
@@ -130,17 +128,17 @@ def topic_cells(row: TopicUsage) -> list[str]:
 
 
 def format_cell(value: T | None, write: Callable[[T], str]) -> str:
-    """Return a cell; - where nobody told."""
-    return NOT_TOLD if value is None else write(value)
+    """Return a cell; - if unknown."""
+    return UNKNOWN if value is None else write(value)
 
 
 def rate(value: float) -> str:
-    """Return a number by the second: 0.25, 9.8, 120."""
+    """Return a number per second: 0.25, 9.8, 120."""
     return f"{value:.0f}" if value >= 100 else f"{value:.1f}" if value >= 1 else f"{value:.2g}"
 
 
 def size_of(value: float) -> str:
-    """Return bytes as people read them."""
+    """Return bytes as text with a unit."""
     for unit in ("B", "Ki", "Mi"):
         if value < KIB:
             return f"{value:.0f}{unit}" if unit == "B" else f"{value:.1f}{unit}"

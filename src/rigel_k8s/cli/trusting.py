@@ -23,8 +23,8 @@ def trust(
 ) -> None:
     """Trust a directory: DIRECTORY, or the one of the Rigelfile.
 
-    Commands then import the job types and providers that lie in it, and read the files outside of
-    it that its Rigelfile names. Trust holds for this directory, not for those below it.
+    Commands then import the job types and providers in it, and read files outside of it that its
+    Rigelfile names. Trust applies to this directory, not to those below it.
     """
     from rigel_k8s.system import trust as trusting
 

@@ -1,11 +1,11 @@
-"""How many columns an output has; imported before any command, so it imports nothing large."""
+"""The width of an output in columns; imported before any command, so it imports nothing large."""
 
 from __future__ import annotations
 
 import os
 from typing import TextIO
 
-#: Columns of what is no terminal: a file, a pipe, the log of a CI system.
+#: Columns without a terminal: a file, a pipe, the log of a CI system.
 WITHOUT_TERMINAL = 160
 
 

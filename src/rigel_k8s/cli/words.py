@@ -1,4 +1,4 @@
-"""What several commands' words share: the settings, durations, JSON on standard output."""
+"""What several commands have in common: the settings, durations, JSON on standard output."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def is_quiet(ctx: click.Context) -> bool:
 
 
 def choose_reporter(ctx: click.Context) -> AbstractContextManager[JobReporter]:
-    """Return the reporter that suits the options and the terminal."""
+    """Return the reporter for the options and the terminal."""
     from rigel_k8s.cli.reports import reporter
 
     words = ctx.find_root().obj
@@ -79,7 +79,7 @@ class Timeout(click.ParamType):  # type: ignore[type-arg]  # generic from click 
         except ValueError:
             seconds = -1.0
         if not self.least <= seconds < 1e9:
-            self.fail(f'"{value}" is no duration: write 90s, 5m, 1h or 7d', param, ctx)
+            self.fail(f'invalid duration "{value}": use 90s, 5m, 1h or 7d', param, ctx)
         return seconds
 
 
@@ -100,7 +100,7 @@ def print_json(data: Any) -> None:
 def offer_names(
     ctx: click.Context, incomplete: str, find: Callable[[Settings], Sequence[str]]
 ) -> list[str]:
-    """Return the names that begin so, for a shell's completion, which must not fail."""
+    """Return the names with a prefix, for a shell's completion, which must not fail."""
     from rigel_k8s.errors import RigelK8sError
 
     file = ctx.find_root().params.get("rigelfile") or "Rigelfile"
@@ -125,7 +125,7 @@ def complete_node(ctx: click.Context, param: click.Parameter, incomplete: str) -
 
 
 def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Return the Rigelfile's jobs or sequences, whichever was said before."""
+    """Return the Rigelfile's jobs or sequences, depending on the word before."""
     from rigel_k8s.commands import rigelfiles
 
     kind: Any = ctx.params.get("kind") or "job"
@@ -133,7 +133,7 @@ def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: st
 
 
 def choose_namespace(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
-    """Take a namespace that stands behind the command as if it stood before it."""
+    """Handle a namespace after the command as if it came before it."""
     if value is not None:
         ctx.find_root().obj["namespace"] = value
 

@@ -37,28 +37,28 @@ class JobPreview:
         self._settings = settings
         self._findings: dict[Finding, None] = {}
 
-    def look_at(self, steps: Step) -> Sequence[Finding]:
+    def check(self, steps: Step) -> Sequence[Finding]:
         """Return what is wrong with the jobs under a step, each finding once.
 
         Raises:
             UserError: two jobs that run side by side hold one key.
         """
-        self._look(steps, {})
+        self._check(steps, {})
         return tuple(self._findings)
 
-    def _look(self, step: Step, known: Known, branch: str = "") -> Held:
+    def _check(self, step: Step, known: Known, branch: str = "") -> Held:
         """Collect findings; return the keys that jobs below hold, each with the job's name."""
         if isinstance(step, Job):
-            return self._look_at_job(step, known, branch)
+            return self._check_job(step, known, branch)
         if isinstance(step, Jobs):
             return {
-                k: w for inner in step.steps for k, w in self._look(inner, known, branch).items()
+                k: w for inner in step.steps for k, w in self._check(inner, known, branch).items()
             }
         if isinstance(step, Serving):
-            return self._look_at_serving(step, known, branch)
-        return self._look_at_branches(step, known, branch)
+            return self._check_serving(step, known, branch)
+        return self._check_branches(step, known, branch)
 
-    def _look_at_job(self, job: Job, known: Known, branch: str) -> Held:
+    def _check_job(self, job: Job, known: Known, branch: str) -> Held:
         options, findings = self._options(job, known)
         self._findings.update(dict.fromkeys(findings))
         if options is None:
@@ -69,24 +69,24 @@ class JobPreview:
             return {}
         return {key: f"job {job.name}{f' ({branch})' if branch else ''}"}
 
-    def _look_at_serving(self, step: Serving, known: Known, branch: str) -> Held:
-        held = [self._look_at_job(job, known, branch) for job in step.dependencies]
-        return _combine([*held, self._look(step.jobs, known, branch)])
+    def _check_serving(self, step: Serving, known: Known, branch: str) -> Held:
+        held = [self._check_job(job, known, branch) for job in step.dependencies]
+        return _combine([*held, self._check(step.jobs, known, branch)])
 
-    def _look_at_branches(self, step: Branches, known: Known, branch: str) -> Held:
+    def _check_branches(self, step: Branches, known: Known, branch: str) -> Held:
         matrix, findings = self._matrix(step, known)
         self._findings.update(dict.fromkeys(findings))
         if matrix is None:
-            return self._look(step.body, known, branch)
+            return self._check(step.body, known, branch)
         chosen = combinations(split_limits(matrix)[0])
-        return _combine(self._look_at_each(step, chosen, known, branch))
+        return _combine(self._check_each(step, chosen, known, branch))
 
-    def _look_at_each(
+    def _check_each(
         self, step: Branches, chosen: list[dict[str, Any]], known: Known, branch: str
     ) -> Iterator[Held]:
         for combination in chosen:
             name = ", ".join(part for part in (branch, label(combination)) if part)
-            yield self._look(step.body, {**known, **combination}, name)
+            yield self._check(step.body, {**known, **combination}, name)
 
 
 def _combine(parts: Iterator[Held] | list[Held]) -> Held:

@@ -80,7 +80,7 @@ def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared
         UserError: unknown job.
     """
     spec = _find_named("job", name, rigelfile.jobs)
-    return _look_at(
+    return _check_steps(
         rigelfile, settings, [name], lambda types: list_job_steps(spec, types[name])
     ).prepare()
 
@@ -92,13 +92,13 @@ def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Pre
         ProblemsError: all that is wrong with its jobs and with the providers.
         UserError: unknown sequence, or two of its jobs cannot run side by side.
     """
-    return _sequence_looked_at(rigelfile, name, settings).prepare()
+    return _check_sequence(rigelfile, name, settings).prepare()
 
 
 def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Sequence[Finding]:
     """Return the errors and warnings of prepare_sequence, each with its place."""
     try:
-        return _sequence_looked_at(rigelfile, name, settings).findings
+        return _check_sequence(rigelfile, name, settings).findings
     except TooLarge as error:
         return [error.finding]
     except UserError as error:  # two of its jobs cannot run side by side
@@ -117,7 +117,7 @@ def prepare_use(
     """
     ours = {n: p for n, p in rigelfile.providers.items() if p.plugin in index_by_name("provider")}
     rigelfile = attrs.evolve(rigelfile, providers=ours)
-    return _look_at(
+    return _check_steps(
         rigelfile,
         settings,
         [spec.name],
@@ -173,7 +173,7 @@ def _warn_and_run(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
 
 
 @attrs.frozen
-class _LookedAt:
+class _CheckedSteps:
     """Steps with the findings about them."""
 
     rigelfile: Rigelfile
@@ -191,21 +191,21 @@ class _LookedAt:
         return Prepared(self.rigelfile, self.settings, self.steps, self.providers, warnings)
 
 
-def _sequence_looked_at(rigelfile: Rigelfile, name: str, settings: Settings) -> _LookedAt:
+def _check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> _CheckedSteps:
     sequence = _find_named("sequence", name, rigelfile.sequences)
 
     def steps(types: Mapping[str, JobType[Any]]) -> Jobs:
         return list_sequence_steps(sequence, rigelfile.jobs, types)
 
-    return _look_at(rigelfile, settings, job_names(sequence), steps)
+    return _check_steps(rigelfile, settings, job_names(sequence), steps)
 
 
-def _look_at(
+def _check_steps(
     rigelfile: Rigelfile,
     settings: Settings,
     names: Iterable[str],
     steps_of: Callable[[Mapping[str, JobType[Any]]], Jobs],
-) -> _LookedAt:
+) -> _CheckedSteps:
     findings: list[Finding] = []
     resolved = _Resolution(rigelfile, settings.rigelfile.parent, findings)
     steps = steps_of({name: resolved.job(rigelfile.jobs[name]) for name in names})
@@ -213,9 +213,9 @@ def _look_at(
     values = Values(rigelfile)
     preview = JobPreview(values.preview, values.preview_matrix, rigelfile.application, settings)
     with importable(settings.rigelfile.parent):
-        findings += preview.look_at(steps)
+        findings += preview.check(steps)
     providers = tuple(filter(None, declared))
-    return _LookedAt(rigelfile, settings, steps, providers, findings)
+    return _CheckedSteps(rigelfile, settings, steps, providers, findings)
 
 
 class _Unresolved:

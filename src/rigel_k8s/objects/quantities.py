@@ -16,11 +16,11 @@ SUFFIXES = {
 
 def parse_quantity(text: object) -> Decimal:
     """Return a quantity's value; exact, so that 3 times 0.1 is 0.3."""
-    said = str(text)
+    written = str(text)
     for suffix, factor in SUFFIXES.items():
-        if said.endswith(suffix):
-            return Decimal(said[: -len(suffix)]) * factor
-    return Decimal(said)
+        if written.endswith(suffix):
+            return Decimal(written[: -len(suffix)]) * factor
+    return Decimal(written)
 
 
 def format_quantity(value: Decimal) -> str:

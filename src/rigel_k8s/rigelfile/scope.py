@@ -282,7 +282,7 @@ class Scope:
         values: dict[expression.Reference, Any] = {}
         found: list[YamlNode] = []
         missing: _Wrong | _Waits | None = None
-        for reference in expression.references(piece.source, self._knows):
+        for reference in expression.references(piece.source, self._is_known):
             value = self._look_up(node, reference.header, reference.name)
             if value is not None:
                 found.append(value)
@@ -300,7 +300,7 @@ class Scope:
             raise (missing if missing and error.undefined else _Wrong(str(error))) from error
         return add_origin(_make_node(result, node, piece.source), found)
 
-    def _knows(self, header: str, name: str) -> bool:
+    def _is_known(self, header: str, name: str) -> bool:
         known: Mapping[str, Any] = self._data if header == "data" else self.variables
         return name in known or (header == "vars" and name in self.environ)
 

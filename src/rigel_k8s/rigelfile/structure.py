@@ -34,9 +34,9 @@ from rigel_k8s.rigelfile.unions import (
     choose_by_keys,
     find_ambiguity,
     is_a,
+    is_yes_or_no,
     may_be,
     rank,
-    says_yes,
 )
 
 T = TypeVar("T")
@@ -302,7 +302,7 @@ class _Structurer:
     def _union(self, node: YamlNode, kind: Any, kinds: tuple[Any, ...], path: Path) -> Any:
         if node.value is None and type(None) in kinds:
             return None
-        if says_yes(node) and any(is_a(k, str) for k in kinds):
+        if is_yes_or_no(node) and any(is_a(k, str) for k in kinds):
             return self._scalar(node, str, path)
         candidates = [k for k in kinds if k is not type(None) and may_be(node, k)]
         if not candidates:

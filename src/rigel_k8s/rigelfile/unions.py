@@ -15,7 +15,7 @@ from rigel_k8s.rigelfile.scalars import Mismatch, mismatch
 from rigel_k8s.rigelfile.source import YamlNode
 
 
-def says_yes(node: YamlNode) -> bool:
+def is_yes_or_no(node: YamlNode) -> bool:
     """Return whether a boolean is written as in YAML 1.1 only: yes, on, y."""
     return isinstance(node.value, bool) and (node.raw or "true").lower() not in ("true", "false")
 

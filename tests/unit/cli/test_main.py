@@ -183,4 +183,4 @@ def test_the_program_ends_with_all_that_was_printed_and_cleaned_up(tmp_path: Pat
         assert done.returncode == exit_code
         assert out.read_text().endswith("cleaned up\n")
         assert (out.stat().st_size > 10_000) == (word == "schema")
-        assert ("There is no command" in done.stderr) == (word == "statsu")
+        assert ("Unknown command" in done.stderr) == (word == "statsu")

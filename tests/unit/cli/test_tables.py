@@ -77,7 +77,7 @@ def test_status_for_people() -> None:
     """A row a pod, and below why something is not ready; a pod on its way out needs no reason."""
     text = status_text(release(LISTENER, TALKER, WAITING, state="pending"), NOW)
     assert click.unstyle(text) == (
-        "release app in namespace robots, revision 3 (not ended)\n"
+        "release app in namespace robots, revision 3 (not finished)\n"
         "\n"
         "NODE      ROS NAME  READY  POD         ON     RESTARTS  AGE  IMAGE\n"
         "listener  -         0/1    listener-2  node2  3         24h  r/l:1@sha256:abababa\n"
@@ -116,7 +116,7 @@ def test_nothing_runs() -> None:
 def test_a_revision_that_may_not_be_seen_is_not_called_missing() -> None:
     """A viewer may not list Secrets, and revisions are Secrets."""
     found = ReleaseStatus(ReleaseId("robots", "app"), 0, UNSEEN, ())
-    assert "its revision cannot be seen (the right to list secrets)" in headline(found)
+    assert "its revision cannot be read (the right to list secrets is missing)" in headline(found)
 
 
 def test_orphans_and_the_way_out() -> None:
@@ -222,7 +222,7 @@ def test_status_says_who_lost_its_name_to_whom() -> None:
     lost = NameConflict("/talker", "http://10.0.0.1:4001/", "http://192.168.7.5:4002/", 40.4)
     assert lines_of(conflicts=(lost,)) == [
         "/talker: pod talker-1 lost its name to 192.168.7.5 (no pod of this release) 40 s ago;"
-        " ROS 1 allows one node of a name: stop one of the two, or give it another name"
+        " ROS 1 allows one node of a name: stop one of the two, or rename it"
     ]
 
 
@@ -236,5 +236,5 @@ def test_status_says_what_the_gate_waits_for() -> None:
     ]
     assert lines_of() == []
     assert lines_of(problem="no python3") == [
-        "the gate in front of roscore cannot be asked: no python3"
+        "cannot reach the gate in front of roscore: no python3"
     ]

@@ -240,14 +240,14 @@ def refuse_hand_over(
 
 def check_rollback(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     """Yield a rollback that never happens."""
-    said = options.rollback_on
-    if said is None:
+    rollback = options.rollback_on
+    if rollback is None:
         return
-    if said.within is not None and not said.graph_worse:
+    if rollback.within is not None and not rollback.graph_worse:
         message = "`within` has no effect without graph_worse: add graph_worse: true"
         yield Problem(("rollback_on", "within"), message, "incomplete", at_key=True)
-    if said.graph_worse and speaks_zenoh(options, ros):
-        message = "the graph of nodes that use zenoh cannot be read: remove it"
+    if rollback.graph_worse and speaks_zenoh(options, ros):
+        message = "the graph of nodes that use zenoh cannot be read: remove graph_worse"
         yield Problem(("rollback_on", "graph_worse"), message, "no-graph", at_key=True)
 
 
@@ -310,8 +310,8 @@ def list_extra_containers(written: Sequence[Mapping[str, Any]], own: Sequence[st
 
 def check_observability(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     """Yield what is wrong with the stack that the job requests."""
-    said = options.observability
+    stack = options.observability
     if options.observability_only:
-        said = attrs.evolve(said, enabled=True)
-    yield from (problem.under(("observability",)) for problem in check_stack(said))
+        stack = attrs.evolve(stack, enabled=True)
+    yield from (problem.under(("observability",)) for problem in check_stack(stack))
     yield from check_exporter(options, ros)

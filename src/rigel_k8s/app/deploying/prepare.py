@@ -145,7 +145,7 @@ def _finish(
     )
     credentials = choose_credentials(drafted.images, known)
     with ThreadPoolExecutor(max_workers=1) as beside:
-        looked = beside.submit(_examine, drafted.objects, options, eyes)
+        findings = beside.submit(_examine, drafted.objects, options, eyes)
         digests = pins(drafted.images, data, known, last.objects)
     desired = drafted.finish(
         raw=raw,
@@ -156,7 +156,7 @@ def _finish(
     stack = None
     if options.observability.enabled:
         stack = request_of(flat(raw).get("observability") or {})
-    return Preparation(desired, options, credentials, looked.result(), stack)
+    return Preparation(desired, options, credentials, findings.result(), stack)
 
 
 def _examine(

@@ -62,16 +62,16 @@ class MutoAgentJob:
                 tuple(agent_objects(around, options, text, rules)),
                 create_namespace=options.namespace == release.namespace,
             )
-            said = job.deploy_options
+            deploying = job.deploy_options
             deploy(
                 desired,
                 cluster,
-                report=said.report,
-                cancel=said.cancel,
-                timeout=said.timeout,
-                adopt=said.adopt,
-                description=said.description,
-                lock_timeout=said.lock_timeout,
+                report=deploying.report,
+                cancel=deploying.cancel,
+                timeout=deploying.timeout,
+                adopt=deploying.adopt,
+                description=deploying.description,
+                lock_timeout=deploying.lock_timeout,
             )
         job.report.line(
             f"{release.name} in {release.namespace} accepts commands for {options.thing}"
@@ -92,14 +92,14 @@ def find_deploy_job(rigelfile: Rigelfile, options: MutoAgent) -> ComponentSpec:
             f'job: the Rigelfile has no orchestration job "{name}"',
             hint="name a job with `plugin: rigel_k8s.OrchestrationPlugin`",
         )
-    said = grammar.strip_places(spec.options)
-    if str(options.deployment_name) in find_values(said, "deployment_name"):
+    keys = grammar.strip_places(spec.options)
+    if str(options.deployment_name) in find_values(keys, "deployment_name"):
         raise UserError(
             f"the job {name} and the agent have the same deployment_name,"
             f' "{options.deployment_name}": a kill would remove the agent',
             hint="give one of them another deployment_name",
         )
-    if any(find_values(said, "parameter_files")):
+    if any(find_values(keys, "parameter_files")):
         raise UserError(
             f"the job {name} has parameter_files, which the agent's pod does not have",
             hint="write `parameters` instead",

@@ -160,10 +160,10 @@ def _placing_refusals(job: JobContext) -> Iterator[None]:
 
 def _find_limit(options: OrchestrationOptions) -> float | None:
     """Return how many seconds the graph may stay worse before a rollback; None: forever."""
-    said = options.rollback_on
-    if said is None or not said.graph_worse:
+    rollback = options.rollback_on
+    if rollback is None or not rollback.graph_worse:
         return None
-    return said.within.seconds if said.within else WITHIN
+    return rollback.within.seconds if rollback.within else WITHIN
 
 
 def _undo(

@@ -198,7 +198,7 @@ def test_remove_takes_the_release_away(
     there("run", "job", "deploy", "--timeout", "4m")
     assert "there is no terminal to ask" in there("observe", "remove", "--volumes", code=2).stderr
     told = there("observe", "remove", "--volumes", "-y").stdout
-    assert f"the observability stack is gone from {namespace}: " in told
+    assert f"removed the observability stack from {namespace}: " in told
     assert cluster.list("apps/v1", "Deployment", namespace) == []
     assert cluster.list("v1", "Service", namespace) == []
     there("observe", "remove", code=2)

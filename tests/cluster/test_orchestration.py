@@ -173,7 +173,7 @@ def test_results_are_copied_out_of_the_application(
         "additional_k8s_params": {"application": {"spec": spec}},
     }
     told = run({**job, "results": {"source_path": "/tmp/none"}})
-    assert "/tmp/none is not there" in told.warnings[0]
+    assert "/tmp/none does not exist" in told.warnings[0]
     run({**job, "results": {"source_path": "/tmp/out", "wait": "30s"}})
     assert (tmp_path / "results" / "out" / "deep" / "answer").read_text() == "42\n"
     with pytest.raises(RigelK8sError, match=r"does not exist in pod .* after 1 s"):

@@ -147,14 +147,14 @@ ZENOH = f"{NODES}\nnetwork: zenoh\n"
 @pytest.mark.parametrize(
     ("text", "distro", "word", "severity"),
     [
-        (ZENOH + ON, "jazzy", "speaks no zenoh", "warning"),
+        (ZENOH + ON, "jazzy", "not zenoh", "warning"),
         (
             ZENOH + "observability: { enabled: true, ros_metrics: true }",
             "jazzy",
-            "speaks no zenoh",
+            "not zenoh",
             "error",
         ),
-        (f"{NODES}\ndeploy_ros_master: false{ON}", "noetic", "without a ROS master", "warning"),
+        (f"{NODES}\ndeploy_ros_master: false{ON}", "noetic", "needs a ROS master", "warning"),
         (NODES.replace("talker", "ros_exporter") + ON, "noetic", "choose another", "error"),
     ],
 )
@@ -177,7 +177,7 @@ def test_a_static_range_has_an_address_for_it() -> None:
     network = "{ mode: macvlan, interface: eth0, subnet: 10.0.0.0/24, ipam: static,"
     network += " range_start: 10.0.0.1, range_end: 10.0.0.3 }"
     found = [p.message for p in check(options(f"{NODES}\nnetwork: {network}{ON}"), "noetic")]
-    assert any("4 pods want one" in message for message in found)
+    assert any("4 pods need one" in message for message in found)
 
 
 def test_an_image_that_nobody_named_comes_with_its_remedy() -> None:

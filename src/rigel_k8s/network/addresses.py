@@ -1,7 +1,8 @@
 """Addresses of `ipam: static`: one for each workload, the same for as long as it lives.
 
-Whoever had one keeps it; a new workload's is derived from its name, so that no cluster needs to be
-asked, and two renders agree. It knows no object but the annotation that an address stands in.
+A workload that has an address keeps it. The address of a new workload is derived from its name, so
+no cluster is needed and two renders agree. Of an object, this module only reads the annotation that
+contains the address.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ class Pool:
     """The addresses that may be given out.
 
     Raises:
-        ValueError: the options name no range of addresses; the checks tell where and why.
+        ValueError: the options have no range of addresses; the checks report where and why.
     """
 
     def __init__(self, network: Network) -> None:
@@ -82,8 +83,8 @@ def assign(
     """Return each workload's address with its prefix length.
 
     Args:
-        previous: what they had; kept where the network still has it.
-        salt: tells releases apart that share a network, so that they hardly ever meet.
+        previous: the addresses of the last revision; kept if the network still has them.
+        salt: differs between releases that share a network, so their addresses rarely collide.
 
     Raises:
         ValueError: there are fewer addresses than names, or no range of them.
@@ -102,7 +103,7 @@ def assign(
 
 
 def find_free(pool: Pool, name: str, salt: str, taken: set[IPv4Address]) -> IPv4Address:
-    """Return the first free address from where a name's hash points to."""
+    """Return the first free address, beginning where the hash of the name points to."""
     number = int.from_bytes(hashlib.sha256(f"{salt}/{name}".encode()).digest()[:8], "big")
     for address in pool.iterate_from(number):
         if address not in taken:
@@ -125,7 +126,7 @@ def read_addresses(objects: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 
 def read_note(item: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return what a workload's pods say of their network."""
+    """Return the network annotation of a workload's pods, empty if it is missing or invalid."""
     template = (item.get("spec") or {}).get("template") or {}
     annotations = (template.get("metadata") or {}).get("annotations") or {}
     try:

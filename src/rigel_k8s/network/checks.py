@@ -1,6 +1,6 @@
-"""What is wrong with the options of `network`, whatever runs on it; pure.
+"""Checks of the options of `network` that hold for any cluster; pure.
 
-Whether the cluster has what a mode needs is asked before a deploy, in preflight/.
+preflight/ checks before a deploy whether the cluster has what a mode needs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.text import join_words
 from rigel_k8s.problems import Problem
 
-#: What only they read who are told which addresses there are.
+#: Options that have an effect only if addresses are given out by these options.
 OF_RANGES = ("subnet", "range_start", "range_end", "exclude", "gateway", "routes")
 
 #: The last domain, and those whose ports Linux gives to any program (32768 to 60999).
@@ -36,7 +36,7 @@ def check_options(network: Network, use: ModeUse) -> Iterator[Problem]:
         message = f"{mode.name} is for ROS 2; nodes of ROS 1 find each other through roscore"
         yield Problem(mode_path(network), message, "ros1")
     if use.middleware == "zenoh" and mode.name not in ("zenoh", "none"):
-        message = "zenoh finds others through its router, not by DDS: say network: zenoh"
+        message = "zenoh finds others through its router, not by DDS: set `network: zenoh`"
         yield Problem(mode_path(network), message, "wrong-mode")
     else:
         yield from mode.check(network, use)
@@ -64,24 +64,24 @@ def check_keys(network: Network) -> Iterator[Problem]:
                 f"`{key}` is for {join_words(modes)}; {network.mode} does not read it: leave it out"
             )
             yield Problem(("network", key), message, "foreign-key", at_key=True)
-        elif key in OF_RANGES and (reason := explain_unasked(network)):
+        elif key in OF_RANGES and (reason := explain_unused(network)):
             yield Problem(("network", key), reason, "foreign-key", at_key=True)
 
 
-def explain_unasked(network: Network) -> str | None:
-    """Return why nobody is told of addresses."""
+def explain_unused(network: Network) -> str | None:
+    """Return why the options about addresses have no effect, None if they have one."""
     if network.mode == "attachment" and network.ipam != "static":
         return (
-            "the attachment that is there says it; only with `ipam: static` are addresses given"
-            " out here"
+            "the existing attachment decides about addresses; this has an effect only with"
+            " `ipam: static`"
         )
     if network.ipam == "dhcp":
-        return "with dhcp a server of that network says it: leave it out"
+        return "with `ipam: dhcp` the network's DHCP server decides this: leave it out"
     return None
 
 
 def check_domain(network: Network, ros: Ros) -> Iterator[Problem]:
-    """Yield domains that there are none of, or whose ports others may have."""
+    """Yield domains that do not exist, or whose ports other programs may have."""
     domain = network.domain_id
     if domain is None:
         return
@@ -92,17 +92,17 @@ def check_domain(network: Network, ros: Ros) -> Iterator[Problem]:
         yield Problem(path, f"{domain} is not a DDS domain: 0 to {LAST_DOMAIN}", "bad-domain")
     elif domain in UNSAFE:
         message = (
-            f"Linux gives the ports of domain {domain} to any program that asks for one, and then"
-            " a node does not start; 0 to 101 and 215 to 232 are safe"
+            f"Linux may give the ports of domain {domain} to other programs, and then a node does"
+            " not start; 0 to 101 and 215 to 232 are safe"
         )
         yield Problem(path, message, "bad-domain", severity="warning")
 
 
 def check_form(network: Network) -> Iterator[Problem]:
-    """Yield an interface's name that is none, and an installation that contradicts itself."""
+    """Yield an invalid name of an interface, and contradictions in `install`."""
     name = network.interface
     if name is not None and not re.fullmatch(rf"[^/\s:]{{1,{LONGEST_INTERFACE}}}", name):
-        message = f'"{name}" is no interface of Linux: at most 15 characters, no space, "/" or ":"'
+        message = f'invalid interface "{name}": at most 15 characters, without space, "/" or ":"'
         yield Problem(("network", "interface"), message, "bad-name")
     if network.install is not None:
         for problem in check_install(network.install):
@@ -110,7 +110,7 @@ def check_form(network: Network) -> Iterator[Problem]:
 
 
 def check_install(options: Install) -> Iterator[Problem]:
-    """Yield what of an installation contradicts itself, with paths from the root of its options."""
+    """Yield contradictions in the options of an installation, with paths from their root."""
     if options.data_dir and options.platform not in (None, "k3s"):
         message = f"only k3s has a data directory, and this is {options.platform}"
         yield Problem(("data_dir",), message, "no-k3s")

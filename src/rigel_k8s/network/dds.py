@@ -1,7 +1,7 @@
 """Configuration files of Fast DDS and Cyclone DDS, and the variables that name them.
 
-Shared memory is never used between pods: each has its own /dev/shm, and a Fast DDS that takes two
-pods for one machine writes where nobody reads. A profile that names its transports leaves it out.
+Pods never share memory: each has its own /dev/shm. If Fast DDS takes two pods for one machine, it
+writes where no other pod reads. A profile that names its transports leaves shared memory out.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ Variables = dict[str, dict[str, Any]]
 FILES_PATH = "/rigel-k8s-network"
 FASTDDS_FILE = "fastdds.xml"
 CYCLONE_FILE = "cyclonedds.xml"
-#: Stands in a file for the pod's address, until the pod knows it.
+#: Placeholder in a file for the pod's address, replaced when the pod starts.
 ADDRESS = "@ADDRESS@"
-#: What Fast DDS asks for its sockets, and gets as far as the machine's net.core.rmem_max allows.
-#: docs/networking.md has what that is worth to large messages.
+#: What Fast DDS requests for its sockets; it gets at most the machine's net.core.rmem_max.
+#: docs/networking.md shows what that means for large messages.
 BUFFER = 4 * 2**20
 #: How many participants of one address Fast DDS looks for; a program has one.
 PARTICIPANTS = 4
@@ -37,23 +37,23 @@ FASTDDS_2, FASTDDS_3 = EARLY | {"jazzy"}, frozenset({"kilted", "lyrical", "rolli
 
 
 def uses(plan: NetworkPlan, middleware: str) -> bool:
-    """Return whether a pod may run a middleware: it was named, or nobody named one."""
+    """Return whether a pod may run a middleware: the options name it, or they name none."""
     return plan.middleware in (None, middleware)
 
 
 def reads_udp_only(plan: NetworkPlan) -> bool:
-    """Return whether the application's Fast DDS is sure to read udp_only(), options too."""
+    """Return whether the application's Fast DDS certainly reads udp_only(), with its options."""
     return plan.ros == "2" and plan.distro.lower() not in EARLY
 
 
 def udp_only(plan: NetworkPlan) -> Variables:
-    """Return what keeps Fast DDS from shared memory where no profile names its transports."""
+    """Return the variable that keeps Fast DDS from shared memory if no profile does."""
     options = f"?sockets_size={BUFFER // 10**6}MB" if reads_udp_only(plan) else ""
     return {"FASTDDS_BUILTIN_TRANSPORTS": {"value": f"UDPv4{options}"}}
 
 
 def fastdds_variables(plan: NetworkPlan) -> Variables:
-    """Return the variables that name the profiles to whichever version reads them."""
+    """Return the variables that name the profiles, for all versions that the pod may have."""
     source = {"value": f"{FILES_PATH}/{FASTDDS_FILE}"}
     distro = plan.distro.lower() if plan.ros == "2" else ""
     old = {} if distro in FASTDDS_3 else {OLD_VARIABLE: source}
@@ -104,9 +104,9 @@ def cyclone_config(
     """Return Cyclone DDS' configuration, for 0.9 to 11.
 
     Args:
-        interface: the name of the only one to use; one that is missing ends the program.
-        peers: addresses or names, with a port or without.
-        multicast: whether other pods are reached by it.
+        interface: the name of the only one to use; if it is missing, the program ends.
+        peers: addresses or names, with or without a port.
+        multicast: whether multicast reaches other pods.
     """
     chosen = [f'<NetworkInterface name="{interface}"/>'] if interface else []
     general = element(
@@ -114,13 +114,13 @@ def cyclone_config(
         element("Interfaces", chosen),
         [] if multicast else leaf("AllowMulticast", "false"),
     )
-    # Without an index a participant has no port that others can know; before 11 none had one.
+    # Without an index, others cannot compute a participant's port; before 11 none had an index.
     index = [
         *leaf("ParticipantIndex", "auto"),
         *leaf("MaxAutoParticipantIndex", "32"),
     ]
     listed = element("Peers", [f'<Peer address="{peer}"/>' for peer in peers])
-    # A Service leads to ready pods only, and Cyclone announces itself each 30 s unless told to.
+    # A Service leads to ready pods only, and by default Cyclone announces itself each 30 s.
     often = leaf("SPDPInterval", ANNOUNCED)
     discovery = element("Discovery", index, often, listed) if peers else []
     return document(element("CycloneDDS", element("Domain", general, discovery)))

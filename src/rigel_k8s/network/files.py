@@ -1,7 +1,7 @@
-"""Files that a mode brings into pods: a ConfigMap of the release, and what an init container makes.
+"""Files that a mode adds to pods: a ConfigMap of the release, and what an init container makes.
 
-An init container is needed where a file holds the pod's own address, and where a pod must not start
-without its interface. It runs the pod's own image, of which it wants no more than a shell.
+An init container is needed if a file contains the pod's own address, and if a pod must not start
+without its interface. It runs the pod's own image and needs only a shell.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from rigel_k8s.objects.workloads import ReleaseContext, config_map
 Object = dict[str, Any]
 
 SCRIPT = "interface.sh"
-#: Where the init container finds what the ConfigMap has.
+#: Where the init container finds the files of the ConfigMap.
 SOURCE_PATH = "/rigel-k8s-network-source"
 SOURCE_VOLUME, VOLUME = "rigel-network-source", "rigel-network"
 INIT_NAME = "rigel-network"
 
-#: Whom a container runs as, which a namespace may ask of init containers too.
+#: The user that a container runs as; a namespace may require these fields of init containers too.
 IDENTITY = ("runAsUser", "runAsGroup", "runAsNonRoot", "seccompProfile", "seLinuxOptions")
 #: It reads /proc and writes to an emptyDir.
 HARMLESS = {"allowPrivilegeEscalation": False, "capabilities": {"drop": ["ALL"]}}
 
-#: Fast DDS 3 takes programs that read one machine-id for neighbours, and images bring one id into
-#: all their pods; with an interface allowed and no other it then sends a neighbour nothing at all.
+#: Fast DDS 3 takes two programs with the same machine-id for neighbors on one machine, and all pods
+#: of an image have the same id. If only one interface is allowed, it sends neighbors nothing.
 MACHINE_ID = {
     "name": VOLUME,
     "mountPath": "/etc/machine-id",
@@ -38,7 +38,7 @@ MACHINE_ID = {
 
 
 def make_context(plan: NetworkPlan) -> ReleaseContext:
-    """Return what is the same for all objects that a mode adds."""
+    """Return the context that all objects of a mode share."""
     return ReleaseContext(
         plan.namespace, plan.release, None, plan.distro, plan.ros, pull_secrets=plan.pull_secrets
     )
@@ -57,14 +57,14 @@ def config_name(plan: NetworkPlan) -> str:
 def files_config(plan: NetworkPlan, texts: Mapping[str, str]) -> Object:
     """Return the ConfigMap with the release's network files.
 
-    It stands in no pod template: whoever starts reads what is true then, and nobody restarts
-    because a neighbour came.
+    It is not part of any pod template: a pod reads it when it starts, and does not restart when
+    another one is added.
     """
     return config_map(make_context(plan), config_name(plan), texts, part_of=plan.release)
 
 
 def mount_files(plan: NetworkPlan) -> Wiring:
-    """Return what lets a pod read the files as the ConfigMap has them."""
+    """Return the wiring of a pod that reads the files as the ConfigMap has them."""
     volume = {"name": VOLUME, "configMap": {"name": config_name(plan)}}
     return Wiring(volumes=[volume], mounts=[mount()])
 
@@ -72,10 +72,12 @@ def mount_files(plan: NetworkPlan) -> Wiring:
 def render_at_start(
     plan: NetworkPlan, pod: PodIdentity, interface: str, missing: str, *, own_machine_id: bool
 ) -> Wiring:
-    """Return what lets a pod start only with its interface, and read files with its address.
+    """Return the wiring of a pod that starts only with its interface.
+
+    It reads files that contain the address of the interface.
 
     Args:
-        missing: what the init container says when the interface is not there.
+        missing: what the init container prints if the interface is missing.
         own_machine_id: give the container an /etc/machine-id that no other pod has.
     """
     address = plan.addresses.get(pod.name, "").partition("/")[0]

@@ -1,7 +1,7 @@
-# interface.sh NAME MISSING [ADDRESS]: ends the pod's start with the line MISSING unless it has the
-# interface NAME; else writes the files beside it to /rigel-k8s-network, @ADDRESS@ replaced by the
-# interface's IPv4 address, and an identity of this pod's own as machine-id.
-# It runs in the application's image: a POSIX shell and /proc are all that it may need.
+# interface.sh NAME MISSING [ADDRESS]: if the pod does not have the interface NAME, prints MISSING and
+# fails, so the pod does not start. Otherwise it writes the files beside it to /rigel-k8s-network, with
+# the interface's IPv4 address for @ADDRESS@, and a machine-id of the pod's own.
+# It runs in the application's image and needs only a POSIX shell and /proc.
 set -eu
 interface=$1 missing=$2 address=${3:-}
 source=${0%/*} target=/rigel-k8s-network
@@ -18,10 +18,11 @@ is_there() {
   return 1
 }
 
-# A dotted address as a number; a word of /proc/net/route, whose bytes stand in reverse, too.
+# Converts a dotted address to a number; `reversed` does so for a word of /proc/net/route, whose bytes
+# are in reverse order.
 number() (
   IFS=.
-  # shellcheck disable=SC2086 # the parts are wanted
+  # shellcheck disable=SC2086 # splits the address into its parts
   set -- $1
   echo $((($1 << 24) + ($2 << 16) + ($3 << 8) + $4))
 )
@@ -29,7 +30,7 @@ reversed() {
   echo $(((($1 & 255) << 24) + (($1 >> 8 & 255) << 16) + (($1 >> 16 & 255) << 8) + ($1 >> 24 & 255)))
 }
 
-# The kernel's trie has the local addresses without their interfaces, its routes have those.
+# The kernel's trie lists the local addresses without their interfaces; its routes have the interfaces.
 local_addresses() {
   while read -r one two three; do
     case "$one $two $three" in
@@ -71,7 +72,7 @@ own_identity() (
 
 is_there || fail "$missing"
 [ -n "$address" ] || address=$(find_address)
-[ -n "$address" ] || fail "$interface has no IPv4 address: the network gave it none"
+[ -n "$address" ] || fail "$interface has no IPv4 address: it got none from the network"
 for file in "$source"/*.xml; do
   [ ! -e "$file" ] || fill_in <"$file" >"$target/${file##*/}"
 done

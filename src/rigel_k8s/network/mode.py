@@ -1,6 +1,6 @@
-"""What a network mode is: one value, which everybody asks instead of comparing the mode's name.
+"""A network mode as one value: other code reads its fields instead of comparing the mode's name.
 
-Each module of modes/ has one such value or a family of them.
+Each module of modes/ defines one or several of them.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from rigel_k8s.problems import Problem
 
 @attrs.frozen
 class ModeUse:
-    """What a mode is to be used with.
+    """What a mode is used with.
 
     Attributes:
-        middleware: fastdds, cyclonedds or zenoh; None where nobody said.
+        middleware: fastdds, cyclonedds or zenoh; None if the options name none.
     """
 
     ros: Ros
@@ -36,24 +36,24 @@ class Mode:
 
     Attributes:
         name: the value of `network.mode`.
-        wire: what it adds to a pod, but ROS' own variables.
-        objects: what it needs on the cluster besides.
-        check: what its own options lack, and what they cannot be used with.
-        services: the names of the Services that it makes, which no workload may have: of a release,
-            its network, and its workloads' names.
-        join: how a DDS participant that is no ROS node, the exporter, finds the others; fields of
+        wire: what it adds to a pod, except ROS' own variables.
+        objects: further objects that it needs on the cluster.
+        check: which of its options are missing, and what they cannot be combined with.
+        services: the names of the Services that it makes, which no workload may have; called with
+            the release, its network, and its workloads' names.
+        join: how the exporter, a DDS participant but not a ROS node, finds the others; fields of
             exporter/config.py.
-        interface: the only network interface that DDS is to use, None for all of them.
-        keys: the options that it reads besides those of all modes.
+        interface: the only network interface that DDS uses, None for all of them.
+        keys: the options that only some modes read, this one included.
         ros: which ROS it is for.
-        middleware: the only one that finds others by it.
+        middleware: the only middleware that works with it.
         attached: its pods get a second interface from Multus.
-        on_machines: it leaves the pod network, so a machine may lack what it needs.
+        on_machines: it leaves the pod network and needs something of the machines.
         own_domain: it stays on the pod network, where all applications of a cluster could hear each
             other: each release gets a DDS domain of its own.
         multicast: participants discover each other by multicast.
-        answers: a participant answers whoever announces itself to it.
-        looks_beyond: ROS 2 is told to look beyond its own machine.
+        answers: a participant answers each other one that announces itself to it.
+        looks_beyond: ROS 2 is configured to discover nodes beyond its own machine.
         one_pod: why a workload may have no more than one pod.
         participants: how many participants of one pod the others look for; None: all.
     """
@@ -84,5 +84,5 @@ class Mode:
 
 
 def mode_path(network: Network) -> tuple[str, ...]:
-    """Return where the mode stands in the options: a word alone is the network itself."""
+    """Return the mode's path in the options: that of `network` itself if it is a single word."""
     return ("network",) if network == Network(mode=network.mode) else ("network", "mode")

@@ -30,10 +30,10 @@ MIDDLEWARE = {
 
 @attrs.frozen(kw_only=True)
 class Install:
-    """Multus and whereabouts on the cluster; what is left out is recognised from the cluster."""
+    """Multus and whereabouts on the cluster; what is not set is detected from the cluster."""
 
     platform: Literal["k3s", "microk8s", "kind", "minikube", "plain"] | None = option(
-        "what the cluster is, where it cannot be recognised"
+        "the kind of cluster, if it cannot be detected"
     )
     data_dir: MountPath | None = option("k3s' --data-dir (default /var/lib/rancher/k3s)")
     cni_conf_dir: MountPath | None = option("where the machines keep CNI configuration")
@@ -41,10 +41,10 @@ class Install:
     multus_image: ImageRef | None = option("Multus' image, from a registry of your own")
     whereabouts_image: ImageRef | None = option("whereabouts' image, from a registry of your own")
     plugins_image: ImageRef | None = option(
-        "an image with the standard CNI programs in /opt/cni/bin, for machines that lack macvlan"
+        "an image with the standard CNI programs in /opt/cni/bin, for machines without macvlan"
     )
     dhcp: bool | None = option(
-        "run the DHCP daemon of CNI on each machine (default: where `ipam: dhcp` wants it)"
+        "run the DHCP daemon of CNI on each machine (default: if `ipam` is dhcp)"
     )
 
 
@@ -58,39 +58,41 @@ class Network:
         "macvlan",
     )
     interface: str | None = option(
-        "macvlan and ipvlan: the machines' interface, eth0 say; host: the only one that DDS uses"
+        "macvlan and ipvlan: the machines' interface, such as eth0; host: the only one that DDS"
+        " uses"
     )
-    subnet: str | None = option("the second network's addresses, 10.20.0.0/24 say")
+    subnet: str | None = option("the second network's addresses, such as 10.20.0.0/24")
     ipam: Literal["whereabouts", "static", "host-local", "dhcp"] | None = option(
-        "who gives out addresses: whereabouts (the default), static (by this tool, one for each"
-        " workload and kept), host-local (one machine only), dhcp (of that network)"
+        "who gives out addresses: whereabouts (the default), static (`rigel`, one for each"
+        " workload, which keeps it), host-local (one machine only), dhcp (that network's server)"
     )
     range_start: str | None = option("the first address to give out")
     range_end: str | None = option("the last address to give out")
     exclude: list[str] = option("addresses or ranges never to give out", [])
-    gateway: str | None = option("the second network's gateway, where it has one")
-    routes: list[str] = option("further ranges that are reached through `gateway`", [])
+    gateway: str | None = option("the second network's gateway, if it has one")
+    routes: list[str] = option("further ranges that `gateway` leads to", [])
     mtu: Count | None = option("the second interface's MTU (default: the machine's)")
     attachment: str | None = option(
-        "attachment: a NetworkAttachmentDefinition that is there, NAME or NAMESPACE/NAME"
+        "attachment: an existing NetworkAttachmentDefinition, NAME or NAMESPACE/NAME"
     )
     domain_id: int | None = option(
-        "the DDS domain, ROS_DOMAIN_ID (default 0; over the pod network one of the release's own)"
+        "the DDS domain, ROS_DOMAIN_ID (default: 0, or over the pod network one that differs by"
+        " release)"
     )
     servers: Servers | None = option("discovery-server: how many (default 1)")
     image: ImageRef | None = option(
         "discovery-server and zenoh: the server's image (default: the application's)"
     )
     command: str | list[str] | None = option(
-        "discovery-server and zenoh: what the server runs behind its image's ENTRYPOINT;"
+        "discovery-server and zenoh: the server's command, run by its image's ENTRYPOINT;"
         " $(SERVER_ID) and $(SERVER_NAME) are a discovery server's place and name"
     )
-    peers: list[str] = option("peers: addresses or names of others, outside of this release", [])
+    peers: list[str] = option("peers: addresses or names of participants outside the release", [])
     service_account: ObjectName | None = option(
         "discovery-server and zenoh: serviceAccountName of the servers' pods"
     )
     install: Install | None = option(
-        "install Multus and whereabouts first, where the cluster lacks them",
+        "install Multus and whereabouts first, if the cluster does not have them",
         default=False,
         accepts=bool | Install,
         converter=true_is_default(Install),

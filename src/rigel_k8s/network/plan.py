@@ -1,4 +1,4 @@
-"""A release's network, everything resolved: who takes part, the domain, the addresses."""
+"""A release's network with everything resolved: its pods, the domain, the addresses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity
 from rigel_k8s.objects.naming import Ros
 
-#: Domains whose ports no Linux gives to anybody else.
+#: Domains whose ports Linux does not give to other programs.
 SAFE_DOMAINS = 101
 
 
@@ -32,10 +32,10 @@ def network_plan(
 
     Args:
         pods: all workloads of the release, roscore among them.
-        previous: the objects of the last revision, which tell who has which address.
+        previous: the objects of the last revision, which contain the addresses.
 
     Raises:
-        ValueError: there are not enough static addresses; check_network tells it before.
+        ValueError: there are not enough static addresses; check_network reports it before.
     """
     names = [pod.name for pod in pods]
     static = network is not None and network.ipam == "static"
@@ -57,9 +57,9 @@ def network_plan(
 
 
 def domain(network: Network | None, ros: Ros, salt: str) -> int | None:
-    """Return the DDS domain: as told, else 0 where laptops are, and one of its own elsewhere.
+    """Return the DDS domain: the option's, or 0 on the machines' network, or one per release.
 
-    None where nobody says it: an image of ROS 2 may, and a plain DDS application does by itself.
+    None if neither decides: an image of ROS 2 may set it, and a plain DDS application sets its own.
     """
     if network is None or network.domain_id is not None:
         return network.domain_id if network else None

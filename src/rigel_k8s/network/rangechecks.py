@@ -1,4 +1,4 @@
-"""What is wrong with the addresses of `network`; no machine is asked whether it has them."""
+"""Checks of the addresses in `network`; no machine is asked whether it has them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SMALLEST = 4
 
 
 def check_ranges(network: Network) -> Iterator[Problem]:
-    """Yield addresses that are none, or lie where they cannot."""
+    """Yield invalid addresses, and addresses in the wrong place."""
     subnet = read_network(network.subnet)
     if network.subnet is not None and subnet is None:
         yield problem_at("subnet", explain_invalid(network.subnet))
@@ -27,7 +27,7 @@ def check_ranges(network: Network) -> Iterator[Problem]:
             yield problem_at(("routes", index), explain_invalid(route))
     if network.routes and network.gateway is None:
         yield problem_at(
-            "routes", "through which gateway? give `gateway`", kind="incomplete", at_key=True
+            "routes", "routes need a gateway: set `gateway`", kind="incomplete", at_key=True
         )
 
 
@@ -38,7 +38,7 @@ def problem_at(key: str | Path, message: str, *, kind: str = KIND, at_key: bool 
 
 
 def check_subnet(text: str, subnet: IPv4Network) -> Iterator[Problem]:
-    """Yield what is odd about a subnet."""
+    """Yield what is wrong with a subnet."""
     address = text.partition("/")[0]
     if IPv4Address(address) != subnet.network_address:
         yield problem_at("subnet", f"{address} is an address within it; the subnet is {subnet}")
@@ -47,7 +47,7 @@ def check_subnet(text: str, subnet: IPv4Network) -> Iterator[Problem]:
 
 
 def check_inside(network: Network, subnet: IPv4Network) -> Iterator[Problem]:
-    """Yield single addresses that are none, or lie outside of the subnet."""
+    """Yield invalid single addresses, and those outside of the subnet."""
     ends = {}
     for key in ("range_start", "range_end", "gateway"):
         text = getattr(network, key)
@@ -73,21 +73,21 @@ def check_excluded(index: int, item: str, subnet: IPv4Network) -> Iterator[Probl
     if found is None:
         yield problem_at(("exclude", index), explain_invalid(item))
     elif not found.overlaps(subnet):
-        message = f"nothing of {subnet} lies in it, so it excludes nothing"
+        message = f"it excludes nothing: no address of {subnet} is in it"
         yield Problem(("network", "exclude", index), message, KIND, severity="warning")
 
 
 def pool_of(network: Network) -> Pool | None:
-    """Return the addresses to give out, None where the options name none in order."""
+    """Return the addresses to give out, None if the options have no valid range."""
     if network.subnet is None or any(p.severity == "error" for p in check_ranges(network)):
         return None
     return Pool(network)
 
 
 def explain_invalid(text: str) -> str:
-    """Return why a text is no range of IPv4 addresses."""
+    """Return why a text is not a range of IPv4 addresses."""
     if read_v6(text):
-        return f'"{text}" is IPv6, which DDS is not configured for here; give an IPv4 range'
+        return f'"{text}" is IPv6, which is not supported for DDS; use an IPv4 range'
     return f'"{text}" is not a range of IPv4 addresses such as 10.20.0.0/24'
 
 

@@ -1,4 +1,4 @@
-"""What a network mode adds to one pod, as parts that any workload lays into its pod template."""
+"""What a network mode adds to one pod, as parts that any workload adds to its pod template."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rigel_k8s.objects.naming import Ros
 
 Object = dict[str, Any]
 
-#: On pods: how they are networked, as JSON, so that a pod can be looked at without its Rigelfile.
+#: On pods: how they are networked, as JSON, so a pod can be examined without its Rigelfile.
 NETWORK_ANNOTATION = "rigel-k8s/network"
 
 
@@ -27,7 +27,7 @@ class PodIdentity:
         ros_name: the full ROS name where it is fixed.
         replicas: how many pods, None for one.
         like: fields of its container that init containers share: imagePullPolicy, resources, and
-            of securityContext whom it runs as.
+            the user in securityContext.
     """
 
     name: str
@@ -45,8 +45,8 @@ class NetworkPlan:
         options: as written; None where the Rigelfile has no `network`.
         ros: which ROS, "none" for plain DDS.
         distro: application.distro.
-        middleware: fastdds, cyclonedds or zenoh; None where nobody said.
-        domain_id: the DDS domain; None where only the images know it.
+        middleware: fastdds, cyclonedds or zenoh; None if the options name none.
+        domain_id: the DDS domain; None if only the images set it.
         pods: all workloads of the release that take part.
         addresses: workload name -> its address with prefix length, for `ipam: static`.
         pull_secrets: Secrets with registry credentials, for pods that a mode adds.
@@ -71,10 +71,10 @@ class NetworkPlan:
 
 @attrs.frozen
 class Wiring:
-    """What is laid into a pod template.
+    """What is added to a pod template.
 
     Attributes:
-        env: variable -> its source, {"value": ...} or {"valueFrom": ...}; what a user says wins.
+        env: variable -> its source, {"value": ...} or {"valueFrom": ...}; a user's own value wins.
         annotations: of the pod.
         volumes: of the pod; mounts: of the ROS container.
         pod: further fields of the pod's spec (hostNetwork, dnsPolicy ...).
@@ -89,13 +89,13 @@ class Wiring:
 
 
 def network_note(plan: NetworkPlan, **more: Any) -> dict[str, str]:
-    """Return the annotation that tells how a pod is networked."""
-    told = {
+    """Return the annotation that describes how a pod is networked."""
+    given = {
         "mode": plan.mode,
         "ros": plan.ros,
         "middleware": plan.middleware,
         "domain": plan.domain_id,
         **more,
     }
-    known = {key: value for key, value in told.items() if value is not None}
+    known = {key: value for key, value in given.items() if value is not None}
     return {NETWORK_ANNOTATION: json.dumps(known, sort_keys=True)}

@@ -1,4 +1,4 @@
-"""The little XML that DDS configuration files need, as lines; it knows no element's meaning."""
+"""The little XML that DDS configuration files need, as lines."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def leaf(name: str, text: str) -> list[str]:
 
 
 def element(name: str, *children: Lines, attributes: str = "") -> list[str]:
-    """Return an element around others; one without any is left out."""
+    """Return an element around others; without any, nothing."""
     inside = [f"  {line}" for child in children for line in child]
     return [f"<{name}{attributes}>", *inside, f"</{name}>"] if inside else []
 

@@ -195,7 +195,7 @@ def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: 
     own.stop("node2")
     done = install(own.cluster, Install(), said)
     assert (done.nodes, done.away) == (("node1",), ("node2",))
-    assert said.warnings == ["node node2 is not ready: it is not waited for"]
+    assert said.warnings == ["machine node2 is not ready: the installation does not wait for it"]
     old = daemon(own, "node1")["metadata"]["uid"]
     changed = Install(whereabouts_image=WHEREABOUTS_IMAGE, multus_image=f"docker.io/{MULTUS}")
     done = install(own.cluster, changed, said)
@@ -205,7 +205,7 @@ def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: 
     assert new["spec"]["containers"][0]["image"] == f"docker.io/{MULTUS}"
     with pytest.raises(UserError) as error:
         remove(own.cluster, Install(), said)
-    assert "node node2 is away and keeps Multus' configuration" in error.value.details
+    assert "machine node2 is unreachable and keeps Multus' configuration" in error.value.details
     own.start("node2")
     done = install(own.cluster, Install(), said)
     assert (done.nodes, done.away) == (("node1", "node2"), ())

@@ -147,7 +147,7 @@ def test_down(ask: Ask, machines: dict[str, Machine], link: str) -> None:
     ]
     machines[first].ip("link", "set", link, "down")
     assert ask(interface=link, spec=spec) == [
-        f"error interface-down: {link} of {first} is down: pods would start and hear nobody"
+        f"error interface-down: {link} of {first} is down: pods would start and receive nothing"
     ]
 
 
@@ -155,8 +155,8 @@ def test_a_tunnel(ask: Ask, machines: dict[str, Machine]) -> None:
     """An interface that is no Ethernet: each machine has one, its loopback."""
     nodes = ", ".join(machines)
     assert ask(interface="lo") == [
-        f"error interface-not-ethernet: lo of {nodes} is no Ethernet interface, so it carries no"
-        " macvlan"
+        f"error interface-not-ethernet: lo of {nodes} is not an Ethernet interface, so it"
+        " cannot carry macvlan"
     ]
 
 
@@ -170,8 +170,8 @@ def test_a_port_of_a_bridge(ask: Ask, machines: dict[str, Machine], link: str) -
         machines[first].ip("link", "set", bridge, "up")
         machines[first].ip("link", "set", link, "master", bridge)
         assert ask(interface=link, spec=spec) == [
-            f"error interface-port: {link} of {first} is a port of bridge {bridge}, so it carries"
-            " no macvlan"
+            f"error interface-port: {link} of {first} is a port of bridge {bridge}, so it"
+            " cannot carry macvlan"
         ]
         assert ask(interface=bridge, spec=spec) == []
     finally:
@@ -210,9 +210,8 @@ def test_a_program_that_one_machine_has(
         found = [f.message for f in examine(objects, network, cluster)]
     finally:
         subprocess.run(machines[first].inside("rm", path), check=True)
-    verb = "lacks" if len(others) == 1 else "lack"
     assert found[0] == (
-        f"{', '.join(others)} {verb} CNI programs: {program} (looked into /opt/cni/bin)"
+        f"CNI programs are missing on {', '.join(others)}: {program} (looked into /opt/cni/bin)"
     )
 
 
@@ -282,7 +281,7 @@ def test_addresses_that_others_hold(lab: Any, ask: Ask) -> None:
     five = tuple(f"n{i}" for i in range(5))
     assert ask(subnet=subnet, names=five) == []
     assert ask(subnet=subnet, names=(*five, "n5")) == [
-        "error addresses-run-out: 6 pods want an address, and of the 6 from 10.202.1.1 to"
+        "error addresses-run-out: 6 pods need an address, and of the 6 from 10.202.1.1 to"
         f" 10.202.1.6 others have 1: {lab.namespace}/holder"
     ]
     seven = ask(subnet=subnet, names=(*five, "n5", "n6"))
@@ -296,9 +295,9 @@ def test_an_address_that_another_pod_has(lab: Any, ask: Ask) -> None:
     one = {"range_start": address, "range_end": address}
     assert ask(subnet="10.202.2.0/24", ipam="static", **one) == [
         f"error other-attachment: NetworkAttachmentDefinition {lab.namespace}/lan (whereabouts)"
-        f" gives out 10.202.2.1 to 10.202.2.254 on eth0 as well, and knows nothing of {address} to"
+        f" gives out 10.202.2.1 to 10.202.2.254 on eth0 as well, independently of {address} to"
         f" {address} (static)",
-        f"error address-taken: pods would be given addresses that other pods have: {address}"
+        f"error address-taken: pods would get addresses that other pods have: {address}"
         f" ({lab.namespace}/holder)",
     ]
 
@@ -316,8 +315,8 @@ def test_an_attachment_that_is_not_there(lab: Any, ask: Ask) -> None:
     """`mode: attachment` is looked up, in other namespaces too."""
     missing = ask(mode="attachment", interface=None, subnet=None, attachment="default/no-such")
     assert missing[0].startswith(
-        "error attachment-missing: there is no NetworkAttachmentDefinition default/no-such (the"
-        " cluster has: "
+        "error attachment-missing: the NetworkAttachmentDefinition default/no-such does not exist"
+        " (the cluster has: "
     )
     lab.attachment("10.202.3.0/24")
     there = f"{lab.namespace}/lan"
@@ -373,7 +372,7 @@ def test_a_deploy_is_refused(cluster: Any, namespace: str, rigel: Any, tmp_path:
     done = rigel("run", "job", "deploy", check=False, cwd=tmp_path)
     assert done.returncode == 2
     assert "have no interface no-such (there: eth0) [interface-missing]" in done.stderr
-    assert "hint: `network.interface` must be there on every machine" in done.stderr
+    assert "hint: set `network.interface` to one that exists on every machine" in done.stderr
     for kind in (("apps/v1", "Deployment"), ("v1", "Secret")):
         assert cluster.list(*kind, namespace) == []
 
@@ -431,9 +430,9 @@ def test_who_may_not_look_is_not_kept_from_deploying(
     check(release(namespace, network), network, user, said)
     (warning,) = said.warnings
     assert warning == (
-        "before the deploy could not be looked at: Multus' daemons, NetworkAttachmentDefinitions of"
-        " other namespaces, NetworkPolicies, nodes, whereabouts' IPPools (forbidden): what is wrong"
-        " there shows when pods start"
+        "preflight could not check Multus' daemons, NetworkAttachmentDefinitions of other"
+        " namespaces, NetworkPolicies, nodes, whereabouts' IPPools (forbidden): problems there"
+        " appear when pods start"
     )
 
 
@@ -450,4 +449,4 @@ def test_who_may_not_exec_sees_the_rest(
         check(release(namespace, network), network, user, said)
     (warning,) = said.warnings
     assert f"interfaces and CNI programs of {node['metadata']['name']}" in warning
-    assert warning.endswith(" (forbidden): what is wrong there shows when pods start")
+    assert warning.endswith(" (forbidden): problems there appear when pods start")

@@ -75,10 +75,11 @@ def test_no_multus(own: Any, said: Any) -> None:
         check(objects("default"), NETWORK, own.cluster, said)
     assert raised.value.exit_code == 1
     assert raised.value.message == (
-        "Multus is not installed: the cluster knows no NetworkAttachmentDefinition [multus-missing]"
+        "Multus is not installed: the cluster has no kind NetworkAttachmentDefinition"
+        " [multus-missing]"
     )
     assert raised.value.hint == (
-        "`network: {install: true}` in the Rigelfile brings it, as does `rigel network install`"
+        "run `rigel network install`, or set `network: {install: true}` in the Rigelfile"
     )
 
 
@@ -95,9 +96,9 @@ def test_a_program_that_one_machine_lacks(own: Any, hidden: Any) -> None:
     directory = f"{own.data_dir}/data/cni" if own.data_dir else "/opt/cni/bin"
     hidden("bridge")
     assert told(own.cluster, *objects("default", "bridge")) == [
-        f"program-missing: node2 lacks CNI programs: bridge (looked into {directory})"
+        f"program-missing: CNI programs are missing on node2: bridge (looked into {directory})"
     ]
     hidden("macvlan")
     assert told(own.cluster, *objects("default")) == [
-        f"program-missing: node2 lacks CNI programs: macvlan (looked into {directory})"
+        f"program-missing: CNI programs are missing on node2: macvlan (looked into {directory})"
     ]

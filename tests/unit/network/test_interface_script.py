@@ -107,7 +107,7 @@ def test_an_interface_whose_name_begins_alike_is_another(pod: Pod, shell: str) -
 def test_an_interface_without_an_address_is_told(pod: Pod, shell: str) -> None:
     """lo has an address that leads nowhere: it is no answer."""
     assert pod.run(shell, "lo gone") == 1
-    assert pod.out.read_text() == "lo has no IPv4 address: the network gave it none\n"
+    assert pod.out.read_text() == "lo has no IPv4 address: it got none from the network\n"
 
 
 def test_a_known_address_is_not_looked_for(pod: Pod, shell: str) -> None:

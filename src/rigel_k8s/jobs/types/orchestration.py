@@ -214,14 +214,14 @@ def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext)
     network = prepared.options.network
     if network is None:
         return
-    from rigel_k8s.network.preflight.examine import check, tell
+    from rigel_k8s.network.preflight.examine import check, report_findings
 
     if prepared.findings is not None:
-        tell(prepared.findings, job.report)
+        report_findings(prepared.findings, job.report)
         return
-    from rigel_k8s.network.multus.install import install, install_wanted_by
+    from rigel_k8s.network.multus.install import install, install_requested_by
 
-    options = install_wanted_by(network)
+    options = install_requested_by(network)
     if options is not None:
         install(cluster, options, job.report, job.cancel, timeout=job.settings.timeout)
     check(prepared.desired.objects, network, cluster, job.report)

@@ -1,7 +1,7 @@
 """The network modes, one module each; a new one is a module, a line here and a word in options.py.
 
-What wires pods asks this package and does not know the modes; a mode's module is imported when the
-mode is asked for.
+Code that wires pods uses this package and does not depend on single modes. A mode's module is
+imported on its first use.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ class Modes(Mapping[str, Mode]):
 MODES = Modes()
 
 BEFORE_IRON = EARLY - {"iron"}
-#: Nodes look for others beyond their own machine, whatever an image says; not LOCALHOST with peers,
-#: which would try more ports of each and bring shared memory back.
+#: Nodes discover others beyond their own machine, even if an image sets something else. LOCALHOST
+#: with peers would try more ports of each and use shared memory again.
 RANGE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": {"value": "SUBNET"}}
 #: The same before iron.
 OLD_RANGE = {"ROS_LOCALHOST_ONLY": {"value": "0"}}
 
 
 def mode_of(network: Network | None) -> Mode:
-    """Return the mode of a network; without one nothing is done, as in mode none."""
+    """Return the mode of a network; mode none if there is no network."""
     return MODES[network.mode if network else "none"]
 
 
@@ -81,7 +81,7 @@ def network_objects(plan: NetworkPlan) -> Iterator[tuple[Path, Object]]:
 
 
 def join(plan: NetworkPlan) -> Object:
-    """Return how a DDS participant that is no ROS node finds the release's others."""
+    """Return how a DDS participant that is not a ROS node finds those of the release."""
     return dict(mode_of(plan.options).join(plan, plan.options)) if plan.options else {}
 
 

@@ -1,4 +1,4 @@
-"""Modes with a second interface by Multus: macvlan, ipvlan, and an attachment that is there."""
+"""Modes with a second interface by Multus: macvlan, ipvlan, and an existing attachment."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from rigel_k8s.problems import Problem
 
 NETWORKS_ANNOTATION = "k8s.v1.cni.cncf.io/networks"
 
-#: Spoken by every plugin in use; what is newer adds nothing that an attachment needs.
+#: Every plugin in use supports it; newer versions add nothing that an attachment needs.
 CNI_VERSION = "0.3.1"
 #: NAME or NAMESPACE/NAME of an attachment.
 REFERENCE = re.compile(r"([a-z0-9]([-a-z0-9]*[a-z0-9])?/)?[a-z0-9]([-a-z0-9.]*[a-z0-9])?")
@@ -36,15 +36,15 @@ REFERENCE = re.compile(r"([a-z0-9]([-a-z0-9]*[a-z0-9])?/)?[a-z0-9]([-a-z0-9.]*[a
 
 def attachment_name(plan: NetworkPlan) -> tuple[str, str]:
     """Return (namespace, name) of the NetworkAttachmentDefinition."""
-    told = plan.options.attachment if plan.options else None
-    if not told:
+    given = plan.options.attachment if plan.options else None
+    if not given:
         return plan.namespace, f"{plan.release}-{INTERFACE}"
-    namespace, slash, name = told.rpartition("/")
+    namespace, slash, name = given.rpartition("/")
     return (namespace if slash else plan.namespace), name
 
 
 def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
-    """Yield the attachment, unless it is there already, and the files that pods read."""
+    """Yield the attachment, unless it exists already, and the files that pods read."""
     if network.mode != "attachment":
         yield definition(plan, network)
     yield files_config(plan, {SCRIPT: interface_script(), **pinned_files(plan, INTERFACE)})
@@ -109,7 +109,7 @@ def list_excluded(network: Network) -> list[str]:
 
 
 def host_local_ranges(network: Network) -> list[dict[str, Any]]:
-    """Return the ranges as host-local reads them; it knows no exclusions, only several ranges."""
+    """Return the ranges as host-local reads them: several ranges, since it has no exclusions."""
     pool = Pool(network)
     return [
         drop_empty(
@@ -129,7 +129,7 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     namespace, name = attachment_name(plan)
     missing = (
         f"{INTERFACE} is missing: Multus did not attach {namespace}/{name} to this pod;"
-        " is Multus running on its machine? a new pod gets it: delete this one"
+        " check that Multus runs on its machine, then delete the pod: a new one gets it"
     )
     identity = plan.ros != "1" and uses(plan, "fastdds")
     made = render_at_start(plan, pod, INTERFACE, missing, own_machine_id=identity)
@@ -149,7 +149,7 @@ def selection(plan: NetworkPlan, pod: PodIdentity) -> str:
 
 
 def note(plan: NetworkPlan, pod: PodIdentity, network: Network) -> dict[str, str]:
-    """Return the annotation that tells how a pod is networked.
+    """Return the annotation that describes how a pod is networked.
 
     A pod keeps the interface that it got, so another configuration must start another pod.
     """
@@ -161,14 +161,14 @@ def note(plan: NetworkPlan, pod: PodIdentity, network: Network) -> dict[str, str
 
 
 def variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
-    """Return what pins a pod's ROS or DDS to the second network."""
+    """Return the variables that pin a pod's ROS or DDS to the second network."""
     if plan.ros == "1":
         return master_variables(plan, pod)
     return pinned_variables(plan)
 
 
 def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
-    """Return ROS 1's addresses; roscore itself is where it is asked."""
+    """Return the variables with ROS 1's addresses; roscore's own pod needs no master's address."""
     own, master = (
         plan.addresses.get(name, "").partition("/")[0] for name in (pod.name, MASTER_NAME)
     )
@@ -179,13 +179,13 @@ def master_variables(plan: NetworkPlan, pod: PodIdentity) -> dict[str, Object]:
 
 
 def check(network: Network, use: ModeUse) -> Iterator[Problem]:
-    """Yield keys that cannot be left out, and an IPAM that the mode cannot have."""
+    """Yield required keys that are missing, and an IPAM that the mode does not support."""
     own = network.mode != "attachment"
     ranged = network.ipam != "dhcp" if own else network.ipam == "static"
     needed = {
-        "interface": (own, "of the machines: eth0, say"),
-        "subnet": (ranged, "to give out addresses from"),
-        "attachment": (not own, "NAME or NAMESPACE/NAME of one that is there"),
+        "interface": (own, "the machines' interface, such as eth0"),
+        "subnet": (ranged, "the addresses to give out"),
+        "attachment": (not own, "NAME or NAMESPACE/NAME of an existing one"),
     }
     for key, (is_needed, what) in needed.items():
         if is_needed and getattr(network, key) is None:
@@ -198,12 +198,12 @@ def check(network: Network, use: ModeUse) -> Iterator[Problem]:
         message = "interfaces of ipvlan share one MAC address, so a DHCP server takes them for one"
         yield Problem(("network", "ipam"), message, "wrong-mode")
     if not own and network.ipam not in (None, "static"):
-        message = "the attachment that is there says who gives out addresses: leave it out"
+        message = "the existing attachment decides who gives out addresses: leave it out"
         yield Problem(("network", "ipam"), message, "foreign-key", at_key=True)
     if use.ros == "1" and network.ipam != "static":
         message = (
-            "a node of ROS 1 tells the others its address, which must be known before it starts:"
-            " say ipam: static, and the subnet to give out addresses from"
+            "a ROS 1 node sends its address to the others, so it must be known before the node"
+            " starts: set `ipam: static` and `subnet`"
         )
         path = ("network", "ipam") if network.ipam else mode_path(network)
         yield Problem(path, message, "ros1")

@@ -1,6 +1,6 @@
-"""Mode `discovery-server`: Fast DDS' discovery servers; clients know one by its place in a list.
+"""Mode `discovery-server`: Fast DDS' discovery servers.
 
-That place is its id.
+Clients have a list of servers; a server's place in the list is its id.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from rigel_k8s.problems import Problem
 
 DISCOVERY_PORT = 11811
 
-#: Variables that commands of the user's own may name too: a server's place in the list, its name.
+#: Variables that a user's own command may contain too: a server's place in the list, and its name.
 SERVER_ID, SERVER_NAME = "SERVER_ID", "SERVER_NAME"
-#: A client sends to the address that a server tells of itself, for ever. So it tells its Service's,
-#: which stays; it listens on all of its own whatever it tells.
+#: A client always sends to the address that a server announces. So the server announces that of its
+#: Service, which does not change; it listens on all its own addresses anyway.
 SERVER = ["fastdds", "discovery", "-i", f"$({SERVER_ID})", "-l", f"$({SERVER_NAME})", "-p"]
 
-#: Kubernetes cannot probe UDP from outside; the kernel knows who listens (11811 is 2E23).
+#: Kubernetes cannot probe UDP from outside; the kernel lists what listens (11811 is 2E23).
 LISTENS = (
     f"while read -r _ local _; do case $local in *:{DISCOVERY_PORT:04X}) exit 0 ;; esac;"
     " done </proc/net/udp; exit 1"
@@ -63,12 +63,12 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 
 
 def addresses(plan: NetworkPlan, network: Network) -> list[str]:
-    """Return the servers as clients know them, HOST:PORT."""
+    """Return the servers' addresses for clients, HOST:PORT."""
     return [f"{name}:{DISCOVERY_PORT}" for name in server_names(plan.release, network)]
 
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return what makes a pod a client of the servers."""
+    """Return the wiring that makes a pod a client of the servers."""
     servers = ";".join(addresses(plan, network))
     return Wiring(
         env={"ROS_DISCOVERY_SERVER": {"value": servers}, **udp_only(plan)},

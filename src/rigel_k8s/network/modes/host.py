@@ -43,7 +43,7 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 
 
 def needs_profile(plan: NetworkPlan) -> bool:
-    """Return whether only a file keeps an old Fast DDS from shared memory that nobody shares."""
+    """Return whether only a file keeps an old Fast DDS from memory that pods do not share."""
     return plan.ros != "1" and uses(plan, "fastdds") and not reads_udp_only(plan)
 
 
@@ -64,7 +64,7 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
 
 
 def variables(plan: NetworkPlan, interface: str | None) -> dict[str, Object]:
-    """Return how ROS or DDS finds the others: by the machine's address, never by shared memory."""
+    """Return the variables for ROS or DDS: the machine's address, and no shared memory."""
     if plan.ros == "1":
         return {"ROS_IP": HOST_IP}
     if interface:

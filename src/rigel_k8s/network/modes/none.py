@@ -1,4 +1,4 @@
-"""Mode `none`: nothing is done, as without `network`; pods only say which ROS is in them."""
+"""Mode `none`: nothing is done, as without `network`; an annotation shows which ROS a pod has."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_n
 
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return what a pod gets that nobody wires: a ROS 1 pod nothing at all."""
+    """Return the annotation of a pod; a ROS 1 pod has none."""
     return Wiring() if plan.ros == "1" else Wiring(annotations=network_note(plan))
 
 

@@ -1,10 +1,10 @@
-"""Mode `peers`: no multicast; everybody knows where to look for everybody, by Services.
+"""Mode `peers`: no multicast; each pod has a list of all pods, by their Services.
 
-Names are resolved when a program starts and never again, so they must not move: each workload has a
-Service with a cluster address, behind which a pod that was started elsewhere is found again. What
-is sent to it is the first word only; the answer comes from the pod's own address, and so does all
-that follows. One of two that knows the other is enough, so nobody restarts when somebody is added:
-who is new knows the others.
+A program resolves names only when it starts, so their addresses must not change: each workload has
+a Service with a cluster address, which also leads to a pod that was started again elsewhere. Only
+the first message goes to the Service; the answer comes from the pod's own address, and so does all
+that follows. It is enough if one of two pods has the other in its list: a new pod lists all others,
+so they need not restart.
 """
 
 from __future__ import annotations
@@ -39,22 +39,22 @@ from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
 
 PEERS_KEY = "peers"
-#: The program's own pod, for the tools that somebody runs in it.
+#: The program's own pod, for tools that a user runs in it.
 LOOPBACK = "127.0.0.1"
 HOSTNAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?")
 ONE_SERVICE = (
-    "with `peers` a Service leads to one pod, and the others of them would not be found;"
-    " make them nodes of their own, or use discovery-server"
+    "with `peers` a Service leads to one pod, so the other replicas would not be discovered;"
+    " make each a node of its own, or use discovery-server"
 )
 
 
 def peer_name(workload: str) -> str:
-    """Return the name of a workload's Service; its own name is that of its ports' Service."""
+    """Return the name of a workload's Service; the workload's own name is taken by its ports."""
     return object_name(f"{workload}-peer")
 
 
 def discovery_port(domain: int, participant: int) -> int:
-    """Return the UDP port on which a participant hears of others (DDSI-RTPS 9.6.1.1)."""
+    """Return the UDP port on which a participant receives announcements (DDSI-RTPS 9.6.1.1)."""
     return 7400 + 250 * domain + 10 + 2 * participant
 
 
@@ -68,9 +68,9 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 def peer_service(plan: NetworkPlan, pod: PodIdentity) -> Object:
     """Return a workload's Service.
 
-    It leads to pods that are ready: one on a machine that was lost still exists when another one
-    has taken its place, and would get half of what others send. A pod that is not ready yet is
-    found as well, since it announces itself to those that are.
+    It leads to ready pods only: a pod on a lost machine still exists when another one has replaced
+    it, and would get half of what others send. A pod that is not ready yet is discovered as well,
+    since it announces itself to the ready ones.
     """
     ports = [
         {"name": f"participant-{index}", "port": port, "targetPort": port, "protocol": "UDP"}
@@ -106,17 +106,17 @@ def peer_files(plan: NetworkPlan, network: Network) -> dict[str, str]:
 
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return what lets a pod look for the others."""
+    """Return the wiring that lets a pod look for the others."""
     reads_files = uses(plan, "cyclonedds") or not reads_udp_only(plan)
     base = mount_files(plan) if reads_files else Wiring()
-    # Who was told of peers elsewhere must start again when those are others.
+    # A pod reads the list of peers when it starts, so it must start again when `peers` changes.
     text = json.dumps(sorted(network.peers))
     mark = hashlib.sha256(text.encode()).hexdigest()[:8] if network.peers else None
     return attrs.evolve(base, env=variables(plan), annotations=network_note(plan, config=mark))
 
 
 def variables(plan: NetworkPlan) -> dict[str, Object]:
-    """Return where each middleware finds the list."""
+    """Return the variables by which each middleware finds the list."""
     found: dict[str, Object] = {}
     if uses(plan, "fastdds"):
         found |= peers_variables(plan) if reads_udp_only(plan) else fastdds_variables(plan)
@@ -148,7 +148,7 @@ def services(release: str, network: Network, workloads: Sequence[str]) -> list[s
 
 
 def join(plan: NetworkPlan, network: Network) -> dict[str, Any]:
-    """Return everybody to look for."""
+    """Return the names of all participants to look for."""
     names = [*(peer_name(pod.name) for pod in plan.pods), *network.peers]
     return {"mode": "peers", "peers": names}
 

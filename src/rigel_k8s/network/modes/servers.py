@@ -1,4 +1,4 @@
-"""What the modes with somebody in the middle share: a server is a Deployment of one pod.
+"""What the modes with a server in the middle share: a server is a Deployment of one pod.
 
 It is behind a Service with a cluster address, so that clients find it again wherever it starts.
 """
@@ -30,7 +30,7 @@ def environment(sources: dict[str, Object]) -> list[Object]:
 
 
 def server_probes(check: Object) -> Object:
-    """Return the probes of a server: one that sees its start at once, a rare one afterwards."""
+    """Return the probes of a server: a frequent one until it has started, a rare one afterwards."""
     return {
         "startupProbe": {**check, "periodSeconds": 1, "failureThreshold": 300},
         "readinessProbe": {**check, "periodSeconds": 10},
@@ -43,18 +43,18 @@ def container_port(name: str, number: int, protocol: str) -> Object:
 
 
 def server_service(plan: NetworkPlan, name: str, number: int, protocol: str) -> Object:
-    """Return the Service that clients know a server by."""
+    """Return the Service by which clients reach a server."""
     entry = {"name": "server", "port": number, "targetPort": number, "protocol": protocol}
     made = service(make_context(plan), name, [entry])
     if protocol == "UDP":
-        made["spec"]["ipFamilies"] = ["IPv4"]  # Fast DDS is told to use no other
+        made["spec"]["ipFamilies"] = ["IPv4"]  # Fast DDS is configured for IPv4 only
     return made
 
 
 def server_deployment(plan: NetworkPlan, network: Network, name: str, container: Object) -> Object:
-    """Return a server's Deployment: there before its clients, never twice at once.
+    """Return a server's Deployment: it starts before its clients, and never runs twice at once.
 
-    Its pods do not say how they are networked: nobody asks whether they find each other.
+    Its pods have no network annotation, since they are not examined for discovering each other.
     """
     volume, mount = inpod_volume(plan.release)
     image = str(

@@ -22,7 +22,7 @@ from rigel_k8s.objects.pods import Object
 from rigel_k8s.problems import Problem
 
 ROUTER = ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"]
-#: Its own default, [::], ends it on machines without IPv6.
+#: With its own default, [::], it ends on machines without IPv6.
 LISTEN = f'listen/endpoints=["tcp/0.0.0.0:{ZENOH_PORT}"]'
 
 
@@ -46,7 +46,7 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
 
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
-    """Return what makes a pod a client of the router, for which it waits as long as it takes."""
+    """Return the wiring that makes a pod a client of the router; it waits for it without limit."""
     router = router_name(plan.release)
     override = f'mode="client";connect/endpoints=["tcp/{router}:{ZENOH_PORT}"]'
     return Wiring(
@@ -59,12 +59,12 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
 
 
 def check(network: Network, use: ModeUse) -> Iterator[Problem]:
-    """Yield applications that speak no zenoh."""
+    """Yield applications that do not support zenoh."""
     if use.ros == "none":
-        message = "a plain DDS application speaks no zenoh: use macvlan, peers or host"
+        message = "a plain DDS application does not support zenoh: use macvlan, peers or host"
         yield Problem(mode_path(network), message, "wrong-mode")
     elif use.middleware not in (None, "zenoh"):
-        message = f"{use.middleware} finds nobody through a zenoh router: say middleware: zenoh"
+        message = f"{use.middleware} does not work with a zenoh router: set `middleware: zenoh`"
         yield Problem(("middleware",), message, "wrong-mode")
     elif use.distro.lower() in EARLY - {"humble"}:
         yield Problem(mode_path(network), f"{use.distro} has no rmw_zenoh", "wrong-mode")

@@ -1,6 +1,6 @@
 """Multus and whereabouts on a cluster: their objects for any kind of cluster; pure.
 
-It knows neither the cluster's API nor ROS: nodes and pods come in as plain dicts.
+It uses neither the cluster's API nor ROS: machines and pods come in as plain dicts.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ __all__ = [
     "WHEREABOUTS_IMAGE",
 ]
 
-#: Multus and whereabouts are a release of their own, whatever application asked for them.
+#: Multus and whereabouts are a release of their own, shared by all applications.
 RELEASE = ReleaseId("kube-system", "rigel-network")
 
 MULTUS_IMAGE = "ghcr.io/k8snetworkplumbingwg/multus-cni:v4.3.0-thick"
 WHEREABOUTS_IMAGE = "ghcr.io/k8snetworkplumbingwg/whereabouts:v0.9.4"
-#: The standard CNI programs, for clusters whose own set lacks macvlan.
+#: The standard CNI programs, for clusters whose own set has no macvlan.
 PLUGINS_IMAGE = "docker.io/rancher/hardened-cni-plugins:v1.9.1-build20260608"

@@ -25,17 +25,17 @@ Object = dict[str, Any]
 PROGRAMS = "/usr/src/multus-cni/bin"  # in Multus' image
 CONFIG = "/etc/rigel-multus"
 GENERATED = "/run/rigel-multus-generated"
-#: The daemon removes and makes its socket's directory, so it cannot be a mount itself.
+#: The daemon removes and creates its socket's directory, so that directory cannot be a mount.
 SOCKETS = "/run/rigel-network"
 SOCKET_DIR = f"{SOCKETS}/multus"
 HOST_ROOT = "/hostroot"
 
 DHCP_SOCKET = "/run/cni/dhcp.sock"
-#: Starts CNI's DHCP daemon, its program the only argument, unless the machine runs one already:
-#: that one has leases, and loses its callers with its socket. The kernel forgets who ended; a file
-#: that is left keeps the next one from listening.
+#: Starts CNI's DHCP daemon (the only argument is its program) unless the machine runs one already:
+#: that one has leases, and could not be called without its socket. The kernel's list has only
+#: sockets of running programs; a file that an ended one left keeps the next one from listening.
 DHCP = f"""\
-until [ -x "$1" ]; do echo "there is no $1 yet"; sleep 2; done
+until [ -x "$1" ]; do echo "waiting for $1"; sleep 2; done
 while :; do
   case "$(cat /proc/net/unix)" in *" {DHCP_SOCKET}"*) ;; *) break ;; esac
   echo "a DHCP daemon that is not of this pod listens at {DHCP_SOCKET}"
@@ -62,7 +62,7 @@ def multus_daemon(
 
     Args:
         script: the ConfigMap with machine.sh.
-        plugins_image: brings the standard CNI programs that the machines lack; None: they have all.
+        plugins_image: brings standard CNI programs that are missing there; None: none is missing.
         dhcp: whether CNI's DHCP daemon runs too.
     """
     config = config_map(
@@ -90,7 +90,7 @@ def multus_daemon(
 
 
 def _configuration(machines: Machines) -> Object:
-    """Return what the daemon reads; the version is one that every primary network knows."""
+    """Return the daemon's configuration; every primary network supports its version."""
     return {
         "chrootDir": HOST_ROOT,
         "cniVersion": "0.3.1",
@@ -113,8 +113,8 @@ def _daemon(machines: Machines, image: str) -> Object:
         "imagePullPolicy": "IfNotPresent",
         "command": [f"{PROGRAMS}/multus-daemon", f"-config={CONFIG}/daemon-config.json"],
         "env": fields(MULTUS_NODE_NAME="spec.nodeName"),
-        # Upstream's 50Mi end in OOM kills where many pods start at once. The programs that it
-        # runs count too. No limit of CPU: a throttled daemon is a machine that starts no pods.
+        # With upstream's 50Mi it is OOM-killed if many pods start at once. The programs that it
+        # runs count too. No limit of CPU: a machine with a throttled daemon starts no pods.
         "resources": {"requests": {"cpu": "50m", "memory": "64Mi"}, "limits": {"memory": "512Mi"}},
         "securityContext": {"privileged": True},
         "startupProbe": {**answers, "periodSeconds": 1, "failureThreshold": 180},
@@ -137,7 +137,7 @@ def _daemon(machines: Machines, image: str) -> Object:
 def _dhcp(machines: Machines, image: str) -> Object:
     """Return the container that keeps the leases of attachments with `ipam: dhcp`.
 
-    The machine's own program runs, in the machine's root: it is asked by others that do.
+    The machine's own program runs, in the machine's root, since its callers do so too.
     """
     listens = {"exec": {"command": ["/bin/sh", "-c", f"test -S {HOST_ROOT}{DHCP_SOCKET}"]}}
     return {

@@ -18,7 +18,7 @@ def attachment_definition() -> Object:
 
 
 def whereabouts_definitions() -> tuple[Object, ...]:
-    """Return the kinds in which whereabouts keeps who has which address."""
+    """Return the kinds in which whereabouts records which pod has which address."""
     return tuple(_definition(f"whereabouts.cni.cncf.io_{plural}") for plural in WHEREABOUTS)
 
 

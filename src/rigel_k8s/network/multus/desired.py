@@ -1,4 +1,4 @@
-"""Everything that Multus and whereabouts need on a cluster, as what their release shall be."""
+"""Everything that Multus and whereabouts need on a cluster, as the desired state of a release."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ Object = dict[str, Any]
 
 @attrs.frozen
 class Installation:
-    """What shall be installed where.
+    """What is to be installed on which machines.
 
     Attributes:
-        groups: the cluster's machines by platform; nodes to come belong to the first.
-        multus: whether Multus is ours; another's is used as it is.
-        whereabouts: whether whereabouts is ours.
-        there: names of CustomResourceDefinitions that others have made: they stay as they are.
-        retired: take away what was put onto the machines; the objects go after that.
+        groups: the cluster's machines by platform; machines that join later belong to the first.
+        multus: whether Multus is installed by us; another installation is used unchanged.
+        whereabouts: whether whereabouts is installed by us.
+        there: names of CustomResourceDefinitions that others have made: they stay unchanged.
+        retired: remove what was put onto the machines; the objects are deleted after that.
     """
 
     groups: Sequence[Group]
@@ -60,7 +60,7 @@ class Installation:
 
 
 def network_release(installation: Installation, script: str) -> Desired:
-    """Return what the release shall be.
+    """Return the desired state of the release.
 
     Args:
         script: the text of machine.sh.
@@ -71,7 +71,7 @@ def network_release(installation: Installation, script: str) -> Desired:
         RELEASE,
         tuple(map(steady, objects)),
         options=attrs.asdict(installation.options, filter=lambda _, value: value is not None),
-        # With a definition go all attachments of all applications.
+        # Deleting a definition deletes all attachments of all applications.
         protected=frozenset(ref_of(definition) for definition in definitions),
     )
 
@@ -121,6 +121,6 @@ def machines_of(installation: Installation) -> Iterator[Machines]:
 
 
 def _suffix(group: Group) -> str:
-    """Return what names a platform, whatever nodes it has."""
+    """Return the suffix for a platform's objects; it does not depend on the machines."""
     where = f"{group.platform.conf_dir} {group.platform.bin_dir}"
     return f"{group.platform.kind}-{hashlib.sha256(where.encode()).hexdigest()[:6]}"

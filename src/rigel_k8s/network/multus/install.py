@@ -1,6 +1,6 @@
-"""Multus and whereabouts put onto a cluster, until every node of it has attached a pod.
+"""Installs Multus and whereabouts on a cluster, and waits until every machine has attached a pod.
 
-What others have installed is used as it is. A node that is away is not waited for: it gets its
+An installation by others is used unchanged. An unreachable machine is not waited for: it gets its
 pods when it is back.
 """
 
@@ -26,13 +26,13 @@ from rigel_k8s.report import Reporter
 
 @attrs.frozen
 class MultusResult:
-    """What was done.
+    """The result of an installation.
 
     Attributes:
-        nodes: those that attach pods.
-        away: those that are not up and were not asked.
-        multus: where Multus is, NAMESPACE/NAME.
-        ours: whether it is the one that this program installs.
+        nodes: machines that attach pods.
+        away: machines that are unreachable and were not tried.
+        multus: Multus' DaemonSet, NAMESPACE/NAME.
+        ours: whether it was installed by this program.
     """
 
     nodes: tuple[str, ...]
@@ -41,14 +41,14 @@ class MultusResult:
     ours: bool
 
 
-def install_wanted_by(network: Network | None) -> Install | None:
-    """Return what a network wants installed: only what Multus attaches does."""
+def install_requested_by(network: Network | None) -> Install | None:
+    """Return the installation that a network requests; only modes with Multus can."""
     if network is None or network.install is None or not mode_of(network).attached:
         return None
-    said = network.install
-    if network.ipam == "dhcp" and said.dhcp is None:
-        return attrs.evolve(said, dhcp=True)
-    return said
+    requested = network.install
+    if network.ipam == "dhcp" and requested.dhcp is None:
+        return attrs.evolve(requested, dhcp=True)
+    return requested
 
 
 def install(
@@ -60,38 +60,40 @@ def install(
     timeout: float | None = None,
     adopt: bool = False,
 ) -> MultusResult:
-    """Install or update Multus and whereabouts, and prove that each node attaches pods.
+    """Install or update Multus and whereabouts, and prove that each machine attaches pods.
 
-    Nothing is written where all is as it shall be and every node has shown it before.
+    Nothing is written if all is up to date and every machine has proved it before.
 
     Raises:
-        ClusterError: a node cannot attach; the causes are in the details.
-        RolloutFailed, ConflictError, Refused: as deploy.
+        ClusterError: a machine cannot attach pods; the causes are in the details.
+        RolloutFailed, ConflictError, Refused: as in deploy.
         Interrupted: `cancel` was set.
     """
     cancel = cancel or threading.Event()
     options, found = _look(cluster, options)
     installation = installation_of(found, options)
-    _tell_others(found, report)
+    _report_others(found, report)
     for name in found.away:
-        report.warn(f"node {name} is not ready: it is not waited for")
+        report.warn(f"machine {name} is not ready: the installation does not wait for it")
     if installation.multus or installation.whereabouts:
         Rollout(cluster, installation, found, report, cancel, timeout, adopt).run()
     return _prove_nodes(cluster, options, report, cancel)
 
 
-def _look(cluster: Cluster, said: Install) -> tuple[Install, Found]:
-    """Look at the cluster, which wants rights that an application's deploy does not."""
+def _look(cluster: Cluster, requested: Install) -> tuple[Install, Found]:
+    """Look at the cluster; this needs rights that an application's deploy does not need."""
     try:
-        options = complete_options(cluster, said)
+        options = complete_options(cluster, requested)
         return options, find(cluster, options)
     except Forbidden as error:
-        error.hint = "`rigel network install` by an administrator, once; then leave `install` out"
+        error.hint = (
+            "let an administrator run `rigel network install` once, and remove `network.install`"
+        )
         raise
 
 
 def installation_of(found: Found, options: Install, *, retired: bool = False) -> Installation:
-    """Return what is to be installed: what others have brought is left to them."""
+    """Return what is to be installed; parts that others have installed are left to them."""
     return Installation(
         found.groups,
         options,
@@ -102,16 +104,16 @@ def installation_of(found: Found, options: Install, *, retired: bool = False) ->
     )
 
 
-def _tell_others(found: Found, report: Reporter) -> None:
+def _report_others(found: Found, report: Reporter) -> None:
     for name, part in (("Multus", found.multus), ("whereabouts", found.whereabouts)):
         if part and not part.ours:
-            report.line(f"{name} is there already ({part.where}, {part.image}): used as it is")
+            report.line(f"{name} is already installed ({part.where}, {part.image}), unchanged")
 
 
 def _prove_nodes(
     cluster: Cluster, options: Install, report: Reporter, cancel: threading.Event
 ) -> MultusResult:
-    """Let those nodes attach a pod that have not shown it before."""
+    """Let each machine attach a pod that has not proved it before."""
     found = find(cluster, options)
     if found.multus is None:
         raise ClusterError("Multus was removed while it was being installed")
@@ -120,13 +122,13 @@ def _prove_nodes(
     failed = prove(cluster, new, found.multus.image, report, cancel) if new else {}
     if new:
         remember(cluster, {node: mark for node, mark in marks.items() if node not in failed})
-    _tell_failures(failed, found.multus, report)
+    _report_failures(failed, found.multus, report)
     good = tuple(node for node in marks if node not in failed)
     return MultusResult(good, found.away, found.multus.where, found.multus.ours)
 
 
 def marks_of(found: Found) -> dict[str, str]:
-    """Return what a proof holds for now, by node that is up."""
+    """Return the current fingerprint of each machine that is up."""
     parts = [part for part in (found.multus, found.whereabouts) if part]
     sets = [one for part in parts for one in part.sets]
     up = set(found.up)
@@ -135,15 +137,15 @@ def marks_of(found: Found) -> dict[str, str]:
 
 
 def describe(done: MultusResult) -> str:
-    """Return what was done as one line."""
-    names = ", ".join(done.nodes) or "no node"
-    away = f"; not asked, since away: {', '.join(done.away)}" if done.away else ""
+    """Return the result in one line."""
+    names = ", ".join(done.nodes) or "no machine"
+    away = f"; not tried, since unreachable: {', '.join(done.away)}" if done.away else ""
     return f"Multus ({done.multus}) attaches pods on {names}{away}"
 
 
-def _tell_failures(failed: Mapping[str, str], multus: MultusPart, report: Reporter) -> None:
-    """Raise where our own Multus cannot attach; another's is only told."""
-    lines = [f"{node}: {told}" for node, told in sorted(failed.items())]
+def _report_failures(failed: Mapping[str, str], multus: MultusPart, report: Reporter) -> None:
+    """Raise an error if our own Multus cannot attach; only warn if it is another one."""
+    lines = [f"{node}: {cause}" for node, cause in sorted(failed.items())]
     if not lines:
         return
     if not multus.ours:
@@ -151,7 +153,7 @@ def _tell_failures(failed: Mapping[str, str], multus: MultusPart, report: Report
             report.warn(f"Multus ({multus.where}) attaches no pod on {line}")
         return
     raise ClusterError(
-        f"{len(lines)} node(s) cannot attach pods to a second network",
+        f"{len(lines)} machine(s) cannot attach pods to a second network",
         hint=f"kubectl -n {RELEASE.namespace} logs daemonset/rigel-multus -c multus",
         details=lines,
     )

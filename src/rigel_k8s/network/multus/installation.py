@@ -1,4 +1,4 @@
-"""What of Multus and whereabouts a cluster has, and whose it is; it writes nothing."""
+"""Which parts of Multus and whereabouts a cluster has, and who installed them; only reads."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class MultusPart:
     """Multus or whereabouts on the cluster: one DaemonSet or several.
 
     Attributes:
-        ours: whether it is of the release that this program installs.
+        ours: whether it is part of the release that this program installs.
     """
 
     sets: tuple[Object, ...]
@@ -56,10 +56,10 @@ class Found:
     """A cluster before something is installed.
 
     Attributes:
-        nodes: all its nodes.
-        groups: the Linux ones by platform.
-        multus: None where there is none.
-        whereabouts: None where there is none.
+        nodes: all its machines.
+        groups: its Linux machines by platform.
+        multus: None if it is not installed.
+        whereabouts: None if it is not installed.
         definitions: names of our kinds that others have defined.
     """
 
@@ -71,7 +71,7 @@ class Found:
 
     @property
     def up(self) -> tuple[str, ...]:
-        """The names of the nodes that are up; one that is away is waited for by nobody."""
+        """The names of the machines that are up; unreachable ones are not waited for."""
         known = {name for group in self.groups for name in group.nodes}
         return tuple(
             sorted(
@@ -83,7 +83,7 @@ class Found:
 
     @property
     def away(self) -> tuple[str, ...]:
-        """The names of the nodes that are not up."""
+        """The names of the machines that are not up."""
         known = {name for group in self.groups for name in group.nodes}
         return tuple(sorted(known - set(self.up)))
 
@@ -92,12 +92,12 @@ def find(cluster: Cluster, options: Install) -> Found:
     """Look at a cluster.
 
     Raises:
-        ClusterError: we may not look, or it has no Linux node.
+        ClusterError: we may not read it, or it has no Linux machine.
     """
     nodes = cluster.nodes()
     sorted_out = groups(nodes, options)
     if not sorted_out:
-        raise ClusterError("the cluster has no Linux node: there is nothing to install Multus on")
+        raise ClusterError("cannot install Multus: the cluster has no Linux machine")
     sets = cluster.list("apps/v1", "DaemonSet")
     return Found(
         tuple(nodes),
@@ -108,20 +108,20 @@ def find(cluster: Cluster, options: Install) -> Found:
     )
 
 
-def complete_options(cluster: Cluster, said: Install) -> Install:
-    """Return options with those of the last installation for what is not said.
+def complete_options(cluster: Cluster, given: Install) -> Install:
+    """Return options in which those that are not set have the values of the last installation.
 
-    Several Rigelfiles share a cluster's network: one that says `install: true` must not take back
-    what another has said of images and directories.
+    Several Rigelfiles share a cluster's network: one with `install: true` must not revert the
+    images and directories that another has set.
     """
     last = find_last_good(cluster, RELEASE)
     before = dict(last.options) if last else {}
-    new = attrs.asdict(said, filter=lambda _, value: value is not None)
+    new = attrs.asdict(given, filter=lambda _, value: value is not None)
     return Install(**{**before, **new})
 
 
 def _part(name: str, sets: Iterable[Object]) -> MultusPart | None:
-    """Return whose Multus or whereabouts there is; once ours is there, it is ours."""
+    """Return the installed Multus or whereabouts, None if it is missing; ours comes first."""
     found = [one for one in sets if _is(name, one)]
     ours = tuple(one for one in found if _is_ours(one))
     if ours:
@@ -130,20 +130,20 @@ def _part(name: str, sets: Iterable[Object]) -> MultusPart | None:
 
 
 def _is(name: str, daemon_set: Object) -> bool:
-    """Return whether a DaemonSet brings this part, by its name or its images'."""
+    """Return whether a DaemonSet runs this part, judged by its name and its images."""
     if daemon_set["metadata"]["name"] in NAMES[name]:
         return True
     if _is_ours(daemon_set):
         return bool(daemon_set["metadata"]["name"].startswith(f"rigel-{name}-"))
     spec = daemon_set["spec"]["template"]["spec"]
     if not any("cni" in v.get("hostPath", {}).get("path", "") for v in spec.get("volumes", [])):
-        return False  # it uses the image for something else
+        return False  # the image is used for something else
     containers = spec.get("containers", [])
     return any(_names(container.get("image", ""), IMAGES[name]) for container in containers)
 
 
 def _names(image: str, names: Iterable[str]) -> bool:
-    """Return whether an image is one of these, hardened or mirrored ones too."""
+    """Return whether an image is one of these; hardened and mirrored ones count too."""
     last = image.partition("@")[0].rpartition("/")[2].partition(":")[0]
     return any(last == name or last.endswith(f"-{name}") for name in names)
 

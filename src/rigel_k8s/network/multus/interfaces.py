@@ -1,7 +1,7 @@
-"""Which networks a pod asked Multus for, and which of them it got; pure.
+"""Which networks a pod requests from Multus, and which of them it got; pure.
 
-A pod that starts while Multus is away may come up without its second network, and nothing in its
-phase or readiness says so. What Multus has done stands in an annotation.
+A pod that starts while Multus does not run may come up without its second network. Its phase and
+readiness do not show that. An annotation shows what Multus has done.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import attrs
 
 Pod = Mapping[str, Any]
 
-#: On a pod: the networks that it asks for, and what Multus gave it.
+#: On a pod: the networks that it requests, and what Multus gave it.
 ASKED = "k8s.v1.cni.cncf.io/networks"
 GOT = "k8s.v1.cni.cncf.io/network-status"
 
 
 @attrs.frozen
 class Missing:
-    """A running pod without networks that it asked for, each NAMESPACE/NAME."""
+    """A running pod without networks that it requests, each NAMESPACE/NAME."""
 
     namespace: str
     pod: str
@@ -34,12 +34,12 @@ class Missing:
 
 
 def find_without_interface(pods: Iterable[Pod]) -> list[Missing]:
-    """Return the running pods that lack a network; starting it anew is the remedy."""
+    """Return the running pods without a network that they request; a restart gives it to them."""
     return [missing for pod in pods if (missing := _find_missing(pod))]
 
 
 def list_asked(pod: Pod) -> list[str]:
-    """Return the networks that a pod asks for, NAMESPACE/NAME, one for each interface."""
+    """Return the networks that a pod requests, NAMESPACE/NAME, one for each interface."""
     text = _annotations(pod).get(ASKED, "").strip()
     own = pod["metadata"].get("namespace", "default")
     if text.startswith("["):
@@ -61,16 +61,16 @@ def _find_missing(pod: Pod) -> Missing | None:
     if not running or meta.get("deletionTimestamp"):
         return None
     left = list_attached(pod)
-    lacking = []
+    missing = []
     for name in list_asked(pod):
         if name in left:
             left.remove(name)
         else:
-            lacking.append(name)
-    if not lacking:
+            missing.append(name)
+    if not missing:
         return None
     namespace = meta.get("namespace", "default")
-    return Missing(namespace, meta["name"], spec.get("nodeName", ""), tuple(lacking))
+    return Missing(namespace, meta["name"], spec.get("nodeName", ""), tuple(missing))
 
 
 def _annotations(pod: Pod) -> Mapping[str, str]:

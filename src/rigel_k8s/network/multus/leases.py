@@ -1,7 +1,7 @@
-"""Pods whose address nobody renews: CNI's DHCP daemon forgets its leases when it ends; pure.
+"""Pods whose DHCP lease is no longer renewed, since CNI's DHCP daemon lost it when it ended; pure.
 
-Such a pod goes on with an address that the network's server gives to somebody else one day, and
-neither of the two says so.
+Such a pod keeps an address that the network's DHCP server gives to another device one day, and
+neither of the two reports it.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ class Unkept:
     def __str__(self) -> str:
         names = ", ".join(self.networks)
         return (
-            f"nobody renews the address of pod {self.namespace}/{self.pod} on {self.node} at"
-            f" {names}: the DHCP daemon there has started since"
+            f"the DHCP lease of pod {self.namespace}/{self.pod} on {self.node} at {names} is no"
+            " longer renewed: the DHCP daemon there started after the pod"
         )
 
 
 def find_unkept(
     pods: Iterable[Object], daemons: Iterable[Object], attachments: Iterable[Object]
 ) -> list[Unkept]:
-    """Return the running pods whose leases have nobody; starting them anew is the remedy.
+    """Return the running pods whose leases are no longer renewed; a restart gives them new ones.
 
     Args:
-        daemons: Multus' pods; those without a DHCP daemon tell nothing.
+        daemons: Multus' pods; those without a DHCP daemon are ignored.
         attachments: NetworkAttachmentDefinitions.
     """
     by_dhcp = {_key(one) for one in attachments if _uses_dhcp(one)}
@@ -78,7 +78,7 @@ def _uses_dhcp(attachment: Object) -> bool:
 
 
 def _daemon_start(pod: Object) -> str:
-    """Return since when a Multus pod's DHCP daemon runs, "" where it has none."""
+    """Return when a Multus pod's DHCP daemon started, "" if it has none."""
     for one in pod.get("status", {}).get("containerStatuses") or ():
         if one["name"] == DHCP_CONTAINER:
             return str(one.get("state", {}).get("running", {}).get("startedAt", ""))
@@ -86,14 +86,14 @@ def _daemon_start(pod: Object) -> str:
 
 
 def _list_starts(pod: Object) -> Iterator[str]:
-    """Yield when a pod's containers have started, as Kubernetes writes it: sortable text.
+    """Yield when a pod's containers started, as Kubernetes writes it: sortable text.
 
-    The first one starts when the pod's networks are there.
+    The first one starts after the pod got its networks.
     """
     status = pod.get("status", {})
     for kind in ("initContainerStatuses", "containerStatuses"):
         for one in status.get(kind) or ():
             for state in (one.get("state") or {}, one.get("lastState") or {}):
-                for told in state.values():
-                    if told and told.get("startedAt"):
-                        yield str(told["startedAt"])
+                for detail in state.values():
+                    if detail and detail.get("startedAt"):
+                        yield str(detail["startedAt"])

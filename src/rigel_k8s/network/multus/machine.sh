@@ -1,20 +1,20 @@
 #!/bin/sh
-# Keeps the files that CNI needs on a machine, from inside of a pod. Multus' daemon takes its own
-# configuration away when it ends, and pods that start until it is back silently get no second
-# network; so the daemon writes into the pod, and this puts it onto the machine and leaves it there.
-# An upgrade of the machine's software may take programs away; this brings them back.
+# Keeps the files that CNI needs on a machine, from inside a pod. Multus' daemon removes its own
+# configuration when it ends, and pods that start until it is back silently get no second network.
+# So the daemon writes into the pod; this script puts the files onto the machine and leaves them there.
+# An upgrade of the machine's software may remove programs; this script restores them.
 #
-#   machine.sh keep    until it is told to end; ready says how far it is
-#   machine.sh ready   succeeds when all is in its place, else says what is missing
-#   machine.sh copy    puts an image's standard CNI programs ($STANDARD) into $BROUGHT
+#   machine.sh keep    keep the files until a signal ends it
+#   machine.sh ready   succeed if all files are in place, else print what is missing
+#   machine.sh copy    copy an image's standard CNI programs ($STANDARD) to $BROUGHT
 #
-# PART is multus or whereabouts. With RETIRED=1 it takes away what it had put there: configuration
-# at once, programs when it ends.
+# PART is multus or whereabouts. With RETIRED=1 it removes what it has put there: the configuration
+# at once, the programs when it ends.
 # Needs sh, chmod, cmp, cp, mkdir, mv, rm, rmdir, sleep.
 set -u
 umask 077
 
-# The names of the programs that we have put there, for our successors and for the end.
+# The names of the programs that we have put there, for later pods and for the removal.
 OWN="$BIN_DIR/.rigel-$PART"
 CONF="$CONF_DIR/00-multus.conf"
 ACCOUNT=/var/run/secrets/kubernetes.io/serviceaccount
@@ -24,7 +24,7 @@ fail() {
     exit 1
 }
 
-# put FILE NAME: have FILE as the program NAME; at every moment it is whole or not there.
+# put FILE NAME: install FILE as the program NAME; at every moment it is complete or missing.
 put() {
     cp "$1" "$BIN_DIR/.$2.new" && chmod 0755 "$BIN_DIR/.$2.new" && mv -f "$BIN_DIR/.$2.new" "$BIN_DIR/$2" &&
         { listed "$2" || echo "$2" >>"$OWN"; } && echo "put $2 into $BIN_DIR"
@@ -41,7 +41,8 @@ listed() {
 there() { [ -x "$BIN_DIR/$2" ]; }
 same() { cmp -s "$1" "$BIN_DIR/$2"; }
 
-# programs there|same: have all programs in their place. What others have put there stays.
+# programs there|same: install all programs that are missing (there) or differ (same). Programs that
+# others have put there stay.
 programs() {
     [ -d "$BIN_DIR" ] || return 0
     for program in $PROGRAMS; do
@@ -58,9 +59,9 @@ programs() {
     done
 }
 
-# What is looked at every two seconds is looked at without another process: robots have other work.
+# What runs every two seconds starts no other process, to leave the processor to the robot.
 
-# content FILE: have in $content what FILE holds; fails where it is not there.
+# content FILE: set $content to what FILE contains; fails if it does not exist.
 content() {
     [ -r "$1" ] || return 1
     content='' line=''
@@ -71,39 +72,39 @@ content() {
     content="$content$line"
 }
 
-# text FILE TEXT: have TEXT as FILE, written anew only where it differs.
+# text FILE TEXT: write TEXT to FILE if FILE differs.
 text() {
     [ -f "$1" ] && content "$1" && [ "$content" = "$2" ] && return 0
     printf '%s' "$2" >"$1.new" && mv -f "$1.new" "$1"
 }
 
-# same_text FILE AS: have as FILE what AS holds.
+# same_text FILE AS: make the contents of FILE those of AS.
 same_text() {
     content "$2" && text "$1" "$content"
 }
 
-# The daemon's configuration, once it has written the whole of it. It names the file of the primary
-# network; Multus 4.3 forgets most of what a list of plugins in such a file says before it takes a
-# pod off the network again (multus#1449), and no address comes back. What stands in the
-# configuration itself is kept: so the file's content goes there.
+# The daemon's configuration, once it is written completely. It names the file of the primary network.
+# Before Multus 4.3 takes a pod off the network, it loses most of a list of plugins in such a file
+# (multus#1449), so addresses are not released. It does not lose what is in the configuration itself:
+# so the file's contents are put there.
 configuration() {
     content "$GENERATED/00-multus.conf" || return 0
-    told=${content%"
+    written=${content%"
 "}
-    case "$told" in
+    case "$written" in
         *'"clusterNetwork":"'*\}) ;;
         *) return 0 ;;
     esac
-    rest=${told#*'"clusterNetwork":"'}
+    rest=${written#*'"clusterNetwork":"'}
     file=${rest%%'"'*}
     [ -s "$file" ] || return 0
     content "$file" || return 0
     primary=${content%"
 "}
-    text "$CONF" "${told%%'"clusterNetwork":"'*}\"delegates\":[$primary]${rest#*'"'}"
+    text "$CONF" "${written%%'"clusterNetwork":"'*}\"delegates\":[$primary]${rest#*'"'}"
 }
 
-# What the program whereabouts reads on the machine; kubelet renews the token, we bring it there.
+# The files that the program whereabouts reads on the machine; kubelet renews the token, we copy it.
 account() {
     [ -d "$IPAM_DIR" ] || mkdir -p "$IPAM_DIR"
     same_text "$IPAM_DIR/ca.crt" "$ACCOUNT/ca.crt"
@@ -136,7 +137,7 @@ contexts:
 
 keep() {
     trap 'leave' TERM INT
-    [ -d "$BIN_DIR" ] || echo "there is no directory $BIN_DIR on this machine"
+    [ -d "$BIN_DIR" ] || echo "the directory $BIN_DIR does not exist on this machine"
     how=same
     while :; do
         if [ -n "$RETIRED" ]; then
@@ -159,7 +160,7 @@ retire() {
         multus) rm -f "$CONF" ;;
         whereabouts)
             rm -rf "$IPAM_DIR"
-            rmdir "${IPAM_DIR%/*}" 2>/dev/null # only where nobody else uses it
+            rmdir "${IPAM_DIR%/*}" 2>/dev/null # fails if it contains files of others
             ;;
     esac
     return 0
@@ -175,7 +176,7 @@ leave() {
     exit 0
 }
 
-# Whether a primary network's configuration is there, for Multus to hand on to.
+# Succeeds if a primary network, which Multus calls, has a configuration.
 primary() {
     for file in "$CONF_DIR"/*.conf "$CONF_DIR"/*.conflist; do
         [ -f "$file" ] && [ "$file" != "$CONF" ] && return 0
@@ -185,20 +186,20 @@ primary() {
 
 ready() {
     if [ -n "$RETIRED" ]; then
-        [ "$PART" = whereabouts ] || [ ! -e "$CONF" ] || fail "$CONF is still there"
-        [ "$PART" = multus ] || [ ! -e "$IPAM_DIR" ] || fail "$IPAM_DIR is still there"
+        [ "$PART" = whereabouts ] || [ ! -e "$CONF" ] || fail "$CONF still exists"
+        [ "$PART" = multus ] || [ ! -e "$IPAM_DIR" ] || fail "$IPAM_DIR still exists"
         exit 0
     fi
-    [ -d "$BIN_DIR" ] || fail "there is no directory $BIN_DIR: network.install.cni_bin_dir says where this machine keeps CNI programs"
+    [ -d "$BIN_DIR" ] || fail "the directory $BIN_DIR does not exist: set network.install.cni_bin_dir to the directory with this machine's CNI programs"
     for program in $PROGRAMS $NEEDED; do
-        [ -x "$BIN_DIR/$program" ] || fail "there is no program $program in $BIN_DIR: network.install.plugins_image says which image brings it"
+        [ -x "$BIN_DIR/$program" ] || fail "the program $program is missing in $BIN_DIR: set network.install.plugins_image to an image that has it"
     done
     case $PART in
         multus)
-            primary || fail "there is no CNI configuration in $CONF_DIR: network.install.cni_conf_dir says where this machine keeps it"
+            primary || fail "$CONF_DIR has no CNI configuration: set network.install.cni_conf_dir to the directory with this machine's"
             [ -f "$CONF" ] || fail "Multus' daemon has not written its configuration yet"
             ;;
-        whereabouts) [ -f "$IPAM_DIR/whereabouts.conf" ] || fail "there is no $IPAM_DIR/whereabouts.conf yet" ;;
+        whereabouts) [ -f "$IPAM_DIR/whereabouts.conf" ] || fail "$IPAM_DIR/whereabouts.conf is not written yet" ;;
     esac
 }
 
@@ -206,7 +207,7 @@ copy() {
     for program in $STANDARD; do
         [ -f "/opt/cni/bin/$program" ] && cp "/opt/cni/bin/$program" "$BROUGHT/$program"
     done
-    [ -f "$BROUGHT/macvlan" ] || fail "this image has no /opt/cni/bin/macvlan: network.install.plugins_image must be one that has"
+    [ -f "$BROUGHT/macvlan" ] || fail "this image has no /opt/cni/bin/macvlan: set network.install.plugins_image to an image that has it"
 }
 
 "$1"

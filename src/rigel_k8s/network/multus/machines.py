@@ -17,7 +17,7 @@ from rigel_k8s.objects.naming import labels, selector
 Object = dict[str, Any]
 Part = Literal["multus", "whereabouts"]
 
-#: No taint keeps the network away: what cannot attach cannot run what is there for that taint.
+#: Tolerates all taints: pods that tolerate a machine's taint need the network there too.
 EVERYWHERE: Sequence[Object] = ({"operator": "Exists"},)
 
 SCRIPTS = "rigel-network-scripts"
@@ -25,25 +25,25 @@ SCRIPT = "/rigel-network/machine.sh"
 BROUGHT = "/rigel-network-programs"
 #: The standard programs that networks of robots use.
 STANDARD = "bridge dhcp host-local ipvlan macvlan ptp static tuning vlan"
-#: Files on the machine and nothing else: no capability but those that writing takes.
+#: May write files on the machine and nothing else: only the capability that writing needs.
 WRITER: Object = {
     "runAsUser": 0,
     "allowPrivilegeEscalation": False,
     "readOnlyRootFilesystem": True,
     "capabilities": {"drop": ["ALL"], "add": ["DAC_OVERRIDE"]},
-    # Where SELinux is enforced, an ordinary container may not write the machine's files.
+    # If SELinux is enforced, an ordinary container may not write the machine's files.
     "seLinuxOptions": {"type": "spc_t"},
 }
 
 
 @attrs.frozen
 class Machines:
-    """The machines of one DaemonSet, and what it shall do there.
+    """The machines of one DaemonSet, and what it does there.
 
     Attributes:
-        suffix: what tells the objects of this platform from those of the others; "" for the main.
-        only: the names of its nodes; None: all that are not in `others`.
-        retired: take away what was put onto the machines instead of keeping it.
+        suffix: distinguishes this platform's objects from those of others; "" for the main one.
+        only: the names of its machines; None: all that are not in `others`.
+        retired: remove what was put onto the machines instead of keeping it.
     """
 
     platform: Platform
@@ -75,7 +75,7 @@ def _host(operator: str, names: Sequence[str]) -> Object:
 
 
 def host(name: str, path: str, kind: str = "Directory") -> Object:
-    """Return a volume: a directory of the machine, which must be there unless `kind` makes it."""
+    """Return a volume: a directory of the machine, which must exist unless `kind` creates it."""
     return {"name": name, "hostPath": {"path": path, "type": kind}}
 
 
@@ -90,7 +90,7 @@ def roots(platform: Platform) -> list[Object]:
 
 
 def root_mounts(platform: Platform, *, read_only: bool = False) -> list[Object]:
-    """Return those at the same paths as on the machine: the daemon needs it, and so do links."""
+    """Return their mounts at the same paths as on the machine: the daemon and links need that."""
     return [
         mount(f"root-{number}", path, read_only=read_only, mountPropagation="HostToContainer")
         for number, path in enumerate(platform.roots)
@@ -141,7 +141,7 @@ def bringer(machines: Machines, part: Part, image: str) -> Object:
 
 
 def variables(machines: Machines, part: Part, more: Mapping[str, str]) -> list[Object]:
-    """Return what machine.sh wants to know; it refuses variables that nobody has set."""
+    """Return the variables of machine.sh, which fails if one is not set."""
     known = {
         "PART": part,
         "RETIRED": "1" if machines.retired else "",
@@ -183,8 +183,8 @@ def daemon_set(
         **({"affinity": machines.affinity} if machines.affinity else {}),
         **pod,
     }
-    # One machine after the other (Kubernetes' default, left to whoever has to let more be away);
-    # what retires is gone soon, and may be so everywhere.
+    # One machine after the other, which is Kubernetes' default; not set here, since a roll-out with
+    # unreachable machines raises it. What retires may stop on all machines at once.
     strategy: Object = {"type": "RollingUpdate"}
     if machines.retired:
         strategy["rollingUpdate"] = {"maxUnavailable": "100%"}

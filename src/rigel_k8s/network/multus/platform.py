@@ -10,9 +10,9 @@ import attrs
 Kind = Literal["k3s", "microk8s", "kind", "minikube", "plain"]
 
 K3S_DATA_DIR = "/var/lib/rancher/k3s"
-#: The first release of each k3s line whose CNI directory stays where it is through upgrades.
+#: The first release of each k3s line whose CNI directory does not move in upgrades.
 K3S_FIXED = {(1, 28): 15, (1, 29): 10, (1, 30): 6, (1, 31): 2}
-#: MicroK8s' directories hang on a link that every refresh of the snap moves.
+#: MicroK8s' directories are behind a link that every refresh of the snap changes.
 SNAP = "/var/snap/microk8s"
 
 
@@ -21,8 +21,8 @@ class Platform:
     """Where the machines of one kind keep what CNI needs.
 
     Attributes:
-        roots: directories that hold both, and all that links in them point to; pods mount them
-            whole and at the same path, so that links resolve and outlive what they point to.
+        roots: directories that contain both, and all that links in them point to; pods mount them
+            whole and at the same path, so links resolve even when their target changes.
         lacks_programs: whether its own set of CNI programs has no macvlan.
     """
 
@@ -44,10 +44,10 @@ def platform(
     """Return a kind's directories.
 
     Args:
-        version: the kubelet's, v1.31.2+k3s1 say; "" is a new one.
-        data_dir: k3s' --data-dir, its default where None.
-        conf_dir: where it is not the kind's own.
-        bin_dir: where it is not the kind's own.
+        version: the kubelet's, such as v1.31.2+k3s1; "" is a new one.
+        data_dir: k3s' --data-dir; None: its default.
+        conf_dir: if it is not the kind's own.
+        bin_dir: if it is not the kind's own.
     """
     own_conf, own_bin, roots = OWN[kind](version, (data_dir or K3S_DATA_DIR).rstrip("/"))
     conf_dir, bin_dir = conf_dir or own_conf, bin_dir or own_bin
@@ -58,7 +58,7 @@ def platform(
 
 def _k3s(version: str, data_dir: str) -> tuple[str, str, tuple[str, ...]]:
     programs = "data/cni" if _is_fixed(version) else "data/current/bin"
-    # The programs are links into data/HASH, which an upgrade leaves for another HASH.
+    # The programs are links into data/HASH; after an upgrade, k3s uses another HASH.
     return (
         f"{data_dir}/agent/etc/cni/net.d",
         f"{data_dir}/{programs}",

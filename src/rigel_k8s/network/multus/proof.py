@@ -1,9 +1,9 @@
 """The proof that a machine attaches pods: one short pod on it, with a second network.
 
 The network is a `ptp` link with an address of whereabouts' (from the range of RFC 2544, which no
-network uses): it needs no interface of the machine, leaves nothing there when it ends, and goes all
-the way through Multus, whereabouts and the CNI programs. Whether macvlan works on an interface is
-that interface's matter (a wireless one refuses it) and is told by the preflight.
+network uses): it needs no interface of the machine, leaves nothing there when it ends, and uses
+Multus, whereabouts and the CNI programs as an application does. Whether macvlan works depends on
+the interface (a wireless one refuses it); the preflight checks that.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rigel_k8s.network.multus.machines import EVERYWHERE
 Object = dict[str, Any]
 
 PROOF = "rigel-network-proof"
-#: The label of all that one proof makes.
+#: The label of all objects of one proof.
 RUN_LABEL = "rigel-k8s/network-proof"
 RANGE = "198.18.0.0/16"
 #: Seconds after which Kubernetes ends a pod that a killed `rigel` has left.
@@ -54,7 +54,7 @@ def proof_pool() -> str:
 
 
 def proof_pod(run: str, node: str, image: str) -> Object:
-    """Return the pod on one node: it ends well where it has the interface net1."""
+    """Return the pod on one machine: it succeeds if it has the interface net1."""
     digest = hashlib.sha256(node.encode()).hexdigest()[:10]
     container = {
         "name": "proof",

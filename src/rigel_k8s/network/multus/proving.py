@@ -1,4 +1,4 @@
-"""Proves that nodes attach pods, and remembers which have shown it."""
+"""Proves that machines attach pods, and records which of them did."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from rigel_k8s.report import Reporter
 
 Object = Mapping[str, Any]
 
-#: Seconds that an attachment may take; the kubelet tries again by itself meanwhile.
+#: Seconds that an attachment may take; meanwhile the kubelet tries again automatically.
 TIMEOUT = 60.0
 LOOK = 0.5
-#: So often may a pod's network fail: the first time may be a program that is being put there.
+#: How often a pod's network may fail: the first time, a program may not be installed completely.
 FAILURES = 3
 RECORD = ObjectRef("v1", "ConfigMap", RELEASE.namespace, PROOF)
 
@@ -37,9 +37,9 @@ def prove(
     report: Reporter,
     cancel: threading.Event,
 ) -> dict[str, str]:
-    """Start a pod with a second network on each node; return why not, for those that cannot.
+    """Start a pod with a second network on each machine; return the causes where that fails.
 
-    All that it makes it takes away again.
+    Everything that it creates is deleted again.
     """
     run = uuid.uuid4().hex[:8]
     attachment = proof_attachment(run)
@@ -55,26 +55,26 @@ def prove(
 def _watch(
     cluster: Cluster, run: str, nodes: Sequence[str], report: Reporter, cancel: threading.Event
 ) -> dict[str, str]:
-    """Wait for the pods' ends."""
+    """Wait until the pods have ended."""
     waiting, failed, end = set(nodes), dict[str, str](), time.monotonic() + TIMEOUT
     while waiting:
         for pod in _pods(cluster, run):
             node = pod["spec"]["nodeName"]
             late = time.monotonic() > end
-            told = _outcome(cluster, pod, late=late) if node in waiting else None
-            if told is None:
+            cause = _outcome(cluster, pod, late=late) if node in waiting else None
+            if cause is None:
                 continue
             waiting.discard(node)
-            report.progress(node, told or "attaches pods", done=True)
-            if told:
-                failed[node] = told
+            report.progress(node, cause or "attaches pods", done=True)
+            if cause:
+                failed[node] = cause
         if waiting and cancel.wait(LOOK):
-            raise Interrupted("interrupted while the nodes were trying an attachment")
+            raise Interrupted("interrupted while the machines were trying an attachment")
     return failed
 
 
 def _outcome(cluster: Cluster, pod: Object, *, late: bool) -> str | None:
-    """Return "" where a pod got its network, why not, or None where that is not known yet."""
+    """Return "" if a pod got its network, the cause if not, or None if that is not known yet."""
     phase = pod.get("status", {}).get("phase")
     if phase == "Succeeded":
         return ""
@@ -90,7 +90,7 @@ def _outcome(cluster: Cluster, pod: Object, *, late: bool) -> str | None:
 
 
 def _shorten(message: str) -> str:
-    """Return what matters of the many who hand on a plugin's error."""
+    """Return a plugin's own error without what the programs that pass it on add."""
     text = re.sub(r"[0-9a-f]{64}", "...", message)
     for start in (r"error adding container to network", r"ERRORED:", r"plugin type="):
         found = re.search(start, text)
@@ -103,7 +103,7 @@ def _state(pod: Object) -> str:
     for status in pod.get("status", {}).get("containerStatuses", []):
         waiting = status.get("state", {}).get("waiting", {})
         return f"{waiting.get('reason', '')} {waiting.get('message', '')}".strip()
-    return "its node has not taken the pod"
+    return "its machine has not started the pod"
 
 
 def _pods(cluster: Cluster, run: str) -> list[dict[str, Any]]:
@@ -111,7 +111,7 @@ def _pods(cluster: Cluster, run: str) -> list[dict[str, Any]]:
 
 
 def _clean_up(cluster: Cluster, run: str, attachment: Object) -> None:
-    """Delete what a proof made: pods first, whose end gives their addresses back."""
+    """Delete what a proof created; the pods first, since their end releases their addresses."""
     with suppress(ClusterError):
         cluster.parallel(cluster.delete, [ref_of(pod) for pod in _pods(cluster, run)])
         end = time.monotonic() + TIMEOUT / 2
@@ -124,7 +124,7 @@ def _clean_up(cluster: Cluster, run: str, attachment: Object) -> None:
 
 
 def fingerprint(node: Object, sets: Iterable[Object]) -> str:
-    """Return what a proof holds for: this node, its start, and what is installed."""
+    """Return a hash of what a proof depends on: the machine, its boot, and what is installed."""
     info = node.get("status", {}).get("nodeInfo", {})
     parts = [node["metadata"].get("uid"), info.get("bootID"), info.get("kubeletVersion")]
     parts += [one["metadata"].get("uid") for one in sets]
@@ -133,10 +133,10 @@ def fingerprint(node: Object, sets: Iterable[Object]) -> str:
 
 
 def find_proven(cluster: Cluster, marks: Mapping[str, str]) -> set[str]:
-    """Return the nodes whose proof still holds.
+    """Return the machines whose proof still holds.
 
     Args:
-        marks: node -> fingerprint now.
+        marks: machine -> its current fingerprint.
     """
     live = cluster.get(RECORD) or {}
     known: Mapping[str, str] = live.get("data") or {}
@@ -144,7 +144,7 @@ def find_proven(cluster: Cluster, marks: Mapping[str, str]) -> set[str]:
 
 
 def remember(cluster: Cluster, marks: Mapping[str, str]) -> None:
-    """Keep on the cluster which nodes have attached a pod, for whoever comes next."""
+    """Record on the cluster which machines have attached a pod, for later installations."""
     cluster.apply(
         {
             "apiVersion": "v1",

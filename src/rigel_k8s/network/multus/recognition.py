@@ -1,4 +1,4 @@
-"""What a cluster is, from what its nodes say of themselves."""
+"""Which kind of cluster it is, detected from its nodes' labels, annotations and versions."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ Node = Mapping[str, Any]
 
 @attrs.frozen
 class Group:
-    """The nodes that keep CNI's files in the same places."""
+    """The machines that keep CNI's files in the same places."""
 
     platform: Platform
     nodes: tuple[str, ...]
 
 
 def groups(nodes: Iterable[Node], install: Install) -> tuple[Group, ...]:
-    """Return the cluster's Linux nodes by platform, the largest group first.
+    """Return the cluster's Linux machines by platform, the largest group first.
 
     A cluster may have several: a k3s server on a laptop and a robot with another --data-dir.
-    What `install` says is believed for all of them.
+    What `install` sets applies to all of them.
     """
     found: dict[Platform, list[str]] = {}
     for node in nodes:
@@ -38,7 +38,7 @@ def groups(nodes: Iterable[Node], install: Install) -> tuple[Group, ...]:
 
 
 def kind_of(node: Node) -> Kind:
-    """Return what kind of cluster a node belongs to."""
+    """Return the kind of cluster that a machine belongs to."""
     labels = _labels(node)
     if "+k3s" in _version(node):
         return "k3s"
@@ -61,15 +61,15 @@ def _platform(node: Node, install: Install) -> Platform:
 
 
 def k3s_data_dir(node: Node) -> str | None:
-    """Return the --data-dir that k3s was started with, as it writes it on its node."""
+    """Return the --data-dir that k3s was started with; k3s writes it into an annotation."""
     annotations = node["metadata"].get("annotations") or {}
     words = _parse_json(annotations.get("k3s.io/node-args"))
-    if isinstance(words, list) and (said := _read_data_dir([str(word) for word in words])):
-        return said
+    if isinstance(words, list) and (given := _read_data_dir([str(word) for word in words])):
+        return given
     environment = _parse_json(annotations.get("k3s.io/node-env"))
-    said = str(environment.get("K3S_DATA_DIR", "")) if isinstance(environment, dict) else ""
-    # k3s tells its own processes where this release is unpacked by the same variable.
-    return re.sub(r"/data/[0-9a-f]{32,}/?$", "", said) or None
+    given = str(environment.get("K3S_DATA_DIR", "")) if isinstance(environment, dict) else ""
+    # k3s also uses this variable to pass its processes the directory of its unpacked programs.
+    return re.sub(r"/data/[0-9a-f]{32,}/?$", "", given) or None
 
 
 def _read_data_dir(words: Sequence[str]) -> str | None:

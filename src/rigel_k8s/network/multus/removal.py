@@ -1,8 +1,8 @@
-"""Multus and whereabouts taken off a cluster so that every node goes on starting pods.
+"""Removes Multus and whereabouts from a cluster; every machine continues to start pods.
 
-In this order: the pods on the machines are told to take their configuration away, so that new pods
-get the cluster's own network and nothing else; when that is so on every node, the objects go, and
-the programs with the last pods.
+First the pods on the machines remove their configuration, so new pods get only the cluster's own
+network. After that has happened on every machine, the objects are deleted; the last pods remove the
+programs when they end.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ Object = Mapping[str, Any]
 
 @attrs.frozen
 class Removed:
-    """What was done.
+    """The result of a removal.
 
     Attributes:
-        count: objects that were deleted.
-        away: nodes that were not there to be cleaned.
-        kept: whether the definitions, and with them all attachments, are still there.
+        count: how many objects were deleted.
+        away: machines that were unreachable and so were not cleaned.
+        kept: whether the definitions, and with them all attachments, still exist.
     """
 
     count: int
@@ -55,15 +55,15 @@ def remove(
     definitions: bool = False,
     timeout: float | None = None,
 ) -> Removed:
-    """Take away what install() has made.
+    """Remove what install() has installed.
 
     Args:
-        force: though pods have second networks, or nodes are away.
+        force: remove even if pods have second networks or machines are unreachable.
         definitions: delete the kinds too, and with them every NetworkAttachmentDefinition.
 
     Raises:
-        UserError: Multus is another's, pods are attached, or a node is away.
-        RolloutFailed: a node does not give its configuration back.
+        UserError: others installed Multus, pods are attached, or a machine is unreachable.
+        RolloutFailed: the configuration of a machine is not removed.
     """
     cancel = cancel or threading.Event()
     options = complete_options(cluster, options)
@@ -90,19 +90,21 @@ def _is_over(pod: Object) -> bool:
 
 
 def _refuse(cluster: Cluster, found: Found, report: Reporter, *, force: bool) -> None:
-    """Raise where a removal would hurt, or only say so where it is forced."""
+    """Raise an error if a removal would do harm; only warn if it is forced."""
     if found.multus and not found.multus.ours:
         raise UserError(
             f"Multus ({found.multus.where}) was not installed by rigel",
-            hint="remove it with what has installed it",
+            hint="remove it with the tool that installed it",
         )
     attached = [f"{p['metadata']['namespace']}/{p['metadata']['name']}" for p in users(cluster)]
     reasons = [f"pod {name} has a second network" for name in sorted(attached)]
-    reasons += [f"node {name} is away and keeps Multus' configuration" for name in found.away]
+    reasons += [
+        f"machine {name} is unreachable and keeps Multus' configuration" for name in found.away
+    ]
     if reasons and not force:
         raise UserError(
             "Multus is in use: nothing was removed",
-            hint="take those applications down first, or say --force",
+            hint="take those applications down first, or pass --force",
             details=reasons,
         )
     for reason in reasons:
@@ -117,7 +119,7 @@ def _retire(
     cancel: threading.Event,
     timeout: float | None,
 ) -> None:
-    """Have the machines give their configuration back."""
+    """Have the pods on the machines remove their configuration."""
     deploy(
         desired,
         cluster,
@@ -135,6 +137,6 @@ def _retire(
 def _describe_left(away: Sequence[str]) -> str:
     names = ", ".join(away)
     return (
-        f"{names} can start no pods when it is back, until `rigel network install` or"
-        " `rigel network remove` is run again"
+        f"after it is back, {names} cannot start pods until you run `rigel network install` or"
+        " `rigel network remove` again"
     )

@@ -9,7 +9,7 @@ from rigel_k8s.network.multus import RELEASE
 
 Object = dict[str, Any]
 
-#: The names of the two accounts, and of all that is theirs.
+#: The names of the two accounts, and of their objects.
 MULTUS = "rigel-multus"
 WHEREABOUTS = "rigel-whereabouts"
 
@@ -19,7 +19,7 @@ RBAC = "rbac.authorization.k8s.io"
 
 
 def multus_rights() -> tuple[Object, ...]:
-    """Return Multus' account: it reads attachments and tells pods what they got."""
+    """Return Multus' account: it reads attachments and writes to pods which networks they got."""
     rules = [
         _rule("k8s.cni.cncf.io", ["network-attachment-definitions"], LOOK),
         _rule("", ["pods"], LOOK),
@@ -31,7 +31,7 @@ def multus_rights() -> tuple[Object, ...]:
 
 
 def whereabouts_rights() -> tuple[Object, ...]:
-    """Return whereabouts' account: it writes its pools, and those only in its own namespace."""
+    """Return whereabouts' account: it writes its pools, only in its own namespace."""
     kinds = ["ippools", "overlappingrangeipreservations", "nodeslicepools"]
     everywhere = [
         _rule("whereabouts.cni.cncf.io", kinds, LOOK),

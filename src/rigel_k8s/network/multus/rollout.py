@@ -1,6 +1,6 @@
-"""The release of Multus and whereabouts, rolled out to the nodes that are up.
+"""The release of Multus and whereabouts, rolled out to the machines that are up.
 
-A node that is away keeps no roll-out from going on and none from being called ready.
+An unreachable machine does not stop a roll-out, which is complete without it.
 """
 
 from __future__ import annotations
@@ -59,11 +59,11 @@ class Rollout:
         return self.timeout or DEFAULT_TIMEOUT
 
     def run(self) -> None:
-        """Apply what differs, and return when both parts are ready on all nodes that are up.
+        """Apply what differs, and return when both parts are ready on all machines that are up.
 
         Raises:
-            RolloutFailed: they are not, and a node that is away is not to blame.
-            ClusterError, ConflictError, Refused: as deploy.
+            RolloutFailed: they are not, and the cause is not an unreachable machine.
+            ClusterError, ConflictError, Refused: as in deploy.
         """
         desired = find_release(self.cluster, self.installation, self.found)
         end = time.monotonic() + self.bound
@@ -96,14 +96,14 @@ class Rollout:
         return bool(records) and records[-1].status != "good"
 
     def _let_be_away(self) -> None:
-        """Let it go on though nodes are away: Kubernetes would wait for them first."""
+        """Let it continue although machines are unreachable: Kubernetes would wait for them."""
         rolling = {"rollingUpdate": {"maxUnavailable": 1 + len(self.found.away)}}
         for part in (self.found.multus, self.found.whereabouts):
             for one in part.sets if self.found.away and part and part.ours else ():
                 self.cluster.patch(ref_of(one), {"spec": {"updateStrategy": rolling}})
 
     def _wait_for_others(self, end: float) -> bool:
-        """Wait while somebody else installs the same; return whether anybody did."""
+        """Wait while another `rigel` installs the same; return whether one did."""
         ref = lease_ref(RELEASE)
         lease = self.cluster.get(ref)
         if lease is None:
@@ -114,12 +114,12 @@ class Rollout:
                 raise Interrupted(STOPPED)
         return time.monotonic() < end
 
-    def _wait_until_complete(self, lacking: Callable[[], list[str]], end: float) -> None:
-        """Wait until nothing is lacking."""
-        while lines := lacking():
+    def _wait_until_complete(self, find_missing: Callable[[], list[str]], end: float) -> None:
+        """Wait until nothing is missing."""
+        while lines := find_missing():
             if time.monotonic() > end:
                 raise RolloutFailed(
-                    f"the network is not ready on every node within {self.bound:g} s",
+                    f"the network is not ready on every machine within {self.bound:g} s",
                     hint=f"kubectl -n {RELEASE.namespace} describe pods"
                     f" -l {RELEASE_LABEL}={RELEASE.name}",
                     details=lines,
@@ -129,13 +129,13 @@ class Rollout:
                 raise Interrupted(STOPPED)
 
     def _find_unready(self) -> Iterator[str]:
-        """Yield what is not ready, and not new, on the nodes that are up."""
+        """Yield what is not ready or not up to date on the machines that are up."""
         labels = {RELEASE_LABEL: RELEASE.name}
         for one in self.cluster.list("apps/v1", "DaemonSet", RELEASE.namespace, labels=labels):
             status = one.get("status", {})
             wanted = status.get("desiredNumberScheduled", 0) - len(self.found.away)
             if status.get("updatedNumberScheduled", 0) < wanted:
-                yield f"not all pods of {one['metadata']['name']} are new"
+                yield f"not all pods of {one['metadata']['name']} are up to date"
         pods = self.cluster.list("v1", "Pod", RELEASE.namespace, labels=labels)
         ready = {(pod["spec"].get("nodeName"), part_of(pod)) for pod in pods if stays_ready(pod)}
         ours = {"multus": self.installation.multus, "whereabouts": self.installation.whereabouts}
@@ -146,7 +146,7 @@ class Rollout:
 
 
 def find_release(cluster: Cluster, installation: Installation, found: Found) -> Desired:
-    """Return what the release is to be, its images by digest."""
+    """Return the desired state of the release, with images by digest."""
     desired = network_release(installation, machine_script())
     return pin(desired, find_last_good(cluster, RELEASE), lambda: found.nodes)
 
@@ -157,7 +157,7 @@ def machine_script() -> str:
 
 
 def part_of(pod: Object) -> str:
-    """Return which part one of our pods is, "" for neither."""
+    """Return which part one of our pods runs, "" for neither."""
     name = str((pod["metadata"].get("labels") or {}).get("app.kubernetes.io/name", ""))
     if name.endswith("reconciler"):
         return ""

@@ -1,4 +1,4 @@
-"""How Multus and whereabouts are on each node, and which pods lack their network."""
+"""The state of Multus and whereabouts on each machine, and which pods miss their network."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ class PartStatus:
 
 @attrs.frozen
 class NodeStatus:
-    """One node.
+    """One machine.
 
     Attributes:
         up: whether its kubelet answers.
         multus: whether the daemon is ready there.
         whereabouts: whether its part is ready there.
-        proven: whether a pod has been attached there since it started.
-        conf_dir: where it keeps CNI configuration, as far as we know.
+        proven: whether a pod was attached there since the machine started.
+        conf_dir: where it keeps CNI configuration, as far as that is known.
         bin_dir: where it keeps CNI programs.
     """
 
@@ -57,10 +57,10 @@ class NetworkStatus:
     """The cluster's second networks.
 
     Attributes:
-        multus: None where there is none.
-        whereabouts: None where there is none.
-        missing: running pods that lack a network which they ask for.
-        unkept: running pods with addresses by DHCP that nobody renews.
+        multus: None if it is not installed.
+        whereabouts: None if it is not installed.
+        missing: running pods without a network that they request.
+        unkept: running pods with DHCP leases that are no longer renewed.
     """
 
     multus: PartStatus | None
@@ -71,14 +71,14 @@ class NetworkStatus:
 
     @property
     def ok(self) -> bool:
-        """Whether every node that is up attaches pods, and no pod lacks a network or its lease."""
+        """Whether every machine that is up attaches pods, and no pod misses a network or lease."""
         if self.multus is None or self.whereabouts is None or self.missing or self.unkept:
             return False
         return all(n.multus and n.whereabouts for n in self.nodes if n.up)
 
 
 def network_status(cluster: Cluster, options: Install) -> NetworkStatus:
-    """Look at all nodes and pods of a cluster."""
+    """Look at all machines and pods of a cluster."""
     found = find(cluster, complete_options(cluster, options))
     pods = cluster.list("v1", "Pod")
     marks = marks_of(found)
@@ -107,7 +107,7 @@ def _describe_part(part: MultusPart | None) -> PartStatus | None:
 
 
 def _nodes_of(part: MultusPart | None, pods: list[dict[str, Any]]) -> set[str]:
-    """Return the nodes on which a part's pod is ready."""
+    """Return the machines on which a part's pod is ready."""
     return {pod["spec"].get("nodeName", "") for pod in _pods_of(part, pods) if stays_ready(pod)}
 
 

@@ -1,4 +1,4 @@
-"""whereabouts on every machine: its program, what that reads, and who takes addresses back."""
+"""whereabouts on every machine: its program, its files, and what releases unused addresses."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from rigel_k8s.objects.naming import labels, selector
 
 Object = dict[str, Any]
 
-#: Where the program looks on every machine, whatever directory the runtime reads: an attachment
-#: then says the same on k3s as elsewhere.
+#: Where the program reads its files on every machine, independent of the runtime's directories: so
+#: an attachment is the same on k3s as elsewhere.
 PLACE = "/etc/cni/net.d/whereabouts.d"
-#: Upstream's hour. It takes back what a machine that is gone for ever had; looking more often would
-#: only add chances to meet a pod whose address is given out and not yet told.
+#: Upstream's hour. It releases the addresses of machines that were removed. If it ran more often,
+#: it would more often meet a pod whose address is given out and not yet in its annotation.
 SCHEDULE = "30 4 * * *"
 NAME = "rigel-whereabouts-reconciler"
-#: Seconds: whereabouts' programs hang when they are told to end, and have nothing to put in order.
+#: Seconds: whereabouts' programs ignore the signal to end, and have nothing to clean up.
 GRACE = 2
 
 
@@ -52,7 +52,7 @@ def address_keeper(machines: Machines, script: Object, image: str) -> Object:
 
 
 def _control_loop(image: str) -> Object:
-    """Return the container that takes back addresses of pods that ended without a word."""
+    """Return the container that releases addresses of pods that ended without releasing them."""
     return {
         "name": "control-loop",
         "image": image,
@@ -68,7 +68,7 @@ def _control_loop(image: str) -> Object:
 
 def _reader() -> Object:
     return {
-        "runAsUser": 0,  # the account's files are the machine's root's
+        "runAsUser": 0,  # root owns the account's files on the machine
         "allowPrivilegeEscalation": False,
         "readOnlyRootFilesystem": True,
         "capabilities": {"drop": ["ALL"]},
@@ -77,7 +77,7 @@ def _reader() -> Object:
 
 
 def reconciler(image: str) -> tuple[Object, Object]:
-    """Return what takes back the addresses of machines that are gone: a schedule, a Deployment."""
+    """Return the objects that release addresses of removed machines: a schedule, a Deployment."""
     schedule = config_map(NAME, {"cron-expression": SCHEDULE})
     container = {
         "name": "reconciler",
@@ -100,7 +100,7 @@ def reconciler(image: str) -> tuple[Object, Object]:
         "terminationGracePeriodSeconds": GRACE,
         "priorityClassName": "system-cluster-critical",
         "nodeSelector": {"kubernetes.io/os": "linux"},
-        # Not NoExecute: from a machine that is lost it moves to another.
+        # Not NoExecute: from a lost machine it moves to another.
         "tolerations": [{"operator": "Exists", "effect": "NoSchedule"}],
         "containers": [container],
         "volumes": [{"name": "schedule", "configMap": {"name": NAME, "items": items}}],
@@ -109,7 +109,7 @@ def reconciler(image: str) -> tuple[Object, Object]:
 
 
 def _deployment(pod: Object) -> Object:
-    """Return a Deployment of one pod: two would take addresses back twice."""
+    """Return a Deployment of one pod: two would release addresses twice."""
     return {
         "apiVersion": "apps/v1",
         "kind": "Deployment",

@@ -1,5 +1,5 @@
 """Whether a second network can work on this cluster: facts in, findings out; pure.
 
-What is looked at comes in as plain data (objects as the cluster tells them, and what a script said
-on each machine); nothing here asks a cluster. docs/errors.md lists the findings.
+The facts come in as plain data (objects as the cluster returns them, and a script's output on each
+machine); only look.py asks a cluster. docs/errors.md has the table of findings.
 """

@@ -12,7 +12,7 @@ import attrs
 from rigel_k8s.network.preflight.machine import Address, Subnet
 
 API, KIND = "k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"
-#: Where whereabouts keeps which addresses it has given out.
+#: The kind in which whereabouts records which addresses it has given out.
 POOL_API, POOL_KIND = "whereabouts.cni.cncf.io/v1alpha1", "IPPool"
 
 #: Programs that put an interface on top of one of the machine's.
@@ -21,7 +21,7 @@ ON_AN_INTERFACE = ("macvlan", "ipvlan")
 
 @attrs.frozen
 class Range:
-    """Addresses that are given out: from first to last, but the excluded ones."""
+    """Addresses that are given out: from first to last, except the excluded ones."""
 
     subnet: Subnet
     first: Address
@@ -41,7 +41,7 @@ class Range:
         return max(0, int(self.last) - int(self.first) + 1 - taken)
 
     def overlaps(self, other: Range) -> bool:
-        """Return whether both may give out one address (which is excluded is not looked at)."""
+        """Return whether both may give out the same address, not counting exclusions."""
         if self.subnet.version != other.subnet.version:
             return False
         return int(self.first) <= int(other.last) and int(other.first) <= int(self.last)
@@ -60,10 +60,10 @@ class Attachment:
 
     Attributes:
         programs: the CNI programs that it runs, that of its addresses included.
-        program: the one that makes the interface; "" where the configuration is not in the object.
-        master: the machine's interface; None where macvlan takes that of the default route.
-        ipam: who gives out addresses, "" for nobody.
-        passes: whether addresses that a pod asks for are passed on (capability `ips`).
+        program: the one that makes the interface; "" if the configuration is not in the object.
+        master: the machine's interface; None if macvlan takes that of the default route.
+        ipam: the program that gives out addresses, "" if there is no such program.
+        passes: whether addresses that a pod requests are passed on (capability `ips`).
         exclusive: whether whereabouts keeps its addresses unique over overlapping ranges.
     """
 
@@ -92,7 +92,7 @@ class Attachment:
 
 
 def attachment(manifest: Mapping[str, Any]) -> Attachment:
-    """Return what a NetworkAttachmentDefinition says; one that makes no sense says little."""
+    """Return a NetworkAttachmentDefinition's facts; from an invalid one only a few can be read."""
     meta = manifest["metadata"]
     plain = Attachment(meta.get("namespace", ""), meta["name"])
     plugins = _plugins((manifest.get("spec") or {}).get("config") or "")
@@ -155,13 +155,13 @@ def _range(ipam: Mapping[str, Any]) -> Range | None:
 
 
 def find_usable(whole: Subnet) -> tuple[Address, Address]:
-    """Return the first and last address that a machine may have."""
+    """Return the first and last address that a host may have."""
     first, last = whole.network_address, whole.broadcast_address
     return (first + 1, last - 1) if whole.num_addresses > 2 else (first, last)
 
 
 def subnet(text: object) -> Subnet | None:
-    """Return a range as it is written, None where it is none."""
+    """Return the range that a text contains, None if it is invalid."""
     try:
         return ipaddress.ip_network(str(text), strict=False)
     except ValueError:
@@ -169,7 +169,7 @@ def subnet(text: object) -> Subnet | None:
 
 
 def address(text: object) -> Address | None:
-    """Return an address as it is written, with or without prefix length; None where it is none."""
+    """Return the address in a text with or without prefix length, None if it is invalid."""
     try:
         return ipaddress.ip_interface(str(text)).ip
     except ValueError:

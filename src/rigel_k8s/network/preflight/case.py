@@ -1,4 +1,4 @@
-"""A release's wishes beside what was seen of the cluster: what every check looks at."""
+"""What a release requests, and what was seen of the cluster: the input of every check."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from rigel_k8s.objects.facts import is_ready
 
 Manifest = Mapping[str, Any]
 
-#: Phases of pods that have given their addresses back.
+#: Phases of pods that have released their addresses.
 ENDED = ("Succeeded", "Failed")
 
 
@@ -27,7 +27,7 @@ class Taken:
     """An address that a pod has.
 
     Attributes:
-        pod: NAMESPACE/POD; attachment: NAMESPACE/NAME, and node, where they are known.
+        pod: NAMESPACE/POD; attachment: NAMESPACE/NAME, and node, if they are known.
     """
 
     address: Address
@@ -49,11 +49,11 @@ class MachineView:
     """What was seen of a cluster.
 
     Attributes:
-        multus: whether it knows NetworkAttachmentDefinitions; whereabouts: IPPools.
-        daemons: by node; None where they could not be listed.
-        machines: by node, of those that could be looked at.
+        multus: whether it has the kind NetworkAttachmentDefinition; whereabouts: the kind IPPool.
+        daemons: by machine; None if they could not be listed.
+        machines: facts by machine, of those that could be examined.
         attachments: those of the cluster, by NAMESPACE/NAME.
-        unread: attachments, by NAMESPACE/NAME, that may be there: they could not be asked for.
+        unread: NAMESPACE/NAME of attachments that may exist, but could not be read.
         services: ranges of Services.
         taken: addresses that pods of other attachments have.
         policies: the NetworkPolicies of the release's namespace.
@@ -72,12 +72,12 @@ class MachineView:
     policies: Sequence[Manifest] = ()
 
 
-@attrs.define(slots=False)  # for cached properties; nobody changes it
+@attrs.define(slots=False)  # for cached properties; never changed
 class Case:
     """A release's network, its pods and attachments, and the cluster as it was seen.
 
     Attributes:
-        own: the attachments that the release brings along, by NAMESPACE/NAME.
+        own: the attachments that are part of the release, by NAMESPACE/NAME.
     """
 
     network: Network
@@ -87,30 +87,30 @@ class Case:
 
     @cached_property
     def keys(self) -> list[str]:
-        """The attachments that pods ask for, by name."""
+        """The attachments that pods request, by name."""
         return sorted({request.key for pod in self.wanted for request in pod.requests})
 
     @cached_property
     def ready(self) -> set[str]:
-        """The machines that are on."""
+        """The machines that are ready."""
         return {node["metadata"]["name"] for node in self.view.nodes if is_ready(node)}
 
     @cached_property
     def attachments(self) -> list[Attachment]:
-        """Those of them that are there, or come with the release."""
+        """Those of them that exist, or are part of the release."""
         known = {**self.view.attachments, **self.own}
         return [known[key] for key in self.keys if key in known]
 
     def users(self, one: Attachment) -> list[Wanted]:
-        """Return the workloads that ask for an attachment."""
-        return [pod for pod in self.wanted if pod.asks(one.key)]
+        """Return the workloads that request an attachment."""
+        return [pod for pod in self.wanted if pod.requests_network(one.key)]
 
     def pods(self, one: Attachment) -> int:
-        """Return how many pods ask for an attachment."""
+        """Return how many pods request an attachment."""
         return sum(pod.pods for pod in self.users(one))
 
     def nodes(self, users: Sequence[Wanted] | None = None) -> list[str]:
-        """Return the nodes that workloads (default: all) may run on."""
+        """Return the machines that workloads (default: all) may run on."""
         pods = [pod.spec for pod in (self.wanted if users is None else users) if pod.pods]
         fitting = (n for n in self.view.nodes if any(may_run(pod, n) for pod in pods))
         return sorted(node["metadata"]["name"] for node in fitting)
@@ -129,7 +129,7 @@ class Case:
     def rivals(self, one: Attachment) -> list[Attachment]:
         """Return those of them that may give out its addresses.
 
-        Two of whereabouts do not: it keeps addresses unique over all of its ranges.
+        Two with whereabouts do not: it keeps addresses unique over all of its ranges.
         """
         return [other for other in self.neighbours(one) if not _both_whereabouts(one, other)]
 
@@ -140,7 +140,7 @@ class Case:
                 yield node, self.view.machines[node]
 
     def ranges(self, one: Attachment) -> tuple[Range, ...]:
-        """Return which addresses an attachment gives out; of static ones the Rigelfile tells."""
+        """Return which addresses an attachment gives out; static ones are in the Rigelfile."""
         if one.ranges or one.ipam != "static":
             return one.ranges
         whole = subnet(self.network.subnet) if self.network.subnet else None
@@ -152,7 +152,7 @@ class Case:
         return (Range(whole, first, address(self.network.range_end) or last, exclude),)
 
     def list_asked_addresses(self, one: Attachment) -> dict[Address, str]:
-        """Return the addresses that workloads ask for by name."""
+        """Return the single addresses that workloads request."""
         return {
             given: pod.workload
             for pod in self.users(one)
@@ -174,9 +174,9 @@ def _both_whereabouts(one: Attachment, other: Attachment) -> bool:
 
 
 def addresses_of(node: Manifest) -> dict[Address, str]:
-    """Return the addresses that Kubernetes knows a machine by, with the machine's name."""
-    told = (node.get("status") or {}).get("addresses") or []
-    found = (address(one.get("address")) for one in told)
+    """Return the addresses of a machine in Kubernetes, with the machine's name."""
+    listed = (node.get("status") or {}).get("addresses") or []
+    found = (address(one.get("address")) for one in listed)
     return {one: node["metadata"]["name"] for one in found if one is not None}
 
 
@@ -196,7 +196,7 @@ def pool(manifest: Manifest) -> AddressPool | None:
 
 
 def find_taken(pods: Sequence[Manifest]) -> Iterator[Taken]:
-    """Yield the second addresses that pods have, as Multus tells it on them, or were given."""
+    """Yield pods' second addresses, from the annotation that Multus writes or from their own."""
     for pod in (p for p in pods if (p.get("status") or {}).get("phase") not in ENDED):
         meta, node = pod["metadata"], (pod.get("spec") or {}).get("nodeName", "")
         notes, namespace = meta.get("annotations") or {}, meta["namespace"]
@@ -205,7 +205,7 @@ def find_taken(pods: Sequence[Manifest]) -> Iterator[Taken]:
 
 
 def _find_attached(notes: Mapping[str, str], namespace: str) -> Iterator[tuple[str, Address]]:
-    """Yield (attachment, address) as Multus tells it, else as the pod asks for it."""
+    """Yield (attachment, address) from Multus' annotation, or else from the pod's own."""
     if NETWORK_STATUS not in notes:
         for request in requests(notes, namespace):
             for given in request.addresses:

@@ -1,4 +1,4 @@
-"""All checks of preflight, in the order in which their findings are told."""
+"""All checks of preflight, in the order in which their findings are reported."""
 
 from __future__ import annotations
 

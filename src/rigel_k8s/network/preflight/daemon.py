@@ -1,4 +1,4 @@
-"""The Multus daemon of one machine, and where in its container the machine's files are."""
+"""The Multus daemon on one machine, and where in its container the machine's files are."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ Manifest = Mapping[str, Any]
 
 #: Where CNI programs are on machines of a usual kind.
 USUAL = "/opt/cni/bin"
-#: What installers call Multus' DaemonSet where its image has a name of one's own.
+#: Usual names of Multus' DaemonSet, for images that were renamed.
 NAMES = ("multus", "kube-multus-ds", "rigel-multus")
 
 
 @attrs.frozen
 class Daemon:
-    """A pod of Multus, in which a script can look at its machine.
+    """A pod of Multus, in which a script can examine its machine.
 
     Attributes:
-        state: why it is not ready, "" where it is.
-        root: where the machine's root directory is mounted, "" where it is not.
+        state: why it is not ready, "" if it is.
+        root: where the machine's root directory is mounted, "" if it is not.
         directories: where in the container the machine's CNI programs are.
     """
 
@@ -37,7 +37,7 @@ class Daemon:
 
 
 def is_multus(daemon_set: Manifest) -> bool:
-    """Return whether a DaemonSet runs Multus, whoever installed it and whatever its name is."""
+    """Return whether a DaemonSet runs Multus, independent of its installer and its name."""
     containers = daemon_set["spec"]["template"]["spec"]["containers"]
     return daemon_set["metadata"]["name"] in NAMES or any(map(_runs_multus, containers))
 
@@ -48,7 +48,7 @@ def _runs_multus(container: Manifest) -> bool:
 
 
 def daemon(pod: Manifest) -> Daemon:
-    """Return a pod of Multus as something that can be looked through."""
+    """Return the facts about a pod of Multus that are needed to examine its machine."""
     spec, meta = pod["spec"], pod["metadata"]
     container = next(filter(_runs_multus, spec["containers"]), spec["containers"][0])
     paths = {
@@ -74,14 +74,14 @@ def daemon(pod: Manifest) -> Daemon:
 
 
 def _directories(spec: Manifest, mounts: Mapping[str, str], root: str) -> Iterator[str]:
-    """Yield where the machine's CNI programs are: as our own pods say it, else by what is mounted.
+    """Yield the directories of the machine's CNI programs: our own pods' variable, or the mounts.
 
-    Of two paths to one directory that below the machine's root is taken: links resolve there.
+    If two paths lead to one directory, that below the machine's root is used: links resolve there.
     """
     variables = [v for c in spec["containers"] for v in c.get("env") or []]
-    said = [v["value"] for v in variables if v["name"] == "BIN_DIR" and v.get("value")]
+    known = [v["value"] for v in variables if v["name"] == "BIN_DIR" and v.get("value")]
     mounted = [path for path in mounts if path.rstrip("/").endswith(("/bin", "/data/cni"))]
-    for path in said or mounted or [USUAL]:
+    for path in known or mounted or [USUAL]:
         if root:
             yield root.rstrip("/") + path
         elif path in mounts:
@@ -89,7 +89,7 @@ def _directories(spec: Manifest, mounts: Mapping[str, str], root: str) -> Iterat
 
 
 def _state(pod: Manifest) -> str:
-    """Return why a pod is not ready, "" where it is."""
+    """Return why a pod is not ready, "" if it is."""
     status = pod.get("status") or {}
     if is_ready(pod):
         return ""

@@ -1,7 +1,7 @@
-"""Whether a release's network can work on its cluster, told before anything is applied.
+"""Checks before a deploy whether the release's network can work on its cluster.
 
-It asks the cluster (preflight_look) and passes what it heard to the pure checks of
-this package. Nothing is installed, written or changed.
+It examines the cluster (look.py) and passes the results to the pure checks of this package. Nothing
+is installed, written or changed.
 """
 
 from __future__ import annotations
@@ -29,21 +29,23 @@ def check(
     cluster: Cluster,
     report: Reporter,
 ) -> None:
-    """Tell what may go wrong, and raise where the network cannot work; see docs/preflight.md.
+    """Warn of what may go wrong, and raise an error if the network cannot work.
+
+    docs/preflight.md lists the findings.
 
     Args:
         objects: all manifests of the release.
         network: the job's `network`.
 
     Raises:
-        UserError: at least one finding is for the Rigelfile to change; all of them are in it.
-        ClusterError: the cluster lacks something.
+        UserError: at least one finding needs a change of the Rigelfile; it contains all findings.
+        ClusterError: something is missing on the cluster.
     """
-    tell(examine(objects, network, cluster), report)
+    report_findings(examine(objects, network, cluster), report)
 
 
-def tell(found: Sequence[PreflightFinding], report: Reporter) -> None:
-    """Tell what was found, and raise as `check` does."""
+def report_findings(found: Sequence[PreflightFinding], report: Reporter) -> None:
+    """Print warnings, and raise an error for the others as `check` does."""
     for one in found:
         if one.severity == "warning":
             report.warn(f"{one.message}: {one.remedy}")
@@ -71,7 +73,7 @@ def examine(
 
 
 def failure(errors: Sequence[PreflightFinding]) -> RigelK8sError | None:
-    """Return one error that tells all findings, None where there is none."""
+    """Return one error with all findings, None if there are none."""
     if not errors:
         return None
     kind = UserError if any(one.fault == "rigelfile" for one in errors) else ClusterError
@@ -80,7 +82,7 @@ def failure(errors: Sequence[PreflightFinding]) -> RigelK8sError | None:
     return kind(
         f"{len(errors)} things keep the network of this release from working",
         details=[line for one in errors for line in _lines(one)],
-        hint="nothing was applied; docs/preflight.md tells how each is found out",
+        hint="nothing was applied; docs/preflight.md explains each finding",
     )
 
 

@@ -1,4 +1,4 @@
-"""What preflight tells, and how it words lists."""
+"""A finding of preflight, and the lists in its text."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Literal
 
 import attrs
 
-#: What brings Multus, whereabouts and the CNI programs.
-INSTALL = "`network: {install: true}` in the Rigelfile brings it, as does `rigel network install`"
+#: How to install Multus, whereabouts and the CNI programs.
+INSTALL = "run `rigel network install`, or set `network: {install: true}` in the Rigelfile"
 
 
 @attrs.frozen
@@ -18,8 +18,8 @@ class PreflightFinding:
     Attributes:
         kind: a short slug, stable for scripts; kinds.py explains it.
         remedy: what to do next, one line.
-        severity: an error stops the deploy, a warning is told.
-        fault: whether the Rigelfile asks for what cannot be (exit code 2) or the cluster lacks it.
+        severity: an error stops the deploy, a warning is printed.
+        fault: whether the Rigelfile must change (exit code 2), or the cluster.
     """
 
     kind: str
@@ -30,14 +30,14 @@ class PreflightFinding:
 
 
 def list_some(items: Iterable[object], most: int = 5) -> str:
-    """Return items with commas; of many the first ones and how many more there are."""
+    """Return items with commas; of many, the first ones and how many more there are."""
     texts = [str(item) for item in items]
     more = len(texts) - most
     return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def group_by_text(texts: Mapping[str, str]) -> dict[str, list[str]]:
-    """Return what is said of several machines, once, with the machines that it is said of."""
+    """Return each text once, with the machines that have it."""
     grouped: dict[str, list[str]] = {}
     for node, text in texts.items():
         grouped.setdefault(text, []).append(node)

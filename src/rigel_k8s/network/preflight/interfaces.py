@@ -1,4 +1,4 @@
-"""Is the interface that an attachment sits on there on each machine, and can it carry it?"""
+"""Checks whether each machine has the interface of an attachment, and whether it can carry it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import PreflightFinding, group_by_text, list_some
 from rigel_k8s.network.preflight.machine import Interface, MachineFacts
 
-#: Interfaces that networks of pods and engines have made: nobody means these.
+#: Interfaces that networks of pods and container engines have made: not meant for attachments.
 OTHERS = ("lo", "veth", "cali", "lxc", "cni", "flannel", "docker", "kube-", "br-", "cilium", "tunl")
-#: What takes all that arrives at its ports: on a port there is no place for anything else.
+#: Interfaces that take everything that arrives at their ports, so a port carries nothing else.
 TAKES_ALL = ("bridge", "bond", "team", "openvswitch")
 OPPOSITE = {"macvlan": "ipvlan", "ipvlan": "macvlan"}
 
@@ -46,21 +46,21 @@ def _check_presence(found: Found) -> Iterator[PreflightFinding]:
             "interface-unsaid",
             f"no interface is named, and {list_some(nameless)} has no default route to take it"
             " from",
-            "name it in `network.interface`",
+            "set `network.interface`",
             fault="rigelfile",
         )
-    lacking = {
+    missing = {
         node: f"{master} (there: {_list_usable(facts) or 'none'})"
         for node, (master, facts) in found.items()
         if master and master not in facts.interfaces
     }
-    for text, nodes in group_by_text(lacking).items():
+    for text, nodes in group_by_text(missing).items():
         verb = "has" if len(nodes) == 1 else "have"
         yield PreflightFinding(
             "interface-missing",
             f"{list_some(nodes)} {verb} no interface {text}",
-            "`network.interface` must be there on every machine that pods may run on; `placement`"
-            " keeps them away from the others",
+            "set `network.interface` to one that exists on every machine that pods may run on, or"
+            " keep the pods away from the others with `placement`",
             fault="rigelfile",
         )
 
@@ -74,21 +74,21 @@ def _list_usable(facts: MachineFacts) -> str:
 
 def _check_fitness(one: Attachment, there: Mapping[str, Interface]) -> Iterator[PreflightFinding]:
     for rule in (_check_wireless, _check_ethernet, _check_up, _check_carrier, _check_mtu):
-        said: dict[PreflightFinding, None] = {}
+        findings: dict[PreflightFinding, None] = {}
         for i in dict.fromkeys(there.values()):
             nodes = list_some(node for node, other in there.items() if other == i)
-            said |= dict.fromkeys(rule(one, i, f"{i.name} of {nodes}"))
-        yield from said
+            findings |= dict.fromkeys(rule(one, i, f"{i.name} of {nodes}"))
+        yield from findings
 
 
 def _check_wireless(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFinding]:
     if i.wireless and one.program == "macvlan":
         yield PreflightFinding(
             "interface-wireless",
-            f"{which} is wireless: access points drop what comes from macvlan's further MAC"
+            f"{which} is wireless: access points drop packets from macvlan's additional MAC"
             " addresses",
-            "`mode: ipvlan` keeps the machine's MAC address (not with `ipam: dhcp`); or `mode:"
-            " peers` or `discovery-server`, which need no second network",
+            "use `mode: ipvlan`, which keeps the machine's MAC address (not with `ipam: dhcp`), or"
+            " `mode: peers` or `discovery-server`, which need no second network",
             fault="rigelfile",
         )
 
@@ -97,8 +97,8 @@ def _check_ethernet(one: Attachment, i: Interface, which: str) -> Iterator[Prefl
     if not i.ethernet and one.program == "macvlan":
         yield PreflightFinding(
             "interface-not-ethernet",
-            f"{which} is no Ethernet interface, so it carries no macvlan",
-            "name another in `network.interface`, or take `mode: peers` or `discovery-server`",
+            f"{which} is not an Ethernet interface, so it cannot carry macvlan",
+            "use another `network.interface`, or `mode: peers` or `discovery-server`",
             fault="rigelfile",
         )
 
@@ -107,8 +107,8 @@ def _check_up(one: Attachment, i: Interface, which: str) -> Iterator[PreflightFi
     if not i.up:
         yield PreflightFinding(
             "interface-down",
-            f"{which} is down: pods would start and hear nobody",
-            f"`ip link set {i.name} up` there, and in the machine's network configuration",
+            f"{which} is down: pods would start and receive nothing",
+            f"run `ip link set {i.name} up` there, and change the machine's network configuration",
         )
 
 
@@ -117,7 +117,7 @@ def _check_carrier(one: Attachment, i: Interface, which: str) -> Iterator[Prefli
         yield PreflightFinding(
             "interface-no-carrier",
             f"{which} has no link ({i.state}): is its cable plugged in?",
-            "pods start, and hear nobody until it has",
+            "until it has one, pods start but receive nothing",
             severity="warning",
         )
 
@@ -126,29 +126,29 @@ def _check_mtu(one: Attachment, i: Interface, which: str) -> Iterator[PreflightF
     if one.mtu > i.mtu:
         yield PreflightFinding(
             "mtu",
-            f"an MTU of {one.mtu} does not fit into the {i.mtu} of {which}",
-            f"`network.mtu` of at most {i.mtu}, or none",
+            f"the MTU {one.mtu} is larger than that of {which}, {i.mtu}",
+            f"set `network.mtu` to at most {i.mtu}, or remove it",
             fault="rigelfile",
         )
 
 
 def _check_own_use(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
-    """Yield interfaces with something on top, in the machine's own network, that wants them alone.
+    """Yield interfaces that another interface in the machine's own network uses exclusively.
 
-    The kernel says no more than "Device or resource busy" when a pod starts.
+    When a pod starts, the kernel only reports "Device or resource busy".
     """
     for node, (master, facts) in found.items():
         uppers = facts.interfaces[master].uppers if master in facts.interfaces else ()
         for upper in (facts.interfaces[name] for name in uppers if name in facts.interfaces):
             if upper.kind == OPPOSITE[one.program]:
-                what = f"{master} of {node} carries {upper.kind} already ({upper.name})"
+                what = f"{master} of {node} already carries {upper.kind} ({upper.name})"
                 yield _collision(one, what)
             elif upper.kind in TAKES_ALL:
                 yield PreflightFinding(
                     "interface-port",
-                    f"{master} of {node} is a port of {upper.kind} {upper.name}, so it carries no"
+                    f"{master} of {node} is a port of {upper.kind} {upper.name}, so it cannot carry"
                     f" {one.program}",
-                    f"`interface: {upper.name}`",
+                    f"set `interface: {upper.name}`",
                     fault="rigelfile",
                 )
 
@@ -156,7 +156,7 @@ def _check_own_use(one: Attachment, found: Found) -> Iterator[PreflightFinding]:
 def _check_other_users(
     case: Case, one: Attachment, there: Mapping[str, Interface]
 ) -> Iterator[PreflightFinding]:
-    """Yield interfaces that pods of other attachments use the other way, on machines of ours."""
+    """Yield interfaces that other attachments' pods use with the other program, on our machines."""
     for other in case.neighbours(one):
         if other.program == one.program:
             continue
@@ -164,7 +164,7 @@ def _check_other_users(
             {t.pod for t in case.view.taken if t.attachment == other.key and t.node in there}
         )
         if pods:
-            what = f"{other.master or 'the default interface'} carries {other.program} already"
+            what = f"{other.master or 'the default interface'} already carries {other.program}"
             yield _collision(one, f"{what}, by {other.key} (used by {list_some(pods, most=3)})")
 
 
@@ -172,6 +172,6 @@ def _collision(one: Attachment, what: str) -> PreflightFinding:
     return PreflightFinding(
         "interface-shared",
         f"{what}: one interface carries macvlan or ipvlan, never both",
-        f"`mode: {OPPOSITE[one.program]}` as well, or another `network.interface`",
+        f"use `mode: {OPPOSITE[one.program]}` too, or another `network.interface`",
         fault="rigelfile",
     )

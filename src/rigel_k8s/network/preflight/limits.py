@@ -1,4 +1,4 @@
-"""What lets messages be lost, and what a second network does not obey: warnings."""
+"""Warnings: limits because of which messages may be lost, and policies that do not apply."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ ADVISED = 8 * 1024 * 1024
 BUFFERS = ("net.core.rmem_max", "net.core.wmem_max")
 FILE = "/etc/sysctl.d/60-ros.conf"
 ROOM = 4  # times what is needed
-#: The kernel's table of neighbours, which all pods of a machine share, has so many entries at most.
+#: The maximum size of the kernel's table of neighbors, which all pods of a machine share.
 NEIGHBOURS = "net.ipv4.neigh.default.gc_thresh3"
 
 
 def buffers(case: Case) -> Iterator[PreflightFinding]:
-    """Yield machines whose socket buffers, or fragments' memory, are small for large messages."""
+    """Yield machines whose socket buffers or fragment memory are small for large messages."""
     users = case.nodes()
     seen = {node: facts for node, facts in case.view.machines.items() if node in users}
     small = {
@@ -33,8 +33,7 @@ def buffers(case: Case) -> Iterator[PreflightFinding]:
         yield PreflightFinding(
             "small-buffers",
             f"messages of 1 MB and more may be lost on {list_some(nodes)}: {small[nodes[0]]}",
-            f"`sysctl -w {settings}` on the machine (on k3s too: the machine's own, not a pod's),"
-            f" and in {FILE}",
+            f"run `sysctl -w {settings}` on the machine (not in a pod), and write it to {FILE}",
             severity="warning",
         )
     yield from _fragments(case)
@@ -45,9 +44,9 @@ def _is_small(settings: Mapping[str, int], name: str) -> bool:
 
 
 def _fragments(case: Case) -> Iterator[PreflightFinding]:
-    """Yield machines whose own network, by radio, keeps lost fragments for half a minute.
+    """Yield machines with wireless networks that keep incomplete messages for half a minute.
 
-    Pods with a network of their own have the kernel's defaults, whatever the machine says.
+    Pods with a network of their own have the kernel's defaults, not the machine's settings.
     """
     if not any(pod.spec.get("hostNetwork") for pod in case.wanted):
         return
@@ -62,16 +61,16 @@ def _fragments(case: Case) -> Iterator[PreflightFinding]:
     if nodes:
         yield PreflightFinding(
             "fragments",
-            f"by radio, fragments that get lost may block large messages for 30 s on"
-            f" {list_some(nodes)}",
-            "`sysctl -w net.ipv4.ipfrag_time=3 net.ipv4.ipfrag_high_thresh=134217728` on the"
-            f" machine, and in {FILE}",
+            f"on the wireless network of {list_some(nodes)}, lost fragments may block large"
+            " messages for 30 s",
+            "run `sysctl -w net.ipv4.ipfrag_time=3 net.ipv4.ipfrag_high_thresh=134217728` on the"
+            f" machine, and write it to {FILE}",
             severity="warning",
         )
 
 
 def neighbours(case: Case) -> Iterator[PreflightFinding]:
-    """Yield machines whose table of neighbours is small for pods that all talk with each other."""
+    """Yield machines whose table of neighbors is small for pods that all send to each other."""
     for one in case.attachments:
         pods, nodes = case.pods(one), case.nodes(case.users(one))
         needed = -(-pods // max(1, len(nodes))) * (pods - 1)  # spread evenly
@@ -83,17 +82,18 @@ def neighbours(case: Case) -> Iterator[PreflightFinding]:
         if small:
             yield PreflightFinding(
                 "neighbours",
-                f"{pods} pods on {len(nodes)} machines that talk with each other need about"
-                f" {needed} neighbours on each, and {list_some(small)} can keep"
-                f" {min(small.values())} ({NEIGHBOURS}) for all pods together: what goes to"
-                " others is dropped without a word",
-                f"`sysctl -w {NEIGHBOURS}={ROOM * needed}` on the machine, and in {FILE}",
+                f"{pods} pods on {len(nodes)} machines that send to each other need about"
+                f" {needed} neighbors on each, and {list_some(small)} can keep"
+                f" {min(small.values())} ({NEIGHBOURS}) for all pods together: packets to others"
+                " are dropped silently",
+                f"run `sysctl -w {NEIGHBOURS}={ROOM * needed}` on the machine, and write it to"
+                f" {FILE}",
                 severity="warning",
             )
 
 
 def policies(case: Case) -> Iterator[PreflightFinding]:
-    """Yield NetworkPolicies that select our pods: they do not reach a second network."""
+    """Yield NetworkPolicies that select our pods: they do not apply to a second network."""
     found: dict[str, None] = {}
     for policy in case.view.policies:
         selector = (policy.get("spec") or {}).get("podSelector") or {}
@@ -107,7 +107,7 @@ def policies(case: Case) -> Iterator[PreflightFinding]:
     yield PreflightFinding(
         "network-policy",
         f"NetworkPolicy {list_some(found)} selects pods of this release and does not cover {where}",
-        "whoever is on that network reaches all their ports: keep it apart by a VLAN or a firewall"
-        " of the machines" + ("" if host else ", or use MultiNetworkPolicy"),
+        "every device on that network reaches all their ports: separate it with a VLAN or the"
+        " machines' firewall" + ("" if host else ", or use MultiNetworkPolicy"),
         severity="warning",
     )

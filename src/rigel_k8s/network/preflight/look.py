@@ -1,6 +1,6 @@
-"""What preflight asks the cluster, and its machines through Multus' daemons; only reading.
+"""Examines the cluster, and its machines through Multus' daemons; only reads.
 
-What may not be read, or does not answer, is told as one warning and is no reason to fail.
+What must not be read or does not answer becomes one warning, not a failure.
 """
 
 from __future__ import annotations
@@ -40,23 +40,23 @@ PATIENCE = 10.0  # seconds for the script on one machine, which takes a tenth of
 
 
 def look(case: Case, cluster: Cluster) -> tuple[Case, list[PreflightFinding]]:
-    """Return the case with what was seen of the cluster, and what could not be looked at."""
+    """Return the case with the facts about the cluster, and a warning of what is unknown."""
     eyes = _Eyes(cluster)
     case = attrs.evolve(case, view=eyes.cluster_view(case))
     view = attrs.evolve(case.view, machines=eyes.machines(case), taken=eyes.find_taken(case))
-    # The machine's own network lacks nothing that a machine could tell: no warning without need.
+    # With mode `host` the machines' facts are not needed, so no warning that they are unknown.
     return attrs.evolve(case, view=view), eyes.report_unseen() if case.keys else []
 
 
 class _Eyes:
-    """Asks a cluster and keeps what could not be seen."""
+    """Examines a cluster, and records what could not be examined."""
 
     def __init__(self, cluster: Cluster):
         self._cluster = cluster
         self._unseen: dict[str, str] = {}  # what -> why not
 
     def report_unseen(self) -> list[PreflightFinding]:
-        """Return the warning that tells what could not be looked at."""
+        """Return the warning that lists what could not be examined."""
         if not self._unseen:
             return []
         parts = "; ".join(
@@ -66,14 +66,14 @@ class _Eyes:
         return [
             PreflightFinding(
                 "unseen",
-                f"before the deploy could not be looked at: {parts}",
-                "what is wrong there shows when pods start",
+                f"preflight could not check {parts}",
+                "problems there appear when pods start",
                 severity="warning",
             )
         ]
 
     def cluster_view(self, case: Case) -> MachineView:
-        """Return all but the machines; the questions are asked at once."""
+        """Return all facts except the machines'; the requests run in parallel."""
         cluster, attaching = self._cluster, bool(case.keys)
         questions: dict[str, Callable[[], Any]] = {
             "nodes": lambda: self._ask("nodes", cluster.nodes, NOTHING),
@@ -94,7 +94,7 @@ class _Eyes:
         return MachineView(**known, attachments=attachments, unread=unread)
 
     def machines(self, case: Case) -> dict[str, MachineFacts]:
-        """Return what the machines say that pods may run on, asked at once."""
+        """Return the facts of the machines that pods may run on, examined in parallel."""
         daemons = case.view.daemons or {}
         nodes = [node for node in case.nodes() if node in daemons]
         for node in (node for node in nodes if node not in case.ready):
@@ -104,7 +104,7 @@ class _Eyes:
         return {one.node: facts for one, facts in zip(asked, answers, strict=True) if facts}
 
     def find_taken(self, case: Case) -> Sequence[Taken]:
-        """Return which second addresses pods have; asked only where some may collide with ours."""
+        """Return pods' second addresses, read only if some may collide with ours."""
         pairs = [(one, other) for one in case.attachments for other in case.neighbours(one)]
         if not any(p.program != q.program or q in case.rivals(p) for p, q in pairs):
             return ()
@@ -125,7 +125,7 @@ class _Eyes:
         return self._ask(f"kinds of {api}", lambda: self._cluster.serves(api, kind), True)
 
     def _daemons(self) -> Mapping[str, Daemon] | None:
-        """Return Multus' pods by node, whoever installed them and under whatever name."""
+        """Return Multus' pods by machine, independent of their installer and their name."""
         return self._ask("Multus' daemons", self._find_daemons, None)
 
     def _find_daemons(self) -> Mapping[str, Daemon] | None:
@@ -149,7 +149,7 @@ class _Eyes:
         return [one for one in map(pool, items) if one is not None]
 
     def _attachments(self, case: Case) -> tuple[dict[str, Attachment], frozenset[str]]:
-        """Return the cluster's attachments, at least those that pods ask for."""
+        """Return the cluster's attachments, at least those that pods request."""
         try:
             items = self._cluster.list(API, KIND)
         except ClusterError as error:
@@ -184,5 +184,5 @@ class _Eyes:
 
 
 def _explain(error: Exception) -> str:
-    """Return why something could not be seen; of what is forbidden the word is enough."""
+    """Return why something could not be examined; `forbidden` needs no details."""
     return "forbidden" if isinstance(error, Forbidden) else str(error)

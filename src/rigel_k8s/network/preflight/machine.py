@@ -28,7 +28,7 @@ for d in /sys/class/net/*; do
   [ -e "$d/flags" ] || continue
   w=- k=- u=
   { read -r f <"$d/flags" && read -r t <"$d/type" && read -r o <"$d/operstate" &&
-    read -r m <"$d/mtu"; } 2>/dev/null || continue # a pod's end may take it away meanwhile
+    read -r m <"$d/mtu"; } 2>/dev/null || continue # deleted when its pod ends
   if [ -e "$d/wireless" ] || [ -e "$d/phy80211" ]; then w=wireless; fi
   while IFS='=' read -r a b; do if [ "$a" = DEVTYPE ]; then k=$b; fi; done \
     2>/dev/null <"$d/uevent"
@@ -77,8 +77,8 @@ class Interface:
 
     Attributes:
         ethernet: whether it carries Ethernet frames (a tunnel does not).
-        up: whether somebody has switched it on; state: the kernel's word for what it is then.
-        kind: what made it: wlan, bridge, vlan, macvlan ...; "" where the kernel does not say.
+        up: whether it is switched on; state: the kernel's word for its state then.
+        kind: its type: wlan, bridge, vlan, macvlan ...; "" if the kernel does not list it.
         uppers: interfaces on top of it that are in the machine's own network.
     """
 
@@ -94,7 +94,7 @@ class Interface:
 
 @attrs.frozen
 class Route:
-    """A range of addresses that a machine reaches by an interface."""
+    """A range of addresses that a machine reaches through an interface."""
 
     interface: str
     subnet: Subnet
@@ -103,13 +103,13 @@ class Route:
 
 @attrs.frozen
 class MachineFacts:
-    """What was found out about one machine.
+    """The facts about one machine.
 
     Attributes:
-        programs: directory -> its CNI programs; empty where no directory could be looked into.
+        programs: directory -> its CNI programs; empty if no directory could be read.
         settings: of sysctl, by name with dots.
-        dhcp: whether the dhcp program's daemon listens; None: could not be looked at.
-        kernel: macvlan, ipvlan -> whether this kernel has it; what is unknown is left out.
+        dhcp: whether the dhcp program's daemon listens; None: unknown.
+        kernel: macvlan, ipvlan -> whether this kernel has it; left out if unknown.
     """
 
     interfaces: Mapping[str, Interface]
@@ -122,19 +122,19 @@ class MachineFacts:
 
     @property
     def default_interface(self) -> str | None:
-        """Where the default route goes: what macvlan takes where nobody names an interface."""
+        """The interface of the default route, which macvlan uses if none is named."""
         return next((r.interface for r in self.routes if r.subnet.prefixlen == 0), None)
 
 
 def parse(text: str) -> MachineFacts:
-    """Return what the script told.
+    """Return the facts in the script's output.
 
     Raises:
         ValueError: the text is not the script's whole output.
     """
     sections = _sections(text)
     if "end" not in sections:
-        raise ValueError("the machine's answer is cut short")
+        raise ValueError("the output of the script on the machine is incomplete")
     interfaces = {one.name: one for one in map(_interface, sections["links"])}
     directories = {
         name.partition(" ")[2]: frozenset(lines)
@@ -191,7 +191,7 @@ def _routes(lines: list[str]) -> Iterator[Route]:
 
 
 def _addresses(lines: list[str]) -> Iterator[Address]:
-    """Read /proc/net/fib_trie: the machine's own addresses are the /32 ones called LOCAL."""
+    """Read /proc/net/fib_trie: the machine's own addresses are its /32 entries with LOCAL."""
     leaf = ""
     for line in lines:
         words = line.split()

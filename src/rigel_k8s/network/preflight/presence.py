@@ -1,4 +1,4 @@
-"""Is Multus there, on each machine, with the programs and the kernel that an attachment needs?"""
+"""Checks whether each machine has Multus, and the programs and kernel that an attachment needs."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from rigel_k8s.network.preflight.attachments import Attachment
 from rigel_k8s.network.preflight.case import Case
 from rigel_k8s.network.preflight.finding import INSTALL, PreflightFinding, group_by_text, list_some
 
-#: Virtual networks that deliver to MAC addresses of their own machines only, as Kubernetes' cloud
-#: providers call themselves in a node's providerID.
+#: Clouds whose virtual networks deliver only to MAC addresses of their own machines; the names are
+#: those in a node's providerID.
 CLOUDS = ("aws", "azure", "digitalocean", "gce", "hcloud", "linode", "openstack", "vsphere")
 
 
 def presence(case: Case) -> Iterator[PreflightFinding]:
-    """Yield where Multus lacks, and attachments that are not there."""
+    """Yield machines without Multus, and attachments that do not exist."""
     if not case.keys:
         return
     if not case.view.multus:
         yield PreflightFinding(
             "multus-missing",
-            "Multus is not installed: the cluster knows no NetworkAttachmentDefinition",
+            "Multus is not installed: the cluster has no kind NetworkAttachmentDefinition",
             INSTALL,
         )
         return
     if not case.view.whereabouts and any(one.ipam == "whereabouts" for one in case.attachments):
         yield PreflightFinding(
             "whereabouts-missing",
-            "whereabouts is not installed: the cluster knows no IPPool to keep addresses in",
-            f"{INSTALL}; or another `network.ipam`",
+            "whereabouts is not installed: the cluster has no kind IPPool",
+            f"{INSTALL}; or use another `network.ipam`",
         )
     yield from _check_daemons(case)
     known = {*case.view.attachments, *case.own, *case.view.unread}
@@ -37,23 +37,23 @@ def presence(case: Case) -> Iterator[PreflightFinding]:
     for key in (key for key in case.keys if key not in known):
         yield PreflightFinding(
             "attachment-missing",
-            f"there is no NetworkAttachmentDefinition {key} (the cluster has: {there})",
-            "name one that is there in `network.attachment`, as NAMESPACE/NAME, or create it",
+            f"the NetworkAttachmentDefinition {key} does not exist (the cluster has: {there})",
+            "set `network.attachment` to an existing one, as NAMESPACE/NAME, or create it",
             fault="rigelfile",
         )
 
 
 def _check_daemons(case: Case) -> Iterator[PreflightFinding]:
-    """Yield the machines without a Multus that answers; those that are off are left alone."""
+    """Yield the machines whose Multus is missing or not ready; unreachable ones are skipped."""
     if case.view.daemons is None:
         return
     nodes = [node for node in case.nodes() if node in case.ready]
-    lacking = [node for node in nodes if node not in case.view.daemons]
-    if lacking:
+    missing = [node for node in nodes if node not in case.view.daemons]
+    if missing:
         yield PreflightFinding(
             "multus-not-on-node",
-            f"no Multus daemon runs on {list_some(lacking)}, where pods of the release may run",
-            f"{INSTALL}; or keep the pods away from there with `placement`",
+            f"no Multus daemon runs on {list_some(missing)}, where pods of the release may run",
+            f"{INSTALL}; or keep the pods away from these machines with `placement`",
         )
     for node in nodes:
         daemon = case.view.daemons.get(node)
@@ -66,7 +66,7 @@ def _check_daemons(case: Case) -> Iterator[PreflightFinding]:
 
 
 def clouds(case: Case) -> Iterator[PreflightFinding]:
-    """Yield machines of clouds: most of their networks drop what macvlan sends."""
+    """Yield machines in clouds: most cloud networks drop what macvlan sends."""
     if not any(one.program == "macvlan" for one in case.attachments):
         return
     counting = case.nodes()
@@ -78,17 +78,17 @@ def clouds(case: Case) -> Iterator[PreflightFinding]:
     for provider, nodes in group_by_text(found).items():
         yield PreflightFinding(
             "cloud",
-            f"{list_some(nodes)} {'is' if len(nodes) == 1 else 'are'} of {provider}: virtual"
-            " networks usually drop what comes from macvlan's further MAC addresses, without a"
-            " word",
-            "allow it there (forged transmits, port security), or `mode: peers` or"
+            f"{list_some(nodes)} {'is a machine' if len(nodes) == 1 else 'are machines'} of"
+            f" {provider}: virtual networks usually drop packets from macvlan's additional MAC"
+            " addresses silently",
+            "allow them there (forged transmits, port security), or use `mode: peers` or"
             " `discovery-server`",
             severity="warning",
         )
 
 
 def programs(case: Case) -> Iterator[PreflightFinding]:
-    """Yield CNI programs, and parts of the kernel, that machines lack."""
+    """Yield CNI programs and parts of the kernel that are missing on machines."""
     for one in case.attachments:
         yield from _check_programs(case, one)
         yield from _check_kernel(case, one)
@@ -97,28 +97,28 @@ def programs(case: Case) -> Iterator[PreflightFinding]:
 
 def _check_programs(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
     needed = dict.fromkeys(one.programs)
-    lacking: dict[str, str] = {}
+    missing: dict[str, str] = {}
     remedies: dict[str, str] = {}
     for node, facts in case.machines(one):
         there = frozenset().union(*facts.programs.values())
         names = [name for name in needed if name not in there] if facts.programs else []
         if names:
-            lacking[node] = f"{list_some(names)} (looked into {list_some(facts.programs)})"
-            remedies[lacking[node]] = _suggest_source(names)
-    for text, nodes in group_by_text(lacking).items():
-        verb = "lacks" if len(nodes) == 1 else "lack"
-        message = f"{list_some(nodes)} {verb} CNI programs: {text}"
+            missing[node] = f"{list_some(names)} (looked into {list_some(facts.programs)})"
+            remedies[missing[node]] = _suggest_source(names)
+    for text, nodes in group_by_text(missing).items():
+        message = f"CNI programs are missing on {list_some(nodes)}: {text}"
         yield PreflightFinding("program-missing", message, remedies[text])
 
 
 def _suggest_source(names: Sequence[str]) -> str:
-    """Return what brings CNI programs; the standard ones are brought where machines lack most."""
+    """Return how to install CNI programs; on some platforms `install` brings the standard ones."""
     if set(names) <= {"whereabouts"}:
         return INSTALL
     if set(names) <= {"whereabouts", *STANDARD.split()}:
         return (
-            "on k3s and kind `network: {install: true}` brings them; elsewhere an image does that"
-            " `network.install.plugins_image` names, or the CNI plugins' release in that directory"
+            "on k3s and kind, set `network: {install: true}`; elsewhere, set"
+            " `network.install.plugins_image` to an image that has them, or unpack the CNI plugins'"
+            " release in that directory"
         )
     return "put them into that directory on each of these machines"
 
@@ -129,8 +129,8 @@ def _check_kernel(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
         yield PreflightFinding(
             "kernel",
             f"the kernel of {list_some(nodes)} was built without {one.program}",
-            f"a kernel with CONFIG_{one.program.upper()},"
-            f" or another `network.mode`: {_suggest_other(one.program)}",
+            f"install a kernel with CONFIG_{one.program.upper()},"
+            f" or use another `network.mode`: {_suggest_other(one.program)}",
         )
 
 
@@ -146,7 +146,7 @@ def _check_dhcp(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
         yield PreflightFinding(
             "dhcp-daemon",
             f"the daemon of the CNI program dhcp does not run on {list_some(nodes)}"
-            " (nobody listens at /run/cni/dhcp.sock)",
-            "`network: {install: true}` or `rigel network install --dhcp` runs it; or `ipam:"
+            " (nothing listens at /run/cni/dhcp.sock)",
+            "run `rigel network install --dhcp`, set `network: {install: true}`, or use `ipam:"
             " whereabouts`",
         )

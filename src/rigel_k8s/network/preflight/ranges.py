@@ -1,4 +1,4 @@
-"""Do a second network's addresses collide with others, and are there enough of them?"""
+"""Checks whether a second network's addresses collide with others, and whether there are enough."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rigel_k8s.network.preflight.case import Case, Taken, addresses_of
 from rigel_k8s.network.preflight.finding import PreflightFinding, list_some
 from rigel_k8s.network.preflight.machine import Address, Subnet
 
-KEEP_OFF = "leave them out by `network.range_start`, `range_end` or `exclude`"
+KEEP_OFF = "exclude them with `network.range_start`, `range_end` or `exclude`"
 
 
 def ranges(case: Case) -> Iterator[PreflightFinding]:
@@ -25,18 +25,19 @@ def ranges(case: Case) -> Iterator[PreflightFinding]:
 
 
 def _check_asked(case: Case, one: Attachment) -> Iterator[PreflightFinding]:
-    """Yield attachments that do not give pods the addresses that they ask for."""
+    """Yield attachments that do not give pods the addresses that they request."""
     if not case.list_asked_addresses(one) or (one.ipam == "static" and one.passes):
         return
     if one.ipam != "static":
-        why = f"its addresses come from {one.ipam or 'nobody'}"
+        why = f"it takes addresses from {one.ipam}" if one.ipam else "it has no `ipam`"
     else:
-        why = 'its configuration lacks `"capabilities": {"ips": true}`'
+        why = '`"capabilities": {"ips": true}` is missing in its configuration'
     yield PreflightFinding(
         "attachment-addresses",
-        f"NetworkAttachmentDefinition {one.key} gives no pod the address that it asks for: {why}",
-        'an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips": true}`, or no'
-        " `ipam: static` in the Rigelfile",
+        f"NetworkAttachmentDefinition {one.key} does not give pods the addresses that they request:"
+        f" {why}",
+        'use an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips": true}`,'
+        " or remove `ipam: static` from the Rigelfile",
         fault="rigelfile",
     )
 
@@ -55,8 +56,8 @@ def _check_cluster_networks(case: Case, given: Range) -> Iterator[PreflightFindi
 def _overlapping(kind: str, given: Range, what: str) -> PreflightFinding:
     return PreflightFinding(
         kind,
-        f"subnet {given.subnet} overlaps {what}: pods would look for those at the second network",
-        "`network.subnet` must be a range that nothing in the cluster uses",
+        f"subnet {given.subnet} overlaps {what}: pods would look for those on the second network",
+        "set `network.subnet` to a range that nothing in the cluster uses",
         fault="rigelfile",
     )
 
@@ -77,9 +78,9 @@ def _overlap(given: Range, other: Subnet) -> bool:
 def _check_other_interfaces(
     case: Case, one: Attachment, given: Range
 ) -> Iterator[PreflightFinding]:
-    """Yield ranges that machines reach elsewhere: pods would look for them at the second network.
+    """Yield ranges that machines reach elsewhere: pods would look for them on the second network.
 
-    Routes to pods are left out: they are told as the pod network.
+    Routes to pods are left out: _check_cluster_networks reports them.
     """
     pods = [found for _, found in _pod_networks(case)]
     for node, facts in case.machines(one):
@@ -91,9 +92,9 @@ def _check_other_interfaces(
             if _overlap(given, route.subnet) and not any(_is_within(route.subnet, p) for p in pods):
                 yield PreflightFinding(
                     "route",
-                    f"{node} reaches {route.subnet} by {route.interface}, and subnet"
-                    f" {given.subnet} overlaps it: pods would look for it at {master}",
-                    "another `network.subnet`, unless both interfaces are on one segment",
+                    f"{node} reaches {route.subnet} through {route.interface}, and subnet"
+                    f" {given.subnet} overlaps it: pods would look for it on {master}",
+                    "use another `network.subnet`, unless both interfaces are on one segment",
                     severity="warning",
                 )
 
@@ -113,14 +114,14 @@ def _check_machines(case: Case, one: Attachment, given: Range) -> Iterator[Prefl
     if stolen:
         yield PreflightFinding(
             "machine-address",
-            f"pods would be given addresses that machines have: {list_some(stolen)}",
+            f"pods would get addresses that machines have: {list_some(stolen)}",
             KEEP_OFF,
             fault="rigelfile",
         )
     if one.gateway and (given.gives(one.gateway) if one.ipam != "static" else one.gateway in asked):
         yield PreflightFinding(
             "gateway-address",
-            f"a pod would be given the gateway's address, {one.gateway}",
+            f"a pod would get the gateway's address, {one.gateway}",
             KEEP_OFF,
             fault="rigelfile",
         )
@@ -138,16 +139,16 @@ def _owners(case: Case) -> dict[Address, str]:
 
 
 def _check_other_ranges(case: Case, one: Attachment, given: Range) -> Iterator[PreflightFinding]:
-    """Yield attachments on the same interface that give out the same addresses unknowingly."""
+    """Yield attachments on the same interface that give out the same addresses independently."""
     for other in case.rivals(one):
         for theirs in other.ranges:
             if given.overlaps(theirs):
                 yield PreflightFinding(
                     "other-attachment",
                     f"NetworkAttachmentDefinition {other.key} ({other.ipam}) gives out {theirs} on"
-                    f" {one.master or 'the same interface'} as well, and knows nothing of {given}"
+                    f" {one.master or 'the same interface'} as well, independently of {given}"
                     f" ({one.ipam})",
-                    "ranges that do not overlap, by `network.range_start` and `range_end`; or"
+                    "use ranges that do not overlap (`network.range_start` and `range_end`), or"
                     " whereabouts for both",
                     fault="rigelfile",
                 )
@@ -170,14 +171,14 @@ def _check_other_pods(case: Case, one: Attachment) -> Iterator[PreflightFinding]
     if clashing:
         yield PreflightFinding(
             "address-taken",
-            f"pods would be given addresses that other pods have: {list_some(clashing)}",
+            f"pods would get addresses that other pods have: {list_some(clashing)}",
             KEEP_OFF,
             fault="rigelfile",
         )
 
 
 def room(case: Case) -> Iterator[PreflightFinding]:
-    """Yield where addresses run out, and where two pods would get the same one."""
+    """Yield attachments whose addresses run out, and those that give two pods the same one."""
     for one in case.attachments:
         pods = case.pods(one)
         nodes = case.nodes(case.users(one))
@@ -191,9 +192,9 @@ def room(case: Case) -> Iterator[PreflightFinding]:
 def _host_local(nodes: list[str]) -> PreflightFinding:
     return PreflightFinding(
         "host-local",
-        f"host-local counts on each machine for itself, and pods may run on {list_some(nodes)}:"
-        " two of them would get one address",
-        "`ipam: whereabouts`, or `placement.node` to keep all pods on one machine",
+        f"host-local gives out addresses on each machine independently, and pods may run on"
+        f" {list_some(nodes)}: two of them would get the same address",
+        "use `ipam: whereabouts`, or keep all pods on one machine with `placement.node`",
         fault="rigelfile",
     )
 
@@ -201,14 +202,14 @@ def _host_local(nodes: list[str]) -> PreflightFinding:
 def _check_room(
     case: Case, one: Attachment, given: tuple[Range, ...], pods: int
 ) -> Iterator[PreflightFinding]:
-    # Of several ranges a pod gets one address each, so the smallest decides.
+    # A pod gets one address of each range, so the smallest range decides.
     least = min(given, key=lambda r: r.size)
     if pods > least.size:
         yield PreflightFinding(
             "too-few-addresses",
-            f"{pods} pods want an address, and {least.subnet} has {least.size} to give out"
+            f"{pods} pods need an address, and {least.subnet} has {least.size} to give out"
             f" ({least})",
-            "a larger `network.subnet`, or a wider `range_start` and `range_end`",
+            "use a larger `network.subnet`, or a larger range in `range_start` and `range_end`",
             fault="rigelfile",
         )
         return
@@ -216,10 +217,10 @@ def _check_room(
     if pods > least.size - len(others):
         yield PreflightFinding(
             "addresses-run-out",
-            f"{pods} pods want an address, and of the {least.size} from {least} others have"
+            f"{pods} pods need an address, and of the {least.size} from {least} others have"
             f" {len(others)}: {list_some((t.pod for t in others), most=3)}",
-            "a larger `network.subnet`, or end some of those; `kubectl get ippools -A -o yaml`"
-            " shows who has which",
+            "use a larger `network.subnet`, or end some of those pods; `kubectl get ippools -A -o"
+            " yaml` shows their addresses",
         )
 
 

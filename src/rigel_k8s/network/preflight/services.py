@@ -1,4 +1,4 @@
-"""Which addresses Services have: as far as the cluster lets itself be asked."""
+"""Which addresses Services have, as far as the cluster shows it."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ VALID = re.compile(r"range of valid IPs is ([0-9a-fA-F.:/]+)")
 def service_ranges(cluster: Cluster) -> list[Subnet]:
     """Return the ranges of Services; at worst only the address of the Service `kubernetes`.
 
-    Clusters from 1.33 on list them. Others name theirs when a Service asks for an address outside
-    of it, which is tried as a dry run.
+    Clusters from 1.33 on list them. Others name theirs in the error when a Service requests an
+    address outside of it, which is tried as a dry run.
     """
     for texts in (_list_ranges, _provoke_refusal, _read_default):
         found = [one for one in map(subnet, texts(cluster)) if one is not None]

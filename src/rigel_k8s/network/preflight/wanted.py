@@ -1,4 +1,4 @@
-"""What a release asks of the second network: its pods, their attachments, where they may run."""
+"""What a release requests of the second network: its pods, attachments, possible machines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rigel_k8s.network.preflight.machine import Address
 
 Manifest = Mapping[str, Any]
 
-#: On pods: what Multus shall attach, and what it has attached.
+#: On pods: the networks that they request from Multus, and what Multus has attached.
 NETWORKS = "k8s.v1.cni.cncf.io/networks"
 NETWORK_STATUS = "k8s.v1.cni.cncf.io/network-status"
 
@@ -26,7 +26,7 @@ PASSING = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 @attrs.frozen
 class Request:
-    """One attachment that a pod asks for: NAMESPACE/NAME, and addresses where it names them."""
+    """One attachment that a pod requests: NAMESPACE/NAME, and addresses if it requests them."""
 
     key: str
     addresses: tuple[Address, ...] = ()
@@ -34,12 +34,12 @@ class Request:
 
 @attrs.frozen
 class Wanted:
-    """A workload whose pods ask for second networks.
+    """A workload whose pods request second networks.
 
     Attributes:
         pods: how many of them.
         labels: of the pods, for policies that select them.
-        spec: the pods' spec, which says where they may run.
+        spec: the pods' spec, which decides where they may run.
     """
 
     workload: str
@@ -49,13 +49,13 @@ class Wanted:
     labels: Mapping[str, str] = attrs.field(factory=dict)
     spec: Manifest = attrs.field(factory=dict)
 
-    def asks(self, key: str) -> bool:
-        """Return whether it wants this attachment."""
+    def requests_network(self, key: str) -> bool:
+        """Return whether its pods request this attachment."""
         return any(request.key == key for request in self.requests)
 
 
 def find_wanted(objects: Iterable[Manifest]) -> Iterator[Wanted]:
-    """Yield the workloads that ask for an attachment, or for the machine's own network."""
+    """Yield the workloads that request an attachment, or the machine's own network."""
     for item in objects:
         spec = item.get("spec") or {}
         template = spec.get("template") or {}
@@ -75,7 +75,7 @@ def find_wanted(objects: Iterable[Manifest]) -> Iterator[Wanted]:
 
 
 def requests(annotations: Mapping[str, str], namespace: str) -> Iterator[Request]:
-    """Yield what a pod's annotation asks for; both of its forms are read."""
+    """Yield the requests in a pod's annotation, in either of its forms."""
     text = (annotations.get(NETWORKS) or "").strip()
     if not text.startswith("["):
         for word in filter(None, (part.strip() for part in text.split(","))):
@@ -101,7 +101,7 @@ def _items(text: str) -> list[Mapping[str, Any]]:
 
 
 def may_run(pod: Manifest, node: Manifest) -> bool:
-    """Return whether the scheduler may put a pod (its spec) on a node, were it ready."""
+    """Return whether the scheduler may put a pod (its spec) on a machine, if that were ready."""
     labels = node["metadata"].get("labels") or {}
     name = node["metadata"]["name"]
     if labels.get(SYSTEM, "linux") != "linux":
@@ -135,7 +135,7 @@ def _meets(term: Manifest, labels: Mapping[str, str], name: str) -> bool:
 
 
 def _holds(rule: Manifest, labels: Mapping[str, str]) -> bool:
-    """Return whether labels fulfil one expression of a selector."""
+    """Return whether labels match one expression of a selector."""
     value, values = labels.get(rule["key"]), rule.get("values") or []
     if rule["operator"] in ("In", "NotIn"):
         return (value in values) is (rule["operator"] == "In")

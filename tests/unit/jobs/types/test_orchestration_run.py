@@ -232,12 +232,12 @@ def test_errors_of_the_preflight_end_the_deploy(report: Recorder) -> None:
     """Warnings are told; all errors are in one."""
     finding = preflight.PreflightFinding
     beware = finding("mtu", "the MTU is odd", "mind it", severity="warning")
-    preflight.tell([beware], report)
+    preflight.report_findings([beware], report)
     assert report.warnings == ["the MTU is odd: mind it"]
     lacks = finding("no-multus", "there is no Multus", "install it")
     with pytest.raises(ClusterError, match=r"there is no Multus \[no-multus\]"):
-        preflight.tell([beware, lacks], report)
+        preflight.report_findings([beware, lacks], report)
     wrong = finding("no-interface", "no eth7", "name another", fault="rigelfile")
     with pytest.raises(UserError, match="2 things keep the network") as caught:
-        preflight.tell([lacks, wrong], report)
+        preflight.report_findings([lacks, wrong], report)
     assert "no eth7 [no-interface]" in caught.value.details

@@ -101,7 +101,7 @@ def test_multus_is_not_removed_while_a_machine_is_away(
     machine.store.objects[ObjectRef("v1", "Node", "", "robot")]["status"] |= away
     with pytest.raises(UserError, match="nothing was removed") as caught:
         network_removal.remove(machine, Install(), report)  # type: ignore[arg-type]
-    assert caught.value.details == ("node robot is away and keeps Multus' configuration",)
+    assert caught.value.details == ("machine robot is unreachable and keeps Multus' configuration",)
 
 
 def test_who_uses_a_second_network(machine: FakeCluster) -> None:

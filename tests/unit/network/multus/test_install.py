@@ -10,7 +10,7 @@ import pytest
 from rigel_k8s.cli.network import options_of
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.jobs.types.network import NetworkJob
-from rigel_k8s.network.multus.install import install_wanted_by, installation_of
+from rigel_k8s.network.multus.install import install_requested_by, installation_of
 from rigel_k8s.network.multus.installation import find
 from rigel_k8s.network.multus.proving import fingerprint
 from rigel_k8s.network.options import Install, Network, network_of
@@ -128,7 +128,7 @@ def test_a_cluster_without_linux() -> None:
     """There is nothing to install it on, and that is said."""
     windows = node("w")
     windows["metadata"]["labels"] = {"kubernetes.io/os": "windows"}
-    with pytest.raises(ClusterError, match="no Linux node"):
+    with pytest.raises(ClusterError, match="no Linux machine"):
         found(nodes=[windows])
 
 
@@ -148,7 +148,7 @@ def test_a_cluster_without_linux() -> None:
 )
 def test_what_a_job_wants_installed(network: Any, install: Install | None) -> None:
     """Only a network that Multus attaches, and that says `install`."""
-    assert install_wanted_by(network) == install
+    assert install_requested_by(network) == install
 
 
 def test_a_data_directory_is_k3s() -> None:

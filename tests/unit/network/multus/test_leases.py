@@ -51,8 +51,8 @@ def test_a_pod_older_than_its_daemon_is_named() -> None:
     pods = [pod("old"), pod("new", started=LATEST), pod("there", node="node2")]
     (one,) = find_unkept(pods, [daemon("node1", LATE), daemon("node2", EARLY)], LAN)
     assert str(one) == (
-        "nobody renews the address of pod robots/old on node1 at robots/lan: the DHCP daemon there"
-        " has started since"
+        "the DHCP lease of pod robots/old on node1 at robots/lan is no longer renewed: the"
+        " DHCP daemon there started after the pod"
     )
 
 

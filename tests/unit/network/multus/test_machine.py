@@ -198,15 +198,15 @@ def test_ready_says_what_is_missing(machine: Machine) -> None:
     """Each thing that is missing is named, with the option that helps."""
     assert machine.run("ready") == (
         1,
-        f"there is no program multus-shim in {machine.programs}: "
-        "network.install.plugins_image says which image brings it",
+        f"the program multus-shim is missing in {machine.programs}: "
+        "set network.install.plugins_image to an image that has it",
     )
     machine.keep()
     machine.until((machine.programs / "passthru").exists)
     code, told = machine.run("ready")
     assert (code, told.partition(":")[0]) == (
         1,
-        f"there is no program macvlan in {machine.programs}",
+        f"the program macvlan is missing in {machine.programs}",
     )
     (machine.programs / "macvlan").write_text("")
     (machine.programs / "macvlan").chmod(0o755)
@@ -217,10 +217,11 @@ def test_ready_says_what_is_missing(machine: Machine) -> None:
     (machine.conf / "10-flannel.conflist").unlink()
     code, told = machine.run("ready")
     assert code == 1
-    assert told.startswith(f"there is no CNI configuration in {machine.conf}: network.install.")
+    assert told.startswith(f"{machine.conf} has no CNI configuration: set network.install.")
     shutil.rmtree(machine.programs)
     code, told = machine.run("ready")
-    assert told.startswith(f"there is no directory {machine.programs}: network.install.cni_bin_dir")
+    missing = f"the directory {machine.programs} does not exist: set network.install.cni_bin_dir"
+    assert told.startswith(missing)
 
 
 def test_an_image_without_programs_is_told(machine: Machine) -> None:
@@ -229,4 +230,4 @@ def test_an_image_without_programs_is_told(machine: Machine) -> None:
         pytest.skip("this machine has CNI programs of its own")
     code, told = machine.run("copy")
     assert code == 1
-    assert "network.install.plugins_image must be one that has" in told
+    assert "set network.install.plugins_image to an image that has it" in told

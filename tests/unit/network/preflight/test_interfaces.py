@@ -12,8 +12,8 @@ from rigel_k8s.network.preflight.machine import MachineFacts
 from .cases import found, machine, nad, texts, view, with_interface, workload
 
 WHERE = (
-    "`network.interface` must be there on every machine that pods may run on; `placement` keeps"
-    " them away from the others"
+    "set `network.interface` to one that exists on every machine that pods may run on, or keep"
+    " the pods away from the others with `placement`"
 )
 
 
@@ -60,8 +60,8 @@ def test_the_default_routes_interface_is_meant_where_none_is_named() -> None:
     assert found(item, workload()) == []
     routeless = machine(routes=tuple(r for r in machine().routes if r.subnet.prefixlen))
     assert texts(found(item, workload(), seen=second(routeless))) == [
-        "error rigelfile interface-unsaid: no interface is named, and node2 has no default route to"
-        " take it from => name it in `network.interface`"
+        "error rigelfile interface-unsaid: no interface is named, and node2 has no default"
+        " route to take it from => set `network.interface`"
     ]
 
 
@@ -70,10 +70,10 @@ def test_wireless() -> None:
     wireless = with_interface("wlan0", wireless=True)
     seen = view(machines={"node1": wireless, "node2": wireless})
     assert texts(found(nad(master="wlan0"), workload(), seen=seen)) == [
-        "error rigelfile interface-wireless: wlan0 of node1, node2 is wireless: access points drop"
-        " what comes from macvlan's further MAC addresses => `mode: ipvlan` keeps the machine's MAC"
-        " address (not with `ipam: dhcp`); or `mode: peers` or `discovery-server`, which need no"
-        " second network"
+        "error rigelfile interface-wireless: wlan0 of node1, node2 is wireless: access points"
+        " drop packets from macvlan's additional MAC addresses => use `mode: ipvlan`, which"
+        " keeps the machine's MAC address (not with `ipam: dhcp`), or `mode: peers` or"
+        " `discovery-server`, which need no second network"
     ]
 
 
@@ -89,9 +89,9 @@ def test_no_ethernet() -> None:
     facts = with_interface("wg0", ethernet=False)
     seen = view(machines={"node1": facts, "node2": facts})
     assert texts(found(nad(master="wg0"), workload(), seen=seen)) == [
-        "error rigelfile interface-not-ethernet: wg0 of node1, node2 is no Ethernet interface, so"
-        " it carries no macvlan => name another in `network.interface`, or take `mode: peers` or"
-        " `discovery-server`"
+        "error rigelfile interface-not-ethernet: wg0 of node1, node2 is not an Ethernet"
+        " interface, so it cannot carry macvlan => use another `network.interface`, or `mode:"
+        " peers` or `discovery-server`"
     ]
 
 
@@ -99,8 +99,9 @@ def test_down() -> None:
     """An interface that is switched off on one machine."""
     facts = with_interface("eth0", up=False, state="down")
     assert texts(found(seen=second(facts))) == [
-        "error cluster interface-down: eth0 of node2 is down: pods would start and hear nobody =>"
-        " `ip link set eth0 up` there, and in the machine's network configuration"
+        "error cluster interface-down: eth0 of node2 is down: pods would start and receive"
+        " nothing => run `ip link set eth0 up` there, and change the machine's network"
+        " configuration"
     ]
 
 
@@ -108,16 +109,16 @@ def test_no_cable() -> None:
     """A cable that is not plugged in may be plugged in later: a warning."""
     facts = with_interface("eth0", state="lowerlayerdown")
     assert texts(found(seen=second(facts))) == [
-        "warning cluster interface-no-carrier: eth0 of node2 has no link (lowerlayerdown): is its"
-        " cable plugged in? => pods start, and hear nobody until it has"
+        "warning cluster interface-no-carrier: eth0 of node2 has no link (lowerlayerdown): is"
+        " its cable plugged in? => until it has one, pods start but receive nothing"
     ]
 
 
 def test_mtu() -> None:
     """An MTU beyond the machine's is refused by the program; here it is told before."""
     assert texts(found(nad(mtu=1500), workload())) == [
-        "error rigelfile mtu: an MTU of 1500 does not fit into the 1400 of eth0 of node1, node2 =>"
-        " `network.mtu` of at most 1400, or none"
+        "error rigelfile mtu: the MTU 1500 is larger than that of eth0 of node1, node2, 1400"
+        " => set `network.mtu` to at most 1400, or remove it"
     ]
 
 
@@ -127,9 +128,9 @@ def test_ipvlan_on_the_machine_itself() -> None:
     ipvlan = attrs.evolve(facts.interfaces["eth0"], name="shim", kind="ipvlan", uppers=())
     facts = attrs.evolve(facts, interfaces={**facts.interfaces, "shim": ipvlan})
     assert texts(found(seen=second(facts))) == [
-        "error rigelfile interface-shared: eth0 of node2 carries ipvlan already (shim): one"
-        " interface carries macvlan or ipvlan, never both => `mode: ipvlan` as well, or another"
-        " `network.interface`"
+        "error rigelfile interface-shared: eth0 of node2 already carries ipvlan (shim): one"
+        " interface carries macvlan or ipvlan, never both => use `mode: ipvlan` too, or"
+        " another `network.interface`"
     ]
 
 
@@ -140,8 +141,8 @@ def test_a_port_of_a_bridge() -> None:
     vlan = attrs.evolve(bridge, name="lan.7", kind="vlan")
     more = {**facts.interfaces, "br0": bridge, "lan.7": vlan}
     assert texts(found(seen=second(attrs.evolve(facts, interfaces=more)))) == [
-        "error rigelfile interface-port: eth0 of node2 is a port of bridge br0, so it carries no"
-        " macvlan => `interface: br0`"
+        "error rigelfile interface-port: eth0 of node2 is a port of bridge br0, so it cannot"
+        " carry macvlan => set `interface: br0`"
     ]
 
 
@@ -162,9 +163,9 @@ def test_ipvlan_of_other_pods() -> None:
     }
     seen = view(attachments={other.key: other}, taken=list(find_taken([pod])))
     assert texts(found(seen=seen)) == [
-        "error rigelfile interface-shared: eth0 carries ipvlan already, by vision/cams (used by"
-        " vision/cam-1): one interface carries macvlan or ipvlan, never both => `mode: ipvlan` as"
-        " well, or another `network.interface`"
+        "error rigelfile interface-shared: eth0 already carries ipvlan, by vision/cams (used"
+        " by vision/cam-1): one interface carries macvlan or ipvlan, never both => use `mode:"
+        " ipvlan` too, or another `network.interface`"
     ]
     pinned = workload(nodeSelector={"kubernetes.io/hostname": "node1"})
     assert found(nad(), pinned, seen=seen) == []

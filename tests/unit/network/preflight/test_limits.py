@@ -22,9 +22,9 @@ def test_small_buffers() -> None:
     seen = view(machines={"node1": settings(rmem_max=212992), "node2": machine()})
     assert texts(found(seen=seen)) == [
         "warning cluster small-buffers: messages of 1 MB and more may be lost on node1:"
-        " net.core.rmem_max 212992 => `sysctl -w net.core.rmem_max=8388608"
-        " net.core.wmem_max=8388608` on the machine (on k3s too: the machine's own, not a pod's),"
-        " and in /etc/sysctl.d/60-ros.conf"
+        " net.core.rmem_max 212992 => run `sysctl -w net.core.rmem_max=8388608"
+        " net.core.wmem_max=8388608` on the machine (not in a pod), and write it to"
+        " /etc/sysctl.d/60-ros.conf"
     ]
 
 
@@ -40,10 +40,10 @@ def test_a_table_of_neighbours_that_many_pods_share() -> None:
     small = machine(settings={**machine().settings, name: 1024})
     seen = view(machines={"node1": small, "node2": machine()})
     assert texts(found(nad(), workload(replicas=50), seen=seen)) == [
-        "warning cluster neighbours: 50 pods on 2 machines that talk with each other need about"
-        " 1225 neighbours on each, and node1 can keep 1024 (net.ipv4.neigh.default.gc_thresh3) for"
-        " all pods together: what goes to others is dropped without a word => `sysctl -w"
-        " net.ipv4.neigh.default.gc_thresh3=4900` on the machine, and in"
+        "warning cluster neighbours: 50 pods on 2 machines that send to each other need about"
+        " 1225 neighbors on each, and node1 can keep 1024 (net.ipv4.neigh.default.gc_thresh3)"
+        " for all pods together: packets to others are dropped silently => run `sysctl -w"
+        " net.ipv4.neigh.default.gc_thresh3=4900` on the machine, and write it to"
         " /etc/sysctl.d/60-ros.conf"
     ]
     assert found(nad(), workload(replicas=45), seen=seen) == []
@@ -54,9 +54,10 @@ def test_fragments_by_radio() -> None:
     radio = with_interface("wlan0", wireless=True)
     seen = view(machines={"node1": radio, "node2": machine()})
     assert texts(found(HOST, seen=seen, network=Network(mode="host"))) == [
-        "warning cluster fragments: by radio, fragments that get lost may block large messages for"
-        " 30 s on node1 => `sysctl -w net.ipv4.ipfrag_time=3"
-        " net.ipv4.ipfrag_high_thresh=134217728` on the machine, and in /etc/sysctl.d/60-ros.conf"
+        "warning cluster fragments: on the wireless network of node1, lost fragments may block"
+        " large messages for 30 s => run `sysctl -w net.ipv4.ipfrag_time=3"
+        " net.ipv4.ipfrag_high_thresh=134217728` on the machine, and write it to"
+        " /etc/sysctl.d/60-ros.conf"
     ]
     assert found(HOST, network=Network(mode="host")) == []
 
@@ -68,9 +69,10 @@ def policy(**selector: Any) -> dict[str, Any]:
 def test_a_policy_that_does_not_reach() -> None:
     """A policy that selects our pods does not cover net1, and that is told."""
     expected = (
-        "warning cluster network-policy: NetworkPolicy deny selects pods of this release and does"
-        " not cover the second interface => whoever is on that network reaches all their ports:"
-        " keep it apart by a VLAN or a firewall of the machines, or use MultiNetworkPolicy"
+        "warning cluster network-policy: NetworkPolicy deny selects pods of this release and"
+        " does not cover the second interface => every device on that network reaches all"
+        " their ports: separate it with a VLAN or the machines' firewall, or use"
+        " MultiNetworkPolicy"
     )
     assert texts(found(seen=view(policies=[policy()]))) == [expected]
     chosen = policy(matchLabels={"app": "talker"})
@@ -85,9 +87,9 @@ def test_a_policy_over_the_machines_network() -> None:
     """Nor does it cover the machine's own network."""
     found_here = found(HOST, seen=view(policies=[policy()]), network=Network(mode="host"))
     assert texts(found_here) == [
-        "warning cluster network-policy: NetworkPolicy deny selects pods of this release and does"
-        " not cover the machine's network (`mode: host`) => whoever is on that network reaches all"
-        " their ports: keep it apart by a VLAN or a firewall of the machines"
+        "warning cluster network-policy: NetworkPolicy deny selects pods of this release and"
+        " does not cover the machine's network (`mode: host`) => every device on that network"
+        " reaches all their ports: separate it with a VLAN or the machines' firewall"
     ]
 
 

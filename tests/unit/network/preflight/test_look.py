@@ -126,8 +126,8 @@ def test_an_answer_that_makes_no_sense(text: str) -> None:
     cluster = Cluster(lambda pod: said(text if pod.endswith("2") else LINKS))
     (warning,) = found(cluster)
     assert warning == (
-        "warning before the deploy could not be looked at: interfaces and CNI programs of node2"
-        " (the machine's answer is cut short)"
+        "warning preflight could not check interfaces and CNI programs of node2 (the output of"
+        " the script on the machine is incomplete)"
     )
 
 
@@ -138,12 +138,12 @@ def test_a_machine_that_does_not_answer() -> None:
         raise ClusterError(f"/bin/sh in Pod {pod} did not end within 10 s")
 
     (warning,) = found(Cluster(hang))
-    assert warning.startswith("warning before the deploy could not be looked at: interfaces and")
+    assert warning.startswith("warning preflight could not check interfaces and")
     assert "of node1 (/bin/sh in Pod multus-node1 did not end within 10 s); interfaces" in warning
 
 
 def test_a_machine_that_is_off() -> None:
     """A machine that is not ready is not asked, and told."""
     cluster = Cluster(lambda _: said(LINKS), off="node1")
-    assert found(cluster) == ["warning before the deploy could not be looked at: node1 (not ready)"]
+    assert found(cluster) == ["warning preflight could not check node1 (not ready)"]
     assert [pod for pod, *_ in cluster.asked] == ["multus-node2"]

@@ -48,7 +48,7 @@ def test_a_recorded_machine_is_read() -> None:
 def test_half_an_answer_is_none() -> None:
     """An answer that was cut short is refused, not taken for a machine without programs."""
     text = (MACHINES / "node2.txt").read_text("utf-8")
-    with pytest.raises(ValueError, match="cut short"):
+    with pytest.raises(ValueError, match="incomplete"):
         parse(text[: len(text) // 2])
 
 

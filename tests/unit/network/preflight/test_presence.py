@@ -10,7 +10,7 @@ from rigel_k8s.network.preflight.attachments import attachment
 
 from .cases import found, machine, nad, node, texts, view, workload
 
-INSTALL = "`network: {install: true}` in the Rigelfile brings it, as does `rigel network install`"
+INSTALL = "run `rigel network install`, or set `network: {install: true}` in the Rigelfile"
 
 
 def test_all_is_well() -> None:
@@ -21,7 +21,7 @@ def test_all_is_well() -> None:
 def test_no_multus() -> None:
     """A cluster without Multus is one finding, whatever else cannot be there either."""
     assert texts(found(seen=view(multus=False, daemons={}, machines={}))) == [
-        "error cluster multus-missing: Multus is not installed: the cluster knows no"
+        "error cluster multus-missing: Multus is not installed: the cluster has no kind"
         f" NetworkAttachmentDefinition => {INSTALL}"
     ]
 
@@ -31,7 +31,8 @@ def test_no_daemon_on_a_machine() -> None:
     daemons = {k: v for k, v in (view().daemons or {}).items() if k == "node1"}
     assert texts(found(seen=view(daemons=daemons))) == [
         "error cluster multus-not-on-node: no Multus daemon runs on node2, where pods of the"
-        f" release may run => {INSTALL}; or keep the pods away from there with `placement`"
+        f" release may run => {INSTALL}; or keep the pods away from these machines with"
+        " `placement`"
     ]
 
 
@@ -39,8 +40,8 @@ def test_no_whereabouts() -> None:
     """A cluster without whereabouts gives no addresses by it; others need none."""
     seen = view(whereabouts=False)
     assert texts(found(seen=seen)) == [
-        "error cluster whereabouts-missing: whereabouts is not installed: the cluster knows no"
-        f" IPPool to keep addresses in => {INSTALL}; or another `network.ipam`"
+        "error cluster whereabouts-missing: whereabouts is not installed: the cluster has no"
+        f" kind IPPool => {INSTALL}; or use another `network.ipam`"
     ]
     assert found(nad(ipam={"type": "static"}), workload(), seen=seen) == []
 
@@ -82,9 +83,9 @@ def test_an_attachment_that_is_not_there() -> None:
     there = attachment(nad("lab", "nets"))
     found_here = found(workload(), seen=view(attachments={there.key: there}))
     assert texts(found_here) == [
-        "error rigelfile attachment-missing: there is no NetworkAttachmentDefinition robot/lan (the"
-        " cluster has: nets/lab) => name one that is there in `network.attachment`, as"
-        " NAMESPACE/NAME, or create it"
+        "error rigelfile attachment-missing: the NetworkAttachmentDefinition robot/lan does"
+        " not exist (the cluster has: nets/lab) => set `network.attachment` to an existing"
+        " one, as NAMESPACE/NAME, or create it"
     ]
 
 
@@ -98,8 +99,9 @@ def test_an_attachment_that_could_not_be_read_may_be_there() -> None:
     [
         (
             ["macvlan", "whereabouts"],
-            "on k3s and kind `network: {install: true}` brings them; elsewhere an image does that"
-            " `network.install.plugins_image` names, or the CNI plugins' release in that directory",
+            "on k3s and kind, set `network: {install: true}`; elsewhere, set"
+            " `network.install.plugins_image` to an image that has them, or unpack the CNI"
+            " plugins' release in that directory",
         ),
         (["whereabouts"], INSTALL),
     ],
@@ -109,8 +111,8 @@ def test_a_program_that_a_machine_lacks(lacking: list[str], remedy: str) -> None
     recorded = machine().programs["/opt/cni/bin"]
     poor = machine(programs={"/opt/cni/bin": recorded - set(lacking)})
     assert texts(found(seen=view(machines={"node1": machine(), "node2": poor}))) == [
-        f"error cluster program-missing: node2 lacks CNI programs: {', '.join(lacking)} (looked"
-        f" into /opt/cni/bin) => {remedy}"
+        f"error cluster program-missing: CNI programs are missing on node2: {', '.join(lacking)}"
+        f" (looked into /opt/cni/bin) => {remedy}"
     ]
 
 
@@ -122,7 +124,7 @@ def test_all_programs_of_a_chain_count() -> None:
         ' "ipam": {"type": "static"}}, {"type": "tc"}]}'
     )
     assert texts(found(item, workload())) == [
-        "error cluster program-missing: node1, node2 lack CNI programs: tc (looked into"
+        "error cluster program-missing: CNI programs are missing on node1, node2: tc (looked into"
         " /opt/cni/bin) => put them into that directory on each of these machines"
     ]
 
@@ -130,8 +132,8 @@ def test_all_programs_of_a_chain_count() -> None:
 def test_a_kernel_without_ipvlan() -> None:
     """The kernel of the machines here was built without ipvlan, and that is told (recorded)."""
     assert texts(found(nad(type="ipvlan"), workload())) == [
-        "error cluster kernel: the kernel of node1, node2 was built without ipvlan => a kernel with"
-        " CONFIG_IPVLAN, or another `network.mode`: macvlan or peers"
+        "error cluster kernel: the kernel of node1, node2 was built without ipvlan => install"
+        " a kernel with CONFIG_IPVLAN, or use another `network.mode`: macvlan or peers"
     ]
 
 
@@ -140,8 +142,8 @@ def test_no_dhcp_daemon() -> None:
     machines = {"node1": machine(dhcp=True), "node2": machine(dhcp=False)}
     assert texts(found(nad(ipam={"type": "dhcp"}), workload(), seen=view(machines=machines))) == [
         "error cluster dhcp-daemon: the daemon of the CNI program dhcp does not run on node2"
-        " (nobody listens at /run/cni/dhcp.sock) => `network: {install: true}` or `rigel network"
-        " install --dhcp` runs it; or `ipam: whereabouts`"
+        " (nothing listens at /run/cni/dhcp.sock) => run `rigel network install --dhcp`, set"
+        " `network: {install: true}`, or use `ipam: whereabouts`"
     ]
 
 
@@ -159,8 +161,8 @@ def test_machines_of_a_cloud() -> None:
     nodes[0]["spec"]["providerID"] = "kind://docker/kind/kind-worker"
     seen = view(nodes=nodes, machines={})
     assert texts(found(seen=seen)) == [
-        "warning cluster cloud: node2 is of aws: virtual networks usually drop what comes from"
-        " macvlan's further MAC addresses, without a word => allow it there (forged transmits, port"
-        " security), or `mode: peers` or `discovery-server`"
+        "warning cluster cloud: node2 is a machine of aws: virtual networks usually drop packets"
+        " from macvlan's additional MAC addresses silently => allow them there (forged"
+        " transmits, port security), or use `mode: peers` or `discovery-server`"
     ]
     assert found(nad(type="ipvlan"), workload(), seen=seen) == []

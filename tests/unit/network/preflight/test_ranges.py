@@ -15,7 +15,7 @@ from rigel_k8s.network.preflight.machine import Route
 
 from .cases import addresses, found, machine, nad, node, texts, view, workload
 
-KEEP_OFF = "leave them out by `network.range_start`, `range_end` or `exclude`"
+KEEP_OFF = "exclude them with `network.range_start`, `range_end` or `exclude`"
 
 
 IPS = {"capabilities": {"ips": True}}
@@ -33,9 +33,9 @@ def static(*ips: str) -> str:
 def test_pod_network() -> None:
     """A subnet within the pods' is told with the machines whose pods it hits."""
     assert texts(found(whereabouts("10.64.0.0/16"), workload())) == [
-        "error rigelfile pod-network: subnet 10.64.0.0/16 overlaps the pod network: 10.64.1.0/24"
-        " (node1), 10.64.2.0/24 (node2): pods would look for those at the second network =>"
-        " `network.subnet` must be a range that nothing in the cluster uses"
+        "error rigelfile pod-network: subnet 10.64.0.0/16 overlaps the pod network:"
+        " 10.64.1.0/24 (node1), 10.64.2.0/24 (node2): pods would look for those on the second"
+        " network => set `network.subnet` to a range that nothing in the cluster uses"
     ]
 
 
@@ -44,15 +44,15 @@ def test_service_network() -> None:
     seen = view(services=[ip_network("10.77.0.0/16"), ip_network("fd00::/108")])
     assert texts(found(seen=seen)) == [
         "error rigelfile service-network: subnet 10.77.0.0/24 overlaps the Services' network:"
-        " 10.77.0.0/16: pods would look for those at the second network => `network.subnet` must be"
-        " a range that nothing in the cluster uses"
+        " 10.77.0.0/16: pods would look for those on the second network => set"
+        " `network.subnet` to a range that nothing in the cluster uses"
     ]
 
 
 def test_addresses_of_machines() -> None:
     """On the machines' own subnet, whereabouts would give out their addresses."""
     assert texts(found(whereabouts("10.66.0.0/24"), workload())) == [
-        "error rigelfile machine-address: pods would be given addresses that machines have:"
+        "error rigelfile machine-address: pods would get addresses that machines have:"
         " 10.66.0.11 (node1), 10.66.0.12 (node2) => " + KEEP_OFF
     ]
 
@@ -61,7 +61,7 @@ def test_addresses_of_machines_on_other_interfaces() -> None:
     """Addresses that Kubernetes does not know a machine by count as well."""
     seen = view(machines={"node1": machine(addresses=addresses("10.77.0.1")), "node2": machine()})
     assert [f.message for f in found(seen=seen)] == [
-        "pods would be given addresses that machines have: 10.77.0.1 (node1)"
+        "pods would get addresses that machines have: 10.77.0.1 (node1)"
     ]
 
 
@@ -86,7 +86,7 @@ def test_a_static_address_of_a_machine() -> None:
     assert good == []
     bad = found(item, workload(networks=static("10.66.0.11/24")), network=network)
     assert [f.message for f in bad] == [
-        "pods would be given addresses that machines have: 10.66.0.11 (node1)"
+        "pods would get addresses that machines have: 10.66.0.11 (node1)"
     ]
 
 
@@ -107,18 +107,18 @@ def test_an_attachment_that_gives_no_address_that_is_asked_for() -> None:
         seen = view(attachments={there.key: there})
         return texts(found(*pods, seen=seen, network=network))
 
-    why = "error rigelfile attachment-addresses: NetworkAttachmentDefinition nets/lab gives no pod"
+    why = (
+        "error rigelfile attachment-addresses: NetworkAttachmentDefinition nets/lab does not give"
+        " pods the addresses that they request:"
+    )
     remedy = (
-        ' => an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips": true}`,'
-        " or no `ipam: static` in the Rigelfile"
+        ' => use an attachment with `"ipam": {"type": "static"}` and `"capabilities": {"ips":'
+        " true}`, or remove `ipam: static` from the Rigelfile"
     )
     assert with_lab(ipam={"type": "static"}) == [
-        f"{why} the address that it asks for: its configuration lacks"
-        f' `"capabilities": {{"ips": true}}`{remedy}'
+        f'{why} `"capabilities": {{"ips": true}}` is missing in its configuration{remedy}'
     ]
-    assert with_lab(**IPS) == [
-        f"{why} the address that it asks for: its addresses come from whereabouts{remedy}"
-    ]
+    assert with_lab(**IPS) == [f"{why} it takes addresses from whereabouts{remedy}"]
     assert with_lab(ipam={"type": "static"}, **IPS) == []
     network = attrs.evolve(network, range_start="10.77.0.5", range_end="10.77.0.5")
     kinds = [line.split(":")[0] for line in with_lab(ipam={"type": "static"}, **IPS)]
@@ -128,7 +128,7 @@ def test_an_attachment_that_gives_no_address_that_is_asked_for() -> None:
 def test_the_gateway() -> None:
     """whereabouts gives out the gateway's address, unless it is excluded."""
     assert texts(found(whereabouts("10.77.0.0/24", gateway="10.77.0.1"), workload())) == [
-        "error rigelfile gateway-address: a pod would be given the gateway's address, 10.77.0.1 => "
+        "error rigelfile gateway-address: a pod would get the gateway's address, 10.77.0.1 => "
         + KEEP_OFF
     ]
     kept = whereabouts("10.77.0.0/24", gateway="10.77.0.1", exclude=["10.77.0.1/32"])
@@ -140,9 +140,9 @@ def test_a_range_that_machines_reach_elsewhere() -> None:
     facts = machine(routes=(*machine().routes, Route("eth1", ip_network("10.77.0.0/25"))))
     seen = view(machines={"node1": facts, "node2": machine()})
     assert texts(found(seen=seen)) == [
-        "warning cluster route: node1 reaches 10.77.0.0/25 by eth1, and subnet 10.77.0.0/24"
-        " overlaps it: pods would look for it at eth0 => another `network.subnet`, unless both"
-        " interfaces are on one segment"
+        "warning cluster route: node1 reaches 10.77.0.0/25 through eth1, and subnet"
+        " 10.77.0.0/24 overlaps it: pods would look for it on eth0 => use another"
+        " `network.subnet`, unless both interfaces are on one segment"
     ]
 
 
@@ -150,10 +150,10 @@ def test_the_same_range_elsewhere() -> None:
     """Two that give out the same addresses, and one of them does not ask the other."""
     other = attachment(nad("lab", "nets", ipam={"type": "host-local", "subnet": "10.77.0.0/25"}))
     assert texts(found(seen=view(attachments={other.key: other}))) == [
-        "error rigelfile other-attachment: NetworkAttachmentDefinition nets/lab (host-local) gives"
-        " out 10.77.0.1 to 10.77.0.126 on eth0 as well, and knows nothing of 10.77.0.1 to"
-        " 10.77.0.254 (whereabouts) => ranges that do not overlap, by `network.range_start` and"
-        " `range_end`; or whereabouts for both"
+        "error rigelfile other-attachment: NetworkAttachmentDefinition nets/lab (host-local)"
+        " gives out 10.77.0.1 to 10.77.0.126 on eth0 as well, independently of 10.77.0.1 to"
+        " 10.77.0.254 (whereabouts) => use ranges that do not overlap (`network.range_start`"
+        " and `range_end`), or whereabouts for both"
     ]
 
 
@@ -187,7 +187,7 @@ def test_an_address_that_another_pod_has() -> None:
     }
     seen = view(attachments={other.key: other}, taken=list(find_taken([pod])))
     expected = (
-        "error rigelfile address-taken: pods would be given addresses that other pods have:"
+        "error rigelfile address-taken: pods would get addresses that other pods have:"
         " 10.77.0.9 (nets/cam) => " + KEEP_OFF
     )
     assert texts(found(seen=seen)) == [expected]
@@ -202,9 +202,10 @@ def test_host_local_on_several_machines() -> None:
     """host-local knows one machine: two pods on two of them would get one address."""
     item = nad(ipam={"type": "host-local", "ranges": [[{"subnet": "10.77.0.0/24"}]]})
     assert texts(found(item, workload(), workload("listener"))) == [
-        "error rigelfile host-local: host-local counts on each machine for itself, and pods may run"
-        " on node1, node2: two of them would get one address => `ipam: whereabouts`, or"
-        " `placement.node` to keep all pods on one machine"
+        "error rigelfile host-local: host-local gives out addresses on each machine"
+        " independently, and pods may run on node1, node2: two of them would get the same"
+        " address => use `ipam: whereabouts`, or keep all pods on one machine with"
+        " `placement.node`"
     ]
     off = node("node2", ready=False)
     off["spec"]["taints"] = [{"key": "node.kubernetes.io/unreachable", "effect": "NoSchedule"}]
@@ -232,9 +233,9 @@ def test_too_few_addresses(item: dict[str, Any], size: int, range_text: str) -> 
     """More pods than addresses, as whereabouts counts them."""
     subnet = attachment(item).ranges[0].subnet
     assert texts(found(item, workload(replicas=7))) == [
-        f"error rigelfile too-few-addresses: 7 pods want an address, and {subnet} has {size} to"
-        f" give out ({range_text}) => a larger `network.subnet`, or a wider `range_start` and"
-        " `range_end`"
+        f"error rigelfile too-few-addresses: 7 pods need an address, and {subnet} has {size} to"
+        f" give out ({range_text}) => use a larger `network.subnet`, or a larger range in"
+        " `range_start` and `range_end`"
     ]
     assert found(item, workload(replicas=size)) == []
 
@@ -247,7 +248,7 @@ def test_static_without_room() -> None:
     item = nad(ipam={"type": "static"}, **IPS)
     pods = [workload(f"n{i}", networks=static(f"10.77.0.{240 + i}/24")) for i in range(6)]
     assert [f.message for f in found(item, *pods, network=network)] == [
-        "6 pods want an address, and 10.77.0.0/24 has 5 to give out (10.77.0.250 to 10.77.0.254)"
+        "6 pods need an address, and 10.77.0.0/24 has 5 to give out (10.77.0.250 to 10.77.0.254)"
     ]
 
 
@@ -266,9 +267,10 @@ def test_addresses_that_others_hold() -> None:
     assert made is not None
     found_here = found(whereabouts("10.77.0.0/29"), workload(replicas=4), seen=view(pools=[made]))
     assert texts(found_here) == [
-        "error cluster addresses-run-out: 4 pods want an address, and of the 6 from 10.77.0.1 to"
-        " 10.77.0.6 others have 3: other/a-1, other/b-2, other/c-3 => a larger `network.subnet`, or"
-        " end some of those; `kubectl get ippools -A -o yaml` shows who has which"
+        "error cluster addresses-run-out: 4 pods need an address, and of the 6 from 10.77.0.1"
+        " to 10.77.0.6 others have 3: other/a-1, other/b-2, other/c-3 => use a larger"
+        " `network.subnet`, or end some of those pods; `kubectl get ippools -A -o yaml` shows"
+        " their addresses"
     ]
     enough = found(whereabouts("10.77.0.0/29"), workload(replicas=3), seen=view(pools=[made]))
     assert enough == []

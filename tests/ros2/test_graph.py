@@ -128,7 +128,7 @@ def test_both_ways(lab):
         lab.ros(name, name)
     lab.deaf("one", "two")
     lab.deaf("two", "one")
-    text = "deaf: multicast at net1 passes neither from one to two nor back"
+    text = "deaf: no multicast at net1 passes between one and two"
     found = looked(lambda: lab.graph(), text)
     assert found.deaf == (("one", "two"), ("two", "one"))
 
@@ -155,7 +155,7 @@ def test_cut_off(lab):
     for name in ("two", "three"):
         lab.deaf("one", name)
         lab.deaf(name, "one")
-    text = "deaf: multicast at net1 passes neither from one to any other machine nor back"
+    text = "deaf: no multicast at net1 passes between one and any other machine"
     found = looked(lambda: lab.graph(), text)
     assert len(found.deaf) == 4
 
@@ -175,7 +175,7 @@ def test_one_deaf_pod(lab):
     one, two = lab.ros("one", "one"), lab.ros("two", "two")
     lab.ros("again", "one")
     one.deaf_to(two)
-    text = "deaf-pod: multicast from two does not reach one, though it reaches its machine"
+    text = "deaf-pod: multicast from two reaches the machine of one, but not this pod"
     found = looked(lambda: lab.graph(), text)
     assert found.deaf == ()
 
@@ -212,7 +212,7 @@ def test_stopped(lab):
     lab.ros("three", "three").signal(signal.SIGSTOP)
     found = lab.graph()
     assert [finding.kind for finding in found.findings] == ["stopped"]
-    assert found.findings[0].message.startswith("three has a process that is stopped by a signal")
+    assert found.findings[0].message.startswith("three has a process that a signal has stopped")
     assert found.pods[0].discovered_by == ("three", "two")
     assert found.pods[2].discovered_by == ()
 
@@ -221,7 +221,7 @@ def test_limited_discovery(lab):
     """A node whose image keeps it to its own machine is discovered by nobody, and told."""
     lab.ros("one", "one")
     lab.ros("two", "two", ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
-    found = looked(lambda: lab.graph(), "undiscovered: two is discovered by nobody")
+    found = looked(lambda: lab.graph(), "undiscovered: two is not discovered by any other pod")
     assert "ROS_AUTOMATIC_DISCOVERY_RANGE" in found.findings[0].remedy
 
 
@@ -243,8 +243,8 @@ def test_no_interface(lab):
     found = looked(
         lambda: lab.graph(),
         "no-address: two has net1 without an IPv4 address",
-        "no-interface: three has no net1: Multus did not attach the second network when the pod"
-        " was made",
+        "no-interface: three has no net1: Multus did not attach the second network when the"
+        " pod started",
     )
     assert [pod.address for pod in found.pods] == [lab.pods["one"].address, "", ""]
 
@@ -252,7 +252,7 @@ def test_no_interface(lab):
 def test_other_address(lab):
     """A pod that lost its promised address is named."""
     pod = lab.ros("one", "one")
-    text = f"other-address: one has {pod.address} at net1, and should have 10.9.9.9"
+    text = f"other-address: one has the address {pod.address} at net1 instead of 10.9.9.9"
     looked(lambda: lab.graph(address="10.9.9.9"), text)
 
 
@@ -320,8 +320,8 @@ def test_peers(lab):
     two.drop(one)
     looked(
         lambda: lab.graph("peers"),
-        "undiscovered: one is discovered by nobody",
-        "undiscovered: two is discovered by nobody",
+        "undiscovered: one is not discovered by any other pod",
+        "undiscovered: two is not discovered by any other pod",
     )
 
 
@@ -332,7 +332,7 @@ def test_zenoh(lab):
     alone = lab.start("two", "two", "sleep", "600")
     members = [lab.member(p, "zenoh", middleware="zenoh") for p in (client, alone)]
     found = lab.graph_of(members)
-    assert told(found) == ["no-router: two is connected to no zenoh router"]
+    assert told(found) == ["no-router: two is not connected to a zenoh router"]
     assert found.pods[0].reaches == (router.address,)
 
 

@@ -1,1 +1,1 @@
-"""Which nodes of a release discover which, looked at from inside their pods."""
+"""Which nodes of a release discover which, examined from inside their pods."""

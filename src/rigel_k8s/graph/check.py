@@ -1,7 +1,7 @@
-"""Whether a release's DDS nodes discover each other: looked at from inside their pods.
+"""Whether a release's DDS nodes discover each other, examined from inside their pods.
 
-A ROS 2 node whose multicast goes nowhere runs, is ready, and is alone. docs/graph.md tells how this
-is found out and what it costs.
+A ROS 2 node whose multicast does not arrive runs and is ready, but no other node discovers it.
+docs/graph.md describes how this is detected and what it costs.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from rigel_k8s.report import Reporter
 PATIENCE = 20.0  # seconds that the nodes have to discover each other after a deploy
 AGAIN = 1.0  # seconds between two looks
 LONGER = 6.0  # seconds for a look that decides
-#: What a busy machine shows as well: who is not given the time to answer does not answer.
+#: Findings that a busy machine may cause too: a node without processor time does not answer.
 DOUBTFUL = frozenset({"deaf", "deaf-pod", "no-server", "silent", "undiscovered"})
 
 
 class GraphError(RigelK8sError):
-    """Nodes do not discover each other, or not as the Rigelfile says; the release is deployed."""
+    """Nodes do not discover each other as the Rigelfile requests; the release is deployed."""
 
 
 def survey(
     cluster: Cluster, release: ReleaseId, cancel: threading.Event | None = None
 ) -> DiscoveryGraph | None:
-    """Return a release's graph as it is now, None where nothing of it takes part in DDS.
+    """Return a release's current graph, None if none of its pods takes part in DDS.
 
-    Where something is wrong that a busy machine may explain too, a longer look decides.
+    If a busy machine may be the cause of a finding, a longer look decides.
     """
     found = look_briefly(cluster, release, cancel, LISTEN)
     if found is not None and any(finding.kind in DOUBTFUL for finding in found.errors):
@@ -45,7 +45,7 @@ def survey(
 def look_briefly(
     cluster: Cluster, release: ReleaseId, cancel: threading.Event | None, seconds: float
 ) -> DiscoveryGraph | None:
-    """Return what one look of so many seconds shows."""
+    """Return the graph that a look of so many seconds shows."""
     found = participants(cluster, release)
     return graph(found, look(cluster, found, cancel, seconds=seconds)) if found else None
 
@@ -59,10 +59,10 @@ def participants(cluster: Cluster, release: ReleaseId) -> list[Member]:
 def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: threading.Event) -> None:
     """Look until the nodes discover each other, at most PATIENCE seconds and a look.
 
-    Without `network` a graph in pieces is a warning: nobody said that it shall hold together.
+    Without `network`, nodes that do not discover each other are a warning: nothing requests it.
 
     Raises:
-        GraphError: something is wrong that the Rigelfile's `network` promises.
+        GraphError: nodes do not discover each other, although `network` requests it.
         Interrupted: `cancel` was set.
     """
     until = time.monotonic() + PATIENCE
@@ -70,16 +70,18 @@ def check(release: ReleaseId, cluster: Cluster, report: Reporter, cancel: thread
     while found is not None and found.errors and time.monotonic() < until:
         report.progress("graph", found.errors[0].message)
         if cancel.wait(AGAIN):
-            raise Interrupted("stopped while looking at the DDS graph; the release stays deployed")
+            raise Interrupted(
+                "interrupted while checking the DDS graph; the release stays deployed"
+            )
         found = look_briefly(cluster, release, cancel, LISTEN)
     if found is not None and found.errors:
         found = survey(cluster, release, cancel)
     if found is not None:
-        tell(found, release, report)
+        report_graph(found, release, report)
 
 
-def tell(found: DiscoveryGraph, release: ReleaseId, report: Reporter) -> None:
-    """Report a graph; raise GraphError where it has errors."""
+def report_graph(found: DiscoveryGraph, release: ReleaseId, report: Reporter) -> None:
+    """Print a graph and its warnings; raise GraphError if it has errors."""
     report.progress("graph", summary(found), done=True)
     for finding in found.findings:
         if not finding.error:
@@ -90,14 +92,14 @@ def tell(found: DiscoveryGraph, release: ReleaseId, report: Reporter) -> None:
             f"{release.name} in {release.namespace} is deployed, but its nodes do not all"
             " discover each other",
             details=[str(finding) for finding in found.errors],
-            hint=f"`rigel status` looks again ({count} finding{'s' * (count != 1)})",
+            hint=f"check again with `rigel status` ({count} finding{'s' * (count != 1)})",
         )
 
 
 def summary(found: DiscoveryGraph) -> str:
-    """Return in one line what was found."""
+    """Return the result in one line."""
     if found.findings:
-        return f"looked from inside {len(found.pods)} pods"
+        return f"checked from inside {len(found.pods)} pods"
     machines = len({pod.machine for pod in found.pods})
     where = f"on {machines} machine{'s' * (machines != 1)}"
     if any(pod.discovered_by is None for pod in found.pods):

@@ -1,4 +1,4 @@
-"""What the looks into a release's pods mean: who is discovered by whom, and what is wrong; pure."""
+"""What the looks into a release's pods show: which pods discover which, and what is wrong; pure."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class PodGraph:
 
     Attributes:
         interface: the one that DDS uses, "" for all.
-        address: what that interface has, "" for none; the pod's address without an interface.
-        domain: the one it is to be in, None where its image decides.
-        discovered_by: the pods in which a stand-in discovered it; None where that cannot be told
-            (a discovery server or a zenoh router stands between them, or nobody could look).
-        out_of: in how many other pods one looked.
+        address: that of the interface, "" for none; without an interface, that of the pod.
+        domain: its DDS domain, None if its image decides.
+        discovered_by: the pods in which a stand-in discovered it; None if that is unknown (a
+            discovery server or a zenoh router is between them, or no pod could be examined).
+        out_of: how many other pods were examined.
         reaches: the discovery servers and zenoh routers that it reaches.
     """
 
@@ -45,7 +45,7 @@ class DiscoveryGraph:
     """A release's DDS graph.
 
     Attributes:
-        deaf: (from, to): machines whose pods' multicast does not arrive at the other's pods.
+        deaf: (from, to): multicast of the first machine's pods does not reach those of the second.
     """
 
     pods: tuple[PodGraph, ...]
@@ -54,12 +54,12 @@ class DiscoveryGraph:
 
     @property
     def errors(self) -> tuple[GraphFinding, ...]:
-        """What keeps nodes from each other against what the Rigelfile says."""
+        """The findings that contradict what the Rigelfile requests."""
         return tuple(finding for finding in self.findings if finding.error)
 
 
 def graph(found: Sequence[Member], seen: Mapping[str, Observation]) -> DiscoveryGraph:
-    """Return what the looks mean."""
+    """Return the graph that the looks show."""
     looked = [member for member in found if not seen[member.pod].problem]
     ways = paths(looked, seen)
     known = discoveries(looked, seen)
@@ -77,7 +77,7 @@ def row(member: Member, seen: Observation, known: Mapping[str, bool] | None) -> 
     """Return one pod's place in the graph."""
     address = seen.interfaces.get(member.interface) if member.interface else member.ip
     if seen.problem:
-        address = member.address  # as Multus told, unseen
+        address = member.address  # from Multus' annotation, not checked
     reached = [server for server, answers in seen.servers.items() if answers]
     return PodGraph(
         member.pod,
@@ -105,19 +105,19 @@ def discoveries(
             other.pod: bool(own) and own <= {p["prefix"] for p in seen[other.pod].heard}
             for other in looked
             if other.pod != member.pod and other.domain == member.domain
-            if seen[other.pod].announced or asks(other, member)
+            if seen[other.pod].announced or looks_for(other, member)
             if seen[other.pod].is_on_network(other)
         }
     return known
 
 
-def asks(other: Member, member: Member) -> bool:
-    """Whether one member's stand-in asks another member by its Service."""
+def looks_for(other: Member, member: Member) -> bool:
+    """Whether one member's stand-in looks for another member by its Service."""
     return other.mode == "peers" and other.workload != member.workload
 
 
 def find_unseen(found: Sequence[Member], seen: Mapping[str, Observation]) -> Iterator[GraphFinding]:
-    """Yield why pods could not be looked into; pods of one reason together."""
+    """Yield why pods could not be examined; pods with the same cause together."""
     reasons: dict[str, list[str]] = defaultdict(list)
     for member in found:
         if seen[member.pod].problem:
@@ -144,23 +144,23 @@ Wrong = tuple[str, str, str]
 
 
 def interface_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
-    """Yield what is wrong with the interface that DDS is to use."""
+    """Yield what is wrong with the interface that DDS uses."""
     name = member.interface
     if not name:
         return
     if name not in seen.interfaces:
-        text = f"has no {name}: Multus did not attach the second network when the pod was made"
-        remedy = f"delete the pod once Multus runs on {member.machine}: a new one gets {name}"
+        text = f"has no {name}: Multus did not attach the second network when the pod started"
+        remedy = f"delete the pod when Multus runs on {member.machine}: a new one gets {name}"
         yield "no-interface", text, remedy
     elif not seen.interfaces[name]:
-        remedy = "`kubectl describe pod` tells what the address management said"
+        remedy = "`kubectl describe pod` shows the message of the address management"
         yield "no-address", f"has {name} without an IPv4 address", remedy
     elif name in seen.down:
-        remedy = "somebody took it down in the pod, or its machine's interface lost its link"
+        remedy = "it was taken down in the pod, or the machine's interface lost its link"
         yield "interface-down", f"has {name}, but it is down", remedy
     elif member.address and seen.interfaces[name] != member.address:
-        text = f"has {seen.interfaces[name]} at {name}, and should have {member.address}"
-        yield "other-address", text, "delete the pod: it gets its address when it is made"
+        text = f"has the address {seen.interfaces[name]} at {name} instead of {member.address}"
+        yield "other-address", text, "delete the pod: a new one gets the right address"
 
 
 def participant_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
@@ -172,13 +172,13 @@ def participant_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
         text = (
             f"takes part in DDS domain {join_words(map(str, domains))} instead of {member.domain}"
         )
-        yield "wrong-domain", text, "does its image or command set ROS_DOMAIN_ID?"
+        yield "wrong-domain", text, "check whether its image or command sets ROS_DOMAIN_ID"
     elif not here:
-        remedy = "see its log: has its program started DDS, and not ended?"
+        remedy = "check its log: did its program start DDS, and is it still running?"
         yield "no-participant", "has no DDS participant", remedy
     elif stopped:
-        text = f"has a process that is stopped by a signal: {stopped[0]['command']}"
-        yield "stopped", text, "a debugger? SIGCONT, or delete the pod"
+        text = f"has a process that a signal has stopped: {stopped[0]['command']}"
+        yield "stopped", text, "end the debugger, send SIGCONT, or delete the pod"
     elif member.answers and not any(p["own"] for p in seen.heard):
         text = f"has a participant that does not answer: {here[0]['command']}"
         yield "silent", text, "its process hangs, or DDS is bound to another interface"
@@ -186,17 +186,17 @@ def participant_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
 
 def server_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
     """Yield which discovery servers do not answer."""
-    away = [server for server, answers in seen.servers.items() if not answers]
-    if away:
-        remedy = "does the server's pod run, and its Service exist? UDP must get there and back"
-        yield "no-server", f"gets no answer from the discovery server {join_words(away)}", remedy
+    silent = [server for server, answers in seen.servers.items() if not answers]
+    if silent:
+        remedy = "check that the server's pod runs, its Service exists, and UDP passes both ways"
+        yield "no-server", f"gets no answer from the discovery server {join_words(silent)}", remedy
 
 
 def router_findings(member: Member, seen: Observation) -> Iterator[Wrong]:
-    """Yield whether the zenoh router is missing."""
+    """Yield a finding if the pod is not connected to a zenoh router."""
     if not seen.routers:
-        remedy = "does the router's pod run, and its Service exist? TCP 7447 must get there"
-        yield "no-router", "is connected to no zenoh router", remedy
+        remedy = "check that the router's pod runs, its Service exists, and TCP port 7447 is open"
+        yield "no-router", "is not connected to a zenoh router", remedy
 
 
 def find_undiscovered(
@@ -205,7 +205,7 @@ def find_undiscovered(
     known: Mapping[str, Mapping[str, bool]],
     ways: Paths,
 ) -> Iterator[GraphFinding]:
-    """Yield who is not discovered by whom, where nothing else explains it."""
+    """Yield pods that are not discovered, if no other finding explains it."""
     by_pod = {member.pod: member for member in looked}
     for pod, others in known.items():
         member = by_pod[pod]
@@ -218,15 +218,14 @@ def find_undiscovered(
         ]
         if not missing:
             continue
-        nobody = len(missing) == len(others)
-        who = "nobody" if nobody else join_words(missing)
         remedy = (
-            "does its image limit DDS (ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE, a"
-            " profile), or a firewall drop UDP?"
+            "check whether its image limits DDS (ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE,"
+            " a profile), or a firewall drops UDP"
         )
         if member.mode == "peers":
             service = peer_name(member.workload)
-            remedy = f"is the Service {service} there, and does a NetworkPolicy keep UDP out?"
-        verb = "is discovered by nobody" if nobody else f"is not discovered by {who}"
+            remedy = f"check that the Service {service} exists, and no NetworkPolicy blocks UDP"
+        which = "any other pod" if len(missing) == len(others) else join_words(missing)
         error = member.mode != "none"
-        yield GraphFinding("undiscovered", f"{pod} {verb}", remedy, [pod], error=error)
+        message = f"{pod} is not discovered by {which}"
+        yield GraphFinding("undiscovered", message, remedy, [pod], error=error)

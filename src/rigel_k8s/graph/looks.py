@@ -1,7 +1,7 @@
-"""Looks into pods: runs inpod/dds.py in all of them at the same time, and reads what it tells.
+"""Looks into pods: runs inpod/dds.py in all of them at the same time, and reads its output.
 
-All have to overlap, since one hears another only while that one sends: each tells when it hears,
-and is told when it is enough.
+The runs have to overlap, since a script receives from another only while that one sends: each
+reports when it receives, and ends when it gets a line.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.network.modes.peers import peer_name
 
-START = 15.0  # seconds until the last one has to hear: a Python start on a busy machine, and DNS
-LISTEN = 1.5  # seconds for which all hear each other, where nobody says it
-END = 10.0  # seconds until the last one has to have told
-TICK = 0.05  # seconds between two looks at the others
-LONGEST = 32  # seconds after which a script ends where nobody tells it anything
-ANNOUNCERS = 24  # more stand-ins would make every participant answer more than these show
+START = 15.0  # seconds until all must receive: a Python start on a busy machine, and DNS
+LISTEN = 1.5  # seconds for which all receive from each other, by default
+END = 10.0  # seconds until all must have printed their results
+TICK = 0.05  # seconds between two looks at the runs
+LONGEST = 32  # seconds after which a script ends without a line
+ANNOUNCERS = 24  # more stand-ins would show nothing new, but every participant answers each
 ROUTER = 7447  # zenoh's port
-SLOW = "its container did not answer in time; is its machine busy, or away?"
+SLOW = "its container did not answer in time; its machine may be busy or unreachable"
 #: How an API server reports that it has no connection to a kubelet.
 UNREACHED = re.compile(r"dial tcp [^ ]+: (?:connect: )?(.+)$")
 SCRIPT = ("python3", "-S", "-E", "-B", f"{MOUNT_PATH}/dds.py")
@@ -43,12 +43,12 @@ class Observation:
     """What was seen in one pod.
 
     Attributes:
-        problem: why nothing could be seen, "" where it could.
+        problem: why the pod could not be examined, "" if it could.
         interfaces: name -> IPv4 address, None for an interface without one.
         down: those interfaces that are down.
         own: the pod's processes that take part: pid, command, domain, stopped, ports.
-        heard: the participants that a stand-in in this pod discovered; `own` for the pod's.
-        beacons: the pods whose beacons came here.
+        heard: the participants that a stand-in in this pod discovered; `own` marks the pod's.
+        beacons: the pods whose beacons arrived here.
         servers: discovery server -> whether it answered.
         routers: the addresses of zenoh routers that it is connected to.
         announced: whether a stand-in announced itself here, so that `heard` is complete.
@@ -67,15 +67,15 @@ class Observation:
     sends: bool = False
 
     def is_on_network(self, member: Member) -> bool:
-        """Whether the pod has the network that it is to have."""
+        """Whether the pod has its interface and address."""
         name = member.interface
         return not name or bool(self.interfaces.get(name) and name not in self.down)
 
 
 def commands(found: Sequence[Member]) -> dict[str, list[str]]:
-    """Return pod -> what is run in it.
+    """Return pod -> the command to run in it.
 
-    One pod of each machine sends beacons: that is enough to tell which machines hear each other.
+    One pod of each machine sends beacons: that shows which machines receive from which.
     """
     senders = {member.machine: member.pod for member in reversed(found) if member.by_multicast}
     order = sorted(found, key=lambda m: m.pod not in senders.values())
@@ -89,7 +89,7 @@ def command(
     senders: Mapping[str, str],
     announcers: Iterable[str],
 ) -> list[str]:
-    """Return what is run in one pod."""
+    """Return the command to run in one pod."""
     words = [*SCRIPT, "--seconds", str(LONGEST)]
     if member.domain is not None:
         words += ["--domain", str(member.domain)]
@@ -119,7 +119,7 @@ def look(
     """Return pod -> what was seen in it.
 
     Args:
-        seconds: for how long all hear each other.
+        seconds: for how long all receive from each other.
 
     Raises:
         Interrupted: `cancel` was set.
@@ -151,13 +151,15 @@ def wait(
     seconds: float,
     cancel: threading.Event | None,
 ) -> None:
-    """Wait until something holds for all, at most so long."""
+    """Wait until something holds for all runs, at most so many seconds."""
     until = time.monotonic() + seconds
     while not all(done(run) for run in runs) and time.monotonic() < until:
         if cancel is not None and cancel.wait(TICK):
             for run in runs:
                 run.finish()
-            raise Interrupted("stopped while looking at the DDS graph; the release stays deployed")
+            raise Interrupted(
+                "interrupted while checking the DDS graph; the release stays deployed"
+            )
         if cancel is None:
             time.sleep(TICK)
 
@@ -170,14 +172,14 @@ class Look:
         self.output, self.errors = io.BytesIO(), io.BytesIO()
         self.code: int | None = None
         self.problem = ""
-        self.late = False  # whether the others were heard without it
+        self.late = False  # whether the others began without it
         reading, self.writing = os.pipe()
         self.stdin = os.fdopen(reading, "rb", buffering=0)
         self.thread = threading.Thread(target=self.work, daemon=True)
         self.thread.start()
 
     def work(self) -> None:
-        """Run it until its end."""
+        """Run the script until its end."""
         try:
             self.code = self.cluster.exec(
                 self.member.namespace,
@@ -195,24 +197,24 @@ class Look:
 
     @property
     def ended(self) -> bool:
-        """Whether it has told everything, or will tell nothing."""
+        """Whether it has ended, with or without a result."""
         return not self.thread.is_alive()
 
     @property
     def hears(self) -> bool:
-        """Whether it has told that it hears, or never will."""
+        """Whether it has reported that it receives, or has ended."""
         return self.ended or b"\n" in self.output.getvalue()
 
     def finish(self) -> None:
-        """Tell it to end; once."""
+        """Make it end; only the first call has an effect."""
         if self.writing >= 0:
-            with suppress(BrokenPipeError):  # it has ended by itself
+            with suppress(BrokenPipeError):  # it has already ended
                 os.write(self.writing, b"\n")
             os.close(self.writing)
             self.writing = -1
 
     def read_observation(self) -> Observation:
-        """Return what it told."""
+        """Return what it saw."""
         lines = self.output.getvalue().decode("utf-8", "replace").splitlines()
         if self.late and not self.problem:
             return Observation(SLOW)
@@ -232,21 +234,21 @@ class Look:
         )
 
     def failure(self, lines: Sequence[str]) -> str:
-        """Return why there is no answer."""
+        """Return why there is no result."""
         if self.code is None:
             return SLOW
-        told = self.errors.getvalue().decode("utf-8", "replace").splitlines() or list(lines)
-        if any("can't open file" in line for line in told):
+        printed = self.errors.getvalue().decode("utf-8", "replace").splitlines() or list(lines)
+        if any("can't open file" in line for line in printed):
             return "it was deployed by an older version, without this check: deploy it again"
-        return f"the check failed in it: {told[-1]}" if told else "the check told nothing"
+        return f"the check failed in it: {printed[-1]}" if printed else "the check printed nothing"
 
 
 def reason(error: ClusterError) -> str:
     """Return why a command could not be run, in few words."""
     if isinstance(error, Forbidden):
-        return "looking into pods is not allowed here (the right `create pods/exec`)"
+        return "commands in pods are not allowed (the right `create pods/exec` is missing)"
     if "executable file not found" in error.message or "no such file" in error.message:
-        return "its image has no python3, so nothing can look from inside it"
+        return "its image has no python3, which the check needs"
     if unreached := UNREACHED.search(error.message):
         return f"the API server cannot reach its machine ({unreached[1]})"
     return error.message

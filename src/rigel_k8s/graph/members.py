@@ -1,4 +1,4 @@
-"""Which pods of a release take part in DDS, and what each of them is meant to have; pure."""
+"""Which pods of a release take part in DDS, and what each of them should have; pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rigel_k8s.network.wiring import NETWORK_ANNOTATION
 from rigel_k8s.objects.facts import is_out_of_reach
 from rigel_k8s.objects.naming import NAME_LABEL, ROS_ANNOTATION
 
-#: What a user may set in a pod without `network`: then discovery goes other ways than multicast.
+#: Variables that a user may set in a pod without `network`: then discovery does not use multicast.
 OWN_WAYS = (
     "ROS_DISCOVERY_SERVER",
     "ROS_STATIC_PEERS",
@@ -28,20 +28,20 @@ STATUS_ANNOTATION = "k8s.v1.cni.cncf.io/network-status"
 
 @attrs.frozen
 class Member:
-    """One pod that takes part, as its manifest and Kubernetes tell.
+    """One pod that takes part, from its manifest and its status.
 
     Attributes:
         workload: the name of its Deployment.
         machine: the Kubernetes node that it runs on.
-        domain: the DDS domain that it is to be in, None where the image decides.
-        interface: the one that DDS is to use, None for all.
-        address: what that interface is to have, as the Rigelfile or Multus tell, None if nobody.
-        servers: the discovery servers that it is told, HOST:PORT.
-        own_ways: variables by which it goes its own way without `network`.
-        running: whether its container runs, so that one can look into it.
-        reachable: whether Kubernetes hears from its machine.
-        probed: whether it has our readiness probe; where a user set another one, or none, its
-            program need not have DDS.
+        domain: the DDS domain that it should be in, None if the image decides.
+        interface: the one that DDS should use, None for all.
+        address: the interface's, from the Rigelfile or from Multus; None if neither sets it.
+        servers: its discovery servers, HOST:PORT.
+        own_ways: variables by which a user configures its discovery without `network`.
+        running: whether its container runs, so it can be examined.
+        reachable: whether its machine reports to Kubernetes.
+        probed: whether it has our readiness probe; if a user set another one, or none, its
+            program need not use DDS.
     """
 
     namespace: str
@@ -70,7 +70,7 @@ class Member:
 
     @property
     def answers(self) -> bool:
-        """Whether its network's mode lets it answer whoever announces itself to it."""
+        """Whether, in its network's mode, it answers each participant that announces itself."""
         mode = MODES.get(self.mode)
         return mode is not None and mode.answers
 
@@ -82,14 +82,14 @@ def members(pods: Iterable[Mapping[str, Any]]) -> list[Member]:
 
 
 def member_of(pod: Mapping[str, Any]) -> Member | None:
-    """Return a pod as a member, None where it takes no part."""
+    """Return a pod as a member, None if it does not take part."""
     meta, spec, status = pod["metadata"], pod.get("spec") or {}, pod.get("status") or {}
     annotations = meta.get("annotations") or {}
     note = parse_json(annotations.get(NETWORK_ANNOTATION), {})
     container = find_container(spec)
     if "mode" not in note or note.get("ros") == "1" or container is None:
         return None
-    if annotations.get(ROS_ANNOTATION) == "none":  # beside ROS nodes: nobody expects it
+    if annotations.get(ROS_ANNOTATION) == "none":  # beside ROS nodes: its DDS is not checked
         return None
     env = {e["name"]: str(e.get("value") or "") for e in container.get("env") or []}
     interface = note.get("interface")
@@ -114,7 +114,7 @@ def member_of(pod: Mapping[str, Any]) -> Member | None:
 
 
 def parse_json(text: str | None, otherwise: Any) -> Any:
-    """Return JSON as data, `otherwise` where it is none."""
+    """Return JSON as data, `otherwise` if it is invalid."""
     try:
         found = json.loads(text or "")
     except ValueError:
@@ -133,14 +133,14 @@ def find_container(spec: Mapping[str, Any]) -> Mapping[str, Any] | None:
 def choose_address(
     note: Mapping[str, Any], annotations: Mapping[str, str], interface: str | None
 ) -> str | None:
-    """Return the address that was promised, else the one that Multus says it gave."""
+    """Return the address in our annotation, or else that in Multus' annotation."""
     if note.get("address"):
         return str(note["address"]).partition("/")[0]
     return next(iter(addresses_of(annotations, interface)), None)
 
 
 def addresses_of(annotations: Mapping[str, str], interface: str | None) -> Iterator[str]:
-    """Yield the IPv4 addresses that Multus says it gave to an interface."""
+    """Yield an interface's IPv4 addresses from Multus' annotation."""
     for network in parse_json(annotations.get(STATUS_ANNOTATION), []):
         if interface and network.get("interface") == interface:
             yield from (str(ip) for ip in network.get("ips") or [] if ":" not in str(ip))

@@ -1,4 +1,4 @@
-"""Which machines' multicast arrives at which others, told from whose beacons were heard; pure."""
+"""Which machines' multicast arrives at which others, derived from the beacons received; pure."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from rigel_k8s.graph.words import GraphFinding
 from rigel_k8s.objects.text import join_words
 
 SWITCH = (
-    "look at what is between them: a firewall, Wi-Fi that filters multicast, a switch with IGMP"
-    " snooping and no querier (that one dies after minutes)"
+    "check the network between them: a firewall, Wi-Fi that filters multicast, a switch with IGMP"
+    " snooping and no querier (multicast then stops after minutes)"
 )
 SET_NETWORK = (
-    "set `network`: macvlan or ipvlan where machines share an Ethernet, peers or discovery-server"
-    " elsewhere, host on a single machine (docs/networking.md)"
+    "set `network`: macvlan or ipvlan if the machines share an Ethernet, otherwise peers or"
+    " discovery-server, host on a single machine (docs/networking.md)"
 )
 
 
 @attrs.frozen
 class Paths:
-    """What was heard of what was sent.
+    """Which multicast arrived.
 
     Attributes:
         heard: (from, to): machines whose pods' multicast arrives.
-        deaf: (from, to): where it does not arrive in any pod; from == to: between pods of one.
-        alone: (from, pod): where it does not arrive in one pod, but in others of its machine.
+        deaf: (from, to): machines where it arrives in no pod; from == to: between pods of one.
+        alone: (from, pod): it does not arrive in this pod, but in others of its machine.
     """
 
     heard: frozenset[tuple[str, str]] = frozenset()
@@ -37,13 +37,13 @@ class Paths:
     alone: frozenset[tuple[str, str]] = frozenset()
 
     def explains(self, one: Member, other: Member) -> bool:
-        """Whether two pods may not discover each other, because one hears nothing of the other."""
+        """Whether two pods cannot discover each other, since multicast of one does not arrive."""
         deaf = {(one.machine, other.machine), (other.machine, one.machine)} & self.deaf
         return bool(deaf or {(one.machine, other.pod), (other.machine, one.pod)} & self.alone)
 
 
 def paths(looked: Sequence[Member], seen: Mapping[str, Observation]) -> Paths:
-    """Return whose multicast arrives where; pods without their interface tell nothing."""
+    """Return which multicast arrives where; pods without their interface are ignored."""
     able = [m for m in looked if m.by_multicast and seen[m.pod].is_on_network(m)]
     senders = [m for m in able if seen[m.pod].sends]
     arrived: dict[tuple[str, str], dict[str, bool]] = defaultdict(dict)
@@ -58,7 +58,7 @@ def paths(looked: Sequence[Member], seen: Mapping[str, Observation]) -> Paths:
 
 
 def find_deaf(looked: Sequence[Member], ways: Paths) -> Iterator[GraphFinding]:
-    """Yield which machines do not hear which others."""
+    """Yield which machines receive no multicast from which others."""
     bare = any(m.mode == "none" for m in looked)
     names = [f"at {name}" for name in sorted({m.interface for m in looked if m.interface})]
     where = f" {names[0]}" if names else ""
@@ -70,29 +70,29 @@ def find_deaf(looked: Sequence[Member], ways: Paths) -> Iterator[GraphFinding]:
         pods = [m.pod for m in looked if m.machine in machines]
         yield GraphFinding("deaf", message, remedy, pods, error=not bare)
     for one, pod in sorted(ways.alone):
-        message = f"multicast from {one} does not reach {pod}, though it reaches its machine"
-        remedy = "delete the pod; if it stays so, see `kubectl describe pod`"
+        message = f"multicast from {one} reaches the machine of {pod}, but not this pod"
+        remedy = "delete the pod; if that does not help, see `kubectl describe pod`"
         yield GraphFinding("deaf-pod", message, remedy, [pod], error=not bare)
 
 
 def deaf_messages(ways: Paths, where: str) -> Iterator[tuple[str, set[str]]]:
-    """Yield what is deaf in words, and the machines: first those that nothing reaches at all."""
+    """Yield messages and their machines: first the machines that no multicast reaches."""
     cut = sorted(find_cut_off(ways))
     for machine in cut:
         yield (
-            f"multicast{where} passes neither from {machine} to any other machine nor back",
+            f"no multicast{where} passes between {machine} and any other machine",
             {machine},
         )
     for one, other in sorted(ways.deaf):
         both = (other, one) in ways.deaf and one != other
-        told = {one, other} & set(cut) and one != other
-        if told or (both and other < one):
+        reported = {one, other} & set(cut) and one != other
+        if reported or (both and other < one):
             continue
         yield deaf_message(one, other, where, both=both), {one, other}
 
 
 def find_cut_off(ways: Paths) -> set[str]:
-    """Return the machines that are deaf to all others and unheard by all, of three and more."""
+    """Return the machines without multicast from or to any other, if there are three or more."""
     machines = {name for way in ways.heard | ways.deaf for name in way}
     if len(machines) < 3 or not any(a != b for a, b in ways.heard):
         return set()
@@ -101,16 +101,16 @@ def find_cut_off(ways: Paths) -> set[str]:
 
 
 def deaf_message(one: str, other: str, where: str, *, both: bool) -> str:
-    """Return which way is deaf, in words."""
+    """Return in which direction multicast does not arrive, as a message."""
     if one == other:
-        return f"pods on {one} do not hear each other's multicast{where}"
+        return f"pods on {one} do not receive each other's multicast{where}"
     if both:
-        return f"multicast{where} passes neither from {one} to {other} nor back"
+        return f"no multicast{where} passes between {one} and {other}"
     return f"multicast{where} from {one} does not reach {other}"
 
 
 def bare_finding(looked: Sequence[Member], ways: Paths) -> GraphFinding:
-    """Return what it means that the pod network carries no multicast."""
+    """Return the finding that the pod network carries no multicast."""
     machines = sorted({name for way in ways.deaf for name in way})
     within = any(one == other for one, other in ways.deaf)
     message = (

@@ -1,4 +1,4 @@
-"""A finding about the graph, and lists in words."""
+"""A finding about the graph."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import attrs
 
 @attrs.frozen
 class GraphFinding:
-    """One thing that is wrong, or that could not be found out.
+    """One thing that is wrong, or that could not be checked.
 
     Attributes:
         kind: a word for scripts.
-        remedy: what to do, "" where nothing is to be done.
-        pods: whom it is about.
-        error: nodes are kept from each other against what the Rigelfile says.
+        remedy: what to do, "" if nothing can be done.
+        pods: the pods that it is about.
+        error: nodes do not discover each other, although the Rigelfile requests it.
     """
 
     kind: str

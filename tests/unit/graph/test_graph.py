@@ -172,7 +172,7 @@ def test_every_participant_of_a_pod_counts():
     looks = {"a": seen("a", "b", heard=[*several, participant("b", own=False)])}
     looks["b"] = seen("b", "a")
     found = graph([member("a", "node1"), member("b", "node2")], looks)
-    assert [f.message for f in found.findings] == ["a is discovered by nobody"]
+    assert [f.message for f in found.findings] == ["a is not discovered by any other pod"]
 
 
 def test_one_way():
@@ -214,11 +214,13 @@ def test_pod_network(machines: tuple[str, str], message: str):
 
 def test_forbidden():
     """Where exec is forbidden that is said once, and is no error: nothing is known."""
-    problem = Observation("looking into pods is not allowed here (the right `create pods/exec`)")
+    problem = Observation(
+        "commands in pods are not allowed (the right `create pods/exec` is missing)"
+    )
     found = graph([member("a"), member("b")], {"a": problem, "b": problem})
     assert [str(f) for f in found.findings] == [
-        "a and b could not be checked: looking into pods is not allowed here"
-        " (the right `create pods/exec`)"
+        "a and b could not be checked: commands in pods are not allowed (the right `create"
+        " pods/exec` is missing)"
     ]
     assert found.errors == ()
     assert [pod.discovered_by for pod in found.pods] == [None, None]
@@ -234,7 +236,7 @@ class Refusing:
 def test_looks_that_are_refused():
     """The refusal of the cluster becomes a reason in words."""
     found = look(Refusing(), [member("a")])  # type: ignore[arg-type]
-    assert found["a"].problem.startswith("looking into pods is not allowed here")
+    assert found["a"].problem.startswith("commands in pods are not allowed")
 
 
 class Slow:

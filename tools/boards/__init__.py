@@ -1,7 +1,7 @@
 """Writes the dashboards' JSON from descriptions in Python: `python -m tools.boards`.
 
-The descriptions use Grafana's own builders, so that a wrong key is a type error. These want Python
-3.11; the JSON is kept in the repository, so only those who change a dashboard need them.
+The descriptions use Grafana's own builders, so a wrong key is a type error. The builders need
+Python 3.11. The JSON is in the repository, so only a change of a dashboard needs them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def texts() -> dict[str, str]:
 
 
 def write() -> None:
-    """Write the files, and remove those of dashboards that are gone."""
+    """Write the files, and remove those of removed dashboards."""
     found = texts()
     for file in FILES.glob("*.json"):
         if file.name not in found:

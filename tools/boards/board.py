@@ -1,6 +1,7 @@
 """A whole dashboard: rows of panels, variables, links and roll-outs.
 
-It knows what all our dashboards share, and none of them. Grafana's builders lay out the grid.
+It has what all our dashboards share, and depends on none of them. Grafana's builders lay out the
+grid.
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from grafana_foundation_sdk.models import dashboard as model
 from rigel_k8s.observability.boards import LOGS, METRICS
 from tools.boards.panels import SOURCES, Panel
 
-#: Dashboards of ours, by which they find each other.
+#: The tag of our dashboards, by which they link to each other.
 TAG = "rigel-k8s"
 #: The model's version that these files are written for: Grafana 10.4's, which later ones read.
 SCHEMA = 39
-#: Releases that carry applications, and are none.
+#: Releases that are not applications, but serve them.
 NOT_APPLICATIONS = "rigel-observability|rigel-network"
 
 ALL = model.VariableOption(text="All", value="$__all")
@@ -44,7 +45,7 @@ class Board:
 
     Attributes:
         uid: part of every link to it: it never changes.
-        variables: what its queries are narrowed by, in order.
+        variables: the choices that its queries use, in order.
         rollouts: whether roll-outs of applications are marked in its curves.
     """
 
@@ -88,7 +89,7 @@ class Board:
 
 
 def other_boards() -> build.DashboardLink:
-    """Return the menu of our other dashboards; time and variables go along."""
+    """Return the menu of our other dashboards; the links keep time and variables."""
     return (
         build.DashboardLink("ROS on Kubernetes")
         .type(model.DashboardLinkType.DASHBOARDS)
@@ -117,7 +118,7 @@ class RollOuts(Builder[model.AnnotationQuery]):
 class PrometheusMarks(model.AnnotationQuery):
     """Marks with the fields that are Prometheus' own, which Grafana's schema leaves open.
 
-    The query stands beside `target`'s place: Grafana takes it from there in all versions.
+    The query is beside `target`: all versions of Grafana read it there.
     """
 
     def to_json(self) -> dict[str, object]:
@@ -131,7 +132,7 @@ class PrometheusMarks(model.AnnotationQuery):
 
 
 def datasources() -> list[Variable]:
-    """Return the variables that choose where metrics and logs come from."""
+    """Return the variables that choose the datasources of metrics and logs."""
     return [
         datasource("metrics", "Metrics from", "prometheus", METRICS),
         datasource("logs", "Logs from", "loki", LOGS),
@@ -139,7 +140,7 @@ def datasources() -> list[Variable]:
 
 
 def datasource(name: str, label: str, kind: str, uid: str) -> Variable:
-    """Return a variable of datasources; a Grafana without that UID takes its first of the kind."""
+    """Return a variable of datasources; without that UID, Grafana uses the first of the kind."""
     chosen = model.VariableOption(text=uid, value=uid)
     return build.DatasourceVariable(name).label(label).type(kind).current(chosen)
 

@@ -1,6 +1,6 @@
-"""Grafana's panels as all our dashboards have them: what is asked, and what an empty answer means.
+"""Grafana's panels as all our dashboards use them: their queries, and the text without a result.
 
-Grafana's builders do the rest. It knows no query: those stand in the modules of the dashboards.
+Grafana's builders do the rest. The queries are in the modules of the dashboards.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from grafana_foundation_sdk.models import common as words
 from grafana_foundation_sdk.models import dashboard as model
 from grafana_foundation_sdk.models.prometheus import PromQueryFormat
 
-#: The datasources are variables, so that any Grafana's own can be chosen.
+#: The datasources are variables, so those of any Grafana can be chosen.
 SOURCES = {
     "metrics": model.DataSourceRef(type_val="prometheus", uid="${metrics}"),
     "logs": model.DataSourceRef(type_val="loki", uid="${logs}"),
@@ -38,12 +38,12 @@ P = TypeVar("P", stat.Panel, timeseries.Panel, statetimeline.Panel, tables.Panel
 
 @attrs.frozen
 class Query:
-    """One question to a datasource.
+    """One query to a datasource.
 
     Attributes:
         legend: Grafana's template of a series' name, `{{ros_node}}`.
         source: `metrics` (PromQL) or `logs` (LogQL).
-        now: whether only the latest value is wanted, not its history.
+        now: whether only the latest value is needed, not its history.
     """
 
     expr: str
@@ -52,7 +52,7 @@ class Query:
     now: bool = attrs.field(default=False, kw_only=True)
 
     def target(self, ref: str, *, rows: bool = False) -> loki.Dataquery | prometheus.Dataquery:
-        """Return the panel's target; `rows` asks for a table of labels instead of series."""
+        """Return the panel's target; `rows` requests a table of labels instead of series."""
         made: loki.Dataquery | prometheus.Dataquery
         if self.source == "logs":
             made = loki.Dataquery().query_type("instant" if self.now else "range")
@@ -65,7 +65,7 @@ class Query:
 
 
 def begin(panel: P, title: str, about: str, queries: Sequence[Query]) -> P:
-    """Return a panel with what all have; `about` says to a reader what it shows."""
+    """Return a panel with what all have in common; `about` explains to readers what it shows."""
     rows = isinstance(panel, tables.Panel)
     panel = panel.title(title).description(about).datasource(SOURCES[queries[0].source])
     for ref, query in zip("ABCDEFGH", queries, strict=False):
@@ -74,7 +74,7 @@ def begin(panel: P, title: str, about: str, queries: Sequence[Query]) -> P:
 
 
 def thresholds(yellow: float | None, red: float | None) -> dashboard.ThresholdsConfig:
-    """Return the colours of a value that should be small."""
+    """Return the colors of a value that should be small."""
     steps = [(None, GREEN), (yellow, YELLOW), (red, RED)]
     kept = [steps[0], *[step for step in steps[1:] if step[0] is not None]]
     return (
@@ -114,7 +114,7 @@ def number(
     red: float | None = None,
     links: Sequence[dashboard.DashboardLink] = (),
 ) -> stat.Panel:
-    """Return one big number; `empty` is what stands there when nothing answers."""
+    """Return one big number; `empty` is the text if there is no result."""
     mode = words.BigValueColorMode
     return (
         begin(stat.Panel(), title, about, [query])
@@ -180,7 +180,7 @@ def curves(
     if most is not None:
         panel.max(most)
     if unit == "none":
-        panel.decimals(0)  # things are counted
+        panel.decimals(0)  # whole numbers
     if red is not None:
         panel.thresholds(thresholds(None, red))
     for ref, own in (special or {}).items():
@@ -237,8 +237,8 @@ def table(
     """Return a table of the latest values, a row for each set of labels.
 
     Args:
-        columns: labels, and `Value #A` of the first query, by their titles, in the order wanted;
-            what is not named is not shown.
+        columns: labels, and `Value #A` of the first query, by their titles, in their order;
+            others are not shown.
         special: properties (unit, mappings, links) by a column's title.
         sort: the title of the column that the rows are sorted by, the greatest first.
     """
@@ -264,7 +264,7 @@ def table(
 
 
 def name_columns(columns: Mapping[str, str], *, single: bool, source: str) -> dict[str, str]:
-    """Return the columns as they come: a single query's value is `Value`, Loki's either."""
+    """Return the columns as Grafana names them: a single query's is `Value`, Loki's may be."""
     names = {}
     for name, title in columns.items():
         both = [name, "Value"] if source == "logs" and name == "Value #A" else [name]

@@ -1,4 +1,4 @@
-"""What the dashboards' queries have in common: the variables as selectors, and links between them.
+"""Common parts of the dashboards' queries: the variables as selectors, and links between them.
 
 The names of labels and recorded series come from docs/observability.md and the rule files.
 """
@@ -15,12 +15,12 @@ NODE = f'{APP}, ros_node=~"$ros_node"'
 #: The chosen pods, each 1.
 OURS = f"pod:rigel_identity:info{{{NODE}}}"
 
-#: Pods on the machine's own network: what is counted of them is the whole machine's traffic.
+#: Pods on the machine's own network: their counters contain the whole machine's traffic.
 HOST_NETWORK = 'kube_pod_info{host_network="true"}'
 
 
 def per_pod(expr: str) -> str:
-    """Return `expr`, a value by namespace and pod, with all that a pod of ours is labelled with."""
+    """Return `expr`, a value by namespace and pod, with all labels of our pods."""
     return (
         f"max by (namespace, pod) ({expr}) * on (namespace, pod) "
         f"group_left (application, workload, ros_node, node) {OURS}"
@@ -28,12 +28,12 @@ def per_pod(expr: str) -> str:
 
 
 def to_logs(**values: str) -> DashboardLink:
-    """Return a link to the logs of what was clicked, in the same time; values by variable."""
+    """Return a link to the logs of the clicked value, in the same time; values by variable."""
     return link("Logs of this", address("rigel-logs", values))
 
 
 def to_graph(**values: str) -> DashboardLink:
-    """Return a link to the ROS graph around what was clicked, in the same time."""
+    """Return a link to the ROS graph around the clicked value, in the same time."""
     return link("ROS graph and topics", address("rigel-ros-graph", values))
 
 

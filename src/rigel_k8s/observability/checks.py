@@ -1,4 +1,4 @@
-"""What is wrong with the options of observability beyond the form of single values; pure."""
+"""Checks of the options of observability beyond the form of single values; pure."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from rigel_k8s.observability.options import (
 from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 
-#: Seconds: Loki's index is of days, and what is deleted of it too.
+#: Seconds: Loki's index has a part for each day, and Loki deletes whole parts.
 DAY = 86_400
 URL = re.compile(r"https?://[A-Za-z0-9._\[\]:-]+(/\S*)?")
 TARGET = re.compile(r"[A-Za-z0-9._\[\]-]+:\d{1,5}")
 
 
 def check(options: Observability) -> Iterator[Problem]:
-    """Yield what is wrong, and what works otherwise than it looks."""
+    """Yield errors, and warnings of options without the expected effect."""
     yield from check_helm(options)
     yield from check_password(options)
     yield from check_spans(options)
@@ -30,26 +30,28 @@ def check(options: Observability) -> Iterator[Problem]:
     yield from check_ros_metrics(options)
     for index, target in enumerate(options.prometheus.alertmanagers):
         if not TARGET.fullmatch(target) and not has_template(target):
-            message = f'"{target}" is no HOST:PORT, alertmanager.monitoring:9093 say'
+            message = (
+                f'invalid address "{target}": use HOST:PORT, such as alertmanager.monitoring:9093'
+            )
             yield Problem(("prometheus", "alertmanagers", index), message, "bad-address")
 
 
 def check_helm(options: Observability) -> Iterator[Problem]:
-    """Yield Helm's words: no chart is installed."""
+    """Yield options of Helm, which have no effect: no chart is installed."""
     for name in ("grafana", "prometheus", "loki"):
         part: Component = getattr(options, name)
         given = [key for key in ("release", "chart", "values") if getattr(part, key)]
         for key in given:
-            message = f"{key} is of a Helm chart, and none is installed: it is not used"
+            message = f"`{key}` is an option of a Helm chart and is not used: no chart is installed"
             yield Problem((name, key), message, "not-used", severity="warning", at_key=True)
 
 
 def check_password(options: Observability) -> Iterator[Problem]:
-    """Yield a password that everybody reads who reads the Rigelfile."""
+    """Yield a password that every reader of the Rigelfile can read."""
     if options.grafana.admin_password:
         message = (
-            "a password in clear text: leave it out, and a random one is made and kept in the"
-            " Secret grafana-admin"
+            "a password in clear text: remove it, and a random one is created in the Secret"
+            " grafana-admin"
         )
         path = ("grafana", "admin_password")
         yield Problem(path, message, "clear-password", severity="warning", at_key=True)
@@ -59,83 +61,83 @@ def check_spans(options: Observability) -> Iterator[Problem]:
     """Yield spans that Loki or Prometheus would refuse."""
     kept = options.loki.retention
     if kept is not None and 0 < kept.seconds < DAY:
-        message = f'"{kept}" is too short: Loki deletes by days, say 24h or more (0: never)'
+        message = f'"{kept}" is too short: Loki deletes by days, use 24h or more (0: never)'
         yield Problem(("loki", "retention"), message, "bad-duration")
     for key in ("retention", "scrape_interval", "evaluation_interval"):
         span = getattr(options.prometheus, key)
         if span is not None and span.seconds <= 0:
-            message = f'"{span}" is no span of time; leave it out for the default'
+            message = f'invalid duration "{span}": use more than 0, or remove it for the default'
             yield Problem(("prometheus", key), message, "bad-duration")
 
 
 def check_collector(options: Observability) -> Iterator[Problem]:
-    """Yield a collector that nobody maintains, and one that is configured and not used."""
+    """Yield a collector that is no longer maintained, and one that is configured but not used."""
     used = options.collector or "promtail"
     other = "alloy" if used == "promtail" else "promtail"
-    said: Part = getattr(options, other)
-    if said not in (Part(), Part(enabled=False)):
-        message = f"the collector is {used}: this has no effect; say collector: {other}"
+    unused: Part = getattr(options, other)
+    if unused not in (Part(), Part(enabled=False)):
+        message = f"the collector is {used}, so this has no effect; set `collector: {other}`"
         yield Problem((other,), message, "not-used", severity="warning", at_key=True)
     if options.enabled and options.collector is None and reads_lines(options):
         message = (
-            "Promtail reads the log lines, and its upkeep ended in March 2026: `collector: alloy`"
-            " takes its successor, which gives the same labels; `collector: promtail` keeps it"
+            "Promtail reads the log lines, and its maintenance ended in March 2026: set `collector:"
+            " alloy` for its successor, with the same labels, or `collector: promtail` to keep it"
         )
         yield Problem((), message, "end-of-life", severity="warning", at_key=True)
 
 
 def reads_lines(options: Observability) -> bool:
-    """Return whether log lines are collected, as far as the options alone tell."""
+    """Return whether log lines are collected, as far as the options show it."""
     sent = options.loki.enabled or (options.existing is not None and options.existing.loki)
     return bool(sent) and options.promtail.enabled
 
 
 def check_existing(options: Observability) -> Iterator[Problem]:
-    """Yield what is there already and asked for a second time, and what cannot be reached."""
+    """Yield existing parts that are configured again, and those without a valid address."""
     existing = options.existing
     if existing is None:
         return
     loki = existing.loki
     prometheus = existing.prometheus
     if loki is not None and not URL.fullmatch(loki.url) and not has_template(loki.url):
-        message = f'"{loki.url}" is no URL, http://loki.logging:3100 say'
+        message = f'invalid URL "{loki.url}": use one such as http://loki.logging:3100'
         yield Problem(("existing", "loki", "url"), message, "bad-url")
     url = prometheus.url if prometheus else None
     if url is not None and not URL.fullmatch(url) and not has_template(url):
-        message = f'"{url}" is no URL, http://prometheus.monitoring:9090 say'
+        message = f'invalid URL "{url}": use one such as http://prometheus.monitoring:9090'
         yield Problem(("existing", "prometheus", "url"), message, "bad-url")
     ours = options.grafana.enabled and not existing.grafana
     if prometheus and ours and url is None:
         message = (
-            "a Grafana of this stack must be told where that Prometheus answers: give its `url`,"
-            " or say grafana: {enabled: false} or existing: {grafana: true}"
+            "this stack's Grafana needs the address of that Prometheus: set its `url`, or"
+            " `grafana: {enabled: false}` or `existing: {grafana: true}`"
         )
         yield Problem(("existing", "prometheus"), message, "missing-url", at_key=True)
     for name, there in (("loki", loki), ("prometheus", prometheus), ("grafana", existing.grafana)):
         if there and has_data(getattr(options, name)):
-            message = f"the {name} that is there already is used: this has no effect"
+            message = f"the existing {name} is used, so this has no effect"
             yield Problem((name,), message, "not-used", severity="warning", at_key=True)
     if existing.grafana and not options.grafana.default_dashboards:
-        message = "default_dashboards: false leaves that Grafana's sidecar nothing to load"
+        message = "with `default_dashboards: false`, that Grafana's sidecar has nothing to load"
         yield Problem(("existing", "grafana"), message, "not-used", severity="warning", at_key=True)
 
 
 def has_data(part: Component) -> bool:
-    """Return whether a part was told how it shall keep its data or be reached."""
+    """Return whether options say how a part keeps its data or how it is reached."""
     persistence = getattr(part, "persistence", None)
-    told = persistence is not None and persistence != type(persistence)()
-    return told or bool(getattr(part, "retention", None)) or part.service_type is not None
+    given = persistence is not None and persistence != type(persistence)()
+    return given or bool(getattr(part, "retention", None)) or part.service_type is not None
 
 
 def check_ros_metrics(options: Observability) -> Iterator[Problem]:
-    """Yield topics that are named twice, and an exporter without a stack."""
-    said = options.ros_metrics
-    if not isinstance(said, RosMetrics):
+    """Yield topics that are named twice."""
+    metrics = options.ros_metrics
+    if not isinstance(metrics, RosMetrics):
         return
     seen: set[str] = set()
-    for index, topic in enumerate(said.topics):
+    for index, topic in enumerate(metrics.topics):
         name = "/" + str(topic).strip("/")
         if name in seen:
             path = ("ros_metrics", "topics", index)
-            yield Problem(path, f"{name} is named already", "name-taken")
+            yield Problem(path, f"{name} is already in the list", "name-taken")
         seen.add(name)

@@ -1,7 +1,7 @@
-"""What the stack shall be: what one application says of it, laid over what others have said.
+"""The desired stack: the options of one application, merged over those of others.
 
-Several applications share one stack, so that one that says `enabled: true` must not take back what
-another has said of retention or images.
+Several applications share one stack, so one with only `enabled: true` must not revert the retention
+or images that another has set.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ NAMESPACE = "monitoring"
 
 @attrs.frozen
 class DesiredStack:
-    """The stack of a cluster as it is to be."""
+    """The desired stack of a cluster."""
 
     stack: Stack
     desired: Desired
@@ -46,46 +46,47 @@ class DesiredStack:
 def render_stack(request: StackRequest, namespace: str | None = None) -> DesiredStack:
     """Return the stack as one job alone describes it; no cluster is asked."""
     where = namespace or request.namespace or NAMESPACE
-    stack = Stack(_options(request.said), where, Boards(boards.dashboards(), boards.rules()))
-    return DesiredStack(stack, stack_release(stack, request.said))
+    stack = Stack(_options(request.options), where, Boards(boards.dashboards(), boards.rules()))
+    return DesiredStack(stack, stack_release(stack, request.options))
 
 
 def desired_stack(request: StackRequest, cluster: Cluster) -> DesiredStack:
-    """Return the stack as it is to be on a cluster.
+    """Return the desired stack of a cluster.
 
     Raises:
-        UserError: there is one in another namespace, or what all say together contradicts itself.
+        UserError: there is one in another namespace, or all options together contradict each other.
     """
     where = _namespace(request.namespace, find_namespace(cluster))
     last = find_last_good(cluster, ReleaseId(where, RELEASE))
-    said = merge(dict(last.options) if last else {}, request.said)
+    merged = merge(dict(last.options) if last else {}, request.options)
     stack = Stack(
-        _options(said),
+        _options(merged),
         where,
         Boards(boards.dashboards(), boards.rules()),
         claims=gives_storage(cluster),
         api_servers=api_servers(cluster),
     )
-    return DesiredStack(stack, pin(stack_release(stack, said), last, cluster.nodes))
+    return DesiredStack(stack, pin(stack_release(stack, merged), last, cluster.nodes))
 
 
-def _namespace(asked: str | None, there: str | None) -> str:
-    if there and asked and asked != there:
+def _namespace(requested: str | None, existing: str | None) -> str:
+    if existing and requested and requested != existing:
         raise UserError(
-            f"the cluster has an observability stack in the namespace {there} already, and all"
+            f"the cluster already has an observability stack in the namespace {existing}, and all"
             " applications share one",
-            hint=f"say observability.namespace: {there}, leave it out, or take that one down first",
+            hint=f"set observability.namespace to {existing}, remove it, or take that stack down"
+            " first",
         )
-    return there or asked or NAMESPACE
+    return existing or requested or NAMESPACE
 
 
-def _options(said: Mapping[str, Any]) -> ObservabilityOptions:
-    """Return what all jobs say together as options."""
+def _options(merged: Mapping[str, Any]) -> ObservabilityOptions:
+    """Return the options of all jobs together."""
     try:
-        return structure_plain(said, ObservabilityOptions, check)
+        return structure_plain(merged, ObservabilityOptions, check)
     except InvalidOptions as error:
         raise UserError(
-            "the observability stack cannot be what this job and those before it say",
-            hint="several applications share one stack: their options are laid over each other",
+            "the options of this job contradict those of earlier ones for the observability stack",
+            hint="several applications share one stack, so their options are merged: change them",
             details=list(map(str, error.problems)),
         ) from error

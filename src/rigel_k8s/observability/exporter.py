@@ -1,7 +1,7 @@
-"""The ROS exporter of an application: a Deployment wired to its ROS as a node is, and no ROS node.
+"""The ROS exporter of an application: a Deployment wired as a ROS node is, but not a ROS node.
 
-Its release is good without it: a robot does not stand still because nobody counts its messages. It
-is found by annotations on its pod, and knows by its ConfigMap what the Rigelfile expects.
+A release is good without it: a robot must not stop because its messages are not counted. Prometheus
+finds it by annotations on its pod, and its ConfigMap contains what the Rigelfile expects.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from rigel_k8s.observability.options import Part, RosMetrics
 #: What `rigel image ros-exporter` builds.
 EXPORTER_IMAGE = f"ghcr.io/rigel-k8s/ros-exporter:{__version__}"
 
-#: That image is in a registry only where somebody has put it there.
+#: The image is in a registry only if a user has pushed it there.
 REMEDY = {
-    REMEDY_ANNOTATION: "`rigel image ros-exporter --push REF` puts its image into a registry of"
-    " yours and `ros_metrics: {image: REF}` names it; `ros_metrics: false` leaves it out"
+    REMEDY_ANNOTATION: "push its image with `rigel image ros-exporter --push REF` and set"
+    " `ros_metrics: {image: REF}`, or set `ros_metrics: false`"
 }
 
 FILE, DIRECTORY, VOLUME = "config.json", "/etc/ros-exporter", "configuration"
@@ -45,11 +45,11 @@ RESOURCES = {
 
 @attrs.frozen
 class WatchedGraph:
-    """What the exporter shall see.
+    """What the exporter watches.
 
     Attributes:
-        expected: the full ROS names of nodes that there must be, and the workload of each.
-        known: names that nodes may have, whose programs name themselves.
+        expected: the full ROS names of nodes that must exist, and the workload of each.
+        known: names that nodes may have if their programs choose their own names.
         domain: the DDS domain of the nodes.
         placement: fields of the pod's spec that keep it where all the nodes are.
     """
@@ -61,7 +61,7 @@ class WatchedGraph:
 
 
 def exporter_identity(options: RosMetrics) -> PodIdentity:
-    """Return what the network knows the exporter by."""
+    """Return the exporter's identity in the network."""
     return PodIdentity(EXPORTER, str(options.image or EXPORTER_IMAGE))
 
 
@@ -94,7 +94,7 @@ def pod(
 ) -> Object:
     """Return the pod's spec.
 
-    What init containers make is for ROS' own programs: this one waits for its interface by itself.
+    Files of init containers are for ROS' own programs: the exporter itself waits for its interface.
     """
     made = {
         **graph.placement,
@@ -104,7 +104,7 @@ def pod(
         "automountServiceAccountToken": False,
         "terminationGracePeriodSeconds": 20,
     }
-    # ROS 1's nodes on their machines' own networks are reached from anywhere; multicast is not.
+    # ROS 1 nodes on their machines' own networks can be reached from anywhere, multicast cannot.
     return made | (dict(wired.pod) if around.ros != "1" else {})
 
 
@@ -131,7 +131,7 @@ def address(wired: Wiring) -> Object:
 
 
 def probes() -> Object:
-    """Return probes; one whose looks have stopped for a minute is started anew."""
+    """Return probes; an exporter that has not looked for a minute is restarted."""
     get = {"httpGet": {"path": "/healthz", "port": "metrics"}, "timeoutSeconds": 5}
     return {
         "startupProbe": {**get, "periodSeconds": 1, "failureThreshold": 90},
@@ -147,7 +147,7 @@ def configuration(
     plan: NetworkPlan,
     wired: Wiring,
 ) -> Object:
-    """Return what the exporter is told; src/rigel_k8s/exporter/config.py reads it."""
+    """Return the exporter's configuration; src/rigel_k8s/exporter/config.py reads it."""
     interval = options.interval.seconds if options.interval else None
     said = {
         "ros": around.ros,
@@ -164,7 +164,7 @@ def configuration(
 
 
 def of_ros1(around: ReleaseContext, wired: Wiring) -> Object:
-    """Return where the master is; one that others use too must tell two exporters apart."""
+    """Return the master's address; if releases share it, also a name that differs by release."""
     uri = wired.env.get("ROS_MASTER_URI", {}).get("value") or around.master_uri
     name = None
     if around.master_uri != MASTER_URI:

@@ -1,4 +1,4 @@
-"""The stack put onto a cluster, or brought up to date; nothing is written where nothing changed."""
+"""Installs the stack on a cluster, or updates it; writes nothing if nothing changed."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from rigel_k8s.release.locking import bury_left
 from rigel_k8s.release.types import DeployOptions, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 
-#: Seconds for all images of the stack to be pulled by a machine that has none of them.
+#: Seconds in which a machine can pull all images of the stack.
 PATIENT = 600.0
 
 
 @attrs.frozen
 class StackResult:
-    """What was done.
+    """The result of an installation.
 
     Attributes:
         changed: whether anything was written.
-        away: machines that are not up, and were not waited for.
+        away: machines that are unreachable and were not waited for.
     """
 
     stack: DesiredStack
@@ -38,9 +38,9 @@ class StackResult:
 
 
 def ensure(cluster: Cluster, request: StackRequest, options: DeployOptions) -> None:
-    """Have the stack there that an application's job asks for.
+    """Install the stack that an application's job requests.
 
-    Who may only deploy applications does so: the stack is left to those who may look at it.
+    With rights only for applications, it prints a warning and leaves the stack unchanged.
 
     Raises: as install.
     """
@@ -48,7 +48,7 @@ def ensure(cluster: Cluster, request: StackRequest, options: DeployOptions) -> N
         done = install(cluster, request, options)
     except Forbidden as error:
         options.report.warn(
-            f"{error.message}: the observability stack is left as it is; {error.hint}"
+            f"{error.message}: the observability stack stays unchanged; {error.hint}"
         )
         return
     if done.changed:
@@ -56,12 +56,12 @@ def ensure(cluster: Cluster, request: StackRequest, options: DeployOptions) -> N
 
 
 def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> StackResult:
-    """Install the stack, or bring it up to date, and wait until it is ready.
+    """Install the stack, or update it, and wait until it is ready.
 
     Raises:
-        UserError: it contradicts what others have said, or wants an operator that is not there.
-        RolloutFailed, ConflictError, Refused: as deploy.
-        Forbidden: we may not do it.
+        UserError: its options contradict those of others, or its operator is not installed.
+        RolloutFailed, ConflictError, Refused: as in deploy.
+        Forbidden: we have no right to do it.
         Interrupted: the job was cancelled.
     """
     try:
@@ -69,29 +69,29 @@ def install(cluster: Cluster, request: StackRequest, options: DeployOptions) -> 
         _check_operator(asked, cluster)
         return _install(asked, cluster, options, request.password)
     except Forbidden as error:
-        error.hint = "an administrator installs it once, for all, with a job `observability`"
+        error.hint = "let an administrator install it once for all with a job `observability`"
         raise
 
 
 def describe(done: StackResult) -> str:
-    """Return what was done as one line."""
+    """Return the result in one line."""
     release = done.stack.release
-    away = f"; not waited for, since away: {', '.join(done.away)}" if done.away else ""
+    away = f"; not waited for, since unreachable: {', '.join(done.away)}" if done.away else ""
     state = f"is at revision {done.revision.number}" if done.changed else "is unchanged"
     return f"{release.name} in {release.namespace} {state}{away}"
 
 
 def _check_operator(asked: DesiredStack, cluster: Cluster) -> None:
-    """Refuse PodMonitors that nobody would know."""
+    """Raise an error if the cluster does not have the operator's kinds."""
     if asked.stack.operator is None:
         return
     missing = [kind for kind in KINDS if not cluster.serves(GROUP_VERSION, kind)]
     if missing:
         raise UserError(
-            f"observability.existing.prometheus: the cluster knows no {' and no '.join(missing)}"
-            f" ({GROUP_VERSION}), so no prometheus-operator is there",
-            hint="install the operator first, or leave existing.prometheus out: a Prometheus of"
-            " ours comes then",
+            f"observability.existing.prometheus: the cluster has no kind {' and no '.join(missing)}"
+            f" ({GROUP_VERSION}), so prometheus-operator is not installed",
+            hint="install the operator first, or remove existing.prometheus to deploy a Prometheus"
+            " with the stack",
         )
 
 
@@ -109,7 +109,7 @@ def _install(
         return StackResult(asked, last, changed=False)
     away = tuple(n["metadata"]["name"] for n in cluster.nodes() if not is_ready(n))
     for name in away:
-        options.report.warn(f"node {name} is not ready: it is not waited for")
+        options.report.warn(f"machine {name} is not ready: the installation does not wait for it")
     revision = deploy(
         asked.desired,
         cluster,
@@ -131,7 +131,7 @@ def _make_namespace(cluster: Cluster, release: ReleaseId) -> None:
 
 
 def _warn_of_lost_data(asked: DesiredStack, report: Reporter) -> None:
-    """Say that data are gone with their pod, where nobody asked for that."""
+    """Warn that data are deleted with their pod, unless the options request that."""
     stack = asked.stack
     if stack.claims:
         return
@@ -141,6 +141,7 @@ def _warn_of_lost_data(asked: DesiredStack, report: Reporter) -> None:
     ):
         if ours and persistence.enabled is None and persistence.storage_class is None:
             report.warn(
-                f"{name} keeps its data no longer than its pod: the cluster has no default"
-                f" StorageClass, and {name}.persistence names none"
+                f"{name} loses its data when its pod is deleted: the cluster has no default"
+                f" StorageClass; set {name}.persistence.storage_class, or"
+                f" {name}.persistence.enabled: false"
             )

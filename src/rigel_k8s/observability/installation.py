@@ -1,4 +1,4 @@
-"""What a cluster has of the stack, and what the stack must know of it; it writes nothing."""
+"""Facts about a cluster that the stack needs, and where the stack is; only reads."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rigel_k8s.release.prepare import NAMESPACE_ANNOTATION
 
 
 def find_namespace(cluster: Cluster) -> str | None:
-    """Return the namespace of the cluster's stack, None where there is none."""
+    """Return the namespace of the cluster's stack, None if it has no stack."""
     roles = cluster.list(
         "rbac.authorization.k8s.io/v1", "ClusterRole", labels={RELEASE_LABEL: RELEASE}
     )
@@ -30,8 +30,8 @@ def gives_storage(cluster: Cluster) -> bool:
 def api_servers(cluster: Cluster) -> tuple[str, ...]:
     """Return the addresses that the API servers' connections to pods come from.
 
-    On the way to another machine a tunnel may put its own address there: of flannel's, the first
-    one of the machine's pods.
+    On the way to another machine, a tunnel may replace the address by its own: flannel uses the
+    first one of the machine's pods.
     """
     slices = cluster.list(
         "discovery.k8s.io/v1",

@@ -1,6 +1,6 @@
 """The names that the stack, its dashboards, the exporter and the command line share.
 
-Queries stand in dashboards and rules; what they ask for is named here and documented in
+Dashboards and rules contain the queries; the names in them are defined here and documented in
 docs/observability.md. A changed name is a changed contract: people have dashboards of their own.
 """
 
@@ -17,8 +17,8 @@ GRAFANA, GRAFANA_PORT = "grafana", 3000
 #: The ROS exporter: a workload of each application's release, beside its nodes.
 EXPORTER, EXPORTER_PORT = "ros-exporter", 9419
 
-#: What log streams and metrics of pods are labelled with, in Loki and Prometheus alike, and which
-#: label or annotation of the pod it is read from; the others are where and what the pod is.
+#: The labels of pods' log streams and metrics, the same in Loki and Prometheus, and the label or
+#: annotation of the pod that each is read from; the others come from its status.
 LABELS = {
     "application": "rigel-k8s/release",
     "workload": "app.kubernetes.io/name",
@@ -29,5 +29,5 @@ LABELS = {
     "node": None,
 }
 
-#: The label `level` of a log line, read from ROS 1's and ROS 2's formats; "" where none is found.
+#: The label `level` of a log line, read from ROS 1's and ROS 2's formats; "" if none is found.
 LEVELS = ("debug", "info", "warn", "error", "fatal")

@@ -1,7 +1,7 @@
 """The options of the observability stack, and of what each application adds to it.
 
-The words of both generations of src.plugin are among them; release, chart and values are Helm's,
-which nothing here uses. Every field says what it is for; docs/reference.md is made from it.
+They include the options of both generations of src.plugin; release, chart and values are Helm's,
+which is not used here. docs/reference.md is made from the fields' documentation.
 """
 
 # ruff: noqa: RUF009 - option() returns an attrs field, a new one for each use
@@ -33,11 +33,11 @@ class Persistence:
     """Whether a part of the stack keeps its data on a claim, which outlives the stack."""
 
     enabled: bool | None = option(
-        "keep it on a claim (default: Loki and Prometheus do, where the cluster has a default"
-        " StorageClass or `storage_class` is given)"
+        "keep the data on a claim (default: true for Loki and Prometheus, if the cluster has a"
+        " default StorageClass or `storage_class` is set)"
     )
-    size: Quantity | None = option("how much storage is asked for (default 10Gi, Grafana 1Gi)")
-    storage_class: str | None = option("a StorageClass; left out: the cluster's default")
+    size: Quantity | None = option("the size of the claim (default 10Gi, Grafana 1Gi)")
+    storage_class: str | None = option("a StorageClass (default: the cluster's)")
 
 
 @attrs.frozen(kw_only=True)
@@ -47,7 +47,7 @@ class Part:
     enabled: bool = option("deploy it", default=True)
     image: ImageRef | None = option("its image, from a registry of your own")
     resources: Resources = attrs.field(
-        factory=Resources, metadata={"doc": "requests and limits, laid over the defaults"}
+        factory=Resources, metadata={"doc": "requests and limits, merged over the defaults"}
     )
 
 
@@ -57,13 +57,13 @@ def part_of(value: bool | Part) -> Part:  # noqa: FBT001 - as the Rigelfile has 
 
 
 def optional_part_of(value: bool | Part | None) -> Part | None:  # noqa: FBT001
-    """Return the same, and None where the Rigelfile leaves it open."""
+    """Return the same, and None if the Rigelfile does not set it."""
     return None if value is None else part_of(value)
 
 
 @attrs.frozen(kw_only=True)
 class Component(Part):
-    """A part that people look at; release, chart and values are accepted and not used."""
+    """A part with a page of its own; release, chart and values are accepted but not used."""
 
     release: ObjectName | None = option(
         "the Helm release that src.plugin installed it as; not used"
@@ -71,7 +71,7 @@ class Component(Part):
     chart: str | None = option("the Helm chart that src.plugin installed; not used")
     values: Mapping[str, Any] = option("values of that chart; not used", {})
     service_type: ServiceType | None = option(
-        "how it is reached (default ClusterIP: not from outside of the cluster)"
+        "type of its Service (default ClusterIP: not reachable from outside of the cluster)"
     )
 
 
@@ -79,10 +79,13 @@ class Component(Part):
 class Grafana(Component):
     """Grafana."""
 
-    admin_password: str | None = option("the administrator's password; better left to be generated")
-    default_dashboards: bool = option("with dashboards for ROS", default=True)
+    admin_password: str | None = option(
+        "the administrator's password (default: a random one, which is safer)"
+    )
+    default_dashboards: bool = option("deploy the dashboards for ROS", default=True)
     persistence: Persistence = attrs.field(
-        factory=Persistence, metadata={"doc": "what people change in it; dashboards need none"}
+        factory=Persistence,
+        metadata={"doc": "storage for changes that users make; dashboards need none"},
     )
 
 
@@ -104,52 +107,52 @@ class Loki(Component):
     """Loki."""
 
     retention: Retention | None = option(
-        "how long log lines are kept; 0: for ever (default 7d, the least is 24h)"
+        "how long log lines are kept; 0: forever (default 7d, at least 24h)"
     )
     persistence: Persistence = attrs.field(factory=Persistence, metadata={"doc": "its data"})
 
 
 @attrs.frozen(kw_only=True)
 class RosMetrics:
-    """The exporter that each application has beside its nodes: health of its ROS graph."""
+    """The exporter of each application: it measures the health of its ROS graph."""
 
     image: ImageRef | None = option("its image, from a registry of your own")
     resources: Resources = attrs.field(
-        factory=Resources, metadata={"doc": "requests and limits, laid over the defaults"}
+        factory=Resources, metadata={"doc": "requests and limits, merged over the defaults"}
     )
     topics: list[RosName] = option(
-        "topics to subscribe to for rate, bandwidth and age; no other is subscribed to", []
+        "topics to subscribe to, for rate, bandwidth and age; no others are subscribed to", []
     )
-    diagnostics: bool = option("levels of /diagnostics", default=False)
-    clock: bool = option("age of /clock", default=False)
-    tf: bool = option("age of each transform of /tf", default=False)
+    diagnostics: bool = option("export the levels of /diagnostics", default=False)
+    clock: bool = option("export the age of /clock", default=False)
+    tf: bool = option("export the age of each transform of /tf", default=False)
     interval: Duration | None = option("time between two looks at the graph (default 10s)")
 
 
 @attrs.frozen(kw_only=True)
 class ExistingPrometheus:
-    """A prometheus-operator that is there: it gets PodMonitors and a PrometheusRule."""
+    """An existing prometheus-operator: it gets PodMonitors and a PrometheusRule."""
 
     labels: Mapping[LabelKey, LabelValue] = option(
-        "labels that it selects by, {release: kube-prometheus-stack} say", {}
+        "labels that it selects by, such as {release: kube-prometheus-stack}", {}
     )
-    url: str | None = option("where it answers; only a Grafana of this stack asks for it")
+    url: str | None = option("its URL; only needed for a Grafana of this stack")
 
 
 @attrs.frozen(kw_only=True)
 class ExistingLoki:
-    """A Loki that is there: log lines are sent to it."""
+    """An existing Loki: log lines are sent to it."""
 
-    url: str = required_field("where it answers, http://loki.logging:3100 say")
-    tenant: str | None = option("X-Scope-OrgID, where it has tenants")
+    url: str = required_field("its URL, such as http://loki.logging:3100")
+    tenant: str | None = option("X-Scope-OrgID, if it has tenants")
     secret: ObjectName | None = option(
-        "a Secret in the stack's namespace with `username` and `password`, where it asks for them"
+        "a Secret in the stack's namespace with `username` and `password`, if it needs them"
     )
 
 
 @attrs.frozen(kw_only=True)
 class ExistingGrafana:
-    """A Grafana that is there: its sidecar loads the dashboards."""
+    """An existing Grafana: its sidecar loads the dashboards."""
 
     labels: Mapping[LabelKey, LabelValue] = option(
         'labels that its sidecar looks for (default {grafana_dashboard: "1"})', {}
@@ -159,7 +162,7 @@ class ExistingGrafana:
 
 @attrs.frozen(kw_only=True)
 class Existing:
-    """What the cluster has already: each that is named is used instead of one of ours."""
+    """Parts that the cluster has already: each is used instead of one of this stack."""
 
     prometheus: ExistingPrometheus | None = option(
         "a prometheus-operator",
@@ -180,27 +183,27 @@ class Existing:
 class Observability:
     """Logs, metrics and dashboards: one stack for all applications of a cluster."""
 
-    enabled: bool = option("deploy the stack, or see that it is there", default=False)
+    enabled: bool = option("deploy the stack if it is not up to date", default=False)
     namespace: ObjectName | None = option(
-        "where the stack lives (default: where it is already, else monitoring)"
+        "the stack's namespace (default: that of the existing stack, otherwise monitoring)"
     )
     collector: Literal["promtail", "alloy"] | None = option(
-        "what reads the log lines (default promtail)"
+        "the program that reads the log lines (default promtail)"
     )
     grafana: Grafana = attrs.field(factory=Grafana, metadata={"doc": "dashboards"})
     prometheus: Prometheus = attrs.field(factory=Prometheus, metadata={"doc": "metrics"})
     loki: Loki = attrs.field(factory=Loki, metadata={"doc": "logs"})
     promtail: Part = option(
-        "the collector, where it is Promtail",
+        "the collector, if it is Promtail",
         default=True,
         accepts=bool | Part,
         converter=part_of,
     )
     alloy: Part = option(
-        "the collector, where it is Alloy", default=True, accepts=bool | Part, converter=part_of
+        "the collector, if it is Alloy", default=True, accepts=bool | Part, converter=part_of
     )
     kube_state_metrics: Part | None = option(
-        "what Kubernetes knows of pods and nodes (default: with a Prometheus of this stack)",
+        "metrics of Kubernetes' pods and machines (default: if this stack has a Prometheus)",
         accepts=bool | Part | None,
         converter=optional_part_of,
     )
@@ -208,19 +211,19 @@ class Observability:
         "metrics of the machines", default=False, accepts=bool | Part, converter=part_of
     )
     ros_metrics: bool | RosMetrics | None = option(
-        "metrics of this application's ROS graph (default: with `enabled: true`)"
+        "metrics of this application's ROS graph (default: if `enabled` is true)"
     )
-    existing: Existing | None = option("what the cluster has already and shall be used instead")
+    existing: Existing | None = option("parts that the cluster has already, used instead")
     collect: Literal["releases", "all"] | None = option(
-        "whose log lines: pods of releases (the default), or all pods of the cluster"
+        "whose log lines are read: pods of releases (the default), or all pods of the cluster"
     )
     network_policies: bool = option(
-        "let nobody but the stack's own parts and the API server reach it", default=True
+        "let only the stack's own parts and the API server reach it", default=True
     )
 
     @property
     def exporter(self) -> RosMetrics | None:
-        """What each application's exporter shall do, None where it has none."""
+        """The options of each application's exporter, None if it has none."""
         if not self.enabled or self.ros_metrics is False:
             return None
         return self.ros_metrics if isinstance(self.ros_metrics, RosMetrics) else RosMetrics()

@@ -1,4 +1,4 @@
-"""Grafana's administrator: a Secret that is made once, and stands in no revision and no render."""
+"""Grafana's administrator: a Secret that is created once, and is in no revision and no render."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ def administrator_ref(namespace: str) -> ObjectRef:
     return ObjectRef("v1", "Secret", namespace, ADMIN_SECRET)
 
 
-def ensure_administrator(cluster: Cluster, namespace: str, said: str | None) -> None:
-    """Have the Secret there before Grafana wants it; one that is there stays, unless told.
+def ensure_administrator(cluster: Cluster, namespace: str, password: str | None) -> None:
+    """Create the Secret before Grafana needs it; an existing one changes only with `password`.
 
     Args:
-        said: the password that the Rigelfile tells, None for a random one.
+        password: the Rigelfile's, None for a random one.
     """
     live = cluster.get(administrator_ref(namespace))
     if live is None:
-        _create(cluster, namespace, said or secrets.token_urlsafe(LENGTH))
-    elif said is not None and _password(live) != said:
-        cluster.patch(administrator_ref(namespace), {"data": {PASSWORD: _encode(said)}})
-        _start_anew(cluster, namespace)
+        _create(cluster, namespace, password or secrets.token_urlsafe(LENGTH))
+    elif password is not None and _password(live) != password:
+        cluster.patch(administrator_ref(namespace), {"data": {PASSWORD: _encode(password)}})
+        _restart(cluster, namespace)
 
 
 def _create(cluster: Cluster, namespace: str, password: str) -> None:
-    """Create it: not applied, so that `down` leaves it beside the data that it opens."""
+    """Create it; it is not applied, so `down` keeps it, as it keeps Grafana's data."""
     try:
         cluster.create(
             {
@@ -51,12 +51,12 @@ def _create(cluster: Cluster, namespace: str, password: str) -> None:
                 "data": {USER_NAME: _encode(USER), PASSWORD: _encode(password)},
             }
         )
-    except ConflictError:  # another deploy was quicker, and its password counts
+    except ConflictError:  # another deploy was faster; its password is used
         return
 
 
-def _start_anew(cluster: Cluster, namespace: str) -> None:
-    """Let Grafana read a changed password."""
+def _restart(cluster: Cluster, namespace: str) -> None:
+    """Restart Grafana, so it reads a changed password."""
     for pod in cluster.list("v1", "Pod", namespace, labels={NAME_LABEL: GRAFANA}):
         cluster.delete(ObjectRef("v1", "Pod", namespace, pod["metadata"]["name"]))
 

@@ -1,4 +1,4 @@
-"""The stack taken off a cluster; its data stay, and the password that opens them."""
+"""Removes the stack from a cluster; its data stay, and Grafana's password."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from rigel_k8s.release.types import Plan, ReleaseId
 from rigel_k8s.report import Reporter
 
 LOOK = 0.5
-#: Seconds for a collector to hand over what it has read.
+#: Seconds in which a collector can send what it has read.
 HAND_OVER = 30.0
 COLLECTORS = (("DaemonSet", PROMTAIL), ("Deployment", ALLOY))
 
@@ -38,8 +38,8 @@ def remove(
     """Delete the stack's objects and its history; its namespace stays.
 
     Args:
-        volumes: its data go too, and Grafana's password.
-        namespace: where it was, for data of a stack that is gone; None looks for the stack.
+        volumes: delete its data too, and Grafana's password.
+        namespace: that of the data of a removed stack; None looks for the stack.
         timeout: seconds that the end of its pods may take.
 
     Raises:
@@ -60,7 +60,7 @@ def remove(
     if not plan.steps and not plan.records:
         raise UserError(
             f"there is no observability stack in the namespace {where}",
-            hint="-n NAMESPACE, if its data are elsewhere; --context NAME, if it is",
+            hint="pass -n NAMESPACE if its data are in another one, or --context NAME",
         )
     return plan
 
@@ -68,16 +68,16 @@ def remove(
 def _stop_collecting(
     cluster: Cluster, namespace: str, report: Reporter, cancel: threading.Event
 ) -> None:
-    """End the collector while Loki is still there to take its last lines."""
+    """End the collector while Loki still runs and can take its last lines."""
     for kind, name in COLLECTORS:
         ref = ObjectRef("apps/v1", kind, namespace, name)
         live = cluster.get(ref)
         if live is None or not belongs(live, ReleaseId(namespace, RELEASE)):
             continue
         cluster.delete(ref, uid=live["metadata"]["uid"])
-        report.progress(name, "hands over its last lines")
+        report.progress(name, "sends its last lines")
         end = time.monotonic() + HAND_OVER
         while cluster.list("v1", "Pod", namespace, labels=selector(name)):
             if time.monotonic() > end or cancel.wait(LOOK):
                 break
-        report.progress(name, "is gone", done=True)
+        report.progress(name, "removed", done=True)

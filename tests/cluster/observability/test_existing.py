@@ -113,7 +113,7 @@ def test_without_an_operator_the_way_out_is_told(
     file.write_text(f"application: {{distro: noetic}}\njobs: {{stack: {job}}}\n")
     done = run_rigel("--context", context, "-f", str(file), "run", "job", "stack", check=False)
     assert done.returncode == 2
-    assert "no prometheus-operator is there" in done.stderr
+    assert "prometheus-operator is not installed" in done.stderr
     assert watching.metrics("up")
 
 

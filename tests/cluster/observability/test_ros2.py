@@ -33,7 +33,7 @@ EMPTY = {
     'ALERTS{alertstate="firing"': "not until an alert's `for` has passed",
 }
 #: What a panel without data says where ROS 2 has nothing to tell, or nobody asked for it.
-SAID = re.compile(r"only ROS 1 tells this|not asked for|no named topic has a header")
+SAID = re.compile(r"only available in ROS 1|not enabled|no named topic has a header")
 BOARDS = ("rigel-applications", "rigel-ros-graph", "rigel-logs")
 
 

@@ -133,14 +133,14 @@ def test_what_is_one_applications_own_is_not_the_stacks(last: dict[str, Any]) ->
         "ros_metrics": {"topics": ["/scan"]},
         "grafana": {"admin_password": "secret", "default_dashboards": False},
     }
-    assert request_of(raw).said == {"grafana": {"default_dashboards": False}}
+    assert request_of(raw).options == {"grafana": {"default_dashboards": False}}
     assert asked(raw).desired.options == {"grafana": {"default_dashboards": False}}
 
 
 def test_what_two_applications_say_together_may_be_wrong(last: dict[str, Any]) -> None:
     """Each was right by itself: the message says so."""
     last |= {"existing": {"prometheus": True}, "grafana": {"enabled": False}}
-    with pytest.raises(UserError, match="cannot be what this job and those before it say") as told:
+    with pytest.raises(UserError, match="contradict those of earlier ones") as told:
         asked({"enabled": True, "grafana": {"enabled": True}})
     assert "existing.prometheus" in told.value.details[0]
 
@@ -151,7 +151,7 @@ def test_the_stack_is_where_it_is(last: dict[str, Any]) -> None:
     assert asked({"namespace": "watch"}, role("watch")).stack.namespace == "watch"
     assert asked({"namespace": "watch"}).stack.namespace == "watch"
     assert asked({}).stack.namespace == "monitoring"
-    with pytest.raises(UserError, match="namespace watch already"):
+    with pytest.raises(UserError, match="already has an observability stack in the namespace watch"):
         asked({"namespace": "other"}, role("watch"))
 
 
@@ -180,7 +180,7 @@ def test_without_an_operator_the_way_out_is_told(last: dict[str, Any]) -> None:
     """And nothing is written."""
     raw = {"existing": {"prometheus": True}, "grafana": {"enabled": False}}
     cluster: Any = Cluster(served=("PodMonitor",))
-    with pytest.raises(UserError, match="knows no PrometheusRule") as told:
+    with pytest.raises(UserError, match="has no kind PrometheusRule") as told:
         install(cluster, request_of(raw), job().deploy_options)
     assert "install the operator first" in str(told.value.hint)
     assert cluster.secret is None
@@ -201,7 +201,7 @@ def test_who_may_only_deploy_applications_does_so(
         install(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
     assert "administrator" in str(told.value.hint)
     observability_install.ensure(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
-    assert "left as it is; an administrator" in context.report.warnings[0]  # type: ignore[attr-defined]
+    assert "stays unchanged; let an administrator" in context.report.warnings[0]  # type: ignore[attr-defined]
     with pytest.raises(Refusal, match="away"):
         observability_install.ensure(cluster, request_of({}), context.deploy_options)  # type: ignore[arg-type]
 

@@ -1,4 +1,4 @@
-"""The dashboard that comes first: what runs where, is it healthy, what changed, what it costs."""
+"""The first dashboard: what runs where, whether it is healthy, what changed, what it costs."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def health() -> list[Panel]:
         ),
         number(
             "ROS nodes up",
-            "Nodes that the ROS graph knows and that answered the exporter.",
+            "Nodes that are in the ROS graph and answered the exporter.",
             Query(
                 f"sum(max by (namespace, application, ros_node) (ros_node_up{{{NODE}}}))", now=True
             ),
@@ -68,7 +68,7 @@ def health() -> list[Panel]:
         ),
         number(
             "ROS nodes gone",
-            "Nodes that are expected, or were there once, and do not answer now.",
+            "Nodes that are expected, or were seen before, and do not answer now.",
             Query(
                 f"sum(max by (namespace, application, ros_node) (1 - ros_node_up{{{NODE}}}))",
                 now=True,
@@ -109,7 +109,7 @@ def alerts() -> Panel:
     runbook = link("What to do", f"{RUNBOOKS}/${{__data.fields.Alert}}.md", new_tab=True)
     return table(
         "Alerts that fire",
-        "From Prometheus' rules; click on an alert's name for what it means and what to do.",
+        "From Prometheus' rules; click on an alert's name to read what it means and what to do.",
         [Query(firing, now=True)],
         columns={
             "alertname": "Alert",
@@ -171,8 +171,8 @@ def ready() -> Panel:
     shown = f"max by (namespace, application, workload, ros_node) ({per_pod(READY)})"
     return states(
         "Ready, by workload",
-        "When each workload's pod was ready. A gap is a pod that was not there: a roll-out, a "
-        "machine lost.",
+        "When each workload's pod was ready. In a gap there was no pod: a roll-out, or a lost "
+        "machine.",
         [Query(shown, "{{workload}}")],
         names={0: ("not ready", "red"), 1: ("ready", "green")},
         empty=NOTHING,
@@ -185,9 +185,8 @@ def changes() -> Panel:
     changed = f"changes(workload:kube_deployment_metadata_generation:max{{{APP}}}[5m])"
     return curves(
         "Roll-outs in 5 minutes",
-        "How often each workload was told to be something else: a deploy, an update, a rollback, "
-        "a scale. "
-        "The same moments are the blue marks in all curves.",
+        "How often each workload was changed: a deploy, an update, a rollback, a scaling. The "
+        "blue marks in all curves show the same times.",
         [Query(f"sum by (namespace, application, workload) ({changed})", "{{workload}}")],
         unit="none",
         empty=NOTHING,
@@ -200,8 +199,8 @@ def costs() -> list[Panel]:
     return [
         curves(
             "CPU",
-            "Cores that each ROS node uses, mean of two minutes; roscore and the exporter by their "
-            "workloads' names.",
+            "Cores that each ROS node uses, mean of two minutes; roscore and the exporter have "
+            "their workloads' names.",
             by_ros_node("ros_node:container_cpu_usage_seconds:rate2m"),
             unit="suffix: cores",
             empty=NOTHING,
@@ -210,7 +209,7 @@ def costs() -> list[Panel]:
         ),
         curves(
             "Memory",
-            "The working set: what counts against the container's limit. A line that only climbs "
+            "The working set, which counts against the container's limit. A line that only rises "
             "is a leak.",
             by_ros_node("ros_node:container_memory_working_set_bytes:sum"),
             unit="bytes",
@@ -243,14 +242,14 @@ def network() -> Panel:
 
     return curves(
         "Network",
-        "What each pod sends (above) and receives (below), all its interfaces together. Pods on "
-        "the machine's own network are not told apart from it and are missing.",
+        "What each pod sends (above) and receives (below) on all its interfaces together. Pods on "
+        "the machine's own network are missing, since their traffic is not counted separately.",
         [
             Query(flow("transmit"), "{{workload}} sends"),
             Query(f"-{flow('receive')}", "{{workload}} receives"),
         ],
         unit="binBps",
-        empty="no pod with a network of its own, or nobody counts its bytes",
+        empty="no pod with a network of its own, or its bytes are not counted",
         least=None,
         links=[logs_link("namespace", "application")],
     )

@@ -9,8 +9,8 @@ from tools.boards.selectors import APP, NODE, logs_link, to_logs
 TOPIC = f'{APP}, topic=~"$topic"'
 OFF = "no ROS metrics (ros_metrics is off, or the exporter is down)"
 NAMED = "no topic is named under ros_metrics.topics"
-ROS1 = "only ROS 1 tells this"
-ASKED = "not asked for (ros_metrics.{})"
+ROS1 = "only available in ROS 1"
+ASKED = "not enabled (ros_metrics.{})"
 BY_NODE = "namespace, application, workload, ros_node"
 BY_TOPIC = "namespace, application, topic"
 NODE_LOGS = [logs_link("namespace", "application", "ros_node")]
@@ -23,13 +23,13 @@ def board() -> Board:
     return Board(
         "rigel-ros-graph",
         "ROS graph and topics",
-        "Which ROS nodes are up, who publishes and hears what, and what flows.",
+        "Which ROS nodes are up, their publishers and subscribers, and how much is sent.",
         [
             Row("The graph now", [(4, panel) for panel in numbers()], height=4),
             Row("Nodes", [(12, nodes_over_time()), (12, nodes())]),
             Row("Topics", [(12, topics()), (12, unpublished())]),
-            Row("What flows on named topics", [(12, panel) for panel in flow()]),
-            Row("What ROS 1 nodes count themselves", [(12, panel) for panel in counted()]),
+            Row("Traffic of named topics", [(12, panel) for panel in flow()]),
+            Row("Traffic that ROS 1 nodes count", [(12, panel) for panel in counted()]),
             Row("The ROS 1 master", [(12, panel) for panel in master()]),
             Row("Diagnostics, clock and tf", [(8, panel) for panel in on_request()]),
             Row("The exporter", [(12, panel) for panel in exporter()], height=6),
@@ -50,19 +50,19 @@ def numbers() -> list[Panel]:
         ),
         number(
             "Nodes gone",
-            "Nodes that are expected, or were there once, and do not answer.",
+            "Nodes that are expected, or were seen before, and do not answer.",
             Query(f"sum(1 - {up})", now=True),
             empty=OFF,
             red=1,
         ),
         number(
             "Topics",
-            "Topics that somebody publishes or hears; the exporter's own are not counted.",
+            "Topics with a publisher or a subscriber; the exporter's own are not counted.",
             Query(f"count(max by ({BY_TOPIC}) (ros_topic_publishers{{{TOPIC}}}))", now=True),
             empty=OFF,
         ),
         number(
-            "Heard, published by nobody",
+            "Topics without a publisher",
             "Topics with a subscriber and no publisher: a node is missing, or a name is wrong.",
             Query(
                 f"count(topic:ros_topic_without_publisher:subscribers{{{TOPIC}}}) or "
@@ -74,9 +74,8 @@ def numbers() -> list[Panel]:
         ),
         number(
             "Missing registrations",
-            "What nodes say they publish or hear and the master does not know: it was restarted, "
-            "or "
-            "another node took their names.",
+            "Publishers and subscribers of nodes that are not registered at the master: it "
+            "restarted, or another node took their names.",
             Query(f"sum(max by ({BY_NODE}) (ros_node_missing_registrations{{{NODE}}}))", now=True),
             empty=ROS1,
             red=1,
@@ -95,7 +94,7 @@ def nodes_over_time() -> Panel:
     """Return when each node was up."""
     return states(
         "Nodes over time",
-        "Green: in the graph and answering. Red: expected or seen before, and not there.",
+        "Green: in the graph, and it answers. Red: expected or seen before, but missing.",
         [Query(f"max by ({BY_NODE}) (ros_node_up{{{NODE}}})", "{{ros_node}}")],
         names={0: ("gone", "red"), 1: ("up", "green")},
         empty=OFF,
@@ -113,10 +112,9 @@ def nodes() -> Panel:
     metrics = ("ros_node_up", "ros_node_registered", "ros_node_missing_registrations")
     return table(
         "Nodes",
-        "Up: it answers. Registered: the master, or discovery, knows it. Missing: topics it says "
-        "it has and "
-        "the master does not know (ROS 1). No workload: a node that runs elsewhere. Click for "
-        "its logs.",
+        "Up: it answers. Registered: it is registered at the master, or discovered. Missing: its "
+        "topics that are not registered at the master (ROS 1). No workload: it runs elsewhere. "
+        "Click on it for its logs.",
         [Query(f"max by ({BY_NODE}) ({name}{{{NODE}}})", now=True) for name in metrics],
         columns={
             "ros_node": "ROS node",
@@ -137,7 +135,7 @@ def topics() -> Panel:
     """Return each topic with its publishers and subscribers."""
     return table(
         "Topics",
-        "Who publishes and who hears, by number; the exporter's own subscriptions are not counted.",
+        "The number of publishers and subscribers, without the exporter's own subscriptions.",
         [
             Query(f"max by ({BY_TOPIC}, type) (ros_topic_{what}{{{TOPIC}}})", now=True)
             for what in ("publishers", "subscribers")
@@ -155,10 +153,10 @@ def topics() -> Panel:
 
 
 def unpublished() -> Panel:
-    """Return the topics that somebody waits for in vain."""
+    """Return the topics with subscribers and without publishers."""
     return table(
-        "Heard, published by nobody",
-        "A node is missing, or its topic has another name than its hearers expect (remapping, "
+        "Topics without a publisher",
+        "A node is missing, or its topic has another name than its subscribers use (remapping, "
         "namespace).",
         [Query(f"topic:ros_topic_without_publisher:subscribers{{{TOPIC}}}", now=True)],
         columns={
@@ -167,18 +165,18 @@ def unpublished() -> Panel:
             "application": "Application",
             "namespace": "Namespace",
         },
-        empty="Every topic that somebody hears has a publisher.",
+        empty="Every topic with subscribers has a publisher.",
     )
 
 
 def flow() -> list[Panel]:
-    """Return rate, bandwidth, age and delay of the topics that the exporter listens to."""
+    """Return rate, bandwidth, age and delay of the topics that the exporter subscribes to."""
     rate = "sum by ({}) (rate(ros_topic_{}_total{{{}}}[$__rate_interval]))"
     last = f"ros_topic_last_message_timestamp_seconds{{{TOPIC}}}"
     return [
         curves(
             "Rate",
-            "Messages a second that the exporter received.",
+            "Messages per second that the exporter received.",
             [Query(rate.format(BY_TOPIC, "messages", TOPIC), "{{topic}}")],
             unit="suffix: msg/s",
             empty=NAMED,
@@ -186,7 +184,7 @@ def flow() -> list[Panel]:
         ),
         curves(
             "Bandwidth",
-            "Bytes a second of one subscriber's copy of the messages.",
+            "Bytes per second of one subscriber's copy of the messages.",
             [Query(rate.format(BY_TOPIC, "bytes", TOPIC), "{{topic}}")],
             unit="binBps",
             empty=NAMED,
@@ -194,9 +192,9 @@ def flow() -> list[Panel]:
         ),
         curves(
             "Age of the last message",
-            "Time since a message came, at each scrape. Up to the topic's period it is well; above "
-            "the line of "
-            "30 s the alert RosTopicSilent looks whether the topic used to flow.",
+            "Time since the last message, at each scrape. Up to the topic's period it is normal; "
+            "above the line at 30 s, the alert RosTopicSilent fires if the topic had messages "
+            "before.",
             [
                 Query(
                     f"min by ({BY_TOPIC}) (timestamp({last}) - {last})",
@@ -210,7 +208,7 @@ def flow() -> list[Panel]:
         ),
         curves(
             "Delay of the last message",
-            "From the stamp in its header to its arrival; wrong where the machines' clocks differ.",
+            "From the stamp in its header to its arrival; wrong if the machines' clocks differ.",
             [Query(f"max by ({BY_TOPIC}) (ros_topic_header_age_seconds{{{TOPIC}}})", "{{topic}}")],
             unit="s",
             empty="no named topic has a header",
@@ -221,14 +219,14 @@ def flow() -> list[Panel]:
 
 
 def counted() -> list[Panel]:
-    """Return what ROS 1's nodes tell of their connections: no subscription is needed for it."""
+    """Return what ROS 1 nodes report of their connections; this needs no subscription."""
     rate = "sum by ({}) (rate(ros_node_topic_{}_total{{{}, {}}}[$__rate_interval]))"
     chosen = f'{NODE}, topic=~"$topic"'
     by = "namespace, application, ros_node, topic"
     return [
         curves(
             "Messages published",
-            "Messages a second by node and topic; one to several subscribers counts once.",
+            "Messages per second by node and topic; one to several subscribers counts once.",
             [
                 Query(
                     rate.format(by, "messages", chosen, 'direction="published"'),
@@ -241,7 +239,7 @@ def counted() -> list[Panel]:
         ),
         curves(
             "Bytes published",
-            "Bytes a second by node and topic, once for each subscriber.",
+            "Bytes per second by node and topic, once for each subscriber.",
             [
                 Query(
                     rate.format(by, "bytes", chosen, 'direction="published"'),
@@ -256,12 +254,12 @@ def counted() -> list[Panel]:
 
 
 def master() -> list[Panel]:
-    """Return the master's life and what it forgot."""
+    """Return the master's restarts and the registrations that it lost."""
     restarts = f"increase(ros_master_restarts_total{{{APP}}}[15m])"
     return [
         curves(
             "Restarts in 15 minutes",
-            "A master that comes back has forgotten every node, and nothing in ROS 1 tells it "
+            "A restarted master has no registrations, and nothing in ROS 1 registers the nodes "
             "again.",
             [Query(f"sum by (namespace, application) ({restarts})", "{{application}}")],
             unit="none",
@@ -270,7 +268,7 @@ def master() -> list[Panel]:
         ),
         curves(
             "Missing registrations",
-            "What a node says it publishes or hears and the master does not know.",
+            "Publishers and subscribers of a node that are not registered at the master.",
             [
                 Query(
                     f"max by ({BY_NODE}) (ros_node_missing_registrations{{{NODE}}})", "{{ros_node}}"
@@ -285,7 +283,7 @@ def master() -> list[Panel]:
 
 
 def on_request() -> list[Panel]:
-    """Return what is only there where the Rigelfile asks for it."""
+    """Return what is only measured if the Rigelfile enables it."""
     levels = {
         0: ("ok", "green"),
         1: ("warn", "#EAB839"),
@@ -295,7 +293,7 @@ def on_request() -> list[Panel]:
     return [
         states(
             "Diagnostics",
-            "The levels on /diagnostics, by what reports them.",
+            "The levels on /diagnostics, by their source.",
             [
                 Query(
                     f"max by (namespace, application, name) (ros_diagnostics_level{{{APP}}})",
@@ -308,7 +306,7 @@ def on_request() -> list[Panel]:
         ),
         curves(
             "Age of the clock",
-            "Time since /clock came: a simulation that stands still.",
+            "Time since the last message on /clock; it grows when a simulation stands still.",
             [
                 Query(
                     f"max by (namespace, application) (ros_clock_age_seconds{{{APP}}})",
@@ -321,7 +319,7 @@ def on_request() -> list[Panel]:
         ),
         curves(
             "Age of transforms",
-            "Time since each transform came on /tf.",
+            "Time since the last message of each transform on /tf.",
             [
                 Query(
                     f"max by (namespace, application, parent, child) (ros_tf_age_seconds{{{APP}}})",
@@ -336,10 +334,10 @@ def on_request() -> list[Panel]:
 
 
 def exporter() -> list[Panel]:
-    """Return what looking costs, and what was too much to tell."""
+    """Return what the exporter costs, and what is above its limits."""
     return [
         curves(
-            "One look at the graph takes",
+            "Duration of one look at the graph",
             "Seconds that the exporter needs to ask the master and all nodes, or to read "
             "discovery.",
             [
@@ -353,9 +351,8 @@ def exporter() -> list[Panel]:
             links=APP_LOGS,
         ),
         curves(
-            "Not told",
-            "Nodes and topics above the exporter's limits (200 nodes, 500 topics): counted here, "
-            "and in no "
+            "Above the limits",
+            "Nodes and topics above the exporter's limits (200 nodes, 500 topics); they are in no "
             "other panel.",
             [
                 Query(

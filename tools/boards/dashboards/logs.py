@@ -9,8 +9,8 @@ from tools.boards.board import ALL, APPLICATION, NAMESPACE, ROS_NODE, Board, Row
 from tools.boards.panels import Panel, Query, curves, lines, table
 from tools.boards.selectors import NODE, by_ros_node, graph_link, to_graph
 
-SILENT = "no line in this time and choice"
-#: The chosen lines: level "" is a line in which none was found.
+SILENT = "no line in the chosen time and applications"
+#: The chosen lines: level "" is a line without a level.
 STREAM = f'{{{NODE}, level=~"$level"}}'
 SEARCHED = f'{STREAM} |~ "(?i)$search"'
 GRAPH = [graph_link("namespace", "application", "ros_node")]
@@ -57,7 +57,7 @@ def level() -> Variable:
 
 
 def search() -> Variable:
-    """Return the variable of what a line should contain."""
+    """Return the variable with the text to search for."""
     nothing = VariableOption(text="", value="")
     made = build.TextBoxVariable("search").label("Line has (regular expression)")
     return made.default_value("").current(nothing)
@@ -67,7 +67,7 @@ def by_level() -> Panel:
     """Return lines over time by level."""
     return curves(
         "Lines a second, by level",
-        "From all chosen nodes; a line without a level that ROS writes is under no name.",
+        "From all chosen nodes; lines without a level have no name.",
         [Query(f"sum by (level) (rate({STREAM}[$__auto]))", "{{level}}", source="logs")],
         unit="suffix: lines/s",
         empty=SILENT,
@@ -76,11 +76,11 @@ def by_level() -> Panel:
 
 
 def loudest() -> Panel:
-    """Return who logs most, and who logs errors."""
+    """Return which nodes log most, and which log errors."""
     by = "namespace, application, workload, ros_node, level"
     every = f"sum by ({by}) (count_over_time({STREAM}[$__range]))"
     return table(
-        "Who logs what",
+        "Lines by node and level",
         "Lines of the shown time by ROS node and level, the most first. Click on a ROS node for "
         "its graph.",
         [Query(every, source="logs", now=True)],
@@ -124,7 +124,7 @@ def metrics() -> list[Panel]:
         ),
         curves(
             "Memory",
-            "The working set: what counts against the container's limit.",
+            "The working set, which counts against the container's limit.",
             by_ros_node("ros_node:container_memory_working_set_bytes:sum"),
             unit="bytes",
             empty=empty,

@@ -1,6 +1,6 @@
-"""The dashboard of the cluster's nodes, called machines here: a node is a ROS node to a roboticist.
+"""The dashboard of the cluster's nodes, called machines here: for robotics, a node is a ROS node.
 
-Each question asks node_exporter where it is, else cAdvisor, which every kubelet has.
+Each query reads from node_exporter, or else from cAdvisor, which every kubelet has.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def board() -> Board:
 
 
 def capacity(resource: str) -> str:
-    """Return what each machine has of a resource, in its base unit."""
+    """Return each machine's capacity of a resource, in its base unit."""
     return f'max by (node) (kube_node_status_capacity{{{MACHINE}, resource="{resource}"}})'
 
 
@@ -55,13 +55,13 @@ def numbers() -> list[Panel]:
     return [
         number(
             "Machines ready",
-            "Machines whose kubelet says that it can run pods.",
+            "Machines whose kubelet reports that it can run pods.",
             Query(f"sum(max by (node) ({ready}))", now=True),
             empty=NOTHING,
         ),
         number(
             "Machines not ready",
-            "Pods on them are moved away after five minutes.",
+            "After five minutes, their pods start on other machines.",
             Query(f"sum(1 - max by (node) ({ready}))", now=True),
             empty=NOTHING,
             red=1,
@@ -78,7 +78,7 @@ def numbers() -> list[Panel]:
             "Of all chosen machines; at 90 % the alert DiskNearlyFull fires.",
             Query(f"max(node:filesystem_used:ratio{{{MACHINE}}})", now=True),
             unit="percentunit",
-            empty="neither node_exporter nor cAdvisor tells of disks",
+            empty="neither node_exporter nor cAdvisor reports disks",
             yellow=0.8,
             red=0.9,
         ),
@@ -91,7 +91,7 @@ def machines() -> Panel:
     ours = f'pod:rigel_identity:info{{{MACHINE}, ros_node!=""}}'
     return table(
         "Machines",
-        "Asked for is what pods reserve with their requests: what is left is what a new pod finds.",
+        "Requested is what pods reserve with their requests; the rest is free for new pods.",
         [
             Query(f"max by (node) ({condition})", now=True),
             Query(f"count by (node) ({ours}) or 0 * max by (node) ({condition})", now=True),
@@ -105,14 +105,14 @@ def machines() -> Panel:
             "Value #B": "ROS nodes",
             "Value #C": "CPU",
             "Value #D": "Memory",
-            "Value #E": "CPU asked for",
+            "Value #E": "CPU requested",
         },
         empty=NOTHING,
         special={
             "Ready": {"mappings": value_names({0: ("no", "red"), 1: ("yes", "green")})},
             "CPU": {"unit": "percentunit"},
             "Memory": {"unit": "percentunit"},
-            "CPU asked for": {"unit": "percentunit"},
+            "CPU requested": {"unit": "percentunit"},
         },
     )
 
@@ -122,7 +122,7 @@ def used() -> list[Panel]:
     return [
         curves(
             "CPU",
-            "The part of all cores that is busy, mean of two minutes.",
+            "The busy part of all cores, mean of two minutes.",
             [Query(share("node:cpu_used:rate2m", "cpu"), "{{node}}")],
             unit="percentunit",
             empty=NOTHING,
@@ -131,7 +131,7 @@ def used() -> list[Panel]:
         ),
         curves(
             "Memory",
-            "The part that is in use and cannot be given back.",
+            "The part that is in use and cannot be reclaimed.",
             [Query(share("node:memory_used_bytes:sum", "memory"), "{{node}}")],
             unit="percentunit",
             empty=NOTHING,
@@ -143,7 +143,7 @@ def used() -> list[Panel]:
             "The fullest of each machine's disks.",
             [Query(f"node:filesystem_used:ratio{{{MACHINE}}}", "{{node}}")],
             unit="percentunit",
-            empty="neither node_exporter nor cAdvisor tells of disks",
+            empty="neither node_exporter nor cAdvisor reports disks",
             most=1,
             red=0.9,
         ),
@@ -185,12 +185,12 @@ def moved() -> list[Panel]:
                 Query(f"-({flow('receive')})", "{{node}} receives"),
             ],
             unit="binBps",
-            empty="neither node_exporter nor cAdvisor tells of networks",
+            empty="neither node_exporter nor cAdvisor reports networks",
             least=None,
         ),
         curves(
             "Volumes",
-            "How full each claim is; the kubelet does not know of all kinds of storage.",
+            "How full each claim is; the kubelet does not report all kinds of storage.",
             [
                 Query(
                     "1 - max by (namespace, persistentvolumeclaim) "
@@ -201,7 +201,7 @@ def moved() -> list[Panel]:
                 )
             ],
             unit="percentunit",
-            empty="no volume whose storage tells how full it is",
+            empty="no volume whose storage reports its use",
             most=1,
             red=0.9,
         ),

@@ -1,9 +1,9 @@
 """Dashboards for Grafana and rules for Prometheus, as files that ship with the package.
 
 They are texts: the stack puts them into ConfigMaps, and people load them into a Grafana or a
-Prometheus of their own. The rules are written by hand. The dashboards' JSON is written by
-`python -m tools.boards` in the repository, so that what a review shows is what is deployed. This
-package knows nothing of clusters, Rigelfiles or options.
+Prometheus of their own. The rules are written by hand. `python -m tools.boards` writes the
+dashboards' JSON; it is in the repository, so a review shows what is deployed. This package does not
+depend on clusters, Rigelfiles or options.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from importlib.resources import files
 
 __all__ = ["LOGS", "METRICS", "dashboards", "rules"]
 
-#: UIDs of the datasources that the dashboards choose where they are there: Prometheus' and Loki's.
+#: UIDs of the datasources that the dashboards choose if they exist: Prometheus' and Loki's.
 METRICS, LOGS = "prometheus", "loki"
 
 

@@ -1,7 +1,7 @@
-"""Grafana Alloy, Promtail's successor: one pod that asks the API server for all pods' lines.
+"""Grafana Alloy, Promtail's successor: one pod that reads all pods' lines from the API server.
 
-It needs neither root nor the machines' directories, so it works with any container runtime; the
-API server carries every line instead.
+It needs neither root nor the machines' directories, so it works with any container runtime. Every
+line passes the API server.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ DEFAULTS = {
     "requests": {"cpu": "50m", "memory": "128Mi"},
     "limits": {"memory": "512Mi"},
 }
-#: Weeks of a Loki that does not answer.
+#: So that lines wait for weeks while Loki does not answer.
 RETRIES = 1_000_000
 
 
@@ -53,7 +53,7 @@ def alloy(stack: Stack) -> Iterator[Object]:
 
 
 def configuration(stack: Stack) -> str:
-    """Return config.alloy: pods found, labelled, their lines read, joined, levelled and sent."""
+    """Return config.alloy: find pods, label them, read, join, level and send their lines."""
     return "\n\n".join(
         [
             block("logging", {"level": "warn"}),
@@ -84,7 +84,7 @@ def configuration(stack: Stack) -> str:
 
 
 class Name(str):
-    """A name of Alloy's, which is written without quotes."""
+    """A name in Alloy's language, which is written without quotes."""
 
 
 def block(
@@ -98,7 +98,7 @@ def block(
 
 
 def render_literal(value: object) -> str:
-    """Return a value as Alloy writes it: as JSON, but for names and the equals signs of objects."""
+    """Return a value in Alloy's language: JSON, except for names and the `=` in objects."""
     if isinstance(value, Name):
         return str(value)
     if isinstance(value, Mapping):
@@ -143,7 +143,7 @@ def _endpoint(stack: Stack) -> str:
     if loki and loki.tenant:
         values["tenant_id"] = loki.tenant
     if loki and loki.secret:
-        # Its language takes a user's name from no file: the environment has it.
+        # Its language cannot read a user's name from a file, so it is in the environment.
         user = {"username": Name('sys.env("LOKI_USER")'), "password_file": f"{SECRET}/password"}
         inner.append(block("basic_auth", user))
     return block("endpoint", values, inner=inner)

@@ -1,4 +1,4 @@
-"""Dashboards as ConfigMaps: for our Grafana to mount, for any other's sidecar to find."""
+"""Dashboards as ConfigMaps: our Grafana mounts them, another Grafana's sidecar finds them."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from rigel_k8s.observability.names import GRAFANA
 
 #: Where our Grafana reads them.
 DIRECTORY = "/etc/grafana/dashboards"
-#: What Grafana's sidecars look for, unless they were told otherwise.
+#: The label that Grafana's sidecars look for by default.
 SIDECAR_LABEL = {"grafana_dashboard": "1"}
 
 
 def dashboards(stack: Stack) -> Iterator[Object]:
-    """Yield a ConfigMap for each dashboard: together they might be more than one may hold."""
+    """Yield a ConfigMap for each dashboard: all together may be too large for one."""
     other = stack.other_grafana
     labels = {str(k): str(v) for k, v in other.labels.items()} if other else {}
     folder = {"grafana_folder": other.folder} if other and other.folder else None

@@ -1,4 +1,4 @@
-"""Everything of the stack on one cluster, as what its release shall be."""
+"""All objects of the stack on one cluster, as the desired state of its release."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from rigel_k8s.release.types import Desired, ReleaseId
 
 
 def stack_release(stack: Stack, options: Mapping[str, Any]) -> Desired:
-    """Return what the stack's release shall be.
+    """Return the desired state of the stack's release.
 
     Args:
-        options: as plain data, kept in the revision: the next application's are laid over them.
+        options: as plain data, kept in the revision: the next application's are merged over them.
     """
     made = tuple(_objects(stack))
     return Desired(

@@ -16,24 +16,24 @@ from rigel_k8s.observability.options import Part, Persistence
 
 Object = dict[str, Any]
 
-#: On all pods that watch ROS and are none of its nodes.
+#: On all pods that watch ROS but are not ROS nodes.
 COMPONENT = {"app.kubernetes.io/component": "observability"}
 #: On pods: a hash of the configuration that they were started with.
 CONFIG_ANNOTATION = "rigel-k8s/configuration"
 RBAC = "rbac.authorization.k8s.io"
-#: A log of hours may be replayed at a start; a probe that gives up would start it all over.
+#: At a start, a log of hours may be replayed; a probe that gives up would restart that.
 FOR_EVER = 2**31 - 1
 
 
 @attrs.frozen
 class Frame:
-    """A release in a namespace, and the objects that any part of it is made of."""
+    """A release in a namespace, and the kinds of objects that its parts consist of."""
 
     namespace: str
     release: str
 
     def metadata(self, name: str, part: str | None = None) -> Object:
-        """Return an object's metadata; what belongs to a part has its label."""
+        """Return an object's metadata, with the label of its part."""
         return {"name": name, "namespace": self.namespace, "labels": self.labels(part or name)}
 
     def labels(self, part: str) -> dict[str, str]:
@@ -64,10 +64,10 @@ class Frame:
         *,
         remedy: str = "",
     ) -> Object:
-        """Return a Deployment of one pod, never two at once: both would want the same data.
+        """Return a Deployment of one pod, never two at once, since both would use the same data.
 
         Args:
-            remedy: the stack is good without it, and this is what to do then.
+            remedy: set for a part without which the stack is good: what to do if it is not ready.
         """
         spec = {"replicas": 1, "strategy": {"type": "Recreate"}}
         made = self._workload("Deployment", name, spec, pod, configuration)
@@ -77,7 +77,7 @@ class Frame:
         return made
 
     def daemon_set(self, name: str, pod: Object, configuration: Sequence[Object] = ()) -> Object:
-        """Return a DaemonSet on every Linux machine; one that is away keeps no other waiting."""
+        """Return a DaemonSet on every Linux machine; no machine waits for an unreachable one."""
         spec = {"updateStrategy": {"type": "RollingUpdate", "rollingUpdate": ALL_AT_ONCE}}
         everywhere = {
             "nodeSelector": {"kubernetes.io/os": "linux"},
@@ -91,7 +91,7 @@ class Frame:
         metadata: Object = {"labels": self.labels(name)}
         if configuration:
             metadata["annotations"] = {CONFIG_ANNOTATION: digest(configuration)}
-        # Kubernetes' variables for Services (LOKI_PORT ...) are options to some of these programs.
+        # Some of these programs take Kubernetes' variables for Services (LOKI_PORT ...) as options.
         plain = {"enableServiceLinks": False, "automountServiceAccountToken": False}
         return {
             "apiVersion": "apps/v1",
@@ -120,7 +120,7 @@ class Frame:
         }
 
     def claim(self, part: str, persistence: Persistence, size: str) -> Object:
-        """Return the claim that a part's data are on; `down` leaves it."""
+        """Return the claim with a part's data; `down` keeps it."""
         spec: Object = {
             "accessModes": ["ReadWriteOnce"],
             "resources": {"requests": {"storage": str(persistence.size or size)}},
@@ -135,7 +135,7 @@ class Frame:
         }
 
     def account(self, name: str) -> Object:
-        """Return a part's account, which has no rights by itself."""
+        """Return a part's account, without rights."""
         return {
             "apiVersion": "v1",
             "kind": "ServiceAccount",
@@ -144,7 +144,7 @@ class Frame:
         }
 
     def rights(self, name: str, rules: Sequence[Object]) -> tuple[Object, Object]:
-        """Return what a part's account may do in the whole cluster."""
+        """Return the rights of a part's account in the whole cluster."""
         metadata = {"name": f"{self.release}-{name}", "labels": self.labels(name)}
         role = {
             "apiVersion": f"{RBAC}/v1",
@@ -164,12 +164,12 @@ class Frame:
         return role, binding
 
 
-#: A roll-out of what only reads need not go from machine to machine, and some may be away.
+#: Programs that only read may roll out on all machines at once; some machines may be unreachable.
 ALL_AT_ONCE = {"maxUnavailable": "100%"}
 
 
 def digest(configuration: Sequence[Object]) -> str:
-    """Return a hash of the texts that a program reads once, when it starts."""
+    """Return a hash of the texts that a program reads only when it starts."""
     texts = [item["data"] for item in configuration]
     return hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()[:20]
 
@@ -177,7 +177,7 @@ def digest(configuration: Sequence[Object]) -> str:
 def container(
     name: str, part: Part, image: str, defaults: Mapping[str, Mapping[str, str]], **more: Any
 ) -> Object:
-    """Return a container that writes nothing but its volumes and can become nobody else."""
+    """Return a container that writes only to its volumes and cannot become another user."""
     return {
         "name": name,
         "image": str(part.image or image),
@@ -193,16 +193,16 @@ def container(
     }
 
 
-def resources(said: Resources, defaults: Mapping[str, Mapping[str, str]]) -> Object:
-    """Return requests and limits: those that were said, laid over the defaults."""
+def resources(given: Resources, defaults: Mapping[str, Mapping[str, str]]) -> Object:
+    """Return requests and limits: those of the options, merged over the defaults."""
     return {
         kind: {**defaults[kind], **{str(name): str(value) for name, value in own.items()}}
-        for kind, own in (("requests", said.requests), ("limits", said.limits))
+        for kind, own in (("requests", given.requests), ("limits", given.limits))
     }
 
 
 def http_probes(path: str, port: str | int = "http") -> Object:
-    """Return probes: one that sees the start soon, and a rare one afterwards."""
+    """Return probes: a frequent one until the start, a rare one afterwards."""
     get = {"httpGet": {"path": path, "port": port}, "timeoutSeconds": 5}
     return {
         "startupProbe": {**get, "periodSeconds": 2, "failureThreshold": FOR_EVER},

@@ -1,4 +1,4 @@
-"""Grafana: provisioned datasources and dashboards; its administrator stands in a Secret."""
+"""Grafana with provisioned datasources and dashboards; its administrator is in a Secret."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ DEFAULTS = {
     "limits": {"memory": "512Mi"},
 }
 REMEDY = (
-    "its image is large; where the machines cannot pull it, grafana.image names it in a registry of"
-    " your own, and grafana: {enabled: false} does without"
+    "its image is large; if the machines cannot pull it, set grafana.image to one in a registry of"
+    " your own, or grafana: {enabled: false}"
 )
 SETTINGS = {
     "GF_PATHS_PROVISIONING": PROVISIONING,
     "GF_LOG_MODE": "console",
     "GF_LOG_LEVEL": "warn",
     "GF_USERS_ALLOW_SIGN_UP": "false",
-    # A robot's network may lead nowhere: nothing is asked of the Internet.
+    # A robot's network may have no Internet: request nothing from it.
     "GF_ANALYTICS_REPORTING_ENABLED": "false",
     "GF_ANALYTICS_CHECK_FOR_UPDATES": "false",
     "GF_ANALYTICS_CHECK_FOR_PLUGIN_UPDATES": "false",
@@ -44,7 +44,7 @@ SETTINGS = {
 
 
 def grafana(stack: Stack) -> Iterator[Object]:
-    """Yield Grafana's objects; its Secret stands in no manifest."""
+    """Yield Grafana's objects, without its Secret."""
     frame, said = stack.frame, stack.options.grafana
     config = frame.config_map(
         GRAFANA, {"datasources.yaml": _datasources(stack), "dashboards.yaml": _provider()}, GRAFANA
@@ -55,12 +55,12 @@ def grafana(stack: Stack) -> Iterator[Object]:
     if stack.keeps(said.persistence, default=False):
         yield frame.claim(GRAFANA, said.persistence, SIZE)
     yield frame.service(GRAFANA, GRAFANA_PORT, said.service_type)
-    # Its image is large, and robots do not wait for dashboards.
+    # Its image is large, and robots must not wait for dashboards.
     yield frame.deployment(GRAFANA, _pod(stack), [config], remedy=REMEDY)
 
 
 def _datasources(stack: Stack) -> str:
-    """Return the datasources; each is found by its UID, which dashboards and links name."""
+    """Return the datasources; dashboards and links name each by its UID."""
     found = []
     if stack.prometheus_url:
         found.append(
@@ -85,7 +85,7 @@ def _datasources(stack: Stack) -> str:
 def _loki(stack: Stack) -> Object:
     more: Object = {
         "maxLines": 1000,
-        # From a ROS node that is named in a line to what is known of it.
+        # From a ROS node in a log line to its part of the ROS graph.
         "derivedFields": [
             {
                 "name": "ROS graph",
@@ -115,7 +115,7 @@ def _loki(stack: Stack) -> Object:
 
 
 def _provider() -> str:
-    """Return where dashboards are: in files, which nobody changes from inside Grafana."""
+    """Return where dashboards are: in files, which cannot be changed in Grafana."""
     provider = {
         "name": "rigel",
         "folder": "ROS",
@@ -172,7 +172,7 @@ def _pod(stack: Stack) -> Object:
 
 
 def _loki_user(stack: Stack) -> list[Object]:
-    """Return the variables that a Loki's datasource names, where it asks who we are."""
+    """Return the variables with the user of a Loki that needs a login."""
     secret = stack.other_loki.secret if stack.other_loki else None
     if not secret:
         return []

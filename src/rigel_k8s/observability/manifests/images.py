@@ -1,9 +1,9 @@
-"""The images of the stack: upstream's, each of one version; every part's `image` replaces its."""
+"""The images of the stack: upstream's, each of one version; a part's option `image` replaces it."""
 
 from __future__ import annotations
 
 LOKI_IMAGE = "docker.io/grafana/loki:3.7.8"
-#: The last one: its upkeep ended with it.
+#: The last version: its maintenance has ended.
 PROMTAIL_IMAGE = "docker.io/grafana/promtail:3.6.11"
 ALLOY_IMAGE = "docker.io/grafana/alloy:v1.19.2"
 #: The line with long-term support.

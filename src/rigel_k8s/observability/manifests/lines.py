@@ -1,26 +1,26 @@
-"""How log lines become entries: what goes on a line before, and at which level it is.
+"""How log lines become entries: which lines continue the one before, and which level they have.
 
-Both collectors do the same by these expressions (Go's, without look-ahead), and `rigel logs` does
-it where there is no Loki (commands/logs/levels.py).
+Both collectors use these expressions (Go's, without look-ahead), and `rigel logs` uses them
+without Loki (commands/logs/levels.py).
 """
 
 from __future__ import annotations
 
-#: Put before a line that goes on although it is not indented, and taken away when it is joined: no
-#: expression of Go's can say "any line but these".
+#: Put before a line that continues an entry although it is not indented, and removed when it is
+#: joined: an expression of Go cannot match "any line except these".
 MARK = r"\x01"
 #: The same, put there by a template.
 MARKED = '{{ "\\x01" }}{{ .Value }}'
-#: The end of a Python traceback: an exception's name and what it says; and what stands between two.
+#: The end of a Python traceback: an exception's name and message, and the text between two of them.
 GOES_ON = (
     r"^((?:[A-Za-z_]\w*\.)*[A-Z]\w*(?:Error|Exception|Interrupt|Exit|Iteration|Warning|Timeout)"
     r"(?:: .*)?$"
     r"|During handling of the above exception, another exception occurred:$"
     r"|The above exception was the direct cause of the following exception:$)"
 )
-#: What begins an entry: anything that is neither marked nor indented nor empty.
+#: The beginning of an entry: a line that is neither marked nor indented nor empty.
 FIRST_LINE = rf"^[^\s{MARK}]"
-#: How long a line waits for what may go on with it.
+#: How long a line waits for lines that continue it.
 WAIT = "1s"
 #: Lines of one entry at most.
 LONGEST = 1000
@@ -44,7 +44,7 @@ LEVEL_FORMS = (
     # The stack's own parts.
     rf"{START}(?:(?:ts|time)=\S+ .*?)?\blevel=(?P<level>{WORDS})\b",
 )
-#: A traceback that nobody logged.
+#: A traceback that was printed without logging.
 TRACEBACK = r"^(?P<traceback>Traceback) \(most recent call last\):"
 #: From the word that was found to one of names.LEVELS.
 LEVEL_TEMPLATE = (

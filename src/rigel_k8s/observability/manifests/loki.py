@@ -1,4 +1,4 @@
-"""Loki as one process on one claim; what is older than `retention` is deleted, not only hidden."""
+"""Loki as one process on one claim; lines older than `retention` are deleted, not only hidden."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def configuration(stack: Stack) -> str:
         "analytics": {"reporting_enabled": False},
         "server": {
             "http_listen_port": LOKI_PORT,
-            # Only Loki talks gRPC to itself.
+            # Only Loki itself uses gRPC.
             "grpc_listen_address": "127.0.0.1",
             "grpc_listen_port": 9095,
             "log_level": "warn",
@@ -60,7 +60,7 @@ def configuration(stack: Stack) -> str:
             },
         },
         "schema_config": {"configs": [_schema()]},
-        # Nobody else is in the ring: it is ready when it is up.
+        # It is alone in the ring, so it is ready when it is up.
         "ingester": {"lifecycler": {"min_ready_duration": "0s", "final_sleep": "0s"}},
         "compactor": {
             "working_directory": f"{DATA}/compactor",
@@ -85,10 +85,10 @@ def _schema() -> Object:
 def _limits(stack: Stack) -> Object:
     return {
         "retention_period": str(stack.options.loki.retention or RETENTION),
-        # The labels are those of the contract, and the level is read by the collector.
+        # The labels are those of the contract, and the collector detects the level.
         "discover_service_name": [],
         "discover_log_levels": False,
-        # A cluster of robots that comes back has much to tell at once, and few tell it.
+        # When a cluster of robots is back, few machines send many lines at once.
         "ingestion_rate_mb": 16,
         "ingestion_burst_size_mb": 32,
         "per_stream_rate_limit": "5MB",
@@ -107,7 +107,7 @@ def _pod(stack: Stack) -> Object:
         args=[f"-config.file={CONFIG}/loki.yaml"],
         env=[{"name": "GOMEMLIMIT", "valueFrom": {"resourceFieldRef": {"resource": MEMORY}}}],
         ports=[{"name": "http", "containerPort": LOKI_PORT}],
-        # The compactor writes down what it will delete in /tmp first.
+        # The compactor first writes to /tmp what it will delete.
         volumeMounts=[
             mount("config", CONFIG, read_only=True),
             mount("data", DATA),
@@ -118,7 +118,7 @@ def _pod(stack: Stack) -> Object:
     return {
         "serviceAccountName": LOKI,
         "securityContext": pod_context(USER),
-        # What is in memory is written down before it ends.
+        # Before it ends, it writes what it has in memory.
         "terminationGracePeriodSeconds": 60,
         "containers": [main],
         "volumes": [
@@ -129,5 +129,5 @@ def _pod(stack: Stack) -> Object:
     }
 
 
-#: The garbage collector works harder where the container's limit is near.
+#: The garbage collector works harder if the container's limit is near.
 MEMORY = "limits.memory"

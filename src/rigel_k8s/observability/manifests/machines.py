@@ -1,4 +1,4 @@
-"""What Kubernetes knows of pods and nodes, and what machines tell of themselves."""
+"""kube-state-metrics (Kubernetes' pods and nodes) and node_exporter (the machines)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NODE_DEFAULTS = {
 
 
 def kube_state_metrics(stack: Stack) -> Iterator[Object]:
-    """Yield kube-state-metrics' objects; it tells which ROS node a pod is."""
+    """Yield kube-state-metrics' objects; it exports which ROS node a pod runs."""
     frame, name = stack.frame, KUBE_STATE_METRICS
     yield frame.account(name)
     yield from frame.rights(
@@ -67,7 +67,7 @@ def _state_pod(stack: Stack) -> Object:
 
 
 def node_exporter(stack: Stack) -> Iterator[Object]:
-    """Yield node_exporter's objects; it sees the machine's network, processes and disks."""
+    """Yield node_exporter's objects; it reads the machine's network, processes and disks."""
     frame, name = stack.frame, NODE_EXPORTER
     yield frame.account(name)
     yield frame.daemon_set(name, _node_pod(stack))
@@ -85,7 +85,7 @@ def _node_pod(stack: Stack) -> Object:
             f"--path.sysfs={ROOT}/sys",
             f"--path.udev.data={ROOT}/run/udev/data",
             f"--web.listen-address=:{NODE_EXPORTER_PORT}",
-            # Of pods there is cAdvisor.
+            # cAdvisor has the metrics of pods.
             "--collector.filesystem.mount-points-exclude="
             "^/(dev|proc|run|sys|var/lib/(containerd|docker|kubelet|rancher)/.+)($|/)",
             "--collector.netclass.ignored-devices=^(cali|cni|veth|lo)",

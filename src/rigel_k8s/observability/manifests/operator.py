@@ -1,4 +1,4 @@
-"""PodMonitors and rules for a prometheus-operator that is there, instead of our Prometheus."""
+"""PodMonitors and rules for an existing prometheus-operator, instead of our Prometheus."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.options import ExistingPrometheus
 
 GROUP_VERSION = "monitoring.coreos.com/v1"
-#: What the operator must have brought.
+#: The kinds that the operator installs.
 KINDS = ("PodMonitor", "PrometheusRule")
-#: An operator's field to the same of Prometheus' own configuration.
+#: Fields of Prometheus' configuration, by their names in the operator's objects.
 FIELDS = {
     "source_labels": "sourceLabels",
     "target_label": "targetLabel",
@@ -63,7 +63,7 @@ def job(name: str) -> Object:
 
 
 def _parts(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
-    """Yield what of ours is scraped, and which labels it gets."""
+    """Yield the parts of the stack to scrape, with their labels."""
     if stack.collector:
         yield stack.collector, contract()
     if stack.has_loki:

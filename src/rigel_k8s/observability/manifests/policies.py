@@ -1,4 +1,4 @@
-"""Who may reach the stack: its own parts, and the API server for people with its rights."""
+"""NetworkPolicies: only the stack's parts, and users through the API server, may reach it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from rigel_k8s.observability.manifests.stack import Stack
 from rigel_k8s.observability.names import GRAFANA, LOKI, PROMETHEUS, RELEASE
 from rigel_k8s.observability.options import Component
 
-#: Where a cloud's API server comes from, whose machines are none of the cluster's.
+#: The source of a cloud's API server, which does not run on the cluster's machines.
 SYSTEM = {"namespaceSelector": {"matchLabels": {"kubernetes.io/metadata.name": "kube-system"}}}
 
 
 def policies(stack: Stack) -> Iterator[Object]:
-    """Yield the NetworkPolicies; what runs in the machine's network is not subject to any."""
+    """Yield the NetworkPolicies; they do not apply to pods in the machine's network."""
     yield _policy(stack, f"{RELEASE}-closed", {RELEASE_LABEL: RELEASE}, None)
     for part, sources in _sources(stack):
         yield _policy(stack, part, selector(part), sources)
 
 
 def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
-    """Yield who may reach which part; an empty source is everybody."""
+    """Yield each part with the sources that may reach it; an empty source is any."""
     options, outside = stack.options, _list_outside(stack)
     if stack.has_loki:
         writers = [stack.collector] if stack.collector else []
@@ -43,7 +43,7 @@ def _sources(stack: Stack) -> Iterator[tuple[str, list[Object]]]:
 
 
 def _list_sources(part: Component, sources: list[Object]) -> list[Object]:
-    """Return the sources of a part that may have been asked to be reached from outside."""
+    """Return the sources of a part; none if its Service is reachable from outside."""
     return [] if part.service_type in ("NodePort", "LoadBalancer") else sources
 
 
@@ -60,7 +60,7 @@ def _parts(names: Sequence[str]) -> list[Object]:
 
 
 def _policy(stack: Stack, name: str, pods: dict[str, str], sources: list[Object] | None) -> Object:
-    """Return a policy; None lets nobody in, an empty list everybody."""
+    """Return a policy; None lets no pod in, an empty list every one."""
     allowed: Object = {"ports": [{"port": "http", "protocol": "TCP"}]}
     if sources:
         allowed["from"] = sources

@@ -1,6 +1,6 @@
-"""Promtail on every machine: it reads the lines of that machine's pods, and of no other.
+"""Promtail on every machine: it reads the lines of that machine's pods.
 
-It is root there, for only root may read them, and root without any of root's capabilities.
+It runs as root, since only root may read them, but without root's capabilities.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ PROMTAIL, PROMTAIL_PORT = "promtail", 9080
 CONFIG = "/etc/promtail"
 SECRET = "/etc/promtail-loki"
 LOGS = "/var/log/pods"
-#: How far each file was read: of the machine, so that the next pod goes on where this one stops.
-#: Machines may share a disk, so that the machine's name is in the file's.
+#: How far each file was read, kept on the machine: the next pod continues where this one stops.
+#: Machines may share a disk, so the file's name contains the machine's.
 POSITIONS = "/var/lib/rigel-promtail"
 DEFAULTS = {
     "requests": {"cpu": "25m", "memory": "64Mi"},
@@ -52,7 +52,7 @@ def configuration(stack: Stack) -> str:
         "server": {"http_listen_port": PROMTAIL_PORT, "grpc_listen_port": 0, "log_level": "warn"},
         "positions": {"sync_period": "2s"},
         "clients": [_client(stack)],
-        # A file is looked at again soon after it was found quiet.
+        # A file without new lines is checked again soon.
         "target_config": {"sync_period": "5s"},
         "scrape_configs": [_scrape(stack)],
     }
@@ -60,7 +60,7 @@ def configuration(stack: Stack) -> str:
 
 
 def _client(stack: Stack) -> Object:
-    """Return where lines go: as long as it does not answer they wait, and none is dropped."""
+    """Return where lines go; while it does not answer, they wait, and none is dropped."""
     made: Object = {
         "url": f"{stack.loki_url}/loki/api/v1/push",
         "backoff_config": {"min_period": "500ms", "max_period": "5s", "max_retries": 0},
@@ -77,7 +77,7 @@ def _client(stack: Stack) -> Object:
 
 
 def _scrape(stack: Stack) -> Object:
-    # Promtail adds the machine to the selector itself, by HOSTNAME: nobody else's pods are told.
+    # Promtail itself adds the machine to the selector, by HOSTNAME, so it only sees its own pods.
     selectors = [] if stack.collects_all else [{"role": "pod", "label": select_releases()}]
     found: Object = {"role": "pod"}
     if selectors:
@@ -139,7 +139,7 @@ def _pod(stack: Stack) -> Object:
     return {
         "serviceAccountName": PROMTAIL,
         "automountServiceAccountToken": True,
-        # Where Loki is started anew too, it waits for it with the lines that it has read.
+        # If Loki restarts too, Promtail waits for it with the lines that it has read.
         "terminationGracePeriodSeconds": 120,
         "securityContext": {"runAsUser": 0, "seccompProfile": {"type": "RuntimeDefault"}},
         "containers": [main],

@@ -1,4 +1,4 @@
-"""Labels of the contract (names.LABELS) from what Kubernetes tells of a pod.
+"""Labels of the contract (names.LABELS) from a pod's metadata.
 
 Promtail, Alloy, Prometheus and prometheus-operator all take them in this form.
 """
@@ -43,7 +43,7 @@ def contract() -> list[Rule]:
 
 
 def log_path(directory: str) -> Iterator[Rule]:
-    """Yield the rules that tell where the kubelet keeps a container's lines."""
+    """Yield the rules for the path at which the kubelet keeps a container's lines."""
     container = "__meta_kubernetes_pod_container_name"
     yield {
         "source_labels": ["__meta_kubernetes_pod_uid", container],
@@ -51,7 +51,7 @@ def log_path(directory: str) -> Iterator[Rule]:
         "target_label": "__path__",
         "replacement": f"{directory}/*$1/*.log",
     }
-    # Pods of a machine's own manifests are filed under the hash of their manifest.
+    # The directories of static pods have the hash of their manifest in their names.
     yield {
         "source_labels": [meta("annotation", "kubernetes.io/config.hash"), container],
         "separator": "/",
@@ -62,7 +62,7 @@ def log_path(directory: str) -> Iterator[Rule]:
 
 
 def keep_annotated() -> list[Rule]:
-    """Return the rules that leave the pods that ask to be scraped, at the port that they name."""
+    """Return the rules that keep pods with annotations for scraping, at the port that they name."""
     number, asked = "__meta_kubernetes_pod_container_port_number", name_annotation("port")
     return [
         {"source_labels": [name_annotation("scrape")], "action": "keep", "regex": "true"},
@@ -76,7 +76,7 @@ def keep_annotated() -> list[Rule]:
             "action": "drop",
             "regex": "true",
         },
-        # Of several ports only the one that is asked for; a container may also declare none.
+        # Of several ports, only the requested one; a container may also declare none.
         {"source_labels": [number], "target_label": "__tmp_port"},
         {
             "source_labels": [number, asked],
@@ -112,5 +112,5 @@ def keep_annotated() -> list[Rule]:
 
 
 def name_annotation(word: str) -> str:
-    """Return Prometheus' name of an annotation by which pods ask to be scraped."""
+    """Return Prometheus' name of an annotation by which pods request scraping."""
     return meta("annotation", f"prometheus.io/{word}")

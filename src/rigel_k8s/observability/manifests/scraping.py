@@ -17,13 +17,13 @@ KUBE_STATE_METRICS = "kube-state-metrics"
 NODE_EXPORTER = "node-exporter"
 INTERVAL = "15s"
 TOKEN = "/var/run/secrets/kubernetes.io/serviceaccount/token"
-#: Of cAdvisor's: what is of a container, of a pod's network, or of the whole machine.
+#: Metrics of cAdvisor that are kept: those of containers, pods' networks, and whole machines.
 SLICES = {
     "source_labels": ["__name__", "id", "container", "pod"],
     "regex": r"(container_network_.+;.*;.*;.+|.+;/;.*;.*|.+;.*;.+;.*|machine_.+;.*;.*;.*)",
     "action": "keep",
 }
-#: What the kubelet tells and nothing here asks for: most of its series.
+#: Metrics that no dashboard or rule uses: most of the series.
 UNASKED = {
     "source_labels": ["__name__"],
     "regex": "container_(tasks_state|memory_failures_total|blkio_device_usage_total|"
@@ -74,7 +74,7 @@ def _jobs(stack: Stack) -> Iterator[Object]:
     yield _kubelet("kubelet", "/metrics", [VOLUMES])
     yield {
         "job_name": "pods",
-        # The exporter tells of nodes: whose pod it is itself says nothing of them.
+        # The exporter's metrics have the labels of nodes; its own pod's must not replace them.
         "honor_labels": True,
         "kubernetes_sd_configs": [{"role": "pod"}],
         "relabel_configs": [*keep_annotated(), *contract()],
@@ -105,7 +105,7 @@ def _scrape_own(part: str, stack: Stack) -> Object:
 
 
 def _labels(part: str) -> list[Object]:
-    """Return the labels of a part's own metrics; who tells of others says only where it is."""
+    """Return the labels of a part's own metrics; metrics about others only get its place."""
     if part == KUBE_STATE_METRICS:
         return []
     if part == NODE_EXPORTER:
@@ -114,7 +114,7 @@ def _labels(part: str) -> list[Object]:
 
 
 def _kubelet(job: str, path: str, kept: list[Object]) -> Object:
-    """Return a job on all kubelets, whose certificates are of their own making."""
+    """Return a job for all kubelets, whose certificates are self-signed."""
     return {
         "job_name": job,
         "scheme": "https",

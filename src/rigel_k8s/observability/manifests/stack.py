@@ -1,4 +1,4 @@
-"""What the options come to on one cluster: which parts are ours, and what they keep data on."""
+"""The options applied to one cluster: which parts are deployed, and where they keep data."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Stack:
     """The stack of one cluster.
 
     Attributes:
-        options: of all applications together; what is of one of them only does not count here.
-        claims: whether the cluster gives storage to claims that name no class.
-        api_servers: addresses that the API server's proxy comes from, as far as they are known.
+        options: of all applications together; options of only one application have no effect here.
+        claims: whether the cluster gives storage to claims without a StorageClass.
+        api_servers: source addresses of the API server's proxy, as far as they are known.
     """
 
     options: Observability
@@ -45,61 +45,61 @@ class Stack:
 
     @property
     def frame(self) -> Frame:
-        """What its objects are made with."""
+        """The frame that makes its objects."""
         return Frame(self.namespace, RELEASE)
 
     @property
     def existing(self) -> Existing:
-        """What the cluster has already."""
+        """The parts that the cluster has already."""
         return self.options.existing or Existing()
 
     @property
     def operator(self) -> ExistingPrometheus | None:
-        """A prometheus-operator that is used, None for none."""
+        """The prometheus-operator that is used, None for none."""
         return self.existing.prometheus
 
     @property
     def other_grafana(self) -> ExistingGrafana | None:
-        """A Grafana of others that is used, None for none."""
+        """The existing Grafana that is used, None for none."""
         return self.existing.grafana
 
     @property
     def other_loki(self) -> ExistingLoki | None:
-        """A Loki of others that is used, None for none."""
+        """The existing Loki that is used, None for none."""
         return self.existing.loki
 
     @property
     def has_prometheus(self) -> bool:
-        """Whether there is a Prometheus of ours."""
+        """Whether the stack has its own Prometheus."""
         return self.options.prometheus.enabled and self.operator is None
 
     @property
     def has_loki(self) -> bool:
-        """Whether there is a Loki of ours."""
+        """Whether the stack has its own Loki."""
         return self.options.loki.enabled and self.other_loki is None
 
     @property
     def has_grafana(self) -> bool:
-        """Whether there is a Grafana of ours."""
+        """Whether the stack has its own Grafana."""
         return self.options.grafana.enabled and self.other_grafana is None
 
     @property
     def loki_url(self) -> str | None:
-        """Where log lines go, None where they go nowhere."""
+        """The URL that log lines are sent to, None if they are not collected."""
         if self.other_loki is not None:
             return self.other_loki.url.rstrip("/")
         return f"http://{LOKI}:{LOKI_PORT}" if self.has_loki else None
 
     @property
     def prometheus_url(self) -> str | None:
-        """Where Grafana asks for metrics, None where it cannot."""
+        """The URL from which Grafana reads metrics, None if it has none."""
         if self.operator is not None:
             return self.operator.url
         return f"http://{PROMETHEUS}:{PROMETHEUS_PORT}" if self.has_prometheus else None
 
     @property
     def collector(self) -> str | None:
-        """The name of what reads log lines, None where nothing does."""
+        """The name of the log collector, None for none."""
         name = self.options.collector or "promtail"
         return name if self.loki_url and getattr(self.options, name).enabled else None
 
@@ -110,7 +110,7 @@ class Stack:
 
     @property
     def kube_state_metrics(self) -> Part:
-        """What Kubernetes knows; where a Prometheus is there already, it has one too."""
+        """kube-state-metrics; an existing Prometheus has its own."""
         return self.options.kube_state_metrics or Part(enabled=self.has_prometheus)
 
     @property

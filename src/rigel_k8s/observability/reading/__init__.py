@@ -1,1 +1,1 @@
-"""How the stack on a cluster is found and asked: Loki, Prometheus, local ports, status."""
+"""Finds the stack on a cluster and reads from it: Loki, Prometheus, local ports, status."""

@@ -1,4 +1,4 @@
-"""Services of the stack at ports of this machine, also when their pods are replaced."""
+"""Services of the stack at ports of this machine, even after their pods are replaced."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from rigel_k8s.observability.names import (
 )
 from rigel_k8s.observability.reading.stack import InstalledStack
 
-#: What people look at, and the local ports that they expect it at.
+#: The parts with a page or API for users, and their usual local ports.
 USUAL = {GRAFANA: GRAFANA_PORT, PROMETHEUS: PROMETHEUS_PORT, LOKI: LOKI_PORT}
 
 
 def doors(
     stack: InstalledStack, ports: Mapping[str, int | None], opened: ExitStack
 ) -> tuple[list[Door], dict[str, str]]:
-    """Open all parts that are there; return them, and why others are closed.
+    """Open all parts that exist; return them, and why others are closed.
 
     Raises:
-        UserError: a port that was asked for is taken.
+        UserError: a requested port is taken.
     """
     found, closed = [], {}
     for name in USUAL:
@@ -61,11 +61,11 @@ class Door:
 
     @property
     def url(self) -> str:
-        """Where it is on this machine."""
+        """Its address on this machine."""
         return f"http://127.0.0.1:{self.port}"
 
     def open(self, port: int | None) -> None:
-        """Listen on a local port; None is the usual one or, where that is taken, any.
+        """Listen on a local port; None is the usual one or, if that is taken, any.
 
         Raises:
             UserError: the port is taken.
@@ -79,27 +79,27 @@ class Door:
             self._listen(0)
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self._context.close()
 
     def look(self) -> Iterator[str]:
-        """Go over to the next pod where this one is gone; yield what has happened."""
+        """Connect to another pod if this one has ended; yield what has happened."""
         if not self._errors and not self._away:
             return
-        told, self._errors[:] = list(self._errors), []
+        errors, self._errors[:] = list(self._errors), []
         if not self._away and self._is_there():
-            yield from (f"{self.name}: {text}" for text in told)
+            yield from (f"{self.name}: {text}" for text in errors)
             return
         self.close()
         try:
             self._listen(self.port)
         except (ClusterError, UserError) as error:
             if not self._away:
-                yield f"{self.name} is away: {error.message}"
+                yield f"{self.name} is unreachable: {error.message}"
             self._away = True
         else:
             self._away = False
-            yield f"{self.name} is at {self.url} again, in {self._pod}"
+            yield f"{self.name} is reachable again at {self.url}, in {self._pod}"
 
     def _listen(self, port: int) -> None:
         pod = self._ready_pod()
@@ -117,7 +117,7 @@ class Door:
     def _ready_pod(self) -> dict[str, Any]:
         for pod in self._ready_pods():
             return pod
-        raise ClusterError("no pod of it is ready")
+        raise ClusterError("none of its pods is ready")
 
     def _ready_pods(self) -> list[dict[str, Any]]:
         labels, namespace = (

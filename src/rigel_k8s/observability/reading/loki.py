@@ -1,4 +1,4 @@
-"""Loki's API: which streams there are, and their lines by time; pods and releases it knows not."""
+"""Loki's API: the streams and their lines by time; independent of pods and releases."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import attrs
 
-#: Asks for a path with a query, and returns the answer's body.
+#: Requests a path with a query, and returns the answer's body.
 Ask = Callable[[str, Mapping[str, object]], bytes]
 
 DAY = 24 * 3600 * 1_000_000_000
@@ -61,7 +61,7 @@ class LokiClient:
             yield from self._pages(query, begin, until)
 
     def read_last(self, query: str, start: int, end: int, count: int) -> list[Entry]:
-        """Return the last so many entries, the oldest of them first."""
+        """Return the last `count` entries, the oldest of them first."""
         if count > PAGE:
             return list(deque(self.entries(query, start, end), maxlen=count))
         found: list[Entry] = []
@@ -72,7 +72,7 @@ class LokiClient:
         return found
 
     def _pages(self, query: str, begin: int, until: int) -> Iterator[Entry]:
-        """Yield a window's entries; a page begins with the time with which the one before ended."""
+        """Yield a window's entries; a page begins at the time at which the one before ended."""
         known: list[Entry] = []
         while True:
             page = self._range(query, begin, until, "forward", PAGE)
@@ -80,7 +80,7 @@ class LokiClient:
             if len(page) < PAGE:
                 return
             latest = page[-1].time
-            if latest == begin:  # more entries of one moment than an answer holds
+            if latest == begin:  # more entries with the same time than an answer may contain
                 known, begin = [], latest + 1
             else:
                 known, begin = [entry for entry in page if entry.time == latest], latest
@@ -107,5 +107,5 @@ class LokiClient:
 
 
 def windows(start: int, end: int) -> list[tuple[int, int]]:
-    """Return a range in pieces that Loki takes."""
+    """Return a range in parts that Loki accepts."""
     return [(begin, min(begin + LONGEST, end)) for begin in range(start, end, LONGEST)]

@@ -1,4 +1,4 @@
-"""Prometheus' API: what a query says now. It knows no pods and no releases."""
+"""Prometheus' API: the current result of a query; independent of pods and releases."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class Sample:
 
 
 class PrometheusClient:
-    """Asks a Prometheus."""
+    """Queries a Prometheus."""
 
     def __init__(self, ask: Callable[[str, Mapping[str, object]], bytes]) -> None:
         self._ask = ask
 
     def query(self, expression: str) -> list[Sample]:
-        """Return what an expression that gives a vector says now, without what is no number."""
+        """Return the current vector of an expression, without values that are not numbers."""
         answer = json.loads(self._ask("api/v1/query", {"query": expression}))
         found = answer["data"]["result"]
         samples = [Sample(one["metric"], float(one["value"][1])) for one in found]

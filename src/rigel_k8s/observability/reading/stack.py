@@ -1,6 +1,6 @@
-"""Where the observability stack is, and how its parts are asked: through the API server.
+"""Finds the observability stack, and reads from its parts through the API server.
 
-So that the user's own kubeconfig is all that is needed: no port is open to anybody else.
+So the user's own kubeconfig is enough, and no port is open to others.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.release.deploy import find_last_good
 from rigel_k8s.release.types import ReleaseId
 
-#: Where a stack is looked for by somebody who may not list the Services of all namespaces.
+#: Where to look for the stack without the right to list the Services of all namespaces.
 USUAL = "monitoring"
 HINT = (
-    "`observability: {enabled: true}` in an orchestration job deploys one with the next"
-    " `rigel run`; -n NAMESPACE, if it is where you may not look"
+    "set `observability: {enabled: true}` in an orchestration job and run `rigel run`; if it is in"
+    " a namespace that you may not list, pass -n NAMESPACE"
 )
 
 
 class NoStack(UserError):
-    """There is no observability stack, or it lacks the part that is asked for."""
+    """There is no observability stack, or it does not have the requested part."""
 
 
 @attrs.frozen
@@ -44,7 +44,7 @@ class StackService:
     prefix: str = ""
 
     def ask(self, path: str, query: Mapping[str, object] | None = None) -> bytes:
-        """Return what it answers to a GET; raises as Cluster.proxied."""
+        """Return the answer to a GET; raises as Cluster.get_through_proxy."""
         ref = ObjectRef("v1", "Service", self.namespace, self.name)
         return self.cluster.get_through_proxy(ref, self.prefix + path, port=self.port, query=query)
 
@@ -58,10 +58,10 @@ class InstalledStack:
     services: Mapping[str, Mapping[str, Any]]
 
     def part(self, name: str) -> StackService:
-        """Return one of its Services, or what it uses in its stead.
+        """Return one of its Services, or the existing one that it uses instead.
 
         Raises:
-            NoStack: it was deployed without, or it cannot be asked through the API server.
+            NoStack: it has none, or it cannot be reached through the API server.
         """
         if name in self.services:
             port = self.services[name]["spec"]["ports"][0]["port"]
@@ -70,30 +70,30 @@ class InstalledStack:
             return parse_existing(self.cluster, there)
         raise NoStack(
             f"the observability stack in {self.namespace} has no {name.capitalize()}",
-            hint=f"`observability: {{{name}: {{enabled: true}}}}` deploys it",
+            hint=f"set `observability: {{{name}: {{enabled: true}}}}` to deploy it",
         )
 
     @cached_property
     def existing(self) -> Mapping[str, Mapping[str, Any]]:
-        """What it uses that was there before and that has an address; none where we may not look.
+        """The existing parts that it uses and that have an address; none if we may not read them.
 
-        Whichever application has said so: all share one stack.
+        They are those of all applications, since all share one stack.
         """
         try:
             last = find_last_good(self.cluster, ReleaseId(self.namespace, RELEASE))
         except Refusal:
             return {}
-        said = last.options.get("existing") if last else None
-        named = said.items() if isinstance(said, Mapping) else ()
+        existing = last.options.get("existing") if last else None
+        named = existing.items() if isinstance(existing, Mapping) else ()
         return {name: one for name, one in named if isinstance(one, Mapping) and one.get("url")}
 
 
 def part_of(cluster: Cluster, name: str, observability: Any) -> StackService:
-    """Return a part of the stack, or what the job names as there before (`existing`).
+    """Return a part of the stack, or the one that the job names in `existing`.
 
     Raises:
-        NoStack: there is none, or it cannot be asked through the API server.
-        Refusal: nobody may look.
+        NoStack: there is no stack, or the part cannot be reached through the API server.
+        Refusal: we may not read it.
     """
     there: Any = getattr(getattr(observability, "existing", None), name, None)
     if getattr(there, "url", None):
@@ -101,43 +101,43 @@ def part_of(cluster: Cluster, name: str, observability: Any) -> StackService:
     return find_stack(cluster).part(name)
 
 
-def parse_existing(cluster: Cluster, said: Mapping[str, Any]) -> StackService:
-    """Return what a job names as there before.
+def parse_existing(cluster: Cluster, options: Mapping[str, Any]) -> StackService:
+    """Return the part that a job names in `existing`.
 
     Raises:
-        NoStack: it cannot be asked through the API server.
+        NoStack: it cannot be reached through the API server.
     """
-    url = str(said["url"])
-    if said.get("tenant") or said.get("secret"):
-        raise NoStack(f"{url} wants a tenant or a password, which the API server does not pass on")
+    url = str(options["url"])
+    if options.get("tenant") or options.get("secret"):
+        raise NoStack(f"{url} needs a tenant or a password, which the API server does not pass on")
     return parse_url(cluster, url)
 
 
 def parse_url(cluster: Cluster, url: str) -> StackService:
-    """Return the Service that a URL names as pods do: http://NAME.NAMESPACE:PORT.
+    """Return the Service of a URL in the form that pods use: http://NAME.NAMESPACE:PORT.
 
     Raises:
-        NoStack: it names none.
+        NoStack: it is not the URL of a Service.
     """
-    said = urlsplit(url)
-    words = (said.hostname or "").split(".")
-    if said.scheme != "http" or len(words) < 2 or words[2:3] not in ([], ["svc"]):
-        raise NoStack(f"{url} is no Service of the cluster")
+    parts = urlsplit(url)
+    words = (parts.hostname or "").split(".")
+    if parts.scheme != "http" or len(words) < 2 or words[2:3] not in ([], ["svc"]):
+        raise NoStack(f"{url} is not a Service of the cluster")
     return StackService(
         cluster,
         words[1],
         words[0],
-        said.port or 80,
-        said.path.strip("/") + "/" if said.path.strip("/") else "",
+        parts.port or 80,
+        parts.path.strip("/") + "/" if parts.path.strip("/") else "",
     )
 
 
 def find_stack(cluster: Cluster, namespace: str | None = None) -> InstalledStack:
-    """Return the stack, of one namespace or wherever it is.
+    """Return the stack, in one namespace or in any.
 
     Raises:
-        NoStack: there is none, or there are several.
-        Refusal: nobody may look.
+        NoStack: there is no stack, or there are several.
+        Refusal: we may not read it.
     """
     by_namespace: dict[str, dict[str, Any]] = {}
     for service in services(cluster, namespace):
@@ -150,13 +150,13 @@ def find_stack(cluster: Cluster, namespace: str | None = None) -> InstalledStack
         raise NoStack(f"there is no observability stack{where}", hint=HINT)
     if len(by_namespace) > 1:
         listed = ", ".join(sorted(by_namespace))
-        raise NoStack(f"there are several observability stacks: {listed}", hint="name one with -n")
+        raise NoStack(f"there are several observability stacks: {listed}", hint="pass one with -n")
     ((found, named),) = by_namespace.items()
     return InstalledStack(cluster, found, named)
 
 
 def find_bare_stack(cluster: Cluster) -> str | None:
-    """Return the namespace of a stack whose servers were all there before, None for none."""
+    """Return the namespace of a stack that only uses existing servers, None for none."""
     try:
         return find_namespace(cluster)
     except Refusal:
@@ -164,7 +164,7 @@ def find_bare_stack(cluster: Cluster) -> str | None:
 
 
 def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:
-    """Return the stack's Services; who may not look everywhere gets the usual namespace's."""
+    """Return the stack's Services; without the right to list all, those in the usual namespace."""
     labels = {RELEASE_LABEL: RELEASE}
     try:
         return cluster.list("v1", "Service", namespace, labels=labels)
@@ -175,11 +175,11 @@ def services(cluster: Cluster, namespace: str | None) -> list[dict[str, Any]]:
 
 
 def explain(what: str, error: ClusterError | NoStack) -> str:
-    """Return in a few words why a part of the stack is not asked."""
+    """Return in a few words why a part of the stack was not reached."""
     if not isinstance(error, Refusal):
         return error.message
     if isinstance(error, Forbidden):
-        return f"you may not ask {what} (the right to get services/proxy)"
+        return f"you may not reach {what} (the right `get services/proxy` is missing)"
     if error.status in (0, 500, 502, 503, 504):
         return f"{what} is not ready"
     return f"{what} refuses: {error.message}"

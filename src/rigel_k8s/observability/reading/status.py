@@ -1,4 +1,4 @@
-"""observe status: whether the stack runs, answers and hears; and which alerts fire."""
+"""observe status: whether the stack runs, answers and receives data; and which alerts fire."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ HEARD = 'sum by (application) (count_over_time({application=~".+"}[5m]))'
 
 @attrs.frozen
 class Answer:
-    """Whether a part answers, and what it says of itself: what it hears, or why it does not.
+    """Whether a part answers, and what it receives, or why it does not answer.
 
     Attributes:
-        ok: None where it cannot be asked, being somebody else's.
+        ok: None if it cannot be reached, since it is not part of the stack.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Answer:
 
 @attrs.frozen
 class Alert:
-    """An alert that fires: its name, what it is about, since when, and what it says."""
+    """An alert that fires: its name, labels, start and summary."""
 
     name: str
     labels: Mapping[str, str]
@@ -51,7 +51,7 @@ class Alert:
 
 @attrs.frozen
 class ObserveStatus:
-    """How the stack is; alerts are about what it watches."""
+    """The state of the stack, and the alerts about what it watches."""
 
     release: states.ReleaseStatus
     answers: tuple[Answer, ...]
@@ -59,7 +59,7 @@ class ObserveStatus:
 
     @property
     def ok(self) -> bool:
-        """Whether all of it runs and answers, but for what the stack is good without."""
+        """Whether all parts run and answer, except those without which the stack is good."""
         workloads = self.release.workloads
         spared = {workload.name for workload in workloads if workload.ok and not workload.done}
         return all(w.ok for w in workloads) and all(
@@ -68,7 +68,7 @@ class ObserveStatus:
 
 
 def status(settings: Settings) -> ObserveStatus:
-    """Return how the stack is; raises as find_stack."""
+    """Return the state of the stack; raises as find_stack."""
     with connect(settings) as cluster:
         stack = find_stack(cluster, settings.namespace)
         release = states.status(cluster, ReleaseId(stack.namespace, RELEASE))
@@ -78,7 +78,7 @@ def status(settings: Settings) -> ObserveStatus:
 
 
 def answer(stack: InstalledStack, name: str) -> Answer:
-    """Return whether a part answers, and what it hears."""
+    """Return whether a part answers, and what it receives."""
     there = stack.existing.get(name, {}) if name not in stack.services else {}
     of = f" ({there['url']})" if there else ""
     try:
@@ -98,23 +98,23 @@ def grafana(part: StackService) -> Answer:
 
 
 def prometheus(part: StackService) -> Answer:
-    """Ask Prometheus which of its targets it reaches; why not is often theirs to answer for."""
+    """Ask Prometheus which of its targets it reaches; unreached targets are not its error."""
     targets = data(part, "api/v1/targets", state="active")["activeTargets"]
     down = [name_of(one["labels"]) for one in targets if one["health"] == "down"]
-    said = f"{len(targets) - len(down)} of {len(targets)} targets"
+    reached = f"{len(targets) - len(down)} of {len(targets)} targets"
     missed = f"; not {', '.join(sorted(down))}" if down else ""
-    return Answer(part.name, ok=True, said=said + missed)
+    return Answer(part.name, ok=True, said=reached + missed)
 
 
 def name_of(labels: Mapping[str, str]) -> str:
-    """Return what people call a target."""
+    """Return a target's name for people."""
     if "pod" in labels:
         return f"{labels.get('namespace', '')}/{labels['pod']}"
     return f"{labels.get('job', '')} of {labels.get('node') or labels.get('instance', '')}"
 
 
 def loki(part: StackService) -> Answer:
-    """Ask Loki whose lines came lately."""
+    """Ask Loki whose lines it received lately."""
     found = data(part, "loki/api/v1/query", query=HEARD)["result"]
     lines = {one["metric"].get("application", ""): int(one["value"][1]) for one in found}
     heard = ", ".join(f"{name} {count}" for name, count in sorted(lines.items()))
@@ -129,7 +129,7 @@ LOOKS: Mapping[str, Callable[[StackService], Answer]] = {
 
 
 def alerts(stack: InstalledStack) -> tuple[Alert, ...]:
-    """Return the alerts that fire; none where Prometheus cannot be asked, which is told anyway."""
+    """Return the alerts that fire; none if Prometheus does not answer, which is reported anyway."""
     try:
         found = data(stack.part(PROMETHEUS), "api/v1/alerts")["alerts"]
     except (ClusterError, NoStack):
@@ -138,11 +138,11 @@ def alerts(stack: InstalledStack) -> tuple[Alert, ...]:
 
 
 def alert_of(one: Mapping[str, Any]) -> Alert:
-    """Return an alert as Prometheus tells it."""
+    """Return an alert from Prometheus' answer."""
     labels = dict(one["labels"])
     notes = one.get("annotations", {})
-    said = notes.get("summary") or notes.get("description") or ""
-    return Alert(labels.pop("alertname"), labels, one["activeAt"], said)
+    summary = notes.get("summary") or notes.get("description") or ""
+    return Alert(labels.pop("alertname"), labels, one["activeAt"], summary)
 
 
 def data(part: StackService, path: str, **query: str) -> Any:

@@ -178,7 +178,7 @@ def test_a_pod_that_is_replaced_is_found_again(
     until(lambda: cluster.get(pod) is None, "the pod's end")
     create(cluster, grafana, grafana_pod(registry))
     until(lambda: answer(found[1]) == "here\n", "the page at the same address")
-    until(lambda: running.found(r"grafana is at http://\S+ again, in grafana"), "the word")
+    until(lambda: running.found(r"grafana is reachable again at http://\S+, in grafana"), "the word")
 
 
 def test_remove_takes_the_release_away(

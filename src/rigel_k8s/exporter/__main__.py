@@ -1,4 +1,4 @@
-"""`python3 -m rigel_k8s.exporter CONFIG.json`: the exporter until it is told to end."""
+"""`python3 -m rigel_k8s.exporter CONFIG.json`: run the exporter until a signal ends it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _serve(half: Half, config: Config, ended: threading.Event) -> int:
 
 
 def _make_half(config: Config) -> Half:
-    """Return the graph that the configuration names; the other ROS is not even loaded."""
+    """Return the graph that the configuration names; the other ROS' modules are not imported."""
     if config.ros == "1":
         from rigel_k8s.exporter.ros1 import Ros1
 

@@ -1,4 +1,4 @@
-"""The looks at the graph in the background, and what a scrape gets: never a wait."""
+"""Looks at the graph in the background, so a scrape never waits."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from rigel_k8s.exporter.listening import Listening
 from rigel_k8s.exporter.metrics import Sample, text
 from rigel_k8s.exporter.standing import Standing
 
-#: Seconds between two readings of what subscribers keep.
+#: Seconds between two readings of the subscribers.
 _TICK = 1.0
-#: Seconds without a look, beyond the interval, after which the exporter is not well.
+#: Seconds without a look, beyond the interval, after which the exporter is not healthy.
 PATIENCE = 60.0
 _STARTED = time.time()
 
 
 class Collection:
-    """The thread that looks, and the latest it saw."""
+    """The thread that looks, and its latest result."""
 
     def __init__(self, half: Half, config: Config, *, after: float = 0.0) -> None:
-        """Look at nothing yet; the first look comes so many seconds after the start."""
+        """Do nothing yet; the first look is `after` seconds after the start."""
         self._half, self._config, self._after = half, config, after
         self._listening = Listening(half, config)
         self._standing = Standing(config.expected, config.known, config.topics)
@@ -39,11 +39,11 @@ class Collection:
         self._failures = 0
 
     def start(self) -> None:
-        """Look from now on."""
+        """Start to look."""
         self._thread.start()
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop looking."""
         self._ended.set()
         self._thread.join(PATIENCE)
 
@@ -89,7 +89,7 @@ class Collection:
         began = time.monotonic()
         try:
             graph = self._half.look()
-        except Exception:  # one look of many: say it, count it, go on
+        except Exception:  # one look of many: log it, count it, continue
             traceback.print_exc(file=sys.stderr)
             self._failures += 1
             return

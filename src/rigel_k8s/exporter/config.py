@@ -1,4 +1,4 @@
-"""What the exporter is told, by one JSON file: checked here, so that nothing else has to be."""
+"""The exporter's configuration, a JSON file; it is checked here, so no other module checks it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ JOINING = 4.0
 
 
 class ConfigFailed(Exception):
-    """The file cannot be used; the message says what is wrong with which field."""
+    """The file cannot be used; the message names the field and the error."""
 
 
 class Config(NamedTuple):
@@ -21,24 +21,24 @@ class Config(NamedTuple):
 
     Attributes:
         ros: "1", "2", or "none" for DDS without ROS.
-        middleware: told in ros_exporter_info, "" for none.
+        middleware: exported in ros_exporter_info, "" for none.
         name: the exporter's own ROS 1 name.
         master_uri: ROS 1's master.
         domain: DDS' domain.
         mode: how participants find each other: multicast, peers or discovery-server.
         interface: the network interface for DDS, None for any.
-        peers: names or addresses that are told of the exporter.
+        peers: names or addresses to which the exporter announces itself.
         servers: discovery servers, HOST or HOST:PORT.
-        expected: ROS names of nodes that there must be, and the workload of each.
+        expected: ROS names of nodes that must exist, and the workload of each.
         known: the same for nodes that may have another name.
-        topics: topics to hear; nothing else is subscribed but what the next three ask for.
-        diagnostics: hear /diagnostics.
-        clock: hear /clock.
-        tf: hear /tf.
+        topics: topics to subscribe to, besides those of the next three.
+        diagnostics: subscribe to /diagnostics.
+        clock: subscribe to /clock.
+        tf: subscribe to /tf.
         interval: seconds between two looks at the graph.
         port: where metrics are served; 0 for any free one, which is printed.
-        joining: seconds in which a participant of DDS that has just joined hears of the others;
-            before, all seem gone.
+        joining: seconds in which a new participant of DDS discovers the others; before that, all
+            nodes seem to be missing.
     """
 
     ros: str = "1"
@@ -65,35 +65,35 @@ _CHOICES = {"ros": ("1", "2", "none"), "mode": ("multicast", "peers", "discovery
 
 
 def read(path: Path) -> Config:
-    """Return what a file says.
+    """Return the configuration in a file.
 
     Raises:
-        ConfigFailed: it is not there, no JSON, or a field is not what it must be.
+        ConfigFailed: it does not exist, is not JSON, or has an invalid field.
     """
     try:
-        told = json.loads(path.read_text("utf-8"))
+        fields = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError) as error:
         raise ConfigFailed(f"{path}: {error}") from error
-    if not isinstance(told, dict):
-        raise ConfigFailed(f"{path}: a JSON object is wanted")
-    unknown = sorted(set(told) - set(Config._fields))
+    if not isinstance(fields, dict):
+        raise ConfigFailed(f"{path}: not a JSON object")
+    unknown = sorted(set(fields) - set(Config._fields))
     if unknown:
         raise ConfigFailed(f"{path}: unknown field {unknown[0]}")
-    for field, value in told.items():
+    for field, value in fields.items():
         _check(path, field, value)
-    return Config(**told)
+    return Config(**fields)
 
 
 def _check(path: Path, field: str, value: Any) -> None:
     default = Config._field_defaults[field]
     if field in _CHOICES and value not in _CHOICES[field]:
-        raise ConfigFailed(f"{path}: {field} is one of {', '.join(_CHOICES[field])}")
+        raise ConfigFailed(f"{path}: {field} must be one of {', '.join(_CHOICES[field])}")
     if not _is_like(default, value):
-        raise ConfigFailed(f"{path}: {field} cannot be {json.dumps(value)}")
+        raise ConfigFailed(f"{path}: invalid {field}: {json.dumps(value)}")
 
 
 def _is_like(default: Any, value: Any) -> bool:
-    """Return whether a value is of its default's kind; numbers are positive, or a domain's 0."""
+    """Return whether a value has its default's type; numbers are positive, or 0 for a domain."""
     if default is None:
         return value is None or isinstance(value, str)
     if isinstance(default, bool) or isinstance(value, bool):

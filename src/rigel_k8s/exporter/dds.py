@@ -1,9 +1,9 @@
-"""DDS' half: the graph of a domain by joining its discovery, and named topics by hearing them.
+"""The DDS half: it joins a domain's discovery to read its graph, and subscribes to named topics.
 
-A thread of its own reads, acknowledges and announces all the time, since others forget who does
-not; `look` tells what it knows at the moment. What is subscribed to is ros_discovery_info, as every
-tool of ROS 2 does, and the named topics, best effort. dds_participant.py
-speaks, dds_ways.py carries.
+A thread of its own always reads, acknowledges and announces, since others forget participants
+that do not; `look` returns the current state. It subscribes to ros_discovery_info, as every tool of
+ROS 2 does, and to the named topics, best effort. dds_participant.py has the protocol, dds_ways.py
+the sockets.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ _ANNOUNCE = 3.0  # seconds between two announcements
 _FIRST = 0.2  # seconds between the first few: packets get lost while a network comes up
 _FIRSTS = 5
 _TICK = 1.0
-_ANEW = 10.0  # seconds between two looks for more peers, and for other interfaces
+_AGAIN = 10.0  # seconds between two looks for more peers, and for other interfaces
 _SERVER_PORT = 11811
-_PEER_PORTS = 8  # so many participants of a peer's address are looked for
+_PEER_PORTS = 8  # how many participants to look for at a peer's address
 
 
 class Domain:
@@ -52,8 +52,8 @@ class Domain:
 
         Args:
             domain: its number.
-            mode: `peers`, who are asked one by one, `discovery-server`, or by multicast.
-            interface: the only one that is used; all but the loopback if left out.
+            mode: `peers` (each is sent announcements), `discovery-server`, or multicast.
+            interface: the only one to use; all except the loopback if left out.
             peers: names or addresses.
             servers: HOST:PORT of discovery servers.
             name: what a tool that lists participants shows.
@@ -73,18 +73,18 @@ class Domain:
         self._thread = threading.Thread(target=self._run, name="dds", daemon=True)
 
     def start(self) -> None:
-        """Join; an interface that is not there yet is waited for."""
+        """Join; wait for an interface that does not exist yet."""
         self._thread.start()
 
     def look(self) -> Graph:
-        """Return what is known now; raises as `inspect`."""
+        """Return the current graph; raises as `inspect`."""
         return self.inspect(lambda known: graph(known.peers.values(), known.writers, known.readers))
 
     def inspect(self, view: Callable[[Participant], T]) -> T:
-        """Return what a function makes of what is known now, while nothing changes it.
+        """Return a function's result for the current state, which does not change meanwhile.
 
         Raises:
-            RuntimeError: nobody listens any more, so what is known would be told for ever.
+            RuntimeError: the thread has ended, so the state would never change again.
         """
         if self._thread.ident and not self._thread.is_alive():
             raise RuntimeError("the thread that listens to DDS has ended")
@@ -92,7 +92,7 @@ class Domain:
             return view(self._participant)
 
     def subscribe(self, topic: str, keep: int = 0) -> Hearing:
-        """Begin to hear a topic, and keep that many of its latest payloads."""
+        """Subscribe to a topic, and keep that many of its latest payloads."""
         with self._lock:
             return self._participant.hear(topic, keep, self._leave)
 
@@ -109,7 +109,7 @@ class Domain:
         return messages.transforms(payload)
 
     def close(self) -> None:
-        """Leave the domain, and say so to it."""
+        """Leave the domain, and announce that."""
         self._end.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -124,7 +124,7 @@ class Domain:
             self._sockets.send(message, places)
 
     def _reach(self) -> None:
-        """Take over where the servers are now."""
+        """Use the current addresses of the servers."""
         found = self._resolver.found
         self._participant.servers = [
             (found[name], port) for name, port in self._servers.items() if name in found
@@ -136,7 +136,7 @@ class Domain:
                 self._stay()
             elif not self._end.wait(_TICK):
                 with self._lock:
-                    self._participant.tick(time.monotonic())  # who cannot be heard, goes
+                    self._participant.tick(time.monotonic())  # forgets participants that are silent
 
     def _open(self) -> bool:
         self._found = addresses(self._interface)
@@ -154,7 +154,7 @@ class Domain:
         return True
 
     def _stay(self) -> None:
-        """Take part until the end, or until the interfaces are others."""
+        """Take part until the end, or until the interfaces change."""
         sockets, buffer = self._sockets, bytearray(65536)
         assert sockets is not None
         now = time.monotonic()
@@ -195,7 +195,7 @@ class Domain:
         return [place for peer in self._participant.peers.values() for place in peer.places]
 
     def _list_peer_places(self) -> list[Place]:
-        """Return where there may be peers."""
+        """Return the addresses at which peers may be."""
         if self._mode != "peers":
             return []
         ports = [rtps.participant_port(self._domain, i) for i in range(_PEER_PORTS)]
@@ -203,10 +203,10 @@ class Domain:
 
 
 class _Timers:
-    """What is due when; `next` is the earliest, in seconds of the clock that never jumps."""
+    """The times of periodic tasks; `next` is the earliest, in seconds of a monotonic clock."""
 
     def __init__(self, now: float) -> None:
-        self._due = {"announce": now, "ask": now, "tick": now + _TICK, "interfaces": now + _ANEW}
+        self._due = {"announce": now, "ask": now, "tick": now + _TICK, "interfaces": now + _AGAIN}
         self._firsts = dict.fromkeys(("announce", "ask"), _FIRSTS)
 
     @property
@@ -214,7 +214,7 @@ class _Timers:
         return min(self._due.values())
 
     def is_due(self, name: str, now: float) -> bool:
-        """Whether something is due; then it is put off until it is due again."""
+        """Whether a task is due; if so, it is scheduled again."""
         if now < self._due[name]:
             return False
         self._due[name] = now + self._period(name)
@@ -224,7 +224,7 @@ class _Timers:
         if self._firsts.get(name):
             self._firsts[name] -= 1
             return _FIRST
-        return {"announce": _ANNOUNCE, "tick": _TICK, "ask": _ANEW, "interfaces": _ANEW}[name]
+        return {"announce": _ANNOUNCE, "tick": _TICK, "ask": _AGAIN, "interfaces": _AGAIN}[name]
 
 
 def _place(server: str) -> tuple[str, int]:

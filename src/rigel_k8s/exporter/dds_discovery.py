@@ -1,7 +1,7 @@
-"""Endpoints as discovery tells them, read and written as parameter lists; participants are SPDP's.
+"""Endpoints in discovery, read and written as parameter lists; SPDP has the participants.
 
-Why: SPDP and SEDP (DDSI-RTPS 2.5: 8.5, 9.6.3) carry all that a graph is made of. Bytes in, plain
-data out; it must not know sockets, time, or what becomes of what it reads.
+Why: SPDP and SEDP (DDSI-RTPS 2.5: 8.5, 9.6.3) carry everything about a graph. Bytes in, plain data
+out; it must not depend on sockets, time, or the use of what it reads.
 """
 
 from __future__ import annotations
@@ -15,14 +15,15 @@ from rigel_k8s.inpod.spdp import PID_GUID, Parameters, text
 PUBLICATIONS_WRITER, PUBLICATIONS_READER = b"\x00\x00\x03\xc2", b"\x00\x00\x03\xc7"
 SUBSCRIPTIONS_WRITER, SUBSCRIPTIONS_READER = b"\x00\x00\x04\xc2", b"\x00\x00\x04\xc7"
 
-#: We announce ourselves and our readers, and want to know all others; we have no writers.
+#: We announce ourselves and our readers, and read all others; we have no writers.
 ENDPOINTS = 0x01 | 0x02 | 0x08 | 0x10 | 0x20
 HAS_PUBLICATIONS, HAS_SUBSCRIPTIONS, HAS_SUBSCRIPTIONS_READER = 0x04, 0x10, 0x20
 
 PID_TOPIC, PID_TYPE, PID_RELIABILITY, PID_DURABILITY = 0x0005, 0x0007, 0x001A, 0x001D
 PID_OWNERSHIP, PID_PARTITION, PID_UNICAST = 0x001F, 0x0029, 0x002F
 PID_ENDPOINT, PID_REPRESENTATION = 0x005A, 0x0073
-#: Who a discovery server tells everything, and in which version of its protocol.
+#: The property of participants to which a discovery server sends everything, and the protocol's
+#: version.
 SUPER_CLIENT = (("PARTICIPANT_TYPE", "SUPER_CLIENT"), ("DS_VERSION", "2.0"))
 BEST_EFFORT, RELIABLE = 1, 2
 VOLATILE, TRANSIENT_LOCAL = 0, 1
@@ -47,10 +48,10 @@ class Endpoint(NamedTuple):
 
 
 def endpoint(payload: Payload) -> Endpoint:
-    """Read what SEDP tells of a writer or reader.
+    """Read SEDP's data of a writer or reader.
 
     Raises:
-        rtps.Malformed: it is no such thing.
+        rtps.Malformed: it is not such data.
     """
     found = Parameters(payload)
     guid = found.raw(PID_ENDPOINT)
@@ -68,7 +69,7 @@ def endpoint(payload: Payload) -> Endpoint:
 
 
 def key_of(payload: Payload) -> bytes:
-    """Return the GUID that a payload of nothing but a key names, empty where it names none."""
+    """Return the GUID in a payload that is only a key, empty if it has none."""
     found = Parameters(payload)
     return bytes(found.raw(PID_ENDPOINT) or found.raw(PID_GUID))
 
@@ -80,7 +81,7 @@ def _convert_to_little(found: Parameters, pid: int) -> bytes:
 
 
 def _swap_order(raw: bytes, pid: int) -> bytes:
-    """Turn the byte order of an ownership's word, or of a partition's list of texts."""
+    """Swap the byte order of an ownership's word, or of a partition's list of texts."""
     if len(raw) < 4:
         raise rtps.Malformed("a quality of service without a value")
     value = pack("<I", *unpack_from(">I", raw))
@@ -94,7 +95,7 @@ def _swap_order(raw: bytes, pid: int) -> bytes:
 
 
 def reader_payload(own: Endpoint) -> bytes:
-    """Write what SEDP tells of a reader of ours; it takes both encodings, XCDR 1 and 2."""
+    """Write SEDP's data of a reader of ours; it accepts both encodings, XCDR 1 and 2."""
     reliability = RELIABLE if own.is_reliable else BEST_EFFORT
     durability = TRANSIENT_LOCAL if own.is_local else VOLATILE
     pairs = [
@@ -111,5 +112,5 @@ def reader_payload(own: Endpoint) -> bytes:
 
 
 def reader_key(own: Endpoint) -> bytes:
-    """Write which reader of ours is gone."""
+    """Write that a reader of ours was removed."""
     return bytes(rtps.serialized([(PID_ENDPOINT, own.guid)]))

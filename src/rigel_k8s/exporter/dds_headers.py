@@ -1,7 +1,7 @@
 """Which message types of ROS begin with a std_msgs/Header.
 
-Why: a type's definition is not on the wire, only its name; so the names are listed here, from the
-.msg files of common_interfaces, geometry2 and a few packages that robots have.
+Why: DDS sends only a type's name, not its definition; so the names are listed here, from the .msg
+files of common_interfaces, geometry2 and a few packages that robots use.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _TYPES = {
 _NAMES = frozenset(
     f"{package}/msg/{name}" for package, names in _TYPES.items() for name in names.split()
 )
-#: Those whose first field is a list of something that begins with a header.
+#: Types whose first field is a list of elements that begin with a header.
 _LISTED = frozenset({"tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"})
 
 

@@ -1,9 +1,9 @@
-"""What the exporter reads out of messages: CDR, in either byte order, and a handful of types.
+"""Reads messages: CDR, in either byte order, and a few types.
 
-Why: a header's stamp, /diagnostics, /clock, /tf and the nodes of a participant are metrics; nothing
-else of a message is looked at. It must not know RTPS.
+Why: a header's stamp, /diagnostics, /clock, /tf and the nodes of a participant become metrics;
+nothing else of a message is read. It must not depend on RTPS.
 
-All functions raise `Unreadable` where a payload is not what it should be.
+All functions raise `Unreadable` if a payload is not of the expected type.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _MOST = 10_000  # elements of a sequence that are read
 
 
 class Unreadable(ValueError):
-    """A payload is not of the type that it was announced as."""
+    """A payload is not of the announced type."""
 
 
 class _Cdr:
@@ -32,7 +32,7 @@ class _Cdr:
             raise Unreadable("a payload without its encapsulation")
         self.raw, self.at, kind = payload, 4, payload[1]
         self.order = "<" if kind & 1 else ">"
-        self.widest = 4 if kind >= 0x06 else 8  # what doubles are aligned to
+        self.widest = 4 if kind >= 0x06 else 8  # the alignment of doubles
         if kind in _DELIMITED:
             self.at = 8
 
@@ -57,7 +57,7 @@ class _Cdr:
     def text(self) -> str:
         length = int(self.take("I", 4))
         if length > len(self.raw) - self.at:
-            raise Unreadable("a text ends behind its payload")
+            raise Unreadable("a text ends after its payload")
         raw = bytes(self.raw[self.at : self.at + length])
         self.at += length
         return raw.rstrip(b"\0").decode("utf-8", "replace")
@@ -68,7 +68,7 @@ class _Cdr:
         return float(seconds + self.take("I", 4) / 1e9)
 
     def guid(self, size: int) -> bytes:
-        """Return a GUID that fills so many bytes; those of the longer form end with zeros."""
+        """Return a GUID of so many bytes; those of the longer form end with zeros."""
         self.at += size
         return bytes(self.raw[self.at - size : self.at - size + _GUID])
 
@@ -77,7 +77,7 @@ class _Cdr:
 
 
 def stamp(payload: Payload, type_name: str) -> float | None:
-    """Return the header's stamp in seconds, None for a type that has no header in front.
+    """Return the header's stamp in seconds, None for a type that does not begin with a header.
 
     The first fragment of a message is enough. An empty list of stamped things has no stamp.
     """
@@ -123,10 +123,10 @@ def _transform(cdr: _Cdr) -> tuple[str, str, float]:
 
 
 def nodes(payload: Payload) -> dict[str, frozenset[bytes]]:
-    """Return the nodes that a participant says it has: name with namespace -> its endpoints' GUIDs.
+    """Return the nodes of a participant: name with namespace -> its endpoints' GUIDs.
 
-    A rmw_dds_common/ParticipantEntitiesInfo does not say how long its GUIDs are: whichever length
-    makes the payload end where it should is theirs.
+    A rmw_dds_common/ParticipantEntitiesInfo does not contain the length of its GUIDs: it is the one
+    with which the payload ends where it should.
     """
     for size in _GIDS:
         try:
@@ -143,7 +143,7 @@ def _nodes(cdr: _Cdr, gid: int) -> dict[str, frozenset[bytes]]:
         namespace, name = cdr.text(), cdr.text()
         full = namespace.rstrip("/") + "/" + name
         if not namespace.startswith("/") or not name:
-            raise Unreadable(f"no name of a node: {full!r}")
+            raise Unreadable(f"not a node's name: {full!r}")
         guids = [cdr.guid(gid) for _ in range(2) for _ in range(cdr.count())]  # readers, writers
         found[full] = found.get(full, frozenset()).union(guids)
     if not 0 <= len(cdr.raw) - cdr.at < 4:  # writers fill up to four bytes

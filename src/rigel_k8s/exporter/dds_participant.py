@@ -1,10 +1,10 @@
-"""A participant of a DDS domain that reads discovery and hears the topics that are named.
+"""A participant of a DDS domain that reads discovery and subscribes to the named topics.
 
-Why: the domain's graph is in no place but its participants; who joins their discovery is told all
-of it. It announces a reader for ros_discovery_info, as every tool of ROS 2 does, one for each named
-topic and type, and nothing else, so that nobody is sent anything else.
+Why: only the participants have the domain's graph; a participant that joins their discovery gets
+all of it. It announces a reader for ros_discovery_info, as every tool of ROS 2 does, one for each
+named topic and type, and nothing else, so it gets nothing else.
 
-It must not know sockets, threads, nor read any clock: messages and times are passed in.
+It must not use sockets, threads or a clock: messages and times are passed in.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from rigel_k8s.inpod import rtps, spdp
 from rigel_k8s.inpod.spdp import Place, Told
 
 NAME = "rigel-k8s exporter"  # what a tool that lists participants shows
-LEASE = 20  # seconds; others forget us then, even where our farewell is lost
+LEASE = 20  # seconds; then others forget us, even if our farewell is lost
 _MOST_PEERS, _MOST_ENDPOINTS, _MOST_READERS = 2000, 50_000, 1000
 _NO_KEY, _KEY = b"\x04", b"\x07"  # kinds of readers
 
 
 class Send(Protocol):
-    """What sends a message to some places."""
+    """Sends a message to some places."""
 
     def __call__(self, message: bytes, places: Sequence[Place]) -> None:
         """Send it to each of them."""
@@ -58,7 +58,7 @@ class Participant:
         self._sources: dict[bytes, list[Source]] = {}
         self._ids, self._beats = itertools.count(1), 0
 
-    # What we say
+    # What we send
 
     def announcement(self) -> bytes:
         """Return the message that announces us."""
@@ -66,20 +66,20 @@ class Participant:
 
     @property
     def _is_client(self) -> bool:
-        """Whether we are a discovery server's client: only to Fast DDS' kind it talks."""
+        """Whether we are a discovery server's client; it only accepts Fast DDS' vendor id."""
         return self.own.vendor == rtps.FAST_DDS
 
     def _inline(self, writer: bytes, number: int, *pairs: tuple[int, bytes]) -> bytes:
-        """Return a sample's inline QoS; a server passes on only what tells its own identity."""
+        """Return a sample's inline QoS; a server only passes on samples with their identity."""
         related = rtps.identity(self.own.prefix, writer, number) if self._is_client else []
         return bytes(rtps.parameters([*pairs, *related]))
 
     def farewell(self) -> bytes:
-        """Return the message that takes us back."""
+        """Return the message that announces our end."""
         return bytes(spdp.farewell(self.own.prefix, self.own.vendor))
 
     def tick(self, now: float) -> None:
-        """Forget who is gone, ask who is silent; about once a second."""
+        """Forget expired participants, ping silent ones; about once a second."""
         for peer in [peer for peer in self.peers.values() if peer.is_expired(now)]:
             self._forget(peer.told.prefix)
         for peer in self.peers.values():
@@ -91,7 +91,7 @@ class Participant:
                     self._tell_of(peer, writer, incoming.answer(writer, final=False))
 
     def _ask(self, peer: Peer) -> None:
-        """Ask a participant for a sign of life."""
+        """Ask a participant for an answer."""
         if peer.is_direct:
             self._tell(peer, [self._outgoing.beat()])
             return
@@ -102,19 +102,19 @@ class Participant:
         own, to = self.own, peer.told.prefix
         self._send(wire.message(own.prefix, own.vendor, to, submessages), peer.places)
 
-    # What we hear
+    # What we receive
 
     def take(self, message: memoryview, source: str, now: float, wall: float) -> None:
         """Take in a message.
 
         Args:
-            message: what came.
-            source: the address that it came from.
-            now: seconds of a clock that never jumps.
+            message: the message.
+            source: the sender's address.
+            now: seconds of a monotonic clock.
             wall: seconds since 1970.
 
         Raises:
-            rtps.Malformed: it, or the rest of it, is nothing that RTPS knows.
+            rtps.Malformed: it, or the rest of it, is not RTPS.
         """
         for prefix, item in wire.read(message, self.own.prefix):
             if prefix == self.own.prefix:
@@ -174,7 +174,7 @@ class Participant:
         self._send(wire.message(own.prefix, own.vendor, to, [answer]), places)
 
     def _take_announcement(self, by: bytes, change: Change, source: str, now: float) -> None:
-        """Take in what `by` tells of itself, or a discovery server of others."""
+        """Take in what `by` announces of itself, or a discovery server of others."""
         if change.status:
             self._forget(_guid(change)[:12])
             return
@@ -198,7 +198,7 @@ class Participant:
             asked = [i.answer(writer, final=False) for writer, i in peer.incoming.items()]
             self._tell(peer, [*asked, self._outgoing.beat()])
         for writer in [w for w in self.writers.values() if w.guid[:12] == told.prefix]:
-            self._match(writer)  # a server may tell of endpoints first
+            self._match(writer)  # a server may announce endpoints first
 
     def _greet(self, prefix: bytes, now: float) -> None:
         """Get to know a discovery server that speaks before it has told who it is."""
@@ -213,7 +213,7 @@ class Participant:
             for guid in [guid for guid in found if guid[:12] == prefix]:
                 del found[guid]
 
-    # What becomes of it
+    # What we do with it
 
     def _apply(self, guid: bytes, changes: Sequence[Change], now: float) -> None:
         """Take in the samples of a reliable writer."""
@@ -259,7 +259,7 @@ class Participant:
     # What we subscribe to
 
     def hear(self, topic: str, keep: int, leave: Callable[[Hearing], None]) -> Hearing:
-        """Begin to hear a topic by its name in ROS; `leave` ends it."""
+        """Subscribe to a topic by its name in ROS; `leave` ends it."""
         hearing = Hearing(topic, keep, leave)
         self._hearings.append(hearing)
         for writer in [w for w in self.writers.values() if names.topic_name(w.topic) == topic]:
@@ -267,7 +267,7 @@ class Participant:
         return hearing
 
     def leave(self, hearing: Hearing) -> None:
-        """Take the readers of a topic back."""
+        """Remove the readers of a topic."""
         if hearing in self._hearings:
             self._hearings.remove(hearing)
         for guid, sources in list(self._sources.items()):
@@ -281,7 +281,7 @@ class Participant:
             self._retract(reader)
 
     def _match(self, writer: Endpoint) -> None:
-        """Announce a reader for a writer, if somebody wants to hear it."""
+        """Announce a reader for a writer, if its topic is subscribed to."""
         if len(self._own_readers) >= _MOST_READERS:
             return
         if writer.topic == names.NODES:
@@ -298,7 +298,7 @@ class Participant:
         self._announce(writer, is_reliable=False)
 
     def _listen(self, writer: Endpoint) -> None:
-        """Hear which nodes a participant has."""
+        """Subscribe to the list of a participant's nodes."""
         reader = self._announce(writer, is_reliable=True)
         peer = self.peers.get(writer.guid[:12])
         if peer and writer.guid[12:] not in peer.incoming:
@@ -320,13 +320,13 @@ class Participant:
         self._publish(reader.guid, discovery.reader_key(reader), is_gone=True)
 
     def _publish(self, guid: bytes, payload: bytes, *, is_gone: bool = False) -> int:
-        """Tell all others of a reader; who loses it gets it after the next heartbeat."""
+        """Announce a reader to all others; if it is lost, it is sent after the next heartbeat."""
         pairs = [(rtps.PID_KEY_HASH, guid)] + ([(rtps.PID_STATUS, rtps.GONE)] if is_gone else [])
         inline = self._inline(self._outgoing.writer, self._outgoing.last + 1, *pairs)
         number = self._outgoing.add(inline, payload, is_key=is_gone)
-        told = [self._outgoing.sample(number), self._outgoing.beat()]
+        sent = [self._outgoing.sample(number), self._outgoing.beat()]
         for peer in self.peers.values():
-            self._tell(peer, told)
+            self._tell(peer, sent)
         return number
 
 

@@ -1,18 +1,18 @@
 """Another participant: what it announced, and whether it answers.
 
-Why: a lease of 20 s and more tells late that a process is stopped, and one that hangs may keep its
-lease. What works with Fast DDS and Cyclone DDS alike is what reliability demands: a reader that
-gets a heartbeat without the final flag acknowledges it (DDSI-RTPS 2.5: 8.4.12.2). So the built-in
-reader for subscriptions, which every participant has that wants to be matched, is sent one whenever
-nothing was heard of its participant for 2 s; three in a row without a word mean that it does not
-answer, so that 8 s tell a process that is stopped or killed. Unanswered questions are counted, not
-seconds: if the exporter itself gets no processor, nobody is blamed.
+Why: a lease of 20 s and more shows late that a process has stopped, and a process that hangs may
+keep its lease. Reliability works with Fast DDS and Cyclone DDS: a reader that gets a heartbeat
+without the final flag acknowledges it (DDSI-RTPS 2.5: 8.4.12.2). So, if nothing was received from a
+participant for 2 s, its built-in reader for subscriptions is sent one; every participant that can
+be matched has that reader. After three in a row without an answer, the participant does not answer:
+8 s show that a process was stopped or killed. Unanswered heartbeats are counted, not seconds, since
+the exporter itself may get no processor time.
 
-Clients of a discovery server keep their built-in endpoints for it. Their ros_discovery_info is had
-directly, and its latest sample is never acknowledged: so its writer sends heartbeats, in Fast DDS
-every 3 s, for as long as it lives. (Asking again for an acknowledged sample gets no answer.)
+Clients of a discovery server keep their built-in endpoints for it. Their ros_discovery_info is
+received directly, and its latest sample is never acknowledged: so its writer sends heartbeats as
+long as it lives, in Fast DDS every 3 s. (A request for an acknowledged sample gets no answer.)
 
-It must not know sockets, nor read any clock.
+It must not use sockets or a clock.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rigel_k8s.inpod import rtps
 from rigel_k8s.inpod.spdp import Place, Told
 
 SERVER = (("PARTICIPANT_TYPE", "SERVER"),)
-_RELAYED = 6  # leases after which we forget whom the server should have forgotten
+_RELAYED = 6  # leases after which we forget a participant that the server should have forgotten
 _BACKUP = (("PARTICIPANT_TYPE", "BACKUP"),)
 _BUILT_IN = (
     (
@@ -38,8 +38,8 @@ _BUILT_IN = (
     ),
 )
 
-PING = 2.0  # seconds of silence after which it is asked
-PATIENCE = 3  # questions without an answer until it counts as not answering
+PING = 2.0  # seconds of silence after which it is sent a heartbeat
+PATIENCE = 3  # heartbeats without an answer until it counts as not answering
 _PROCESS = ("__ProcessName", "fastdds.physical_data.process")  # Cyclone DDS', Fast DDS'
 
 
@@ -48,11 +48,11 @@ class Peer:
 
     Attributes:
         sources: where its announcements came from.
-        nodes: the ROS nodes that it says it has, and the GUIDs of their endpoints.
+        nodes: the ROS nodes that it announces, and the GUIDs of their endpoints.
         incoming: its built-in and other reliable writers, by their entity ids.
-        is_direct: it told of itself; else a discovery server did, and forgets it, since clients of
-            servers do not talk of discovery among themselves.
-        is_behind: it has not all that we told, as far as it said.
+        is_direct: it announced itself; else a discovery server did, and also removes it, since
+            clients of servers do not send discovery to each other.
+        is_behind: it has not acknowledged everything that we sent.
     """
 
     def __init__(self, told: Told, now: float, *, is_direct: bool = True) -> None:
@@ -81,16 +81,16 @@ class Peer:
         return any(pair in self.told.properties for pair in (*SERVER, *_BACKUP))
 
     def hear(self, now: float) -> None:
-        """Take note that it said something."""
+        """Record that it sent something."""
         self.heard, self._unanswered = now, 0
 
     @property
     def answers(self) -> bool:
-        """Whether it answers, as far as it was asked."""
+        """Whether it answers our heartbeats."""
         return self._unanswered <= PATIENCE  # the latest may still be answered
 
     def is_to_be_asked(self, now: float) -> bool:
-        """Whether it was silent for so long that it is asked now, which counts as asked."""
+        """Whether it was silent so long that it must be asked now; this counts as asked."""
         can_answer = self.is_direct or self.incoming
         if not can_answer or now - max(self.heard, self._asked) < PING:
             return False

@@ -1,8 +1,8 @@
 """Both ends of RTPS' reliability: what a remote writer has sent, and what a writer of ours keeps.
 
-Why: SEDP and ros_discovery_info are reliable: who does not acknowledge is sent everything again,
-who does not ask misses what a lost packet carried (DDSI-RTPS 2.5: 8.4.9, 8.4.12). It must not know
-sockets, time, or what samples mean.
+Why: SEDP and ros_discovery_info are reliable: a reader that does not acknowledge is sent everything
+again, and one that does not request missing samples does not get them (DDSI-RTPS 2.5: 8.4.9,
+8.4.12). It must not depend on sockets, time, or the meaning of samples.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 from rigel_k8s.exporter import dds_wire as wire
 from rigel_k8s.inpod import rtps
 
-_AHEAD = 1024  # samples that are kept until the ones before them come
+_AHEAD = 1024  # samples that are kept until the ones before them arrive
 _BROKEN = 8  # samples of a writer that are put together from fragments at a time
 _LARGEST = 4 << 20  # bytes of a sample that is put together
 _SMALLEST = 256  # bytes of a fragment
@@ -27,7 +27,7 @@ class Change(NamedTuple):
 
 
 class Assembly:
-    """A sample of which fragments come, in any order."""
+    """A sample whose fragments arrive in any order."""
 
     def __init__(self, first: wire.Fragment) -> None:
         self.size = first.size
@@ -36,11 +36,11 @@ class Assembly:
 
     @staticmethod
     def fits(part: wire.Fragment) -> bool:
-        """Whether a sample is worth the memory; no DDS makes fragments smaller than this."""
+        """Whether a fragment's size is plausible; no DDS makes smaller or larger samples."""
         return part.total <= _LARGEST and part.size >= _SMALLEST
 
     def add(self, part: wire.Fragment) -> bytes | None:
-        """Return the sample once it is whole."""
+        """Return the sample when it is complete."""
         index, at = part.first - 1, 0
         while at < len(part.payload) and index in self.left:
             begin = index * self.size
@@ -55,11 +55,11 @@ class Incoming:
     """A remote writer as a reader of ours sees it: its samples in order, each once."""
 
     def __init__(self, reader: bytes, *, holds_back: bool = False) -> None:
-        """`holds_back`: never acknowledge the latest sample, so that its writer goes on asking."""
+        """`holds_back`: never acknowledge the latest sample, so its writer keeps asking."""
         self.reader, self._holds_back = reader, holds_back
-        self.done = 0  # all up to this number are handed out, or there is nothing to come
+        self.done = 0  # all up to this number are handed out, or do not exist
         self.last = 0
-        self.is_known = False  # a heartbeat told what the writer has
+        self.is_known = False  # a heartbeat has announced the writer's samples
         self._count = 0
         self._waiting: dict[int, Change | None] = {}
         self._broken: dict[int, Assembly] = {}
@@ -75,28 +75,28 @@ class Incoming:
         return self._take_ready()
 
     def heartbeat(self, item: wire.Heartbeat) -> list[Change]:
-        """Take in what the writer has; what is before it, nobody waits for."""
+        """Take in which samples the writer has; earlier ones are not waited for."""
         if item.first < 1 or item.last < item.first - 1:
             return []
         if item.last < self.done:
-            self._begin_anew()
+            self._start_over()
         self.is_known = True
         self.done = max(self.done, item.first - 1)
         self.last = max(item.last, self.done)
         self._waiting = {n: change for n, change in self._waiting.items() if n > self.done}
         return self._take_ready()
 
-    def _begin_anew(self) -> None:
-        """Follow a writer that has started anew, as a discovery server does under its old GUID.
+    def _start_over(self) -> None:
+        """Follow a writer that has restarted, as a discovery server does with its old GUID.
 
-        If the heartbeat was only late, samples come twice, which does no harm to those we read.
+        If the heartbeat was only late, samples arrive twice, which does no harm here.
         """
         self.done, self.last = 0, 0
         self._waiting.clear()
         self._broken.clear()
 
     def gap(self, item: wire.Gap) -> list[Change]:
-        """Take in what the writer has nothing for."""
+        """Take in which samples the writer does not have."""
         if item.start <= self.done + 1:
             self.done = max(self.done, item.base - 1)
         elif item.base - item.start <= _AHEAD:
@@ -108,12 +108,12 @@ class Incoming:
         return self._take_ready()
 
     def list_missing(self) -> list[int]:
-        """Return the numbers that are still to come."""
+        """Return the numbers that are still missing."""
         end = min(self.last + 1, self.done + 1 + wire.WIDEST)
         return [number for number in range(self.done + 1, end) if number not in self._waiting]
 
     def answer(self, writer: bytes, *, final: bool = True) -> bytes:
-        """Return the ACKNACK of what has come; not final asks the writer for a heartbeat."""
+        """Return the ACKNACK of what has arrived; if not final, the writer sends a heartbeat."""
         self._count += 1
         missing = self.list_missing()
         base = self.done + 1 if self.is_known else 0
@@ -149,7 +149,7 @@ class Incoming:
 
 
 class Outgoing:
-    """A reliable writer of ours that keeps what it has not taken back."""
+    """A reliable writer of ours that keeps all samples except dropped ones."""
 
     def __init__(self, writer: bytes, reader: bytes) -> None:
         self.writer, self.reader, self.last = writer, reader, 0
@@ -165,24 +165,24 @@ class Outgoing:
         return self.last
 
     def drop(self, number: int) -> None:
-        """Forget a sample that a later one makes worthless."""
+        """Forget a sample that a later one replaces."""
         self._kept.pop(number, None)
 
     def beat(self, *, final: bool = False) -> bytes:
-        """Return a heartbeat; who is sent it must answer, unless it is final."""
+        """Return a heartbeat; its receiver must answer, unless it is final."""
         self._count += 1
         first = min(self._kept) if self._kept else self.last + 1
         return wire.heartbeat(self.reader, self.writer, first, self.last, self._count, final=final)
 
     def sample(self, number: int) -> bytes:
-        """Return a sample, or that there is none."""
+        """Return a sample, or a GAP if it does not exist."""
         kept = self._kept.get(number)
         return kept or wire.gap(self.reader, self.writer, number, number + 1)
 
     def is_behind(self, item: wire.Acknack) -> bool:
-        """Whether a reader has not all there is."""
+        """Whether a reader does not have all samples."""
         return item.base <= self.last
 
     def answer(self, item: wire.Acknack) -> list[bytes]:
-        """Return what a reader asks for."""
+        """Return the samples that a reader requests."""
         return [self.sample(n) for n in item.missing if n <= self.last]

@@ -1,8 +1,8 @@
-"""A named topic: its writers' samples are counted as they come, and forgotten.
+"""A named topic: its writers' samples are counted when they arrive, and forgotten.
 
-Why: rate, bandwidth and age of a topic are had by hearing it, and by nothing else. A sample counts
-with the first of its fragments, which tells its size, so that a lost fragment loses nothing but
-that sample's payload. It must not know sockets, or how readers are announced.
+Why: rate, bandwidth and age of a topic can only be measured by subscribing to it. A sample counts
+with the first of its fragments, which contains its size, so a lost fragment only loses that
+sample's payload. It must not depend on sockets, or on how readers are announced.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rigel_k8s.exporter.graph import Samples
 
 
 class Source:
-    """One writer of a named topic, as far as it has been heard."""
+    """One writer of a named topic, and what was received from it."""
 
     def __init__(self, hearing: Hearing, type_name: str) -> None:
         self.hearing, self.type = hearing, type_name
@@ -56,7 +56,7 @@ class Source:
 
 
 class Hearing:
-    """What has been heard of one named topic; a graph.Subscriber."""
+    """What was received of one named topic; a graph.Subscriber."""
 
     def __init__(self, topic: str, keep: int, leave: Callable[[Hearing], None]) -> None:
         self.topic, self.keeps = topic, keep
@@ -75,23 +75,23 @@ class Hearing:
             return Samples(self._messages, self._size, self._last, self._stamp, found)
 
     def close(self) -> None:
-        """Take the readers back from all who know them."""
+        """Remove the readers from all participants."""
         self._leave(self)
 
     def count(self, size: int, stamp: float | None, now: float) -> None:
-        """Count a sample that has begun to come."""
+        """Count a sample whose first fragment has arrived."""
         with self._lock:
             self._messages += 1
             self._size += size
             self._last, self._stamp = now, stamp or self._stamp
 
     def stamp(self, stamp: float | None) -> None:
-        """Take the header's stamp of the sample that was counted last."""
+        """Record the header's stamp of the sample that was counted last."""
         with self._lock:
             self._stamp = stamp or self._stamp
 
     def keep(self, payload: memoryview) -> None:
-        """Keep a whole payload, if any are kept."""
+        """Keep a complete payload, if payloads are kept."""
         if self.keeps:
             with self._lock:
                 self._payloads.append(bytes(payload))

@@ -1,7 +1,7 @@
-"""What a participant knows, as a graph of ROS nodes and topics.
+"""A participant's view of the domain, as a graph of ROS nodes and topics.
 
-Why: DDS has participants and endpoints; a ROS node is a name that participants tell, a topic a name
-that endpoints share. It must not know RTPS.
+Why: DDS has participants and endpoints; a ROS node is a name that participants announce, a topic a
+name that endpoints share. It must not depend on RTPS.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from rigel_k8s.exporter.dds_discovery import Endpoint
 from rigel_k8s.exporter.dds_peer import Peer
 from rigel_k8s.exporter.graph import Graph, Node, Topic
 
-OURS = "rigel-k8s "  # what the names of our own participants begin with; they are in nobody's count
+OURS = "rigel-k8s "  # the names of our own participants begin with it; they are not counted
 
 
 def graph(
@@ -35,8 +35,8 @@ def graph(
 def _nodes(peers: Iterable[Peer]) -> list[Node]:
     """Return the nodes of all participants.
 
-    A ROS name that two have is one node, which one of them may have left behind: it is up if any
-    answers. Programs without ROS names share theirs: it is up if all answer.
+    If two participants have the same ROS name, it is one node, and one of them may have ended: the
+    node is up if any answers. Programs without ROS names share a name: it is up if all answer.
     """
     found: dict[str, Node] = {}
     for peer in peers:

@@ -1,7 +1,7 @@
-"""How a participant's packets leave and come: interfaces, sockets, and who is told of it first.
+"""How a participant sends and receives packets: interfaces, sockets, and the names of peers.
 
 Why: each network mode of an application has its own way into the domain: a multicast group, a list
-of peers, discovery servers. It must not know what the packets say.
+of peers, discovery servers. It must not depend on the contents of packets.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from rigel_k8s.inpod import rtps
 from rigel_k8s.inpod.interfaces import IP_MULTICAST_ALL, address_of, membership
 from rigel_k8s.inpod.spdp import Place
 
-_ROOM = 4 << 20  # bytes of a socket's buffer that are asked for; the kernel gives what it may
-_AT_ONCE = 64  # packets that are read from a socket before the others have their turn
-_ANEW = 10.0  # seconds after which names are resolved anew
+_ROOM = 4 << 20  # bytes requested for a socket's buffer; the kernel may give less
+_AT_ONCE = 64  # packets that are read from a socket before the next socket
+_AGAIN = 10.0  # seconds after which names are resolved again
 
 
 def addresses(interface: str | None) -> dict[str, str]:
-    """Return name -> IPv4 address of an interface, or of all but the loopback; those that have one.
+    """Return name -> IPv4 address of an interface, or of all except the loopback.
 
-    Where there is nothing but the loopback, that is it.
+    If the loopback is the only one with an address, it is returned.
     """
     every = [interface] if interface else [name for _, name in socket.if_nameindex()]
     found = {name: address_of(name) for name in every}
@@ -37,14 +37,14 @@ class Sockets:
     """The sockets of a participant: on each interface one for discovery and one for samples.
 
     Attributes:
-        meta, data: where they are, one place an interface.
+        meta, data: their addresses, one for each interface.
     """
 
     def __init__(self, domain: int, found: Mapping[str, str], *, is_multicast: bool) -> None:
         """`found` is interface -> address.
 
         Raises:
-            OSError: an address is not there any more.
+            OSError: an address no longer exists.
         """
         self._selector = selectors.DefaultSelector()
         self._mouths: dict[str, socket.socket] = {}
@@ -75,7 +75,7 @@ class Sockets:
         return found
 
     def send(self, message: bytes, places: Iterable[Place]) -> None:
-        """Send a message through every interface; where no way leads there, nobody gets it."""
+        """Send a message through every interface; it is lost if there is no route."""
         for place in places:
             for mouth in self._mouths.values():
                 try:
@@ -84,7 +84,7 @@ class Sockets:
                     continue
 
     def receive(self, buffer: bytearray, seconds: float) -> Iterator[tuple[int, str]]:
-        """Yield (size, address it came from) of what comes into `buffer` within some seconds."""
+        """Yield (size, sender's address) of packets that arrive in `buffer` in some seconds."""
         for key, _ in self._selector.select(max(seconds, 0)):
             ready = key.fileobj
             assert isinstance(ready, socket.socket)
@@ -113,7 +113,7 @@ def _bind(address: str, port: int) -> socket.socket:
 
 
 class Resolver:
-    """Keeps the addresses of names: a name server that is away must not keep anybody waiting."""
+    """Keeps the addresses of names, so an unreachable name server does not block others."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.found: dict[str, str] = {}
@@ -122,7 +122,7 @@ class Resolver:
             threading.Thread(target=self._run, name="dds-names", daemon=True).start()
 
     def close(self) -> None:
-        """Resolve no more."""
+        """Stop resolving."""
         self._end.set()
 
     def _run(self) -> None:
@@ -131,5 +131,5 @@ class Resolver:
                 try:
                     self.found[name] = socket.gethostbyname(name)
                 except OSError:
-                    continue  # what was known may still be right
-            self._end.wait(_ANEW if len(self.found) == len(self._names) else 1.0)
+                    continue  # the last addresses may still be right
+            self._end.wait(_AGAIN if len(self.found) == len(self._names) else 1.0)

@@ -1,8 +1,8 @@
-"""What reliable endpoints say to each other in RTPS, read without copying, and written.
+"""The messages of reliable endpoints in RTPS, read without copying, and written.
 
-Why: inpod/rtps.py has the headers and DATA, all that announcements need; who also wants to know the
-endpoints, and to count samples, needs DATA_FRAG, HEARTBEAT, ACKNACK and GAP (DDSI-RTPS 2.5: 9.4.5).
-It must not know sockets, time, or what the data mean.
+Why: inpod/rtps.py has the headers and DATA, which is enough for announcements; reading endpoints
+and counting samples also needs DATA_FRAG, HEARTBEAT, ACKNACK and GAP (DDSI-RTPS 2.5: 9.4.5). It
+must not depend on sockets, time, or the meaning of the data.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ WIDEST = 256  # the most numbers that one ACKNACK or GAP names
 
 
 class Data(NamedTuple):
-    """A whole sample; `payload` begins with its encapsulation and is empty where there is none.
+    """A complete sample; `payload` begins with its encapsulation, or is empty.
 
-    status: 1 disposed, 2 unregistered, 3 both; key: the key hash, empty where it is not told.
+    status: 1 disposed, 2 unregistered, 3 both; key: the key hash, may be empty.
     """
 
     writer: bytes
@@ -44,7 +44,7 @@ class Fragment(NamedTuple):
 
 
 class Heartbeat(NamedTuple):
-    """Which samples a writer has; last = first - 1 where it has none."""
+    """Which samples a writer has; last = first - 1 if it has none."""
 
     writer: bytes
     first: int
@@ -53,7 +53,7 @@ class Heartbeat(NamedTuple):
 
 
 class Acknack(NamedTuple):
-    """What a reader has: everything before `base` but not `missing`."""
+    """What a reader has: everything before `base` except `missing`."""
 
     reader: bytes
     writer: bytes
@@ -74,10 +74,10 @@ Item = Union[Data, Fragment, Heartbeat, Acknack, Gap]
 
 
 def read(message: memoryview, own: bytes) -> Iterator[tuple[bytes, Item]]:
-    """Yield (the sender's prefix, what it says) for what is meant for `own` or for anybody.
+    """Yield (the sender's prefix, an item) for what is sent to `own` or to all.
 
     Raises:
-        rtps.Malformed: these bytes are no RTPS message, or a broken one.
+        rtps.Malformed: these bytes are not a valid RTPS message.
     """
     source, is_for_us = bytes(message[8:20]), True
     for kind, flags, body in rtps.submessages(message):
@@ -150,7 +150,7 @@ def _numbers(body: memoryview, at: int, order: str) -> tuple[int, tuple[int, ...
 
 
 def message(prefix: bytes, vendor: bytes, to: bytes, submessages: Iterable[bytes]) -> bytes:
-    """Return a message to the participant `to`, to anybody where that is empty."""
+    """Return a message to the participant `to`, or to all if that is empty."""
     aim = pack("<BBH", rtps.INFO_DST, rtps.LITTLE, 12) + to if to else b""
     return bytes(rtps.header(prefix, vendor)) + aim + b"".join(submessages)
 
@@ -166,13 +166,13 @@ def heartbeat(
 def acknack(
     reader: bytes, writer: bytes, base: int, missing: Iterable[int], count: int, *, final: bool
 ) -> bytes:
-    """Return an ACKNACK: all before `base` is there, `missing` (from `base` on) is wanted."""
+    """Return an ACKNACK: all before `base` has arrived, `missing` (from `base` on) is requested."""
     body = reader + writer + _pack(base) + _bits(base, missing) + pack("<I", count)
     return pack("<BBH", ACKNACK, rtps.LITTLE | (FINAL if final else 0), len(body)) + body
 
 
 def gap(reader: bytes, writer: bytes, start: int, end: int) -> bytes:
-    """Return a GAP: there is nothing from `start` to before `end`."""
+    """Return a GAP: no samples exist from `start` to before `end`."""
     body = reader + writer + _pack(start) + _pack(end) + pack("<I", 0)
     return pack("<BBH", GAP, rtps.LITTLE, len(body)) + body
 

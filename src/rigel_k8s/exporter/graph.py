@@ -1,7 +1,7 @@
-"""What a look at a ROS graph finds: plain data that ROS 1's half and DDS' half both give.
+"""The result of a look at a ROS graph: plain data, the same from the ROS 1 and the DDS half.
 
-It holds what is seen now. That a node was seen before, or is expected, and what is too much to be
-told, is judged above it, once for both.
+It contains the current state. standing.py decides for both which nodes were seen before or are
+expected, and what is above the limits.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ class Node(NamedTuple):
     Attributes:
         name: with its namespace, `/talker`.
         up: registered (ROS 1) or discovered (DDS), and it answers.
-        registered: the master, or the discovery, knows it.
+        registered: it is registered at the master, or discovered.
         address: where it is, for people: a URI or an IP address.
-        missing: what it says it publishes or subscribes, and the master does not know.
+        missing: how many of its topics are not registered at the master.
     """
 
     name: str
@@ -38,11 +38,11 @@ class Topic(NamedTuple):
 
 
 class Traffic(NamedTuple):
-    """What a node itself counted on a topic since it started; only ROS 1's nodes count.
+    """What a node itself counted on a topic since it started; only ROS 1 nodes count.
 
     Attributes:
         direction: `published` or `received`.
-        size: bytes, as it counts them: with the header that a connection begins with.
+        size: bytes as it counts them, with the header at the beginning of a connection.
     """
 
     node: str
@@ -53,7 +53,7 @@ class Traffic(NamedTuple):
 
 
 class Master(NamedTuple):
-    """The ROS 1 master: whether it answers, its process, and its /run_id ("": none is set yet)."""
+    """The ROS 1 master: whether it answers, its process, and its /run_id ("": not set yet)."""
 
     up: bool
     pid: int = 0
@@ -61,11 +61,11 @@ class Master(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """What there is now.
+    """The current graph.
 
     Attributes:
-        master: None where ROS has none.
-        dropped: what is there and was not asked, since it is too much: `nodes`, how many.
+        master: None if this ROS has no master.
+        dropped: how many `nodes` exist but were not asked, since they are above the limit.
     """
 
     nodes: Sequence[Node] = ()
@@ -81,10 +81,10 @@ class Samples(NamedTuple):
     Attributes:
         messages: how many, across reconnects.
         size: the bytes of their payloads.
-        last: when the latest came, in seconds since 1970; None for never.
-        stamp: the latest header's stamp in seconds (ROS time); None where there is no header.
-        payloads: the latest messages as they came, oldest first, where they are kept. ROS 1's
-            serialization, or CDR with its four bytes of encapsulation.
+        last: when the latest arrived, in seconds since 1970; None for never.
+        stamp: the latest header's stamp in seconds (ROS time); None if there is no header.
+        payloads: the latest messages in their serialized form, oldest first, if they are kept: ROS
+            1's serialization, or CDR with its four bytes of encapsulation.
     """
 
     messages: int = 0
@@ -95,23 +95,23 @@ class Samples(NamedTuple):
 
 
 class Subscriber(Protocol):
-    """One named topic, heard best effort; it goes on through restarts of publishers."""
+    """One named topic, received best effort; it continues after restarts of publishers."""
 
     def samples(self) -> Samples:
         """Return the counts up to now; kept payloads are handed out once."""
 
     def close(self) -> None:
-        """Leave the graph, and say so to it."""
+        """Leave the graph, and announce that."""
 
 
 class Half(Protocol):
     """A ROS graph: ROS 1's by its master, or a DDS domain's."""
 
     def look(self) -> Graph:
-        """Return what is there now; takes seconds at most, whatever has stopped or gone."""
+        """Return the current graph; takes at most seconds, even if nodes do not answer."""
 
     def subscribe(self, topic: str, keep: int = 0) -> Subscriber:
-        """Begin to hear a topic, and keep that many of its latest payloads."""
+        """Subscribe to a topic, and keep that many of its latest payloads."""
 
     def diagnostics(self, payload: bytes) -> Sequence[tuple[str, str, int]]:
         """Return (name, hardware id, level) of each status in a DiagnosticArray."""

@@ -1,7 +1,7 @@
-"""The named topics, and what /diagnostics, /clock and /tf say: heard best effort, told bounded.
+"""The named topics, and /diagnostics, /clock and /tf: received best effort, exported with limits.
 
-It knows which topics are wanted and what their messages mean to people; how they come is the
-half's. Times are seconds since 1970, ROS times where it says so.
+It decides which topics to subscribe to and what their messages mean; the halves receive them. Times
+are seconds since 1970, or ROS times where noted.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from rigel_k8s.exporter.config import Config
 from rigel_k8s.exporter.graph import Half, Samples, Subscriber
 from rigel_k8s.exporter.metrics import Sample
 
-#: The most statuses and transforms that are told of.
+#: How many statuses and transforms are exported at most.
 STATUSES, TRANSFORMS = 200, 200
-#: Seconds after which a status that nobody repeats is stale, and after which it is forgotten.
+#: Seconds after which a status that is not repeated is stale, and after which it is forgotten.
 STALE, FORGOTTEN = 30.0, 3600.0
 _DIAGNOSTICS, _CLOCK, _TF = "/diagnostics", "/clock", "/tf"
 #: How many of a topic's latest messages are kept between two readings, a second apart.
@@ -28,7 +28,7 @@ class Listening:
     """The subscribers of one exporter."""
 
     def __init__(self, half: Half, config: Config) -> None:
-        """Begin to hear what the configuration names, and nothing else."""
+        """Subscribe to the topics of the configuration, and to nothing else."""
         self._half = half
         self._named = frozenset(config.topics)
         asked = {_DIAGNOSTICS: config.diagnostics, _CLOCK: config.clock, _TF: config.tf}
@@ -56,11 +56,11 @@ class Listening:
 
     @property
     def unreadable(self) -> int:
-        """How many messages were not what their topic's name promises."""
+        """How many messages did not have the type that their topic's name requires."""
         return self._unreadable
 
     def refresh(self, now: float) -> None:
-        """Take what has come."""
+        """Take in what has arrived."""
         with self._lock:
             for topic, subscriber in self._subscribers.items():
                 samples = self._heard[topic] = subscriber.samples()
@@ -92,12 +92,12 @@ class Listening:
     def _room(self, what: str, kept: dict[Any, Any], key: Any, most: int) -> bool:
         if key in kept or len(kept) < most:
             return True
-        if len(self._over[what]) < most:  # enough to know that it is too much
+        if len(self._over[what]) < most:  # enough to count what is above the limit
             self._over[what].add(key)
         return False
 
     def samples(self, now: float) -> Iterator[Sample]:
-        """Yield what is to be told."""
+        """Yield the metrics."""
         self.refresh(now)
         with self._lock:
             yield from self._sample_topics()
@@ -120,9 +120,9 @@ class Listening:
 
     def _sample_diagnostics(self, now: float) -> Iterator[Sample]:
         for (name, hardware), (level, when) in sorted(self._levels.items()):
-            told = _STALE_LEVEL if when + STALE < now else level
+            shown = _STALE_LEVEL if when + STALE < now else level
             labels = {"name": name, "hardware_id": hardware}
-            yield Sample("ros_diagnostics_level", told, labels)
+            yield Sample("ros_diagnostics_level", shown, labels)
 
     def _sample_time(self, now: float) -> Iterator[Sample]:
         clock = self._heard.get(_CLOCK)

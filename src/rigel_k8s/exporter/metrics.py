@@ -1,4 +1,4 @@
-"""Prometheus' text format, and what each metric means; knows nothing of where values come from."""
+"""Prometheus' text format, and the meaning of each metric; independent of the values' sources."""
 
 from __future__ import annotations
 
@@ -17,35 +17,35 @@ class Sample(NamedTuple):
     labels: Mapping[str, str] = {}
 
 
-#: Every metric in the order of its telling: type and meaning; docs/ros-metrics.md says more.
+#: Every metric in the order of the output: type and meaning; docs/ros-metrics.md has details.
 FAMILIES: Mapping[str, tuple[str, str]] = {
     "ros_exporter_info": ("gauge", "The exporter itself; always 1."),
     "ros_exporter_collect_seconds": ("gauge", "Seconds that the last look at the graph took."),
     "ros_exporter_last_collect_timestamp_seconds": ("gauge", "When the last look ended."),
     "ros_exporter_failures_total": ("counter", "Looks and messages that could not be understood."),
-    "ros_exporter_dropped": ("gauge", "What is there and not told, since it is too much."),
+    "ros_exporter_dropped": ("gauge", "Items that were dropped because a limit was reached."),
     "ros_master_up": ("gauge", "1: the ROS master answers."),
     "ros_master_start_time_seconds": ("gauge", "When this ROS master was first seen."),
     "ros_master_restarts_total": ("counter", "Times that another ROS master was found."),
     "ros_node_up": ("gauge", "1: registered or discovered, and answering."),
-    "ros_node_registered": ("gauge", "1: the ROS master, or the discovery, knows it."),
+    "ros_node_registered": ("gauge", "1: registered at the ROS master, or discovered."),
     "ros_node_missing_registrations": (
         "gauge",
-        "Topics that the node says it has and the ROS master does not know of it.",
+        "Topics of the node that are not registered at the ROS master.",
     ),
     "ros_topic_publishers": ("gauge", "Publishers of a topic."),
     "ros_topic_subscribers": ("gauge", "Subscribers of a topic, without this exporter."),
     "ros_node_topic_messages_total": ("counter", "Messages, as the node itself counts."),
     "ros_node_topic_bytes_total": ("counter", "Bytes of messages, as the node itself counts."),
-    "ros_topic_messages_total": ("counter", "Messages that the exporter heard."),
-    "ros_topic_bytes_total": ("counter", "Bytes of the messages that the exporter heard."),
-    "ros_topic_last_message_timestamp_seconds": ("gauge", "When the last message was heard."),
+    "ros_topic_messages_total": ("counter", "Messages that the exporter received."),
+    "ros_topic_bytes_total": ("counter", "Bytes of the messages that the exporter received."),
+    "ros_topic_last_message_timestamp_seconds": ("gauge", "When the last message was received."),
     "ros_topic_header_age_seconds": (
         "gauge",
-        "How old the last message's header was when the message was heard.",
+        "Age of the last message's header when the message was received.",
     ),
     "ros_diagnostics_level": ("gauge", "0 ok, 1 warning, 2 error, 3 stale."),
-    "ros_clock_age_seconds": ("gauge", "Seconds since /clock was last heard."),
+    "ros_clock_age_seconds": ("gauge", "Seconds since the last message on /clock."),
     "ros_tf_age_seconds": ("gauge", "Seconds since a transform's stamp."),
     "process_cpu_seconds_total": ("counter", "CPU time of the exporter."),
     "process_resident_memory_bytes": ("gauge", "Resident memory of the exporter."),

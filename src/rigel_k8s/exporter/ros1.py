@@ -1,7 +1,7 @@
-"""ROS 1's half: the graph as the master and the nodes tell it, and topics by TCPROS.
+"""The ROS 1 half: the graph from the master and the nodes, and topics by TCPROS.
 
-Nothing of it subscribes but `subscribe`: rates of topics that nobody named come from the nodes' own
-counts. It registers with the master for the first named topic, and leaves it at the end.
+Only `subscribe` subscribes: the rates of other topics come from the nodes' own counts. It registers
+at the master for the first named topic, and unregisters at the end.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from rigel_k8s.exporter.ros1_traffic import Ledger
 from rigel_k8s.exporter.ros1_view import MASTER, Said, View, ask_master, ask_nodes, look_up_nodes
 from rigel_k8s.inpod.rosrpc import CallFailed
 
-#: What every exporter's name begins with; none is told of in metrics.
+#: The names of all exporters begin with it; exporters are not in the metrics.
 NAME = "/ros_exporter"
-#: Seconds after which the master is asked for a node's address again, though the node answers.
+#: Seconds after which the master is asked for a node's address again, even if the node answers.
 _FRESH = 60.0
-#: Seconds that a look takes at most, with every deadline in it missed.
+#: Seconds that a look takes at most, if every deadline in it is missed.
 _LOOK = 30.0
 
 T = TypeVar("T")
@@ -40,13 +40,13 @@ class Ros1:
     def __init__(
         self, master_uri: str, *, name: str = NAME, first: Iterable[str] = (), most: int = 200
     ) -> None:
-        """Ask nobody yet.
+        """Ask nothing yet.
 
         Args:
             master_uri: http://HOST:PORT.
             name: the exporter's own ROS name, which begins with NAME.
-            first: names of nodes that are asked whatever else there is.
-            most: how many nodes are asked.
+            first: names of nodes that are asked even above the limit.
+            most: how many nodes are asked at most.
         """
         self._uri, self._name = master_uri, name
         self._first, self._most = frozenset(first), most
@@ -63,7 +63,7 @@ class Ros1:
     # -- the graph --
 
     def look(self) -> Graph:
-        """Return what is there now; takes seconds at most, whatever has stopped or gone."""
+        """Return the current graph; takes at most seconds, even if nodes do not answer."""
         return self._run(self._look())
 
     async def _look(self) -> Graph:
@@ -86,7 +86,7 @@ class Ros1:
         )
 
     async def _ask_without_master(self) -> Graph:
-        """Return what the nodes say that were there before; nobody knows whether they still are."""
+        """Return the answers of earlier nodes; without the master, their state is unknown."""
         said = await self._ask(())
         self._count(said)
         return Graph(
@@ -96,13 +96,13 @@ class Ros1:
         )
 
     def _choose_nodes(self, view: View) -> list[str]:
-        """Return the nodes to tell of: the expected ones, then the others by name."""
+        """Return the nodes to export: the expected ones, then the others by name."""
         return sorted(_hide_exporters(view.nodes), key=lambda n: (n not in self._first, n))[
             : self._most
         ]
 
     async def _find(self, names: Sequence[str], view: View) -> None:
-        """Learn where the nodes are that are new, silent, or not asked for in a while."""
+        """Look up the addresses of nodes that are new, silent, or were not looked up lately."""
         now = time.monotonic()
         wanted = [n for n in names if n not in self._places or self._places[n].asked + _FRESH < now]
         found = await look_up_nodes(self._uri, self._name, wanted) if wanted else {}
@@ -116,7 +116,7 @@ class Ros1:
                 del self._places[name]
 
     async def _ask(self, names: Sequence[str]) -> dict[str, Said]:
-        """Return what the nodes say: those named, and those that were registered before."""
+        """Return the answers of nodes: those in `names`, and those that were registered before."""
         uris = {name: place.uri for name, place in self._places.items()}
         said = await ask_nodes(uris, self._name)
         for name, answer in said.items():
@@ -130,11 +130,11 @@ class Ros1:
         return said
 
     def _stays(self, name: str, said: Said) -> bool:
-        """Return whether who answers at a node's old place is that node still."""
+        """Return whether the node that answers at a node's old address is still the same."""
         return said.answers and said.pid == self._places[name].pid
 
     async def _ask_again(self, view: View, said: Mapping[str, Said]) -> View:
-        """Return the master's state once more where somebody has registered meanwhile, perhaps."""
+        """Return the master's state again if a node may have registered meanwhile."""
         if not any(_count_missing(name, answer, (view,)) for name, answer in said.items()):
             return view
         try:
@@ -145,7 +145,7 @@ class Ros1:
     def _nodes(
         self, names: Sequence[str], said: Mapping[str, Said], views: Sequence[View]
     ) -> list[Node]:
-        """Return the registered nodes, and the orphans: alive, and unknown to the master."""
+        """Return the registered nodes, and the orphans: alive, but not registered."""
         orphans = [name for name in self._places if name not in names]
         return [self._node(name, said.get(name) or Said(), views, known=True) for name in names] + [
             self._node(name, said[name], views, known=False) for name in orphans if name in said
@@ -170,7 +170,7 @@ class Ros1:
     # -- named topics --
 
     def subscribe(self, topic: str, keep: int = 0) -> Hearing:
-        """Begin to hear a topic with the next look, and keep that many of its latest payloads."""
+        """Subscribe to a topic at the next look, and keep that many of its latest payloads."""
         with self._lock:
             if self._slave is None:
                 self._slave = Slave(
@@ -181,7 +181,7 @@ class Ros1:
         return hearing
 
     async def _hear(self, view: View) -> None:
-        """Register where the master does not know it (any more); follow the publishers."""
+        """Register topics that are not registered at the master (any more); follow publishers."""
         unknown = []
         for topic, hearing in list(self._hearings.items()):
             if self._name in view.subscribers.get(topic, ()):
@@ -193,11 +193,11 @@ class Ros1:
             await self._register(unknown, self._api(view.local_address))
 
     async def _register(self, hearings: Sequence[Hearing], api: str) -> None:
-        """Subscribe to topics; one that cannot be now is tried with the next look."""
+        """Subscribe to topics; one that fails is tried again at the next look."""
         talk = Conversation(self._uri, self._name, MASTER)
         try:
             for hearing in hearings:
-                with suppress(Refused):  # one that is no name keeps no other from being heard
+                with suppress(Refused):  # an invalid name does not stop the others
                     found = await talk.call("registerSubscriber", hearing.topic, "*", api)
                     hearing.publishers(found)
         except CallFailed:
@@ -206,7 +206,7 @@ class Ros1:
             talk.close()
 
     def _api(self, local_address: str) -> str:
-        assert self._slave is not None  # there is one with the first topic
+        assert self._slave is not None  # it exists from the first topic on
         return f"http://{self._host or local_address}:{self._slave.port}/"
 
     def _update_publishers(self, topic: str, publishers: Sequence[str]) -> None:
@@ -225,7 +225,7 @@ class Ros1:
                     "unregisterSubscriber", topic, self._api(await _find_own_address(talk))
                 )
         except CallFailed:
-            pass  # it is gone itself
+            pass  # the master has ended too
         finally:
             talk.close()
 
@@ -267,7 +267,7 @@ class Ros1:
 
 
 class _Place:
-    """Where a node is: its URI, when the master said so, and its process when it was registered."""
+    """A node's URI, when the master was asked for it, and its process at the registration."""
 
     def __init__(self, uri: str, asked: float, pid: str) -> None:
         self.uri, self.asked, self.pid = uri, asked, pid
@@ -299,7 +299,7 @@ def _topics(view: View, named: Iterable[str]) -> list[Topic]:
 
 
 def _count_missing(name: str, said: Said, views: Sequence[View]) -> int:
-    """Return how much a node says it does and none of the views knows."""
+    """Return how many of a node's topics none of the views contains."""
     parts = [(said.publishes, "publishers"), (said.subscribes, "subscribers")]
     if not views:
         return 0

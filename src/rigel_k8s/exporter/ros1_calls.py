@@ -1,6 +1,6 @@
-"""Questions to ROS masters and nodes, many at once: one conversation is one connection.
+"""Calls to ROS masters and nodes, many at once: one conversation is one connection.
 
-A node that has stopped takes its deadline and nobody else's; it knows nothing of what is asked.
+A stopped node uses only its own deadline. The module is independent of what is called.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ _HEAD = "POST /RPC2 HTTP/1.1\r\nHost: {}:{}\r\nContent-Type: text/xml\r\nContent
 
 
 class Refused(CallFailed):
-    """The other side answered that it cannot: its code is not 1."""
+    """The server answered with an error: its code is not 1."""
 
 
 class Conversation:
     """Calls to one ROS XML-RPC server, one after the other."""
 
     def __init__(self, uri: str, caller: str, seconds: float) -> None:
-        """Begin now.
+        """Start the deadline.
 
         Args:
             uri: of the server, http://HOST:PORT/.
-            caller: the ROS name that asks.
+            caller: the caller's ROS name.
             seconds: how long all calls together may take.
         """
         self._address: tuple[str, int] = rosrpc.split(uri)
@@ -48,8 +48,8 @@ class Conversation:
         """Return a method's value: nested lists of text.
 
         Raises:
-            Refused: the server says that it cannot.
-            CallFailed: it does not answer in time, or not as ROS does.
+            Refused: the server answers with an error.
+            CallFailed: it does not answer in time, or its answer is not ROS'.
         """
         body = xmlrpc.client.dumps((self._caller, *arguments), method).encode()
         left = self._end - self._loop.time()
@@ -70,7 +70,7 @@ class Conversation:
 
     @property
     def local_address(self) -> str | None:
-        """The address that this side of the connection has; None while there is none."""
+        """The address of this side of the connection; None without a connection."""
         found = self._streams and self._streams[1].get_extra_info("sockname")
         return str(found[0]) if found else None
 

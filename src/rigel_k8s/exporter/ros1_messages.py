@@ -1,6 +1,6 @@
-"""The few ROS 1 messages that the exporter reads, taken apart by hand; no ROS is needed for it.
+"""Reads the few ROS 1 messages that the exporter needs, without ROS.
 
-Raises ValueError for what is no such message.
+Raises ValueError for what is not such a message.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The exporter as a ROS 1 node: the few questions that masters and other nodes ask one.
+"""The exporter as a ROS 1 node: the few calls that masters and other nodes make to one.
 
-Only who hears a named topic needs it: the master calls it when a topic's publishers change.
+It is only needed for named topics: the master calls it when a topic's publishers change.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class Slave:
         """Serve from now on.
 
         Args:
-            master_uri: told to who asks.
-            topics: what is subscribed now.
-            changed: gets a topic and its publishers' URIs.
+            master_uri: the answer to getMasterUri.
+            topics: returns the topics that are subscribed to now.
+            changed: is called with a topic and its publishers' URIs.
         """
         self._master_uri, self._topics, self._changed = master_uri, topics, changed
         self._server = _Server(("", 0), _Handler, logRequests=False, allow_none=True)
@@ -47,7 +47,7 @@ class Slave:
         threading.Thread(target=self._server.serve_forever, name="slave", daemon=True).start()
 
     def close(self) -> None:
-        """Serve no longer."""
+        """Stop serving."""
         self._server.shutdown()
         self._server.server_close()
 
@@ -78,12 +78,12 @@ class Slave:
         return 1, "", []
 
     def publisherUpdate(self, _: str, topic: str, publishers: Sequence[str]) -> Answer:
-        """Hear of a topic's publishers, from the master."""
+        """Take a topic's publishers from the master."""
         self._changed(topic, publishers)
         return 1, "", 0
 
     def paramUpdate(self, _: str, key: str, value: Any) -> Answer:
-        """Take note of no parameter."""
+        """Ignore parameters."""
         return 1, "", 0
 
     def requestTopic(self, _: str, topic: str, protocols: Any) -> Answer:
@@ -91,7 +91,7 @@ class Slave:
         return 0, f"{topic} is not published here", []
 
     def shutdown(self, _: str, reason: str = "") -> Answer:
-        """Somebody else took the name: Kubernetes ends pods, not the ROS master."""
+        """Ignore that another node took the name: Kubernetes ends pods, not the ROS master."""
         return 1, "", 0
 
 

@@ -1,7 +1,7 @@
-"""One topic heard from one publisher: TCPROS, as a subscriber that takes any type.
+"""One topic of one publisher: TCPROS, as a subscriber of any type.
 
-A thread blocks on a socket and counts; of a message it keeps its first bytes only, whatever its
-size, unless whole messages are asked for. It knows nothing of masters.
+A thread blocks on a socket and counts; it keeps only the first bytes of each message, unless whole
+messages are requested. It is independent of masters.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from contextlib import suppress
 
 from rigel_k8s.exporter import ros1_messages
 
-#: Messages beyond it are counted and not kept, in bytes.
+#: Larger messages are counted but not kept, in bytes.
 LARGEST_KEPT = 1 << 20
 _CHUNK = 1 << 16
 _LARGEST_HEADER = 1 << 20
@@ -21,17 +21,17 @@ _CONNECT = 5.0
 
 
 class StreamFailed(Exception):
-    """The publisher cannot be heard; the message says why."""
+    """The topic cannot be received from the publisher; the message has the cause."""
 
 
 class Stream:
     """A connection to a publisher; `heard` gets (size, stamp, payload or None) of each message."""
 
     def __init__(self, host: str, port: int, topic: str, caller: str) -> None:
-        """Connect and agree.
+        """Connect, and exchange headers.
 
         Raises:
-            StreamFailed: nobody is there, or the publisher refuses.
+            StreamFailed: no connection is possible, or the publisher refuses.
         """
         try:
             self._socket = socket.create_connection((host, port), _CONNECT)
@@ -48,11 +48,11 @@ class Stream:
     def listen(
         self, heard: Callable[[int, float | None, bytes | None], None], *, keep: bool
     ) -> None:
-        """Hear until the connection ends or is closed.
+        """Receive until the connection ends or is closed.
 
         Args:
-            heard: gets each message's size in bytes, its stamp, and itself where it is kept.
-            keep: hand whole messages over, as far as they are not larger than LARGEST_KEPT.
+            heard: is called with each message's size in bytes, its stamp, and itself if it is kept.
+            keep: pass whole messages, if they are not larger than LARGEST_KEPT.
         """
         scratch = bytearray(_CHUNK)
         with suppress(OSError, ValueError):
@@ -65,7 +65,7 @@ class Stream:
                 heard(size, stamp, first if whole else None)
 
     def close(self) -> None:
-        """End the connection; who listens returns."""
+        """End the connection, so `listen` returns."""
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
@@ -106,7 +106,7 @@ def decode_header(data: bytes) -> dict[str, str]:
     """Return the fields of a connection header.
 
     Raises:
-        ValueError: it is none.
+        ValueError: it is not one.
     """
     return dict(_fields(data))
 
@@ -129,7 +129,7 @@ def _list_wishes(topic: str, caller: str) -> dict[str, str]:
 
 
 def _watch(connection: socket.socket) -> None:
-    """Notice within half a minute that the publisher's machine is gone."""
+    """Detect within half a minute that the publisher's machine is unreachable."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 10)
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 5)

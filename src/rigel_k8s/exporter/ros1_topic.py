@@ -1,6 +1,6 @@
-"""One named topic of ROS 1: heard from all its publishers, through their restarts.
+"""One named topic of ROS 1: received from all its publishers, through their restarts.
 
-It counts what comes; who the publishers are, it is told.
+It counts what arrives; its caller passes the publishers.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from rigel_k8s.exporter.ros1_calls import Conversation
 from rigel_k8s.exporter.ros1_stream import Stream, StreamFailed
 from rigel_k8s.inpod.rosrpc import CallFailed
 
-#: Seconds between two tries to hear a publisher, the first and the longest.
+#: Seconds between two tries to connect to a publisher, the first and the longest.
 _RETRY, _RETRY_LONGEST = 0.5, 10.0
 _ANSWER = 5.0
 
 
 class Hearing:
-    """A topic's subscriber; `left` is told when it is closed."""
+    """A topic's subscriber; `left` is called when it is closed."""
 
     def __init__(self, topic: str, caller: str, keep: int, left: Callable[[Hearing], None]) -> None:
-        """Hear nobody yet; keep so many of the latest messages."""
+        """Connect to no publisher yet; keep so many of the latest messages."""
         self.topic = topic
         self._caller, self._left = caller, left
         self._lock = threading.Lock()
@@ -38,7 +38,7 @@ class Hearing:
         self._closed = False
 
     def publishers(self, uris: Iterable[str]) -> None:
-        """Hear these, and no others any more."""
+        """Receive from these publishers only."""
         wanted = set(uris)
         with self._lock:
             if self._closed:
@@ -59,7 +59,7 @@ class Hearing:
             return Samples(self._messages, self._size, self._last, self._stamp, payloads)
 
     def close(self) -> None:
-        """Hear nobody any more, and say so to the master."""
+        """Stop receiving, and unregister at the master."""
         self.publishers(())
         with self._lock:
             self._closed = True
@@ -74,7 +74,7 @@ class Hearing:
 
     @property
     def keeps(self) -> bool:
-        """Whether whole messages are wanted."""
+        """Whether whole messages are kept."""
         return self._kept.maxlen != 0
 
     def count_message(self, size: int, stamp: float | None, payload: bytes | None) -> None:
@@ -89,7 +89,7 @@ class Hearing:
 
 
 class _Link:
-    """The thread that hears one publisher, again after each end until it is closed."""
+    """The thread that receives from one publisher, and connects again until it is closed."""
 
     def __init__(self, uri: str, hearing: Hearing) -> None:
         self.uri, self._hearing = uri, hearing
@@ -98,13 +98,13 @@ class _Link:
         self._stream: Stream | None = None
 
     def start(self) -> None:
-        """Begin to hear."""
+        """Start to receive."""
         threading.Thread(
             target=self._run, name=f"{self._hearing.topic} {self.uri}", daemon=True
         ).start()
 
     def close(self) -> None:
-        """Stop; the thread ends by itself."""
+        """Stop; the thread ends soon."""
         with self._lock:
             self._closed.set()
             if self._stream:
@@ -138,10 +138,10 @@ class _Link:
 
 
 def _address(uri: str, topic: str, caller: str) -> tuple[str, int]:
-    """Return where a publisher sends a topic by TCP.
+    """Return the address at which a publisher sends a topic by TCP.
 
     Raises:
-        StreamFailed: it does not say.
+        StreamFailed: it does not return one.
     """
     try:
         _, host, port = asyncio.run(_ask_publisher(uri, topic, caller))
@@ -151,7 +151,7 @@ def _address(uri: str, topic: str, caller: str) -> tuple[str, int]:
 
 
 async def _ask_publisher(uri: str, topic: str, caller: str) -> Any:
-    """Return a publisher's answer: the protocol, and where."""
+    """Return a publisher's answer: the protocol and the address."""
     talk = Conversation(uri, caller, _ANSWER)
     try:
         return await talk.call("requestTopic", topic, [["TCPROS"]])

@@ -1,6 +1,6 @@
-"""What ROS 1's nodes count by connection, added up to counters that never go back.
+"""What ROS 1 nodes count for each connection, added up to counters that never decrease.
 
-A node forgets a connection's numbers when it ends, and roscpp's are 32 bits wide.
+A node drops a connection's numbers when it ends, and roscpp's are 32 bits wide.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _WIDTH = 1 << 32
 
 
 def count_growth(old: int, new: int) -> int:
-    """Return how much a connection's counter has grown: around the end of 32 bits, or anew."""
+    """Return how much a connection's counter has grown, past an overflow or a restart."""
     if new >= old:
         return new - old
     return (new - old) % _WIDTH if new < 0 <= old else max(new, 0)
@@ -32,8 +32,8 @@ class Ledger:
     def add(self, node: str, uri: str, stats: Any) -> None:
         """Take in what a node answered to getBusStats.
 
-        What was sent to several subscribers was published once: the connection that got most tells
-        how many. Its bytes went out for each.
+        A message to several subscribers was published once: the connection with most messages
+        counts. Its bytes were sent for each.
         """
         for direction, topic, connections in _entries(stats):
             key = (node, topic, direction)
@@ -78,7 +78,7 @@ def _connections(rest: Sequence[Any]) -> list[list[str]]:
 
 
 def _parse_connection(entry: Sequence[str]) -> tuple[str, int, int]:
-    """Return a connection; roscpp's has a number more, the bytes with the messages' lengths."""
+    """Return a connection; roscpp's has one more number, the bytes with the messages' lengths."""
     if len(entry) >= 5:
         return entry[0], int(entry[3]), int(entry[2])
     return entry[0], int(entry[2]), int(entry[1])

@@ -1,6 +1,6 @@
-"""What a ROS 1 master and its nodes say of themselves, asked all at once.
+"""The answers of a ROS 1 master and its nodes, all asked at once.
 
-It compares nothing and remembers nothing; ros1.py does.
+It compares nothing and keeps nothing; ros1.py does.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from rigel_k8s.exporter.ros1_calls import Conversation, Refused
 from rigel_k8s.inpod.rosrpc import CallFailed
 
-#: Seconds that the master has for one round of answers, and a node for all of its own.
+#: Seconds that the master has for one round of answers, and a node for all its answers.
 MASTER, ANSWER = 5.0, 3.0
 
 Names = Mapping[str, frozenset[str]]
@@ -37,7 +37,7 @@ class View(NamedTuple):
 
 
 class Said:
-    """What a node answers; what it did not come to say stays empty."""
+    """A node's answers; those that it did not give in time stay empty."""
 
     def __init__(self) -> None:
         self.pid = ""
@@ -47,12 +47,12 @@ class Said:
 
     @property
     def answers(self) -> bool:
-        """Whether it said anything at all."""
+        """Whether it gave any answer."""
         return bool(self.pid)
 
 
 async def ask_master(uri: str, caller: str) -> View:
-    """Return the master's state; it gets a second chance, for a lost word is no lost master.
+    """Return the master's state; a failed call is tried again, since a packet may be lost.
 
     Raises:
         CallFailed: it does not answer.
@@ -91,7 +91,7 @@ async def _parameter(talk: Conversation, name: str) -> str:
 
 
 async def look_up_nodes(uri: str, caller: str, names: Iterable[str]) -> dict[str, str]:
-    """Return the URIs of those of the nodes that the master knows, as far as it comes to say."""
+    """Return the URIs of the nodes that are registered, as far as the master answers in time."""
     talk, found = Conversation(uri, caller, MASTER), {}
     try:
         for name in names:
@@ -107,7 +107,7 @@ async def look_up_nodes(uri: str, caller: str, names: Iterable[str]) -> dict[str
 
 
 async def ask_nodes(uris: Mapping[str, str], caller: str) -> dict[str, Said]:
-    """Return what each node says; all are asked at once, each has its own deadline."""
+    """Return each node's answers; all are asked at once, each has its own deadline."""
     answers = await asyncio.gather(*(_ask_node(uri, caller) for uri in uris.values()))
     return dict(zip(uris, answers))
 

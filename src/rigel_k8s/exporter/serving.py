@@ -1,4 +1,4 @@
-"""/metrics and /healthz over HTTP; what they say is somebody else's."""
+"""/metrics and /healthz over HTTP; collection.py makes their contents."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigel_k8s.exporter.metrics import CONTENT_TYPE
 
 
 class Server(ThreadingHTTPServer):
-    """Serves on all addresses, IPv4's and IPv6's where the machine has both."""
+    """Serves on all addresses, IPv4 and IPv6 if the machine has both."""
 
     daemon_threads = True
     address_family = socket.AF_INET6 if socket.has_dualstack_ipv6() else socket.AF_INET
@@ -33,7 +33,7 @@ class Server(ThreadingHTTPServer):
         super().server_bind()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a client that waited no longer, a probe on a busy machine say."""
+        """Log nothing about a client that stopped waiting, such as a probe on a busy machine."""
         if not isinstance(sys.exc_info()[1], ConnectionError):
             super().handle_error(request, client_address)
 
@@ -50,7 +50,7 @@ class _Handler(BaseHTTPRequestHandler):
             well = self.server.well()
             self._answer(200 if well else 503, "ok\n" if well else "no look at the graph yet\n")
         else:
-            self._answer(404, "there are /metrics and /healthz\n")
+            self._answer(404, "not found: use /metrics or /healthz\n")
 
     do_HEAD = do_GET
 
@@ -64,4 +64,4 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Say nothing: a line for each scrape would be all that the log has."""
+        """Log nothing: there would be a line for each scrape and nothing else."""

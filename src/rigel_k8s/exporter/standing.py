@@ -1,6 +1,6 @@
-"""How the graph stands against what is expected and what was seen before, bounded in number.
+"""Compares the graph with what is expected and what was seen before, with limits.
 
-It judges looks; it makes none. Times are seconds since 1970.
+It takes in looks and makes none itself. Times are seconds since 1970.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import TypeVar
 from rigel_k8s.exporter.graph import Graph, Master, Node
 from rigel_k8s.exporter.metrics import Sample
 
-#: The most that is told of each; ros_exporter_dropped counts the rest.
+#: How many of each are exported at most; ros_exporter_dropped counts the rest.
 NODES, TOPICS, TRAFFIC = 200, 500, 2000
-#: Seconds that a node which nobody expects is told to be gone.
+#: Seconds for which a node that is not expected is exported as missing.
 REMEMBERED = 3600.0
-#: How ROS makes a name that nobody will have again: /talker_1234_1700000000000.
+#: The form of ROS' anonymous names, which never occur again: /talker_1234_1700000000000.
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")
 
 T = TypeVar("T")
@@ -28,12 +28,12 @@ class Standing:
     def __init__(
         self, expected: Mapping[str, str], known: Mapping[str, str], named: Iterable[str]
     ) -> None:
-        """Begin with no look.
+        """Begin without a look.
 
         Args:
-            expected: ROS names of nodes that there must be, and the workload of each.
+            expected: ROS names of nodes that must exist, and the workload of each.
             known: the workloads of others.
-            named: topics that are told of whatever else there is.
+            named: topics that are exported even above the limit.
         """
         self._expected, self._named = dict(expected), frozenset(named)
         self._workloads = {**known, **expected}
@@ -65,9 +65,9 @@ class Standing:
         self._seen = {n: when for n, when in self._seen.items() if when + REMEMBERED > now} | seen
 
     def _meet(self, master: Master, now: float) -> None:
-        """Note a master; another process, or another run, is another master.
+        """Record a master; another process, or another run, is another master.
 
-        Its /run_id comes a moment after it: nothing before it is no other run.
+        It sets its /run_id shortly after its start: an empty one is not another run.
         """
         old = self._master
         self._master = master
@@ -77,7 +77,7 @@ class Standing:
         self._restarts += bool(old)
 
     def samples(self) -> Iterator[Sample]:
-        """Yield what is to be told of the graph."""
+        """Yield the metrics of the graph."""
         yield from (
             Sample("ros_exporter_dropped", count, {"what": what})
             for what, count in self._dropped.items()
@@ -95,7 +95,7 @@ class Standing:
             yield Sample("ros_master_start_time_seconds", self._master_since)
 
     def _nodes(self) -> list[Node]:
-        """Return the nodes, and those that are gone though expected or seen before."""
+        """Return the nodes, and those that are missing but expected or seen before."""
         here = {node.name for node in self._graph.nodes}
         names = [*self._expected, *sorted(set(self._seen) - set(self._expected))]
         gone = [Node(name, up=False, registered=False) for name in names if name not in here]

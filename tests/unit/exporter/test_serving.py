@@ -225,16 +225,16 @@ def test_a_configuration_is_read_with_its_defaults(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("told", "word"),
     [
-        ({"ros": "3"}, "ros is one of 1, 2, none"),
-        ({"mode": "radio"}, "mode is one of"),
+        ({"ros": "3"}, "ros must be one of 1, 2, none"),
+        ({"mode": "radio"}, "mode must be one of"),
         ({"tpoics": []}, "unknown field tpoics"),
-        ({"topics": "/a"}, "topics cannot be"),
-        ({"interval": 0}, "interval cannot be 0"),
-        ({"interval": True}, "interval cannot be true"),
-        ({"tf": 1}, "tf cannot be 1"),
-        ({"expected": {"/a": 1}}, "expected cannot be"),
-        ({"domain": -1}, "domain cannot be -1"),
-        ([], "a JSON object is wanted"),
+        ({"topics": "/a"}, "invalid topics"),
+        ({"interval": 0}, "invalid interval: 0"),
+        ({"interval": True}, "invalid interval: true"),
+        ({"tf": 1}, "invalid tf: 1"),
+        ({"expected": {"/a": 1}}, "invalid expected"),
+        ({"domain": -1}, "invalid domain: -1"),
+        ([], "not a JSON object"),
     ],
 )
 def test_a_wrong_configuration_is_told_by_its_field(

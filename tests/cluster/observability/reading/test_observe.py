@@ -178,7 +178,8 @@ def test_a_pod_that_is_replaced_is_found_again(
     until(lambda: cluster.get(pod) is None, "the pod's end")
     create(cluster, grafana, grafana_pod(registry))
     until(lambda: answer(found[1]) == "here\n", "the page at the same address")
-    until(lambda: running.found(r"grafana is reachable again at http://\S+, in grafana"), "the word")
+    again = r"grafana is reachable again at http://\S+, in grafana"
+    until(lambda: running.found(again), "the message")
 
 
 def test_remove_takes_the_release_away(

@@ -1,1 +1,1 @@
-"""How rigel compares with what a user would pick instead; `./run bench`, docs/performance.md."""
+"""Compares rigel with other tools for the same work; `./run bench`, docs/performance.md."""

@@ -1,4 +1,4 @@
-"""Deploys side by side on one cluster, the same objects, images and readiness; prints ratios.
+"""Compares deploys on one cluster, with the same objects, images and readiness; prints ratios.
 
 usage: python -m bench [--nodes 1,20,100] [--runs 3] [--context NAME] [--before CHECKOUT]
 """
@@ -134,7 +134,7 @@ def row(count: int, scenario: str, tool: str, figure: Figure, own: float) -> str
 
 
 def start_up(directory: Path, runs: int, registry: str, before: Path | None) -> None:
-    """Print what the command costs before it does anything."""
+    """Print the costs of the command's start."""
     rigelfile = str(write(directory / "check-100", 100, registry))
     python = [sys.executable, "-c"]
     commands = {

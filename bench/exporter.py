@@ -1,9 +1,9 @@
-"""What the ROS exporter costs: its CPU and memory by topics, and by what it subscribes to.
+"""The costs of the ROS exporter: CPU and memory by topics, and by its subscriptions.
 
 usage: python -m bench.exporter --context rigel-NAME [--seconds 60]
 
-A cluster of `rigel cluster up --with observability` has what it needs. Publishers and one
-subscriber are real rospy nodes; the exporter's own counters tell its CPU.
+It needs a cluster of `rigel cluster up --with observability`. Publishers and one subscriber are
+real rospy nodes; the CPU is that of the exporter's own counters.
 """
 
 from __future__ import annotations
@@ -122,9 +122,9 @@ def measure(
     assert there >= case.topics, f"{there} topics are there"
     look = last["ros_exporter_collect_seconds{}"] * 1000
     memory = last["process_resident_memory_bytes{}"] / 2**20
-    told = f"| {case.topics} | {case.rate} | {case.size} | {case.named} "
-    told += f"| {heard:.0f} "
-    return told + f"| {cpu * 100:.2f} % | {look:.0f} | {memory:.0f} |"
+    line = f"| {case.topics} | {case.rate} | {case.size} | {case.named} "
+    line += f"| {heard:.0f} "
+    return line + f"| {cpu * 100:.2f} % | {look:.0f} | {memory:.0f} |"
 
 
 def total(scrape: Mapping[str, float], name: str) -> float:
@@ -165,7 +165,7 @@ def metrics(cluster: Cluster, namespace: str) -> Mapping[str, float]:
 
 
 def run(*words: str) -> None:
-    """Run rigel; end with what it said where it fails."""
+    """Run rigel; end with its output if it fails."""
     command: Sequence[str] = [sys.executable, "-m", "rigel_k8s", *words]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:

@@ -1,6 +1,6 @@
 """Machines that exist only in the API: KWOK makes pods on them ready at once and runs nothing.
 
-Thousands of pods on two cores: what is measured is what a tool and the API server do.
+So two cores carry thousands of pods, and only the work of a tool and the API server is measured.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ STAGES = {
     "pod-delete.yaml": "kustomize/stage/pod/fast/pod-delete.yaml",
 }
 KWOK = BenchBuild("kwok", "0.8.0", ("sigs.k8s.io/kwok/cmd/kwok",), files=STAGES, minutes=2)
-#: A busy machine may lose its fake ones for a moment: their pods become ready again.
+#: Under load, fake machines may turn unready for a moment: their pods become ready again.
 AGAIN = ("- 'Pending'", "- 'Pending'\n      - 'Running'")
-#: What marks a machine that KWOK plays.
+#: The mark of a machine that KWOK simulates.
 FAKE = "kwok.x-k8s.io/node"
 PORT = 10247
-#: What each container has logged, in the form in which a container runtime keeps it.
+#: The log of each container, in the format of a container runtime.
 LINE = "2026-01-01T00:00:00.000000000Z stdout F it runs\n"
 CONFIGURATION = """\
 apiVersion: config.kwok.x-k8s.io/v1alpha1
@@ -55,7 +55,7 @@ spec:
 
 @contextlib.contextmanager
 def fake_machines(kubectl: list[str], count: int, address: str) -> Iterator[None]:
-    """Play machines, and keep pods away from the real ones meanwhile.
+    """Simulate machines, and keep pods away from the real ones meanwhile.
 
     Args:
         kubectl: its command line as far as the context.
@@ -79,7 +79,7 @@ def fake_machines(kubectl: list[str], count: int, address: str) -> Iterator[None
 def controller(kubectl: list[str], directory: Path, address: str) -> Iterator[None]:
     """Run KWOK's controller; its log is written to standard error when it ends too early."""
     logs, own = directory / "logs", directory / "kwok.yaml"
-    logs.mkdir()  # alone: a change beside a log wakes all that follow it
+    logs.mkdir()  # a directory of its own: a change beside a log wakes all that follow it
     log = logs / "container.log"
     log.write_text(LINE)
     programs = KWOK.programs()
@@ -128,9 +128,9 @@ def create(kubectl: list[str], count: int, seconds: float = 60) -> None:
         text=json.dumps({"kind": "List", "apiVersion": "v1", "items": items}),
     )
     call(kubectl, "wait", "nodes", "-l", FAKE, "--for=condition=Ready", f"--timeout={seconds:g}s")
-    time.sleep(2)  # the scheduler hears of them
+    time.sleep(2)  # until the scheduler has noticed them
 
 
 def names(kubectl: list[str], selector: str) -> list[str]:
-    """Return the names of the nodes with some labels."""
+    """Return the names of the machines with some labels."""
     return call(kubectl, "get", "nodes", "-l", selector, "-o", "name").split()

@@ -1,4 +1,4 @@
-"""Fleets of robots, each a release in a namespace of its own, and what each tool runs for them.
+"""Fleets of robots, each a release in a namespace of its own, and each tool's commands for them.
 
 rigel deploys a fleet by one sequence in waves, the other tools one robot after the other.
 """
@@ -17,7 +17,7 @@ from bench.tools import helm_program, program
 Command = Sequence[str]
 STEPS = ("first deploy", "unchanged", "one image", "status", "down")
 WAVE = 10
-#: Stands for a robot's name in what is rendered once for all robots.
+#: Placeholder for a robot's name in manifests that are rendered once for all robots.
 ROBOT = "robot-of-the-fleet"
 RIGELFILE = """\
 application: {{ distro: noetic }}
@@ -79,7 +79,7 @@ class Fleet:
 
 
 def rigel(fleet: Fleet) -> dict[str, list[Command]]:
-    """Return what rigel runs for each step."""
+    """Return rigel's commands for each step."""
     plain, changed = fleet.write("plain"), fleet.write("changed", changed=True)
     head = [*program(), *fleet.to_cluster(), "-q"]
     deploy = ["run", "sequence", "fleet", "--timeout", "30m"]
@@ -95,7 +95,7 @@ def rigel(fleet: Fleet) -> dict[str, list[Command]]:
 
 
 def kubectl(fleet: Fleet) -> dict[str, list[Command]]:
-    """Return what kubectl runs for each step."""
+    """Return kubectl's commands for each step."""
     files = {changed: manifests(fleet, changed=changed) for changed in (False, True)}
     selector = ["-l", "app.kubernetes.io/managed-by=rigel"]
 
@@ -131,7 +131,7 @@ def manifests(fleet: Fleet, *, changed: bool) -> dict[str, Path]:
 
 
 def helm(fleet: Fleet) -> dict[str, list[Command]]:
-    """Return what helm runs for each step: a chart for each robot with its manifests."""
+    """Return helm's commands for each step: a chart for each robot with its manifests."""
     tool, charts = helm_program(), {}
     for changed in (False, True):
         for robot, path in manifests(fleet, changed=changed).items():

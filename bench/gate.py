@@ -1,4 +1,4 @@
-"""What the gate in front of roscore costs: time of a call, memory; prints a table.
+"""The costs of the gate in front of roscore: time of a call, memory; prints a table.
 
 usage: python -m bench.gate --root DIRECTORY [--nodes 100] [--topics 1000] [--calls 2000]
 
@@ -80,7 +80,7 @@ def measure(calls: dict[str, Callable[[int], object]], count: int) -> dict[str, 
 
 
 def memory(pid: int) -> float:
-    """Return the MiB that a process and its children use; what they share counts once."""
+    """Return the MiB that a process and its children use; shared memory counts once."""
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     total = 0
     for one in (str(pid), *children):

@@ -1,4 +1,4 @@
-"""What a look at the DDS graph costs: time, packets and bytes for 3, 20 and 50 pods on 3 machines.
+"""The costs of a look at the DDS graph: time, packets, bytes for 3, 20, 50 pods on 3 machines.
 
 Real ROS 2 nodes (Fast DDS) or Cyclone DDS in pods of namespaces, as in tests/ros2; needs root.
 `python bench/graph.py [3 20 50]` prints the table of docs/graph.md.
@@ -21,7 +21,7 @@ MACHINES = ("one", "two", "three")
 
 
 def laboratory() -> Any:
-    """The laboratory of the tests."""
+    """Provide the laboratory of the tests."""
     spec = util.spec_from_file_location("laboratory", CONFTEST)
     assert spec
     assert spec.loader
@@ -32,7 +32,7 @@ def laboratory() -> Any:
 
 
 def count_sent(lab: Any) -> tuple[int, int]:
-    """Packets and bytes that all pods have sent on net1."""
+    """Return the packets and bytes that all pods have sent on net1."""
     packets = octets = 0
     for pod in lab.pods.values():
         words = ["ip", "-n", pod.network, "-s", "-j", "link", "show", "net1"]
@@ -43,7 +43,7 @@ def count_sent(lab: Any) -> tuple[int, int]:
 
 
 def measure_work(lab: Any, work: Any) -> tuple[float, int, int]:
-    """Seconds, packets and bytes of a piece of work."""
+    """Return the seconds, packets and bytes of a function."""
     before, started = count_sent(lab), time.monotonic()
     work()
     took, after = time.monotonic() - started, count_sent(lab)
@@ -51,7 +51,7 @@ def measure_work(lab: Any, work: Any) -> tuple[float, int, int]:
 
 
 def measure(count: int, kind: str) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     module = laboratory()
     with ExitStack() as cleanup, tempfile.TemporaryDirectory() as folder:
         lab = module.Lab(Path(folder), cleanup, module.environment)

@@ -3,8 +3,8 @@
 usage: python -m bench.interactions [--updates 20] [--late 0,5] [--strategies HandOver,Recreate]
                                     [--kinds subscriber,service,latched,action] [--context NAME]
 
-Each kind is a release of two machines: what is updated, and on the other machine who notices. The
-context is one of `rigel cluster`; left out, that of bench.updates is used.
+Each kind is a release on two machines: a program that is updated, and one on the other machine that
+notices it. The context is one of `rigel cluster`; left out, that of bench.updates is used.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ import attrs
 from bench.rollouts import Rollouts, find_cluster, numbers, until
 
 SPACE = "bench-interactions"
-#: What each updated program begins with: as late as a program with a model to load.
+#: The beginning of each updated program: it starts as late as a program that loads a model.
 LATE = """
 import os, sys, time
 time.sleep(float(os.environ["LATE"]))
 VERSION = os.environ["VERSION"]
 import rospy, std_msgs.msg, std_srvs.srv
 """
-#: What the programs that notice begin with.
+#: The beginning of the programs that notice updates.
 NOTICES = """
 import sys, time, rospy, std_msgs.msg, std_srvs.srv
 def say(*words):
@@ -48,7 +48,7 @@ while not rospy.is_shutdown():
     number += 1
     rate.sleep()
 """
-#: The updated subscriber shows what it got by sending it on.
+#: The updated subscriber republishes what it received.
 RELAY = (
     LATE
     + """
@@ -75,7 +75,7 @@ rospy.Service("ask", std_srvs.srv.Trigger, lambda _: std_srvs.srv.TriggerRespons
 rospy.spin()
 """
 )
-#: Calls ten times a second, and again at once where that fails.
+#: Calls ten times per second, and again at once if that fails.
 ASKS = (
     NOTICES
     + """
@@ -124,7 +124,7 @@ server.start()
 rospy.spin()
 """
 )
-#: Always has a goal of two seconds under way.
+#: Always has a running goal of two seconds.
 WANTS = (
     NOTICES
     + """
@@ -147,11 +147,11 @@ LINE = re.compile(r"^(\d+\.\d+) (\S+) (\d+)$", re.MULTILINE)
 
 @attrs.frozen
 class Notice:
-    """What the other machine noticed.
+    """An event that the other machine noticed.
 
     Attributes:
         when: seconds.
-        what: `v3`, the version that it came from; or `again`, `failed`, `lost`.
+        what: `v3`, the sender's version; or `again`, `failed`, `lost`.
         number: of the message, the call or the goal.
     """
 
@@ -162,11 +162,11 @@ class Notice:
 
 @attrs.frozen
 class Kind:
-    """What is updated, and who notices.
+    """A program to update, and one that notices it.
 
     Attributes:
-        judge: what was lost, and what was doubled, in words.
-        others: programs of the release besides.
+        judge: returns as text what was lost and what was doubled.
+        others: further programs of the release.
         warm: the new node gets publishers before it has its name.
     """
 
@@ -178,27 +178,27 @@ class Kind:
 
 
 def judge_messages(found: list[Notice], updates: int) -> str:
-    """Tell which numbers did not come, and which came twice."""
+    """Return how many numbers did not arrive, and how many arrived twice."""
     counts = Counter(one.number for one in found)
     missing = max(counts) - min(counts) + 1 - len(counts)
     return f"{missing} lost, {sum(counts.values()) - len(counts)} doubled"
 
 
 def judge_calls(found: list[Notice], updates: int) -> str:
-    """Tell how many calls failed."""
+    """Return how many calls failed."""
     counts = Counter(one.what for one in found)
     return f"{counts['again']} calls made twice, {counts['failed']} failed then too"
 
 
 def judge_maps(found: list[Notice], updates: int) -> str:
-    """Tell how many versions a subscriber got, and how often."""
+    """Return how many versions a subscriber got, and how often."""
     counts = Counter(one.what for one in found)
     got = sum(1 for version in range(1, updates + 1) if counts[f"v{version}"])
     return f"{got} of {updates} maps came, {sum(counts.values()) - len(counts)} doubled"
 
 
 def judge_goals(found: list[Notice], updates: int) -> str:
-    """Tell how many goals ended without a result."""
+    """Return how many goals ended without a result."""
     lost = sum(1 for one in found if one.what == "lost")
     return f"{lost} of {len(found)} goals lost"
 
@@ -221,13 +221,13 @@ KINDS = {
 
 @attrs.frozen
 class Stage:
-    """Where a kind is updated and noticed."""
+    """A namespace in which a kind is updated and noticed."""
 
     rollouts: Rollouts
     kind: Kind
 
     def deploy(self, strategy: str, version: int, late: float) -> bool:
-        """Deploy a version of what is updated; return whether it became ready."""
+        """Deploy a version of the updated program; return whether it became ready."""
         programs = {"notices": self.kind.notices, **self.kind.others}
         nodes = {
             "updated": {
@@ -294,18 +294,18 @@ def main() -> None:
                 stage = Stage(rollouts, KINDS[title])
                 found, failed = measure(stage, strategy, late, words.updates)
                 gaps = list(find_gaps(found)) or [float("nan")]
-                once = title.startswith("latched")  # nothing comes between two maps
-                told = "- | -" if once else f"{median(gaps):.3f} | {max(gaps):.3f}"
+                once = title.startswith("latched")  # nothing arrives between two maps
+                gap = "- | -" if once else f"{median(gaps):.3f} | {max(gaps):.3f}"
                 noticed = KINDS[title].judge(found, words.updates)
                 print(
-                    f"| {title} | {late:g} | {strategy} | {told} | {noticed}"
+                    f"| {title} | {late:g} | {strategy} | {gap} | {noticed}"
                     f" | {failed} of {words.updates} |",
                     flush=True,
                 )
 
 
 def arguments() -> argparse.Namespace:
-    """Return what is asked for."""
+    """Return the command line's options."""
     parser = argparse.ArgumentParser(description=__doc__)
 
     def words(text: str) -> list[str]:

@@ -1,10 +1,10 @@
-"""What turns unready or restarts while this machine has far more to do than it can.
+"""What turns unready or restarts while this machine is overloaded.
 
 usage: python -m bench.load --context NAME [--busy 60] [--seconds 180] [--ros 1,2]
 
 The context is one of `rigel cluster`, which runs on this machine. A small application of each ROS
-is deployed; then processes that compute without end run beside it, each in a session of its own:
-Linux gives each session the same share, so that those of one would count as a single process.
+is deployed; then endless computing processes run beside it, each in a session of its own: Linux
+gives each session the same share, so those of one session would count as a single process.
 Every change of readiness is counted, from the API server's watches.
 """
 
@@ -101,7 +101,7 @@ class Watched:
     restarts: int = 0
 
     def see(self, *, ready: bool, restarts: int, now: float) -> None:
-        """Take in how it is now."""
+        """Record its current state."""
         self.restarts = restarts - self.first_restarts
         if ready != self.ready:
             self.settle(now)
@@ -116,7 +116,7 @@ class Watched:
 
 @attrs.frozen
 class Ledger:
-    """What is watched in one namespace; names of pods are unique, so that new ones show."""
+    """What is watched in one namespace; names of pods are unique, so new ones are visible."""
 
     seen: dict[str, Watched] = attrs.field(factory=dict)
 
@@ -185,7 +185,7 @@ def busy(count: int) -> Iterator[None]:
 
 
 def measure_load(seconds: float) -> list[float]:
-    """Let so much time pass; return the load in it, each five seconds."""
+    """Wait; return the load in that time, every five seconds."""
     end, found = time.monotonic() + seconds, []
     while time.monotonic() < end:
         time.sleep(5)
@@ -194,7 +194,7 @@ def measure_load(seconds: float) -> list[float]:
 
 
 def judge_calls(log: str, since: float) -> str:
-    """Return how the calls to the master went, in words; with the most common failure."""
+    """Return the results of the calls to the master as text, with the most common failure."""
     calls = [m.groups() for m in re.finditer(r"^called ([\d.]+) ([\d.]+)$", log, re.MULTILINE)]
     took = [float(took) for when, took in calls if float(when) >= since]
     found = re.findall(r"^failed ([\d.]+) (.*)$", log, re.MULTILINE)
@@ -207,7 +207,7 @@ def judge_calls(log: str, since: float) -> str:
 
 
 def longest_gap(log: str, since: float, end: float) -> float:
-    """Return the longest time in which a listener heard nothing."""
+    """Return the longest time in which a listener received nothing."""
     times = [float(one) for one in re.findall(r"^heard ([\d.]+)$", log, re.MULTILINE)]
     late = [since, *(one for one in times if since <= one < end), end]
     return max(b - a for a, b in itertools.pairwise(late))
@@ -259,7 +259,7 @@ def report(
     since: float,
     load: Sequence[float],
 ) -> None:
-    """Print what was seen."""
+    """Print the results."""
     print(
         f"\n{words.busy} busy processes for {words.seconds:g} s on {os.cpu_count()} cores; load"
         f" {load[0]:.0f} before, {max(load):.0f} at most\n"
@@ -278,7 +278,7 @@ def report(
 
 
 def arguments() -> argparse.Namespace:
-    """Return what is asked for."""
+    """Return the command line's options."""
     parser = argparse.ArgumentParser(prog="python -m bench.load", description=__doc__)
     parser.add_argument("--context", required=True)
     parser.add_argument("--busy", type=int, default=60)

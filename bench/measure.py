@@ -14,7 +14,7 @@ import attrs
 
 
 class CommandFailed(SystemExit):
-    """A command that failed or was too slow; where no one catches it, it ends the bench."""
+    """A command that failed or was too slow; unless it is caught, it ends the bench."""
 
 
 class TooSlow(CommandFailed):

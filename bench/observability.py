@@ -1,10 +1,10 @@
-"""What the observability stack costs: idle, with ROS nodes that log, and with many topics.
+"""The costs of the observability stack: idle, with ROS nodes that log, and with many topics.
 
 usage: python -m bench.observability --context rigel-NAME [--image ROS1_IMAGE] [--seconds 120]
 
-The stack must be there (`observability: {enabled: true}`). Its CPU and memory are its own
-Prometheus' word, its disk is counted on its claims; how soon a line is found, Loki is asked with
-lines that tell their time.
+The stack must be installed (`observability: {enabled: true}`). Its CPU and memory come from its own
+Prometheus, its disk is counted on its claims. Lines contain their time, and queries to Loki show
+how soon they are found.
 """
 
 from __future__ import annotations
@@ -66,20 +66,20 @@ class Bench:
     seconds: int
 
     def ask(self, service: str, port: int, path: str, **query: object) -> list[Any]:
-        """Return what a Service of the stack answers."""
+        """Return the answer of a Service of the stack."""
         ref = ObjectRef("v1", "Service", self.namespace, service)
         answer = json.loads(self.cluster.get_through_proxy(ref, path, port=port, query=query))
         found: list[Any] = answer["data"]["result"]
         return found
 
     def metric(self, query: str) -> dict[str, float]:
-        """Return a value for each workload, "" where the query gives one for all."""
+        """Return a value for each workload, or for "" if the query gives one for all."""
         found = self.ask("prometheus", 9090, "api/v1/query", query=query)
         return {s["metric"].get("workload", ""): float(s["value"][1]) for s in found}
 
     def costs(self, case: str) -> Iterator[str]:
         """Yield the rows of a case, measured over its whole time."""
-        time.sleep(self.seconds + 30)  # scrapes come every 15 s
+        time.sleep(self.seconds + 30)  # a scrape every 15 s
         joined = "* on (namespace, pod) group_left (workload) pod:rigel_identity:info"
         containers = 'container!="", container!="POD"'
         cpu = self.metric(
@@ -131,7 +131,7 @@ class Bench:
         return waits
 
     def _newest(self, selector: str, after: float) -> float | None:
-        """Return when the oldest line that was written after a moment says that it was."""
+        """Return the time in the oldest line that was written after a moment."""
         words = {"query": selector, "start": int(after * 1e9), "limit": 1, "direction": "forward"}
         streams = self.ask("loki", 3100, "loki/api/v1/query_range", **words)
         lines = [line for one in streams for _, line in one["values"]]
@@ -150,7 +150,7 @@ FACTS = {
 def application(
     bench: Bench, program: str, count: int, rate: float, topics: int = 0
 ) -> Iterator[str]:
-    """Have ROS nodes there that run a program; yields their namespace."""
+    """Deploy ROS nodes that run a program; yields their namespace."""
     namespace = f"bench-{uuid.uuid4().hex[:6]}"
     nodes = {
         f"node_{i}": {"args": ["python3", "-u", "-c", program.format(name=f"node_{i}", rate=rate)]}
@@ -186,7 +186,9 @@ def main() -> None:
     with connect(Settings(context=words.context)) as cluster:
         namespace = find_namespace(cluster)
         if namespace is None:
-            raise SystemExit("there is no stack: deploy one with observability: {enabled: true}")
+            raise SystemExit(
+                "no stack is installed: deploy one with observability: {enabled: true}"
+            )
         bench = Bench(cluster, words.context, namespace, words.image, words.seconds)
         print("| case | part | CPU, thousandths of a core | MiB |\n|---|---|---|---|")
         show(bench, "idle")
@@ -203,7 +205,7 @@ def main() -> None:
 
 
 def show(bench: Bench, case: str) -> None:
-    """Print the rows of a case, and what its disks hold and how fast that grows."""
+    """Print the rows of a case, and the size and growth of its disks."""
     start, before = time.time(), {claim: bench.disk(claim) for claim in CLAIMS}
     for row in bench.costs(case):
         print(row, flush=True)
@@ -216,7 +218,7 @@ def show(bench: Bench, case: str) -> None:
 
 
 def arguments() -> argparse.Namespace:
-    """Return the command line's words."""
+    """Return the command line's options."""
     parser = argparse.ArgumentParser(prog="python -m bench.observability", description=__doc__)
     parser.add_argument("--context", required=True)
     parser.add_argument("--image", required=True, help="a ROS 1 image that the cluster can pull")

@@ -1,7 +1,7 @@
-"""How many requests a tool sends: the API server counts them for a user that only the bench is.
+"""How many requests a tool sends: the API server counts them for a user that only the bench uses.
 
-A FlowSchema of its own gives that user a row in the API server's metrics, and no limit. What has no
-FlowSchema's count, a container's log, no one else asks for meanwhile.
+A FlowSchema of its own gives that user a row in the API server's metrics, and no limit. Requests
+for containers' logs are not counted by FlowSchema; no other user sends them meanwhile.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import attrs
 
 NAME = "rigel-bench"
 NAMESPACE = "kube-system"
-#: The lines of the API server's metrics that are of the user's requests.
+#: The lines of the API server's metrics that count the user's requests.
 OWN = (
     re.compile(
         rf'^apiserver_flowcontrol_dispatched_requests_total{{flow_schema="{NAME}".*}} (\S+)$', re.M
@@ -72,7 +72,7 @@ class CountedUser:
     """A user whose requests are counted.
 
     Attributes:
-        kubectl: the command line of someone else, who asks for the count.
+        kubectl: the command line of another user, who reads the count.
         kubeconfig: the user's; its context is named as that of `kubectl`.
     """
 

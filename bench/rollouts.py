@@ -1,4 +1,4 @@
-"""A release that is deployed again and again on a local cluster, by `rigel` as users run it."""
+"""A release that is deployed repeatedly on a local cluster, by `rigel` as users run it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rigel_lab import cluster as localcluster
 
 #: The bench's own cluster, by ROS.
 OWN = {"1": "rigel-bench", "2": "rigel-bench2"}
-#: How long something may take to be noticed, in seconds.
+#: Seconds until something must be noticed.
 PATIENCE = 30.0
 
 
@@ -41,7 +41,7 @@ class Rollouts:
         return done.stdout
 
     def clear(self) -> None:
-        """Make the namespace anew."""
+        """Delete the namespace and create it again."""
         self.kubectl("delete", "namespace", self.namespace, "--ignore-not-found", "--wait")
         self.kubectl("create", "namespace", self.namespace)
 
@@ -87,12 +87,12 @@ def find_cluster(context: str | None, ros: str) -> tuple[str, str, str]:
 
 
 def until(condition: Callable[[], bool]) -> None:
-    """Wait until something holds, at most for the patience."""
+    """Wait until a condition holds, at most PATIENCE."""
     end = time.monotonic() + PATIENCE
     while time.monotonic() < end and not condition():
         time.sleep(0.3)
 
 
 def numbers(text: str) -> list[int]:
-    """Return what an option such as `20,100` lists."""
+    """Return the numbers in an option such as `20,100`."""
     return [int(word) for word in text.split(",")]

@@ -4,7 +4,7 @@ usage: python -m bench.ros2 [--only discovery,flow,first] [--members 2,20,50] [-
                             [--context NAME]
 
 The context is one of `rigel cluster`, with three machines and Multus; left out, such a cluster is
-made and stays. What is compared takes turns within one run.
+created and stays. The compared modes take turns within one run.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from rigel_lab import cluster as localcluster
 NODES = Path(__file__).parent / "ros2_nodes"
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ros2-talker-listener"
 OWN = "rigel-bench2"
-#: What its own cluster has besides.
+#: The extras of its own cluster.
 EXTRAS = ("--with", "multus", "--with", "kubectl")
 SPACE = "bench-ros2"
 LAN = {"mode": "macvlan", "interface": "eth0", "subnet": "10.199.0.0/16", "ipam": "static"}
@@ -41,7 +41,7 @@ MODES: dict[str, dict[str, Any]] = {
     "discovery-server": {"mode": "discovery-server"},
     "host": {"mode": "host", "domain_id": 42},
 }
-MANY = 50  # participants, of which each start costs the machine seconds
+MANY = 50  # participants; each start costs the machine seconds
 FIRST = re.compile(r"\[(\d+\.\d+)\] \[listener\]: I heard")
 
 
@@ -72,7 +72,7 @@ class Bench:
         return done.stdout
 
     def deploy(self) -> None:
-        """Deploy; whether discovery is over when the look at the graph is, is no matter here."""
+        """Deploy; discovery need not be complete when the check of the graph ends."""
         try:
             self.rigel("run", "job", "deploy")
         except SystemExit as error:
@@ -111,14 +111,14 @@ class Bench:
         """Wait until a workload's log has something, and return it."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            if told := found(self.kubectl("logs", f"deployment/{workload}", "--tail=-1")):
-                return told
+            if result := found(self.kubectl("logs", f"deployment/{workload}", "--tail=-1")):
+                return result
             time.sleep(0.5)
-        raise SystemExit(f"{workload} has not told anything in {seconds:.0f} s")
+        raise SystemExit(f"{workload} has printed no result in {seconds:.0f} s")
 
 
 def rigel(*words: str) -> None:
-    """Run rigel and show what it says."""
+    """Run rigel and show its output."""
     subprocess.run([sys.executable, "-m", "rigel_k8s", *words], check=True)
 
 
@@ -162,7 +162,7 @@ def show(rows: Iterator[str]) -> None:
 
 
 def discovery(bench: Bench, image: str, members: list[int]) -> Iterator[str]:
-    """Yield how long a newcomer takes until it has found everybody, by mode."""
+    """Yield how long a new participant takes until it has discovered all others, by mode."""
     heads = "data flows, s | slowest | / macvlan | names known, s | slowest | found all within 30 s"
     yield f"| participants | mode | {heads} |"
     yield "|---|---|---|---|---|---|---|---|"
@@ -176,8 +176,8 @@ def discovery(bench: Bench, image: str, members: list[int]) -> Iterator[str]:
             own = own or median(flows)
             ratio = median(flows) / own
             found = f"{median(flows):.2f} | {max(flows):.2f} | {ratio:.1f}"
-            told = f"{median(names):.2f} | {max(names):.2f} | {complete}"
-            yield f"| {count} | {mode} | {found} | {told} |"
+            graph = f"{median(names):.2f} | {max(names):.2f} | {complete}"
+            yield f"| {count} | {mode} | {found} | {graph} |"
 
 
 def measure_joins(
@@ -194,7 +194,9 @@ def measure_joins(
     found = bench.until("asking", lambda log: re.search(r'^\{"joins".*\}$', log, re.M))
     joined: list[list[float]] = json.loads(found[0])["joins"]
     if all(None in one for one in joined):
-        raise SystemExit(f"{network['mode']}, {count}: nobody found everybody: {joined}")
+        raise SystemExit(
+            f"{network['mode']}, {count}: no participant discovered all others: {joined}"
+        )
     return joined
 
 
@@ -204,8 +206,8 @@ def flow(bench: Bench, image: str, rounds: int) -> Iterator[str]:
     modes = {name: MODES[name] for name in ("macvlan", "peers", "host")}
     for _ in range(rounds):
         for mode, network in modes.items():
-            for told in measure_flow(bench, image, network):
-                figures.setdefault((mode, told["size"]), []).append(told)
+            for figure in measure_flow(bench, image, network):
+                figures.setdefault((mode, figure["size"]), []).append(figure)
     yield "| message | mode | median ms | 99 % ms | lost % | median / macvlan |"
     yield "|---|---|---|---|---|---|"
     for size in (100, 1_000_000):
@@ -219,7 +221,7 @@ def flow(bench: Bench, image: str, rounds: int) -> Iterator[str]:
 
 
 def measure_flow(bench: Bench, image: str, network: dict[str, Any]) -> list[dict[str, Any]]:
-    """Deploy a source and a sink on two machines and return what the sink tells."""
+    """Deploy a source and a sink on two machines and return the sink's results."""
     nodes = {
         "source": {"args": ["flow.py", "source"]},
         "sink": {"args": ["flow.py", "sink"], "placement": {"apart_from": ["source"]}},
@@ -229,8 +231,8 @@ def measure_flow(bench: Bench, image: str, network: dict[str, Any]) -> list[dict
     bench.rigel("run", "job", "deploy")
 
     def both(log: str) -> list[dict[str, Any]]:
-        told = [json.loads(line) for line in log.splitlines() if line.startswith('{"size"')]
-        return told if len(told) == 2 else []
+        results = [json.loads(line) for line in log.splitlines() if line.startswith('{"size"')]
+        return results if len(results) == 2 else []
 
     return list(bench.until("sink", both))
 
@@ -269,7 +271,7 @@ def heard(bench: Bench, deploy: Callable[[], object]) -> tuple[float, float]:
 
 
 def by_rigel(bench: Bench) -> Callable[[], object]:
-    """`rigel run job deploy`, which ends when the graph was looked at."""
+    """`rigel run job deploy`, which ends after the check of the graph."""
     return lambda: bench.rigel("run", "job", "deploy")
 
 

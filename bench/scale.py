@@ -5,7 +5,7 @@ usage: python -m bench.scale --context rigel-NAME [--nodes 100,300,1000] [--rele
 
 Pods run on machines that exist only in the API (bench/fakenodes.py), which need a cluster of their
 own: its real machines take no pods meanwhile. A step that fails, or takes longer than the limit,
-says so in the table, and the run goes on; what the command printed goes to standard error.
+is marked in the table, and the run continues; the command's output goes to standard error.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MACHINES = 20
 
 @attrs.frozen
 class Shape:
-    """How large a fleet is."""
+    """The size of a fleet."""
 
     robots: int
     nodes: int
@@ -42,7 +42,7 @@ class Shape:
 
 @attrs.frozen
 class Outcome:
-    """What a step of a tool took.
+    """The costs of a tool's step.
 
     Attributes:
         failure: what the table says instead of the figures, empty where the step succeeded.
@@ -56,7 +56,7 @@ class Outcome:
 
 @attrs.frozen
 class Bench:
-    """Where is measured, and how long a step may take, in seconds."""
+    """The cluster for the measurement, and the seconds that a step may take."""
 
     context: str
     status: localcluster.ClusterStatus
@@ -64,7 +64,7 @@ class Bench:
     limit: float
 
     def measure(self, shape: Shape, tool: str) -> Iterator[tuple[str, Outcome]]:
-        """Yield the steps of one tool and what each took; a step that is too slow is the last."""
+        """Yield the steps of one tool and their costs; a step that is too slow is the last."""
         names = [f"scale-{tool}-{shape.nodes}-{number}" for number in range(shape.robots)]
         with tempfile.TemporaryDirectory() as directory, self.namespaces(names):
             fleet = Fleet(
@@ -92,7 +92,7 @@ class Bench:
 
     @contextlib.contextmanager
     def namespaces(self, names: list[str]) -> Iterator[None]:
-        """Make namespaces, and remove them with all that is still in them."""
+        """Create namespaces, and delete them with everything in them."""
         kubectl = [self.status.kubectl, "--context", self.context]
         try:
             for name in names:
@@ -158,7 +158,7 @@ def describe(shape: Shape, outcomes: list[Outcome | None]) -> str:
 
 
 def figures(shape: Shape, outcome: Outcome | None) -> list[str]:
-    """Return one tool's figures of a step, `-` where it was not run or has failed."""
+    """Return one tool's figures of a step, `-` if it was not run or has failed."""
     if outcome is None or outcome.sample is None:
         return [outcome.failure if outcome else "-", *"----"]
     sample, nodes = outcome.sample, shape.robots * shape.nodes

@@ -19,7 +19,7 @@ CHECKOUT = Path(__file__).parents[1]
 
 
 class Tool(Protocol):
-    """A way to deploy; its namespace is its own, so that tools do not meet."""
+    """A way to deploy, in a namespace of its own."""
 
     name: str
     namespace: str
@@ -93,7 +93,7 @@ class Kubectl:
 
 @attrs.frozen
 class Helm:
-    """`helm upgrade --install --wait` of a chart that holds the rendered manifests."""
+    """`helm upgrade --install --wait` of a chart with the rendered manifests."""
 
     context: str
     program: str
@@ -124,7 +124,7 @@ class BenchBuild(gobuild.GoBuild):
 
 
 def helm_program() -> str:
-    """Return helm, built from its Go module where the cache lacks it."""
+    """Return helm, built from its Go module if it is not in the cache."""
     build = BenchBuild("helm", "4.3.1", ("helm.sh/helm/v4/cmd/helm",), minutes=2)
     build.build(print)
     return build.programs()["helm"]

@@ -55,7 +55,7 @@ HEARD = re.compile(r"heard ([\d.]+) v(\d+) (\d+)$", re.MULTILINE)
 
 @attrs.frozen
 class Update:
-    """What a listener heard of one update.
+    """What a listener received of one update.
 
     Attributes:
         gap: the longest time without a message around it, in seconds.
@@ -115,7 +115,7 @@ def describe_ros1(strategy: str) -> tuple[str, dict[str, Any], dict[str, Any], d
 def measure(
     talk: Talk, strategy: str, rate: int, late: float, updates: int
 ) -> tuple[list[Update], int]:
-    """Update so many times; return what was heard of each, and how many deploys failed."""
+    """Update so many times; return what was received of each, and how many deploys failed."""
     talk.rollouts.clear()
     talk.deploy(strategy, 0, rate, late)
     talk.until_heard(0)
@@ -128,7 +128,7 @@ def measure(
 
 
 def judge(found: Sequence[tuple[float, int, int]], rate: int, updates: int) -> list[Update]:
-    """Return what each update did to what was heard."""
+    """Return the effect of each update on what was received."""
     result = []
     for version in range(1, updates + 1):
         first = next((when for when, v, _ in found if v == version), None)
@@ -163,7 +163,7 @@ def main() -> None:
 
 
 def arguments() -> argparse.Namespace:
-    """Return what is asked for."""
+    """Return the command line's options."""
     parser = argparse.ArgumentParser(description=__doc__)
 
     parser.add_argument("--ros", choices=["1", "2"], default="1")

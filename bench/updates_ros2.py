@@ -1,10 +1,10 @@
-"""What `python -m bench.updates --ros 2` updates: a plain node; for HandOver a lifecycle node."""
+"""The programs of `python -m bench.updates --ros 2`: plain nodes; for HandOver a lifecycle node."""
 
 from __future__ import annotations
 
 from typing import Any
 
-#: Macvlan, so that the two machines hear each other as on one Ethernet.
+#: Macvlan, so multicast of the two machines reaches each other as on one Ethernet.
 NETWORK = {"mode": "macvlan", "interface": "eth0", "subnet": "10.197.0.0/16", "domain_id": 43}
 #: "VERSION NUMBER" in each message; the start is as late as that of a program with a model to load.
 HEAD = """

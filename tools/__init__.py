@@ -1,1 +1,1 @@
-"""Programs for those who change rigel-k8s; no part of what is installed."""
+"""Programs for developers of rigel-k8s; they are not installed."""

@@ -1,6 +1,6 @@
-"""Draw docs/architecture.svg: the packages and who imports whom, from the code's own imports.
+"""Draw docs/architecture.svg: the packages and their imports, from the code.
 
-usage: python -m tools.architecture    write the picture (a test says when it is out of date)
+usage: python -m tools.architecture    write the picture (a test fails if it is out of date)
 
 Each row is a layer of the import-linter contract in pyproject.toml. An arrow leads from a package
 to one that it imports; one that a chain of others implies is left out. The picture has a light and
@@ -17,13 +17,13 @@ from pathlib import Path
 
 if sys.version_info >= (3, 11):
     import tomllib
-else:  # pytest brings it
+else:  # a dependency of pytest
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
 PICTURE = ROOT / "docs" / "architecture.svg"
 
-#: What each package is, in a few words.
+#: A short description of each package.
 WORDS = {
     "cli": "arguments, printing",
     "commands": "what a command does",
@@ -159,7 +159,7 @@ def box(name: str, x: float, y: float) -> str:
 
 
 def picture() -> str:
-    """Return the picture of the code as it is."""
+    """Return the picture of the current code."""
     return draw(layers(), reduce_pairs(arrows()))
 
 

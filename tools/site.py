@@ -1,4 +1,4 @@
-"""A hook of MkDocs (mkdocs.yml): what works on GitHub works on the site, too.
+"""A hook of MkDocs (mkdocs.yml): links and tables that work on GitHub also work on the site.
 
 A page links to a file of the repository by its relative path. The site has only docs/, so such a
 link becomes one to the file on GitHub, and such a picture is copied into the site. In the code of

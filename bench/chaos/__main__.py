@@ -1,4 +1,4 @@
-"""Plays stories: releases whose commands meet faults; prints what went wrong, and figures.
+"""Plays stories: releases whose commands meet faults; prints errors and figures.
 
 usage: python -m bench.chaos --seed N [--runs M] [--workers W]
        the stories of the seeds N to N+M-1, five commands with faults each; one that goes wrong
@@ -32,7 +32,7 @@ EVERY = 20  # stories between two lines of figures
 
 
 def main() -> None:
-    """Play and print; exit code 1 where anything went wrong."""
+    """Play and print; exit code 1 if anything went wrong."""
     parser = argparse.ArgumentParser(prog="python -m bench.chaos", description=__doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--runs", type=int, default=1, help="how many stories")
@@ -75,17 +75,17 @@ def play_all(
     codes, faults, stories = Counter[str](), Counter[str](), 0
     with ending(workers), kubelet(server), os.fdopen(read) as lines:
         for line in lines:
-            told = json.loads(line)
-            if "faults" in told:
+            item = json.loads(line)
+            if "faults" in item:
                 stories += 1
-                faults.update(told["faults"])
+                faults.update(item["faults"])
             else:
-                outcome = Outcome(**told)
+                outcome = Outcome(**item)
                 faulty = outcome.command.endswith("with faults")
                 codes[f"exit code {outcome.code}" if faulty else "repeated without faults"] += 1
                 wrong += bool(outcome.wrong)
                 report(outcome)
-            if "faults" in told and stories % EVERY == 0:
+            if "faults" in item and stories % EVERY == 0:
                 print_figures(stories, started, wrong, codes)
     print_figures(stories, started, wrong, codes)
     print("faults:", ", ".join(f"{n} {word}" for word, n in faults.most_common()))
@@ -104,7 +104,7 @@ def ending(workers: Iterable[int]) -> Iterator[None]:
 
 
 def print_figures(stories: int, started: float, wrong: int, codes: Counter[str]) -> None:
-    """Print how far it is."""
+    """Print the progress."""
     figures = ", ".join(f"{n} {word}" for word, n in sorted(codes.items()))
     spent = time.monotonic() - started
     print(f"{stories} stories in {spent:.0f} s, {wrong} wrong: {figures}", flush=True)
@@ -127,15 +127,15 @@ def work(
             before = proxy.injected.copy()
             try:
                 for outcome in play(seed, proxy, caller, cluster, server.token, directory):
-                    tell(output, attrs.asdict(outcome))
-            except Exception:  # the bench's own failure is one too
+                    send(output, attrs.asdict(outcome))
+            except Exception:  # a failure of the bench counts too
                 text = traceback.format_exc()
-                tell(output, attrs.asdict(Outcome(seed, -1, "bench", 70, "the bench failed", text)))
-            tell(output, {"faults": dict(proxy.injected - before)})
+                send(output, attrs.asdict(Outcome(seed, -1, "bench", 70, "the bench failed", text)))
+            send(output, {"faults": dict(proxy.injected - before)})
 
 
-def tell(output: int, value: object) -> None:
-    """Write a line, whole."""
+def send(output: int, value: object) -> None:
+    """Write a complete line of JSON."""
     data = json.dumps(value).encode() + b"\n"
     while data:
         data = data[os.write(output, data) :]

@@ -57,7 +57,7 @@ class Caller:
         self.answers = os.fdopen(answers)
 
     def call(self, words: Sequence[str], output: Path, seconds: float, *, impatient: bool) -> int:
-        """Run `rigel` and return its exit code, HUNG where it did not end in time.
+        """Run `rigel` and return its exit code, HUNG if it did not end in time.
 
         Args:
             impatient: with the shorter waits.
@@ -75,7 +75,7 @@ class Caller:
 
 
 def serve(requests: TextIO, answers: TextIO) -> None:
-    """Run what is asked until the other end closes."""
+    """Run the requested commands until the other end closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warm_up()
     for line in requests:
@@ -94,7 +94,7 @@ def warm_up() -> None:
 
 
 def shorten_waits() -> None:
-    """Make a client that gives up early."""
+    """Shorten the waits of the client."""
     for module, name, seconds in SCALE:
         found = import_module(f"rigel_k8s.{module}")
         if not hasattr(found, name):
@@ -103,14 +103,14 @@ def shorten_waits() -> None:
 
 
 def run(words: Sequence[str], output: str, *, impatient: bool) -> None:
-    """Be `rigel`; does not return."""
+    """Run as `rigel`; does not return."""
     code: Any = 70
     try:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         target = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         os.dup2(target, 1)
         os.dup2(target, 2)
-        faulthandler.register(signal.SIGUSR1, file=2)  # says where it hangs
+        faulthandler.register(signal.SIGUSR1, file=2)  # prints where it hangs
         from rigel_k8s.cli.main import main
 
         if impatient:
@@ -127,7 +127,7 @@ def run(words: Sequence[str], output: str, *, impatient: bool) -> None:
 
 
 def wait(child: int, seconds: float) -> int:
-    """Return a child's exit code; one that takes too long says where it is, and is killed."""
+    """Return a child's exit code; one that takes too long prints where it is, and is killed."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         pid, status = os.waitpid(child, os.WNOHANG)

@@ -1,4 +1,4 @@
-"""An API server of the bench's own: etcd, the API server, the controllers of workloads, no node."""
+"""The bench's own API server: etcd, the API server, the controllers of workloads, no machine."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Server:
     token: str
 
     def connect(self) -> Cluster:
-        """Return a client that asks it directly, without any fault."""
+        """Return a client with a direct connection, without faults."""
         headers = [("Authorization", f"Bearer {self.token}")]
         credentials = Credentials(headers=lambda *, fresh: headers)
         return Cluster(Target(self.url, "direct", insecure=True, credentials=lambda: credentials))
@@ -154,10 +154,10 @@ def running(command: Sequence[str], directory: Path) -> Iterator[None]:
 
 
 def wait_until_healthy(url: str) -> None:
-    """Wait until a program says that all of its parts work.
+    """Wait until a program reports that all of its parts work.
 
     Raises:
-        LocalClusterError: it does not in time.
+        LocalClusterError: it does not do so in time.
     """
     end = time.monotonic() + START
     with urllib3.PoolManager(cert_reqs="CERT_NONE", retries=False, timeout=10) as http:

@@ -11,9 +11,9 @@ import attrs
 
 #: Instead of an answer; the request never arrives.
 BEFORE = ("reset", "hang-up", "silent", "409", "410", "429", "500", "503", "503 page")
-#: After the API server has carried the request out.
+#: After the API server has executed the request.
 AFTER = ("lost", "cut", "slow", "late 500", "late 503", "truncated")
-#: What the API server never says, whether it has carried the request out or not.
+#: Answers that the API server never gives, whether it has executed the request or not.
 GARBAGE: Mapping[str, bytes] = {
     "empty": b"",
     "HTML": b"<html><body>Please log in</body></html>",
@@ -23,7 +23,7 @@ GARBAGE: Mapping[str, bytes] = {
     "bad UTF-8": b'{"kind": "\xff\xfe"}',
     "number": b"7",
 }
-#: What becomes of a watch.
+#: What happens to a watch.
 STREAMS = ("null event", "odd event", "error event", "expired", "cut event", "end", "silent stream")
 ODD_EVENTS: Mapping[str, bytes] = {
     "null event": b"null\n",
@@ -60,7 +60,7 @@ class Weather:
     Attributes:
         rate: the probability that a request meets a fault.
         words: the faults that occur.
-        outage: how the server is away, for `seconds` from the `first` request on; None: it is not.
+        outage: how the server is unreachable, for `seconds` from the `first` request; None: never.
     """
 
     seed: str
@@ -103,7 +103,7 @@ def draw_weather(seed: str) -> Weather:
 
 
 def refusal(status: int) -> bytes:
-    """Return the body with which an API server refuses."""
+    """Return the body of an API server's error."""
     reasons = {409: "Conflict", 410: "Expired", 429: "TooManyRequests", 500: "InternalError"}
     value: dict[str, Any] = {
         "kind": "Status",

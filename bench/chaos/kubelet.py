@@ -1,4 +1,4 @@
-"""A stand-in for all kubelets: pods become ready after a moment, but those of a bad image."""
+"""A stand-in for all kubelets: pods become ready after a moment, except those of a bad image."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def follow(server: Server, over: threading.Event) -> None:
 
 
 def set_status(cluster: Any, ref: ObjectRef, value: Mapping[str, Any]) -> None:
-    """Write a pod's status; it may be gone."""
+    """Write a pod's status; the pod may be deleted already."""
     with suppress(ClusterError):
         cluster.patch(ref, {"status": value}, subresource="status")
 

@@ -1,4 +1,4 @@
-"""The API server is away for a minute, from each request of a command on; the waits are the usual.
+"""Outages: the API server is unreachable for a minute, from each request of a command on.
 
 usage: python -m bench.chaos.outages [--seconds 60] [--every 3] [--workers 12]
        prints a table: command, phase, outages, exit codes, seconds
@@ -27,7 +27,7 @@ IMAGE = f"reg.invalid/ros@sha256:{'a' * 64}"
 OLD, NEW = Content(1, ("camera", "talker"), IMAGE), Content(2, ("camera", "driver"), IMAGE)
 DEPLOY = ["run", "job", "deploy", "--timeout", UNHURRIED]
 DOWN = ["down", "-y"]
-#: Command -> what there is before, the words, what there is after, how many requests it makes.
+#: Command -> the release before, its arguments, the release after, how many requests it makes.
 COMMANDS = {
     "first deploy": (None, DEPLOY, OLD, 30),
     "update that renames a node": (OLD, DEPLOY, NEW, 36),
@@ -39,7 +39,7 @@ MODES: tuple[Outage, ...] = ("reset", "503 page", "503")
 
 @attrs.frozen
 class Case:
-    """One outage: of which command, from which request on, and how."""
+    """One outage: its command, its first request, and its kind."""
 
     number: int
     command: str
@@ -49,7 +49,7 @@ class Case:
 
 @attrs.frozen
 class Result:
-    """What became of it."""
+    """The result of a case."""
 
     case: Case
     met: str
@@ -148,7 +148,7 @@ def print_table(results: list[Result]) -> None:
 
 
 def phase_of(request: str) -> str:
-    """Return what a command does by a request."""
+    """Return the phase of a command that a request belongs to."""
     method, _, path = request.partition(" ")
     if "/leases" in path:
         return "Lease"

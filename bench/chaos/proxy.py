@@ -31,7 +31,7 @@ class FaultProxy(ThreadingHTTPServer):
     Attributes:
         weather: the faults of the command that runs; None: there are none.
         injected: how often each fault was injected so far.
-        met: the request at which the server went away, "" where it did not.
+        met: the request at which the outage began, "" without an outage.
     """
 
     daemon_threads = True
@@ -63,7 +63,7 @@ class FaultProxy(ThreadingHTTPServer):
             self.met = ""
 
     def next_fault(self, method: str, path: str, *, stream: bool) -> Fault | None:
-        """Return what happens to the next request."""
+        """Return the fault of the next request."""
         with self.lock:
             weather, number = self.weather, self.number
             if weather is None:
@@ -81,11 +81,11 @@ class FaultProxy(ThreadingHTTPServer):
             return fault
 
     def is_cut(self) -> bool:
-        """Whether streams that are open end: the server has gone away."""
+        """Whether open streams end, since an outage has begun."""
         return time.monotonic() < self.away_until
 
     def handle_error(self, *_: object) -> None:
-        """A client that leaves in the middle is what this is about."""
+        """Ignore clients that end a connection early."""
 
 
 class Exchange(BaseHTTPRequestHandler):
@@ -96,7 +96,7 @@ class Exchange(BaseHTTPRequestHandler):
     wbufsize = -1  # a whole answer in one packet
 
     def do_GET(self) -> None:
-        """Answer a request, or do what the weather wants."""
+        """Answer a request, or inject its fault."""
         parts = urlsplit(self.path)
         stream = "watch" in parse_qs(parts.query)
         body = self.rfile.read(int(self.headers.get("Content-Length") or 0))
@@ -130,7 +130,7 @@ class Exchange(BaseHTTPRequestHandler):
         )
 
     def fail(self, fault: Fault) -> None:
-        """Answer without having asked the API server."""
+        """Answer without the API server."""
         word = fault.word
         if word == "reset":
             self.break_off(reset=True)
@@ -146,7 +146,7 @@ class Exchange(BaseHTTPRequestHandler):
             self.say(int(word), refusal(int(word)), fault.retry_after)
 
     def pass_whole(self, status: int, body: bytes, fault: Fault | None) -> None:
-        """Pass an answer on, whole or damaged."""
+        """Pass an answer on, complete or damaged."""
         word = fault.word if fault else ""
         if word == "lost":
             self.break_off(reset=True)
@@ -189,7 +189,7 @@ class Exchange(BaseHTTPRequestHandler):
         self.close_connection = True
 
     def spoil(self, word: str) -> bool:
-        """Do to a stream what a fault says; return whether it ends."""
+        """Inject a fault into a stream; return whether it ends."""
         if word in ODD_EVENTS:
             self.chunk(ODD_EVENTS[word])
         if word == "silent stream":
@@ -199,7 +199,7 @@ class Exchange(BaseHTTPRequestHandler):
         return word not in ("null event", "odd event")
 
     def say(self, status: int, body: bytes, retry_after: str = "") -> None:
-        """Answer as a whole."""
+        """Send a complete answer."""
         self.begin(status, len(body), retry_after)
         self.wfile.write(body)
         self.wfile.flush()
@@ -219,14 +219,14 @@ class Exchange(BaseHTTPRequestHandler):
         self.wfile.flush()
 
     def keep_silent(self) -> None:
-        """Answer nothing until the client leaves."""
+        """Answer nothing until the client closes the connection."""
         with suppress(OSError):
             self.connection.settimeout(SILENCE)
             self.connection.recv(1)
         self.close_connection = True
 
     def break_off(self, *, reset: bool = False) -> None:
-        """End the connection, with a reset or in good order."""
+        """End the connection, with a reset or regularly."""
         with suppress(OSError):
             self.wfile.flush()
             if reset:
@@ -238,7 +238,7 @@ class Exchange(BaseHTTPRequestHandler):
             self.connection.close()
 
     def log_message(self, *_: object) -> None:
-        """Say nothing."""
+        """Log nothing."""
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """One release's life under faults: commands drawn from a seed, each followed by checks.
 
-After a command with faults its exit code and output must fit what the API server, asked directly,
-says. Then the same command without faults must complete it.
+After a command with faults, its exit code and output must match the objects in the API server. Then
+the same command without faults must complete it.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.revisions import NUMBER, OF, STATUS
 
 RELEASE = "rigel-k8s-application"
-HANG = 120.0  # seconds after which a command counts as hanging; a busy machine takes its time
+HANG = 120.0  # seconds after which a command counts as hanging, even on a busy machine
 ROLL_OUT, HOPELESS = "20s", "3s"
-UNHURRIED = "100s"  # of commands without faults: a busy machine takes its time
+UNHURRIED = "100s"  # time-out of commands without faults, enough for a busy machine
 KINDS = (("apps/v1", "Deployment"), ("v1", "ConfigMap"), ("v1", "Service"))
 
 
 @attrs.frozen
 class Content:
-    """What a deploy wants: a number that stands in each node's command, and the nodes."""
+    """What to deploy: a number in each node's command, and the nodes."""
 
     number: int
     nodes: tuple[str, ...]
@@ -48,10 +48,10 @@ class Content:
 
 @attrs.frozen
 class Outcome:
-    """What became of one command.
+    """The result of one command.
 
     Attributes:
-        wrong: what must not be, "" where all is well.
+        wrong: what is wrong, "" for nothing.
     """
 
     seed: int
@@ -67,7 +67,7 @@ class Story:
     """A release in a namespace of its own.
 
     Attributes:
-        content: what the release is, None where there is none.
+        content: what the release contains, None without a release.
         good: the contents of the revisions that became good, by their number.
     """
 
@@ -143,7 +143,7 @@ class Story:
         return code, output.read_text(errors="replace")
 
     def find_wrong(self, content: Content | None, code: int, text: str, *, faults: bool) -> str:
-        """Return what must not be after a command, "" where all is well."""
+        """Return what is wrong after a command, "" for nothing."""
         if code == HUNG:
             return f"it did not end within {HANG:g} s"
         if "Traceback" in text or "This is a bug" in text or "Exception ignored" in text:
@@ -160,7 +160,7 @@ class Story:
         return ""
 
     def find_difference(self, content: Content | None) -> str:
-        """Return in what the API server, asked directly, differs from a success."""
+        """Return how the objects in the API server differ from a success."""
         if content is not None and not content.works:
             return "it reports as ready what cannot be"
         found = {kind: self.list(version, kind) for version, kind in KINDS}
@@ -186,7 +186,7 @@ class Story:
         return [live for live in found if not live["metadata"].get("deletionTimestamp")]
 
     def note(self, content: Content | None) -> None:
-        """Note what the release is now, and which revisions can be gone back to."""
+        """Record the release's content, and the revisions for a rollback."""
         self.content = content
         records = self.list("v1", "Secret", OF)
         good = {number_of(one) for one in records if status_of(one) == "good"}
@@ -200,7 +200,7 @@ class Story:
 
 
 def draw_content(dice: Random, step: int, before: Content | None) -> Content:
-    """Return what the next deploy wants: the same, another command, other nodes, a bad image."""
+    """Return the next content: the same, another command, other nodes, a bad image."""
     nodes = tuple(dice.sample(("camera", "driver", "talker"), dice.randint(1, 2)))
     kind = dice.choices(("same", "changed", "renamed", "bad"), (2, 4, 3, 1))[0]
     image = f"reg.invalid/{BAD if kind == 'bad' else 'ros'}@sha256:{'a' * 64}"
@@ -225,7 +225,7 @@ def rigelfile(namespace: str, content: Content) -> dict[str, Any]:
 
 
 def is_complete(live: dict[str, Any], content: Content) -> bool:
-    """Whether a Deployment has rolled a content out, as Kubernetes itself defines it."""
+    """Whether a Deployment has rolled out a content, as Kubernetes defines it."""
     status, wanted = live.get("status") or {}, live["spec"]["replicas"]
     text = json.dumps(live["spec"]["template"])
     return (

@@ -1,1 +1,1 @@
-"""Mutated Rigelfiles, checked and rendered: what ends in a traceback, or takes too much."""
+"""Checks and renders mutated Rigelfiles, and finds tracebacks and excessive use of resources."""

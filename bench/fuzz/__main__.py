@@ -65,7 +65,7 @@ def arguments() -> argparse.Namespace:
 
 
 def work(seed: int, begin: int, end: int, texts: list[str]) -> tuple[int, str | None]:
-    """Look at files in a worker until one is a finding; return the next number and what it is."""
+    """Examine files in a worker until one is a finding; return the next number and the finding."""
     end = min(end, begin + RENEWED)
     here, there = multiprocessing.Pipe()
     worker = multiprocessing.get_context("fork").Process(
@@ -91,10 +91,10 @@ def work(seed: int, begin: int, end: int, texts: list[str]) -> tuple[int, str | 
 
 
 def look_at_all(there: Any, seed: int, begin: int, end: int, texts: list[str]) -> None:
-    """Look at one file after the other, and send how far it is, and each finding."""
+    """Examine one file after the other, and send the progress and each finding."""
     os.environ["XDG_STATE_HOME"] = "/nonexistent"
     os.environ["KUBECONFIG"] = "/nonexistent"
-    # Packages are not installed meanwhile, and looking for them takes half of the time.
+    # No packages are installed meanwhile, and the search for them takes half of the time.
     metadata.entry_points = cache(metadata.entry_points)
     with tempfile.TemporaryDirectory() as place:
         for number in range(begin, end):
@@ -105,18 +105,18 @@ def look_at_all(there: Any, seed: int, begin: int, end: int, texts: list[str]) -
 
 
 def look(place: Path, content: bytes) -> str | None:
-    """Return what is wrong with how one file is looked at; None: nothing."""
+    """Return what goes wrong with one file, None for nothing."""
     from rigel_k8s.cli.main import run
 
     (place / "Rigelfile").write_bytes(content)
     for command in COMMANDS:
-        told = io.StringIO()
+        errors = io.StringIO()
         began = time.process_time()
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(told):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
             code = run(["-f", str(place / "Rigelfile"), command], "rigel")
         seconds = time.process_time() - began
-        if code not in (0, 2) and not _needs_cluster(told.getvalue()):
-            return f"{command}: exit code {code}\n{told.getvalue()[-1500:]}"
+        if code not in (0, 2) and not _needs_cluster(errors.getvalue()):
+            return f"{command}: exit code {code}\n{errors.getvalue()[-1500:]}"
         if seconds > SECONDS:
             return f"{command}: takes more than {SECONDS:g} s"
         if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > KILOBYTES:
@@ -124,13 +124,13 @@ def look(place: Path, content: bytes) -> str | None:
     return None
 
 
-def _needs_cluster(told: str) -> bool:
+def _needs_cluster(errors: str) -> bool:
     """Return whether a job describes a part of a release, so that `render` asked the cluster."""
-    return "Traceback" not in told and "/nonexistent" in told
+    return "Traceback" not in errors and "/nonexistent" in errors
 
 
 def look_apart(content: bytes) -> str | None:
-    """Return what is wrong with a file, looked at in a process of its own."""
+    """Return what goes wrong with a file, examined in a process of its own."""
     here, there = multiprocessing.Pipe()
 
     def send() -> None:
@@ -150,12 +150,12 @@ def look_apart(content: bytes) -> str | None:
 
 
 def fails_with(reason: str, content: bytes) -> bool:
-    """Return whether a file goes wrong for a reason that an earlier look gave."""
+    """Return whether a file goes wrong for the given reason."""
     return reason in (look_apart(content) or "")
 
 
 def minimize(content: bytes, fails: Callable[[bytes], bool]) -> bytes:
-    """Return a part of the lines that still fails; each line is left out once to try."""
+    """Return a part of the lines that still fails, by leaving out one line after the other."""
     lines = content.splitlines(keepends=True)
     number = 0
     while number < len(lines) < 300:

@@ -1,4 +1,4 @@
-"""Kill each command at each of its writes, run it again, and print a table of what came of it.
+"""Kill each command at each of its writes, run it again, and print a table of the results.
 
 usage: python -m bench.kills --context NAME [--only "first deploy"]
        [--namespace bench-kills] [--document docs/reliability-tests.md]
@@ -29,7 +29,7 @@ MOST = 200  # writes of one command
 
 
 def main() -> int:
-    """Kill, print, and return 1 where a command did not complete its work."""
+    """Kill, print, and return 1 if a command did not complete its work."""
     words = parse_words()
     kills: list[Kill] = []
     for scenario in SCENARIOS:
@@ -71,7 +71,7 @@ def kill_everywhere(
 
 
 def run_undisturbed(context: str, scenario: Scenario, namespace: str) -> Snapshot:
-    """Return what a command leaves that no one kills."""
+    """Return what a command leaves if it is not killed."""
 
     def work(cluster: Cluster) -> Snapshot:
         prepare(scenario, namespace, cluster)
@@ -83,7 +83,7 @@ def run_undisturbed(context: str, scenario: Scenario, namespace: str) -> Snapsho
 
 
 def prepare(scenario: Scenario, namespace: str, cluster: Cluster) -> None:
-    """Make the state before a command."""
+    """Create the state before a command."""
     clear(cluster, scenario, namespace)
     scenario.before(cluster, namespace)
 
@@ -96,7 +96,7 @@ def kill_once(
     limit: int,
     moment: Moment,
 ) -> Kill | None:
-    """Kill a command at one write and run it again; None where it has fewer writes."""
+    """Kill a command at one write and run it again; None if it has fewer writes."""
     in_child(context, partial(prepare, scenario, namespace))
     died = in_child(context, lambda c: scenario.command(c, namespace), limit, moment)
     if died.killed is None:

@@ -41,7 +41,7 @@ class Fuse:
     Attributes:
         limit: the write at which it dies; 0: never.
         steps: the writes so far.
-        say: is called with the step's name right before the end.
+        say: called with the step's name right before the end.
     """
 
     limit: int
@@ -52,7 +52,7 @@ class Fuse:
     lit: bool = False
 
     def attach(self, cluster: Cluster) -> None:
-        """Look at each request of a client."""
+        """Intercept each request of a client."""
         transport, send = cluster.client.transport, cluster.client.transport.request
         receive = HTTPConnection.getresponse
 
@@ -76,11 +76,11 @@ class Fuse:
             return receive(connection, *words, **options)
 
         vars(transport)["request"] = request
-        vars(cluster)["parallel"] = partial(parallel, width=1)  # so that a number names one write
+        vars(cluster)["parallel"] = partial(parallel, width=1)  # so a number identifies one write
         HTTPConnection.getresponse = getresponse  # type: ignore[method-assign]
 
     def die(self, what: str) -> None:
-        """End this process as SIGKILL does: at once, without a word to anyone."""
+        """End this process as SIGKILL does: at once, without closing anything."""
         self.say(what)
         os.kill(os.getpid(), signal.SIGKILL)
 
@@ -97,10 +97,10 @@ class Outcome:
 def in_child(
     context: str, work: Callable[[Cluster], Any], limit: int = 0, moment: Moment = "after"
 ) -> Outcome:
-    """Do something with a cluster in a fork of this process, which dies at a write.
+    """Call a function with a cluster in a fork of this process, which dies at a write.
 
     Raises:
-        RuntimeError: it failed otherwise.
+        RuntimeError: it failed in another way.
     """
     reading, writing = os.pipe()
     child = os.fork()

@@ -1,6 +1,6 @@
-"""What is killed: commands on a release without running pods, each with the state before it.
+"""The killed commands, on a release without running pods, each with the state before it.
 
-Nothing here knows how a process dies; a test runs the same scenarios on a cluster in memory.
+This is independent of how a process dies; a test runs the same scenarios on a cluster in memory.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ class Silent:
 
 @attrs.frozen
 class Scenario:
-    """One command and what is there before it.
+    """One command and the state before it.
 
     Attributes:
-        before: makes the state before the command in an empty namespace.
-        command: what is killed.
-        undo: removes what outlives the namespace.
+        before: creates the state before the command in an empty namespace.
+        command: the command to kill.
+        undo: removes objects outside of the namespace.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Scenario:
 
 @attrs.frozen
 class Snapshot:
-    """What is left in a namespace.
+    """The objects in a namespace.
 
     Attributes:
         objects: kind and name, with the data or spec that was applied, without revisions.
@@ -84,13 +84,13 @@ class Snapshot:
     revisions: tuple[str, ...]
 
     def is_as(self, wanted: Snapshot) -> bool:
-        """Whether it is what an undisturbed command leaves: the history may be longer."""
+        """Whether it equals the result of an undisturbed command; the history may be longer."""
         last = self.revisions[-1:] == wanted.revisions[-1:]
         return self.objects == wanted.objects and last and "pending" not in self.revisions
 
 
 def take_snapshot(cluster: Cluster, scenario: Scenario, namespace: str) -> Snapshot:
-    """Return what is in a namespace."""
+    """Return the objects in a namespace."""
     objects: list[tuple[str, str, str]] = []
     statuses: dict[int, str] = {}
     for kind in KINDS:
@@ -105,7 +105,7 @@ def take_snapshot(cluster: Cluster, scenario: Scenario, namespace: str) -> Snaps
 
 
 def is_given(live: dict[str, Any]) -> bool:
-    """Whether Kubernetes itself puts an object into each namespace."""
+    """Whether Kubernetes itself creates an object in each namespace."""
     return (live["kind"], live["metadata"]["name"]) in (
         ("ConfigMap", "kube-root-ca.crt"),
         ("ServiceAccount", "default"),
@@ -158,7 +158,7 @@ def desire(namespace: str, version: int) -> Desired:
 
 
 def deploy_versions(*versions: int) -> Callable[[Cluster, str], object]:
-    """Return what deploys versions of the release, one after the other."""
+    """Return a function that deploys versions of the release, one after the other."""
 
     def call(cluster: Cluster, namespace: str) -> None:
         for version in versions:
@@ -173,7 +173,7 @@ def go_back(cluster: Cluster, namespace: str) -> None:
 
 
 def take_down(*, volumes: bool) -> Callable[[Cluster, str], object]:
-    """Return what takes the release down."""
+    """Return a function that takes the release down."""
 
     def call(cluster: Cluster, namespace: str) -> None:
         down(cluster, ReleaseId(namespace, "demo"), volumes=volumes, report=Silent())
@@ -182,7 +182,7 @@ def take_down(*, volumes: bool) -> Callable[[Cluster, str], object]:
 
 
 def stop_pods(desired: Desired) -> Desired:
-    """Return the same objects with no pod: no replicas, and DaemonSets for a machine of no name."""
+    """Return the same objects without pods: no replicas, and DaemonSets without a machine."""
     objects = []
     for manifest in desired.objects:
         spec = dict(manifest.get("spec") or {})
@@ -213,7 +213,7 @@ def install_stack(cluster: Cluster, namespace: str) -> None:
 
 
 def remove_stack(cluster: Cluster, namespace: str) -> None:
-    """Remove the stack, and what it has outside of its namespace."""
+    """Remove the stack, and its objects outside of its namespace."""
     release = render_stack(ask_for_stack(namespace), namespace).release
     down(cluster, release, volumes=True, report=Silent())
     for manifest in render_stack(ask_for_stack(namespace), namespace).desired.objects:
@@ -222,7 +222,7 @@ def remove_stack(cluster: Cluster, namespace: str) -> None:
 
 
 def nothing(cluster: Cluster, namespace: str) -> None:
-    """Leave the namespace as it is."""
+    """Do nothing."""
 
 
 SCENARIOS: Sequence[Scenario] = (
@@ -236,7 +236,7 @@ SCENARIOS: Sequence[Scenario] = (
 
 
 def clear(cluster: Cluster, scenario: Scenario, namespace: str) -> None:
-    """Remove all that an earlier scenario has left."""
+    """Remove everything that an earlier scenario has left."""
     scenario.undo(cluster, namespace)
     down(cluster, ReleaseId(namespace, "demo"), volumes=True, report=Silent())
     for kind in KINDS:
@@ -249,21 +249,21 @@ def delete_namespace(cluster: Cluster, namespace: str) -> None:
     """Delete the namespace of the scenarios, and wait for its end.
 
     Raises:
-        RuntimeError: it is not gone in time.
+        RuntimeError: it still exists after the time-out.
     """
     ref = ObjectRef("v1", "Namespace", "", namespace)
     cluster.delete(ref)
     end = time.monotonic() + GONE_TIMEOUT
     while cluster.get(ref) is not None:
         if time.monotonic() > end:
-            raise RuntimeError(f"{ref} is not gone after {GONE_TIMEOUT:g} s")
+            raise RuntimeError(f"{ref} still exists after {GONE_TIMEOUT:g} s")
         time.sleep(1)
 
 
 def run_again(scenario: Scenario, cluster: Cluster, namespace: str, wanted: Snapshot) -> str:
-    """Run a command again after it was killed, and return what came of it.
+    """Run a command again after it was killed, and return the result.
 
-    A rollback without a number that was complete is left alone: another one would go further back.
+    A complete rollback without a number is not repeated: it would return to an older revision.
     """
     found = take_snapshot(cluster, scenario, namespace)
     if found.is_as(wanted) and scenario.name == "rollback":

@@ -20,7 +20,7 @@ BEGIN, END = "<!-- kills -->", "<!-- /kills -->"
 
 @attrs.frozen
 class Kill:
-    """One kill and what the same command did then."""
+    """One kill, and the result of the same command after it."""
 
     scenario: str
     step: str
@@ -43,12 +43,12 @@ def draw(kills: Sequence[Kill]) -> Iterator[str]:
 
 
 def summarize(results: Iterable[str]) -> str:
-    """Return what came of the kills of a cell."""
+    """Return the results of the kills of a cell."""
     return ", ".join(sorted(set(results))) or "-"
 
 
 def read_steps(document: str) -> Mapping[str, set[str]]:
-    """Return the writes by command that a document's table has."""
+    """Return the writes by command in a document's table."""
     found: dict[str, set[str]] = {}
     for scenario, step in re.findall(r"^\| ([^|]+) \| (\w+ \w+ [^|]+) \|", document, re.MULTILINE):
         found.setdefault(scenario, set()).add(step.strip())
@@ -56,7 +56,7 @@ def read_steps(document: str) -> Mapping[str, set[str]]:
 
 
 def renew(document: str, drawn: Sequence[str]) -> str:
-    """Return a document with new rows; those of commands that were not run stay."""
+    """Return a document with new rows; the rows of commands that were not run stay."""
     start, end = document.index(BEGIN) + len(BEGIN), document.index(END)
     rows = [line for line in drawn if line.startswith("| ") and line != HEAD]
     run = {row.split(" | ")[0] for row in rows}

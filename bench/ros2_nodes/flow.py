@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""source|sink: small messages at 100 Hz, then of 1 MB at 30 Hz; how late, and how many are lost.
+"""source|sink: small messages at 100 Hz, then of 1 MB at 30 Hz; their latency and loss.
 
-One clock serves all pods of a machine of namespaces, so that a message can carry the time when it
+All pods of the machine of namespaces have the same clock, so a message contains the time when it
 was sent. The sink prints one line of JSON for each size: `{"size", "sent", "received",
 "latency": [median, 99 %] in ms}`.
 """
@@ -25,7 +25,7 @@ QUALITY = QoSProfile(
 
 
 def source(node):
-    """Wait for the sink, then send both phases, as long as anybody is there."""
+    """Wait for the sink, then send both phases, as long as it exists."""
     publisher = node.create_publisher(UInt8MultiArray, "flow", QUALITY)
     while publisher.get_subscription_count() == 0:
         rclpy.spin_once(node, timeout_sec=0.1)
@@ -45,7 +45,7 @@ def source(node):
 
 
 def sink(node):
-    """Take what comes; a phase is over when nothing has come for a second."""
+    """Receive; a phase is over when nothing has arrived for a second."""
     late, counts, last = {}, {}, [0.0]
 
     def take(message):
@@ -56,26 +56,26 @@ def sink(node):
         last[0] = time.monotonic()
 
     node.create_subscription(UInt8MultiArray, "flow", take, QUALITY)
-    told = set()
+    printed = set()
     while True:
         rclpy.spin_once(node, timeout_sec=0.1)
         if last[0] and time.monotonic() - last[0] > 1.0:
-            for size in sorted(set(late) - told):
-                tell(size, counts[size], late[size])
-                told.add(size)
+            for size in sorted(set(late) - printed):
+                print_phase(size, counts[size], late[size])
+                printed.add(size)
 
 
-def tell(size, count, late):
+def print_phase(size, count, late):
     """Print a phase's figures."""
     ordered = sorted(late)
     latency = [statistics.median(ordered), ordered[int(len(ordered) * 0.99)]]
-    told = {"size": size, "sent": count, "received": len(late), "latency": latency}
-    sys.stdout.write(json.dumps(told) + "\n")
+    figures = {"size": size, "sent": count, "received": len(late), "latency": latency}
+    sys.stdout.write(json.dumps(figures) + "\n")
     sys.stdout.flush()
 
 
 def main():
-    """Be the source or the sink."""
+    """Run the source or the sink."""
     rclpy.init()
     role = sys.argv[1]
     {"source": source, "sink": sink}[role](rclpy.create_node(role))

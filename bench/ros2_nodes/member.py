@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""A node that does nothing but be there; with MEMBERS it has newcomers join, and tells how long.
+"""A node without work; with MEMBERS, new participants join, and it prints how long that takes.
 
-A newcomer is a participant of its own, with a subscription. Data flows to it when that knows the
-publishers of all MEMBERS; it knows the graph when it knows the names of their nodes, which ROS 2
-tells by messages of its own. Printed: one line of JSON, `{"joins": [[seconds, seconds], ...]}`,
-null for what took longer than PATIENCE.
+A new participant has a subscription. Data flows when it has discovered the publishers of all
+MEMBERS; the graph is complete when it has the names of their nodes, which ROS 2 sends in messages
+of its own. Printed: one line of JSON, `{"joins": [[seconds, seconds], ...]}`, null for what took
+longer than PATIENCE.
 """
 
 import json
@@ -21,7 +21,7 @@ JOINS, PATIENCE = int(os.environ.get("JOINS", "15")), 30.0
 
 
 def join(number, members):
-    """Return the seconds from nothing to all publishers, and to all nodes; None: too long."""
+    """Return the seconds until all publishers, and all nodes, are discovered; None: too long."""
     context = Context()
     started = time.monotonic()
     rclpy.init(context=context)
@@ -42,7 +42,7 @@ def join(number, members):
 
 
 def measure(members):
-    """Let newcomers join one after the other, once all members know each other."""
+    """Let new participants join one after the other, after all members discovered each other."""
     while None in join(0, members):
         time.sleep(1.0)
     joins = []
@@ -54,7 +54,7 @@ def measure(members):
 
 
 def main():
-    """Be there until asked to stop."""
+    """Wait for the signal to end."""
     rclpy.init()
     node = rclpy.create_node("member")
     node.create_publisher(Empty, "here", 1)

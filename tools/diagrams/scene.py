@@ -46,7 +46,7 @@ class Arrow:
 
 @attrs.frozen
 class Scene:
-    """A picture: its title, its size, and what is in it, the rearmost first."""
+    """A picture: its title, its size, and its items, from back to front."""
 
     title: str
     width: int

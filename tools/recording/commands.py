@@ -1,4 +1,4 @@
-"""Commands that are run in a terminal of a fixed width, with what they print."""
+"""Runs commands in a terminal of a fixed width, and records their output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Screens of a terminal as one SVG: each is shown for some seconds, in a loop."""
+"""Draws screens of a terminal as one SVG: it shows each for some seconds, in a loop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STYLE = """
 
 
 def draw(title: str, runs: Sequence[Run]) -> str:
-    """Return the picture. Where motion is not wanted, the last screen stands still."""
+    """Return the picture. For readers who prefer no motion, it is the last screen."""
     screens = [Text.from_ansi(run.output).split("\n")[:ROWS] for run in runs]
     lengths = [TYPED + 0.12 * len(lines) + STAYS for lines in screens]
     width = round(COLUMNS * WIDTH + 2 * MARGIN)

@@ -1,4 +1,4 @@
-"""What our wheel, our images and the local cluster consist of, as CycloneDX documents.
+"""The components of our wheel, our images and the local cluster, as CycloneDX documents.
 
 parts.py         one component, whatever it is
 requirements.py  the wheel: its requirements from the lock file

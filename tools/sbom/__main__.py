@@ -1,4 +1,4 @@
-"""Write what something consists of.
+"""Write a list of components.
 
 usage: python -m tools.sbom wheel            the wheel's SBOM, from requirements/run.txt
        python -m tools.sbom image ARCHIVE    an image's, from the archive that `rigel image` keeps

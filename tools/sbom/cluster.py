@@ -36,10 +36,10 @@ def list_builds() -> list[GoBuild]:
 
 
 def read_cluster() -> dict[str, list[Part]]:
-    """Return set of programs -> what it consists of, from the programs in the cache.
+    """Return set of programs -> its components, from the programs in the cache.
 
     Raises:
-        SystemExit: the cache lacks programs.
+        SystemExit: programs are missing in the cache.
     """
     upstream = Upstream.of(None)
     go, env = toolchain(print_nothing)
@@ -50,7 +50,7 @@ def read_cluster() -> dict[str, list[Part]]:
         place = build.find(upstream)
         if place is None:
             raise SystemExit(
-                f"error: {build.title} is not in the cache: `rigel cluster up --with` builds it"
+                f"error: {build.title} is not in the cache: build it with `rigel cluster up --with`"
             )
         text = read_programs(go, (place / name for name in build.program_names))
         own = Part("golang", build.module, f"v{build.module_version}")

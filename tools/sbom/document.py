@@ -23,10 +23,10 @@ def write_document(name: str, version: str, kind: ComponentType, parts: Iterable
     """Return the SBOM of something, as JSON.
 
     Args:
-        name: what it is about.
+        name: the name of the described software.
         version: its version.
-        kind: what it is.
-        parts: what it consists of.
+        kind: its type.
+        parts: its components.
 
     Raises:
         ValueError: the document would not be valid CycloneDX.

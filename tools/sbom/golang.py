@@ -16,7 +16,7 @@ _CAPITAL = re.compile(r"[A-Z]")
 
 
 def read_programs(go: str, programs: Iterable[Path]) -> str:
-    """Return what `go version -m` says about programs."""
+    """Return the output of `go version -m` for programs."""
     command = [go, "version", "-m", *map(str, programs)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
@@ -41,7 +41,7 @@ def read_modules(text: str) -> Iterator[Part]:
 
 
 def add_licences(parts: Iterable[Part], cache: Path) -> Iterator[Part]:
-    """Yield the modules with the licences that lie in Go's module cache."""
+    """Yield the modules with the licences from Go's module cache."""
     for part in parts:
         if part.name == "std":
             yield part

@@ -33,7 +33,7 @@ _NAMES = re.compile(r"(UN)?(LICEN[CS]E|COPYING)([-_.].*)?", re.IGNORECASE)
 
 
 def recognize(text: str) -> str:
-    """Return the SPDX expression of a licence's text, UNKNOWN where no well-known one matches."""
+    """Return the SPDX expression of a licence's text, UNKNOWN if no well-known one matches."""
     words = " ".join(re.findall(r"[a-z0-9]+", text.lower()))
     found = [name for name, sentence in _SENTENCES.items() if sentence in words]
     if _BSD in words:
@@ -42,7 +42,7 @@ def recognize(text: str) -> str:
 
 
 def recognize_directory(directory: Path) -> str:
-    """Return the SPDX expression of a directory's licence files, UNKNOWN where there are none."""
+    """Return the SPDX expression of a directory's licence files, UNKNOWN if it has none."""
     if not directory.is_dir():
         return UNKNOWN
     files = [path for path in directory.iterdir() if path.is_file() and _NAMES.fullmatch(path.name)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import attrs
 
-#: Where a licence's text was not found, or is not a well-known one.
+#: For a licence whose text was not found, or is not a well-known one.
 UNKNOWN = "unknown"
 
 
@@ -17,7 +17,7 @@ class Part:
         name: as its registry has it, for Go modules with slashes.
         version: as its registry has it.
         licence: SPDX identifier or expression, Debian's names, or UNKNOWN.
-        sha256: the digests of its files, where the source of this knowledge has them.
+        sha256: the digests of its files, if their source has them.
     """
 
     kind: str

@@ -14,7 +14,7 @@ _HASH = re.compile(r"--hash=sha256:([0-9a-f]{64})")
 
 
 def read_requirements(lock: str) -> Iterator[Part]:
-    """Yield what a requirements file with hashes pins."""
+    """Yield the packages that a requirements file with hashes pins."""
     for found in _ENTRY.finditer(lock):
         hashes = tuple(_HASH.findall(found["rest"]))
         yield Part("pypi", found["name"].lower(), found["version"], sha256=hashes)

@@ -2,8 +2,8 @@
 """Publish numbered greetings on /chatter: `hello world NONCE N`.
 
 N counts up by one with each message. NONCE is what the ROS parameter /nonce holds at that moment,
-"none" without it: whoever sets it and sees it arrive knows that the message was made after that.
-Parameters: ~rate, messages a second (default 10). Environment: VERSION, told in the log.
+"none" without it: if you set it and it arrives, the message was made after that.
+Parameters: ~rate, messages a second (default 10). Environment: VERSION, printed in the log.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ def main():
     number, nonce = 0, "none"
     while not rospy.is_shutdown():
         number += 1
-        with contextlib.suppress(OSError):  # the master is away; the listener hears us all the same
+        with contextlib.suppress(OSError):  # the master is unreachable; the listener still receives our messages
             nonce = rospy.get_param_cached("/nonce", "none")
         message = f"hello world {nonce} {number}"
         rospy.loginfo(message)

@@ -2,9 +2,9 @@
 """Publish numbered greetings on /chatter: `hello world from NAME: NONCE N`.
 
 NAME is the node's own; N counts up by one with each message. NONCE is what the node's parameter
-`nonce` holds at that moment, "none" at first: whoever sets it and sees it arrive knows that the
-message was made after that. Parameters: nonce, and rate, messages a second (default 2).
-Environment: VERSION, told in the log.
+`nonce` holds at that moment, "none" at first: if you set it and it arrives, the message was made
+after that. Parameters: nonce, and rate, messages per second (default 2).
+Environment: VERSION, printed in the log.
 """
 
 import os

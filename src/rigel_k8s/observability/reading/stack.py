@@ -179,7 +179,7 @@ def explain(what: str, error: ClusterError | NoStack) -> str:
     if not isinstance(error, Refusal):
         return error.message
     if isinstance(error, Forbidden):
-        return f"you may not reach {what} (the right `get services/proxy` is missing)"
+        return f"you may not ask {what} (the right `get services/proxy` is missing)"
     if error.status in (0, 500, 502, 503, 504):
         return f"{what} is not ready"
     return f"{what} refuses: {error.message}"

@@ -31,7 +31,7 @@ WORDS = {
     "jobs": "runner and job types",
     "app": "one ROS application",
     "rosgraph": "live graph, pictures",
-    "graph": "who discovers whom",
+    "graph": "which nodes discover which",
     "observability": "logs, metrics, boards",
     "network": "modes, Multus, preflight",
     "muto": "stacks of Eclipse Muto",
@@ -128,7 +128,7 @@ def draw(rows: Sequence[Sequence[str]], pairs: set[tuple[str, str]]) -> str:
     return "\n".join(
         [
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img">',
-            "  <title>The packages of rigel-k8s and who imports whom</title>",
+            "  <title>The packages of rigel-k8s and their imports</title>",
             f"  <style>{STYLE}  </style>",
             '  <defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="7"'
             ' markerHeight="7" orient="auto"><path d="M0 0 L6 3 L0 6 z"/></marker></defs>',

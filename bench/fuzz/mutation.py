@@ -102,7 +102,7 @@ def seeds() -> list[str]:
         text.replace("test.", "rigel_k8s.")
         for text in found
         if len(text) < LARGEST and text.count("*d") < 9
-    ]  # aliases that multiply take for ever here
+    ]  # aliases that multiply never end here
 
 
 def mutate(texts: list[str], seed: str) -> bytes:

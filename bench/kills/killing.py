@@ -25,7 +25,7 @@ from rigel_k8s.settings import Settings
 
 Moment = Literal["before", "sent", "after"]
 MOMENTS: tuple[Moment, ...] = ("before", "sent", "after")
-#: A Lease is renewed every few seconds: no step of a command.
+#: A Lease is renewed every few seconds; a renewal is not a step of a command.
 RENEWAL = "patch Lease"
 
 

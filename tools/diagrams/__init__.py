@@ -4,6 +4,6 @@
 
 pictures.py   what each diagram shows
 scene.py      boxes, frames around them and arrows, at places on a plane
-sequence.py   who sends what to whom, from the top to the bottom
+sequence.py   messages between participants, from top to bottom
 svg.py        shapes and texts as SVG, in a light and a dark form
 """

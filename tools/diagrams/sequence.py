@@ -1,4 +1,4 @@
-"""Sequence diagrams: who sends what to whom, from the top to the bottom."""
+"""Sequence diagrams: messages between participants, from top to bottom."""
 
 from __future__ import annotations
 

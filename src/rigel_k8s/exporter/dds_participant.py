@@ -157,10 +157,10 @@ class Participant:
 
     def _take_acknack(self, peer: Peer, item: wire.Acknack) -> None:
         if item.writer == self._outgoing.writer:
-            lacking = self._outgoing.answer(item)
-            peer.is_behind = self._outgoing.is_behind(item) and not lacking
-            if lacking:
-                self._tell(peer, [*lacking, self._outgoing.beat(final=True)])
+            missing = self._outgoing.answer(item)
+            peer.is_behind = self._outgoing.is_behind(item) and not missing
+            if missing:
+                self._tell(peer, [*missing, self._outgoing.beat(final=True)])
         elif item.writer == rtps.SPDP_WRITER and self._is_client:
             self._beats += 1
             ends = rtps.SPDP_READER, rtps.SPDP_WRITER

@@ -21,7 +21,7 @@ from rigel_k8s.exporter.ros1_calls import Conversation, Refused
 from rigel_k8s.exporter.ros1_node import Slave
 from rigel_k8s.exporter.ros1_topic import Hearing
 from rigel_k8s.exporter.ros1_traffic import Ledger
-from rigel_k8s.exporter.ros1_view import MASTER, Said, View, ask_master, ask_nodes, look_up_nodes
+from rigel_k8s.exporter.ros1_view import MASTER, Replies, View, ask_master, ask_nodes, look_up_nodes
 from rigel_k8s.inpod.rosrpc import CallFailed
 
 #: The names of all exporters begin with it; exporters are not in the metrics.
@@ -73,12 +73,12 @@ class Ros1:
             return await self._ask_without_master()
         names = self._choose_nodes(view)
         await self._find(names, view)
-        said = await self._ask(names)
-        later = await self._ask_again(view, said)
-        self._count(said)
+        replies = await self._ask(names)
+        later = await self._ask_again(view, replies)
+        self._count(replies)
         await self._hear(view)
         return Graph(
-            nodes=self._nodes(names, said, (view, later)),
+            nodes=self._nodes(names, replies, (view, later)),
             topics=_topics(view, self._hearings),
             traffic=self._ledger.totals(),
             master=Master(up=True, pid=view.pid, run=view.run),
@@ -87,10 +87,10 @@ class Ros1:
 
     async def _ask_without_master(self) -> Graph:
         """Return the answers of earlier nodes; without the master, their state is unknown."""
-        said = await self._ask(())
-        self._count(said)
+        replies = await self._ask(())
+        self._count(replies)
         return Graph(
-            nodes=self._nodes((), said, ()),
+            nodes=self._nodes((), replies, ()),
             traffic=self._ledger.totals(),
             master=Master(up=False),
         )
@@ -115,27 +115,27 @@ class Ros1:
             if self._places[name].uri in taken:  # another node has its place
                 del self._places[name]
 
-    async def _ask(self, names: Sequence[str]) -> dict[str, Said]:
+    async def _ask(self, names: Sequence[str]) -> dict[str, Replies]:
         """Return the answers of nodes: those in `names`, and those that were registered before."""
         uris = {name: place.uri for name, place in self._places.items()}
-        said = await ask_nodes(uris, self._name)
-        for name, answer in said.items():
+        replies = await ask_nodes(uris, self._name)
+        for name, answer in replies.items():
             place = self._places[name]
             if answer.answers and (name in names or not place.pid):
                 place.pid = answer.pid
             elif not answer.answers:
                 place.asked = -math.inf  # it may have moved
-        for name in [n for n in said if n not in names and not self._stays(n, said[n])]:
+        for name in [n for n in replies if n not in names and not self._stays(n, replies[n])]:
             del self._places[name]
-        return said
+        return replies
 
-    def _stays(self, name: str, said: Said) -> bool:
+    def _stays(self, name: str, replies: Replies) -> bool:
         """Return whether the node that answers at a node's old address is still the same."""
-        return said.answers and said.pid == self._places[name].pid
+        return replies.answers and replies.pid == self._places[name].pid
 
-    async def _ask_again(self, view: View, said: Mapping[str, Said]) -> View:
+    async def _ask_again(self, view: View, replies: Mapping[str, Replies]) -> View:
         """Return the master's state again if a node may have registered meanwhile."""
-        if not any(_count_missing(name, answer, (view,)) for name, answer in said.items()):
+        if not any(_count_missing(name, answer, (view,)) for name, answer in replies.items()):
             return view
         try:
             return await ask_master(self._uri, self._name)
@@ -143,26 +143,30 @@ class Ros1:
             return view
 
     def _nodes(
-        self, names: Sequence[str], said: Mapping[str, Said], views: Sequence[View]
+        self, names: Sequence[str], replies: Mapping[str, Replies], views: Sequence[View]
     ) -> list[Node]:
         """Return the registered nodes, and the orphans: alive, but not registered."""
         orphans = [name for name in self._places if name not in names]
-        return [self._node(name, said.get(name) or Said(), views, known=True) for name in names] + [
-            self._node(name, said[name], views, known=False) for name in orphans if name in said
+        return [
+            self._node(name, replies.get(name) or Replies(), views, known=True) for name in names
+        ] + [
+            self._node(name, replies[name], views, known=False)
+            for name in orphans
+            if name in replies
         ]
 
-    def _node(self, name: str, said: Said, views: Sequence[View], *, known: bool) -> Node:
+    def _node(self, name: str, replies: Replies, views: Sequence[View], *, known: bool) -> Node:
         place = self._places.get(name)
         return Node(
             name,
-            up=known and said.answers,
+            up=known and replies.answers,
             registered=known,
             address=place.uri if place else "",
-            missing=_count_missing(name, said, views),
+            missing=_count_missing(name, replies, views),
         )
 
-    def _count(self, said: Mapping[str, Said]) -> None:
-        for name, answer in said.items():
+    def _count(self, replies: Mapping[str, Replies]) -> None:
+        for name, answer in replies.items():
             if answer.stats is not None and name in self._places:
                 self._ledger.add(name, self._places[name].uri, answer.stats)
         self._ledger.keep(self._places)
@@ -298,9 +302,9 @@ def _topics(view: View, named: Iterable[str]) -> list[Topic]:
     return [topic for topic in made if topic.publishers or topic.subscribers or topic.name in named]
 
 
-def _count_missing(name: str, said: Said, views: Sequence[View]) -> int:
+def _count_missing(name: str, replies: Replies, views: Sequence[View]) -> int:
     """Return how many of a node's topics none of the views contains."""
-    parts = [(said.publishes, "publishers"), (said.subscribes, "subscribers")]
+    parts = [(replies.publishes, "publishers"), (replies.subscribes, "subscribers")]
     if not views:
         return 0
     return sum(

@@ -36,7 +36,7 @@ class View(NamedTuple):
         return {name for part in parts for names in part.values() for name in names}
 
 
-class Said:
+class Replies:
     """A node's answers; those that it did not give in time stay empty."""
 
     def __init__(self) -> None:
@@ -106,28 +106,28 @@ async def look_up_nodes(uri: str, caller: str, names: Iterable[str]) -> dict[str
     return found
 
 
-async def ask_nodes(uris: Mapping[str, str], caller: str) -> dict[str, Said]:
+async def ask_nodes(uris: Mapping[str, str], caller: str) -> dict[str, Replies]:
     """Return each node's answers; all are asked at once, each has its own deadline."""
     answers = await asyncio.gather(*(_ask_node(uri, caller) for uri in uris.values()))
     return dict(zip(uris, answers))
 
 
-async def _ask_node(uri: str, caller: str) -> Said:
-    said = Said()
+async def _ask_node(uri: str, caller: str) -> Replies:
+    replies = Replies()
     try:
         talk = Conversation(uri, caller, ANSWER)
     except CallFailed:
-        return said
+        return replies
     try:
-        said.pid = str(await talk.call("getPid"))
-        said.publishes = _topics(await talk.call("getPublications"))
-        said.subscribes = _topics(await talk.call("getSubscriptions"))
-        said.stats = await talk.call("getBusStats")  # rospy fails beyond 2 GiB: the last
+        replies.pid = str(await talk.call("getPid"))
+        replies.publishes = _topics(await talk.call("getPublications"))
+        replies.subscribes = _topics(await talk.call("getSubscriptions"))
+        replies.stats = await talk.call("getBusStats")  # rospy fails beyond 2 GiB: the last
     except CallFailed:
         pass
     finally:
         talk.close()
-    return said
+    return replies
 
 
 def _topics(value: Sequence[Sequence[str]]) -> set[str]:

@@ -149,7 +149,7 @@ def configuration(
 ) -> Object:
     """Return the exporter's configuration; src/rigel_k8s/exporter/config.py reads it."""
     interval = options.interval.seconds if options.interval else None
-    said = {
+    fields = {
         "ros": around.ros,
         "expected": dict(graph.expected),
         "known": dict(graph.known),
@@ -160,7 +160,7 @@ def configuration(
         "interval": interval,
     }
     own = of_ros1(around, wired) if around.ros == "1" else of_dds(graph, plan)
-    return drop_empty(said | own)
+    return drop_empty(fields | own)
 
 
 def of_ros1(around: ReleaseContext, wired: Wiring) -> Object:

@@ -19,7 +19,7 @@ def board() -> Board:
     return Board(
         "rigel-machines",
         "Cluster nodes",
-        "CPU, memory, disk and network of the machines that Kubernetes runs on, and who is on "
+        "CPU, memory, disk and network of the machines that Kubernetes runs on, and the nodes on "
         "them.",
         [
             Row("Now", [(6, panel) for panel in numbers()], height=4),

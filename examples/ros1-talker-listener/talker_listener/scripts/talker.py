@@ -21,7 +21,9 @@ def main():
     number, nonce = 0, "none"
     while not rospy.is_shutdown():
         number += 1
-        with contextlib.suppress(OSError):  # the master is unreachable; the listener still receives our messages
+        with contextlib.suppress(
+            OSError
+        ):  # the master is unreachable; the listener still receives our messages
             nonce = rospy.get_param_cached("/nonce", "none")
         message = f"hello world {nonce} {number}"
         rospy.loginfo(message)

@@ -45,16 +45,16 @@ SETTINGS = {
 
 def grafana(stack: Stack) -> Iterator[Object]:
     """Yield Grafana's objects, without its Secret."""
-    frame, said = stack.frame, stack.options.grafana
+    frame, options = stack.frame, stack.options.grafana
     config = frame.config_map(
         GRAFANA, {"datasources.yaml": _datasources(stack), "dashboards.yaml": _provider()}, GRAFANA
     )
     yield frame.account(GRAFANA)
     yield config
     yield from dashboards(stack)
-    if stack.keeps(said.persistence, default=False):
-        yield frame.claim(GRAFANA, said.persistence, SIZE)
-    yield frame.service(GRAFANA, GRAFANA_PORT, said.service_type)
+    if stack.keeps(options.persistence, default=False):
+        yield frame.claim(GRAFANA, options.persistence, SIZE)
+    yield frame.service(GRAFANA, GRAFANA_PORT, options.service_type)
     # Its image is large, and robots must not wait for dashboards.
     yield frame.deployment(GRAFANA, _pod(stack), [config], remedy=REMEDY)
 
@@ -128,15 +128,15 @@ def _provider() -> str:
 
 
 def _pod(stack: Stack) -> Object:
-    said = stack.options.grafana
-    names = sorted(stack.boards.dashboards) if said.default_dashboards else []
+    options = stack.options.grafana
+    names = sorted(stack.boards.dashboards) if options.default_dashboards else []
     shown = [
         {"configMap": {"name": config_name(name), "items": [{"key": name, "path": name}]}}
         for name in names
     ]
     main = container(
         GRAFANA,
-        said,
+        options,
         GRAFANA_IMAGE,
         DEFAULTS,
         env=[
@@ -165,7 +165,7 @@ def _pod(stack: Stack) -> Object:
         "volumes": [
             {"name": "config", "configMap": {"name": GRAFANA}},
             {"name": "dashboards", "projected": {"sources": shown}},
-            data_volume(GRAFANA, kept=stack.keeps(said.persistence, default=False)),
+            data_volume(GRAFANA, kept=stack.keeps(options.persistence, default=False)),
             {"name": "tmp", "emptyDir": {}},
         ],
     }

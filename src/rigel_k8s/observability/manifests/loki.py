@@ -25,13 +25,13 @@ DEFAULTS = {
 
 def loki(stack: Stack) -> Iterator[Object]:
     """Yield Loki's objects."""
-    frame, said = stack.frame, stack.options.loki
+    frame, options = stack.frame, stack.options.loki
     config = frame.config_map(LOKI, {"loki.yaml": configuration(stack)}, LOKI)
     yield frame.account(LOKI)
     yield config
-    if stack.keeps(said.persistence, default=True):
-        yield frame.claim(LOKI, said.persistence, SIZE)
-    yield frame.service(LOKI, LOKI_PORT, said.service_type)
+    if stack.keeps(options.persistence, default=True):
+        yield frame.claim(LOKI, options.persistence, SIZE)
+    yield frame.service(LOKI, LOKI_PORT, options.service_type)
     yield frame.deployment(LOKI, _pod(stack), [config])
 
 
@@ -98,10 +98,10 @@ def _limits(stack: Stack) -> Object:
 
 
 def _pod(stack: Stack) -> Object:
-    said = stack.options.loki
+    options = stack.options.loki
     main = container(
         LOKI,
-        said,
+        options,
         LOKI_IMAGE,
         DEFAULTS,
         args=[f"-config.file={CONFIG}/loki.yaml"],
@@ -123,7 +123,7 @@ def _pod(stack: Stack) -> Object:
         "containers": [main],
         "volumes": [
             {"name": "config", "configMap": {"name": LOKI}},
-            data_volume(LOKI, kept=stack.keeps(said.persistence, default=True)),
+            data_volume(LOKI, kept=stack.keeps(options.persistence, default=True)),
             {"name": "tmp", "emptyDir": {}},
         ],
     }

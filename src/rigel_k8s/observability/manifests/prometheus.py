@@ -31,7 +31,7 @@ LOOK = ["get", "list", "watch"]
 
 def prometheus(stack: Stack) -> Iterator[Object]:
     """Yield Prometheus' objects."""
-    frame, said = stack.frame, stack.options.prometheus
+    frame, options = stack.frame, stack.options.prometheus
     config = frame.config_map(
         PROMETHEUS, {"prometheus.yml": configuration(stack, RULES)}, PROMETHEUS
     )
@@ -43,23 +43,23 @@ def prometheus(stack: Stack) -> Iterator[Object]:
     )
     yield config
     yield rules
-    if stack.keeps(said.persistence, default=True):
-        yield frame.claim(PROMETHEUS, said.persistence, SIZE)
-    yield frame.service(PROMETHEUS, PROMETHEUS_PORT, said.service_type)
+    if stack.keeps(options.persistence, default=True):
+        yield frame.claim(PROMETHEUS, options.persistence, SIZE)
+    yield frame.service(PROMETHEUS, PROMETHEUS_PORT, options.service_type)
     yield frame.deployment(PROMETHEUS, _pod(stack), [config, rules])
 
 
 def _pod(stack: Stack) -> Object:
-    said = stack.options.prometheus
+    options = stack.options.prometheus
     main = container(
         PROMETHEUS,
-        said,
+        options,
         PROMETHEUS_IMAGE,
         DEFAULTS,
         args=[
             f"--config.file={CONFIG}/prometheus.yml",
             f"--storage.tsdb.path={DATA}",
-            f"--storage.tsdb.retention.time={said.retention or RETENTION}",
+            f"--storage.tsdb.retention.time={options.retention or RETENTION}",
         ],
         ports=[{"name": "http", "containerPort": PROMETHEUS_PORT}],
         volumeMounts=[
@@ -78,6 +78,6 @@ def _pod(stack: Stack) -> Object:
         "volumes": [
             {"name": "config", "configMap": {"name": PROMETHEUS}},
             {"name": "rules", "configMap": {"name": f"{PROMETHEUS}-rules"}},
-            data_volume(PROMETHEUS, kept=stack.keeps(said.persistence, default=True)),
+            data_volume(PROMETHEUS, kept=stack.keeps(options.persistence, default=True)),
         ],
     }

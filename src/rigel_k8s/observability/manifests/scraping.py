@@ -44,18 +44,18 @@ def configuration(stack: Stack, rules: str) -> str:
     Args:
         rules: the directory with rule files.
     """
-    said = stack.options.prometheus
+    options = stack.options.prometheus
     made: Object = {
         "global": {
-            "scrape_interval": str(said.scrape_interval or INTERVAL),
-            "evaluation_interval": str(said.evaluation_interval or INTERVAL),
+            "scrape_interval": str(options.scrape_interval or INTERVAL),
+            "evaluation_interval": str(options.evaluation_interval or INTERVAL),
         },
         "rule_files": [f"{rules}/*.yaml"],
         "scrape_configs": list(_jobs(stack)),
     }
-    if said.alertmanagers:
+    if options.alertmanagers:
         made["alerting"] = {
-            "alertmanagers": [{"static_configs": [{"targets": list(said.alertmanagers)}]}]
+            "alertmanagers": [{"static_configs": [{"targets": list(options.alertmanagers)}]}]
         }
     return yaml.safe_dump(made, sort_keys=False, width=100_000)
 

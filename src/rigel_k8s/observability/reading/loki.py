@@ -29,8 +29,8 @@ class Entry:
 
 def selector(**labels: Collection[str] | str) -> str:
     """Return LogQL's selector of streams: each label is this value, or one of these."""
-    said = ", ".join(matcher(name, value) for name, value in labels.items() if value)
-    return f"{{{said}}}"
+    matchers = ", ".join(matcher(name, value) for name, value in labels.items() if value)
+    return f"{{{matchers}}}"
 
 
 def matcher(label: str, value: Collection[str] | str) -> str:

@@ -141,7 +141,7 @@ def test_registered_by_halves(pods):
     assert pods.is_registered(other, "/late")
     done = pod.probe()
     assert done.returncode == 1
-    assert "knows nothing of its /early" in done.stdout
+    assert "does not have its /early" in done.stdout
 
 
 def test_master_that_remembers(pods):

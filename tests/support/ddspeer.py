@@ -24,8 +24,10 @@ class Peer:
         self.socket.bind(("127.0.0.1", rtps.participant_port(domain, 0)))
         self.socket.settimeout(0.05)
         place = (self.socket.getsockname(),)
-        self.told = spdp.Told(os.urandom(12), domain=domain, name=name, meta=place, data=place)
-        self.heard: list[tuple[spdp.Told, bool]] = []
+        self.told = spdp.Announcement(
+            os.urandom(12), domain=domain, name=name, meta=place, data=place
+        )
+        self.heard: list[tuple[spdp.Announcement, bool]] = []
 
     def answer(self) -> None:
         """Take in what has come, and tell each of its senders of oneself."""
@@ -40,7 +42,7 @@ class Peer:
                 if not leaves:
                     self.socket.sendto(spdp.announcement(self.told), told.meta[0])
 
-    def leave(self, told: spdp.Told) -> None:
+    def leave(self, told: spdp.Announcement) -> None:
         """Tell a participant that this one is gone."""
         self.socket.sendto(spdp.farewell(self.told.prefix), told.meta[0])
 

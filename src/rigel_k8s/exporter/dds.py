@@ -22,7 +22,7 @@ from rigel_k8s.exporter.dds_view import graph
 from rigel_k8s.exporter.dds_ways import Resolver, Sockets, addresses
 from rigel_k8s.exporter.graph import Graph
 from rigel_k8s.inpod import rtps
-from rigel_k8s.inpod.spdp import Place, Told
+from rigel_k8s.inpod.spdp import Announcement, Place
 
 T = TypeVar("T")
 
@@ -65,7 +65,9 @@ class Domain:
         self._resolver = Resolver(list(self._servers) if self._servers else peers)
         self._sockets: Sockets | None = None
         self._found: dict[str, str] = {}
-        told = Told(os.urandom(12), domain=domain, name=name, lease=LEASE, endpoints=ENDPOINTS)
+        told = Announcement(
+            os.urandom(12), domain=domain, name=name, lease=LEASE, endpoints=ENDPOINTS
+        )
         if mode == "discovery-server":
             told = told._replace(vendor=rtps.FAST_DDS, properties=SUPER_CLIENT)
         self._participant = Participant(told, self._send)

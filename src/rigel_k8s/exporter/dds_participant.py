@@ -22,7 +22,7 @@ from rigel_k8s.exporter.dds_peer import SERVER, Peer
 from rigel_k8s.exporter.dds_reliable import Change, Incoming, Outgoing
 from rigel_k8s.exporter.dds_samples import Hearing, Source
 from rigel_k8s.inpod import rtps, spdp
-from rigel_k8s.inpod.spdp import Place, Told
+from rigel_k8s.inpod.spdp import Announcement, Place
 
 NAME = "rigel-k8s exporter"  # what a tool that lists participants shows
 LEASE = 20  # seconds; then others forget us, even if our farewell is lost
@@ -46,7 +46,7 @@ class Participant:
         servers: where discovery servers are; set from outside.
     """
 
-    def __init__(self, own: Told, send: Send) -> None:
+    def __init__(self, own: Announcement, send: Send) -> None:
         self.own, self._send = own, send
         self.peers: dict[bytes, Peer] = {}
         self.writers: dict[bytes, Endpoint] = {}
@@ -189,7 +189,7 @@ class Participant:
         peer.take(told)
         peer.sources.update([source] if source else [])
 
-    def _meet(self, told: Told, source: str, now: float, *, is_direct: bool) -> None:
+    def _meet(self, told: Announcement, source: str, now: float, *, is_direct: bool) -> None:
         """Get to know a participant: it is told of us at once, and asked for what it has."""
         peer = self.peers[told.prefix] = Peer(told, now, is_direct=is_direct)
         peer.sources.update([source] if source else [])
@@ -202,7 +202,7 @@ class Participant:
 
     def _greet(self, prefix: bytes, now: float) -> None:
         """Get to know a discovery server that speaks before it has told who it is."""
-        told = Told(prefix, rtps.FAST_DDS, meta=tuple(self.servers), properties=SERVER)
+        told = Announcement(prefix, rtps.FAST_DDS, meta=tuple(self.servers), properties=SERVER)
         if len(self.peers) < _MOST_PEERS:
             self._meet(told, "", now, is_direct=True)
 

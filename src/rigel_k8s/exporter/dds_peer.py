@@ -20,7 +20,7 @@ from __future__ import annotations
 from rigel_k8s.exporter import dds_discovery as discovery
 from rigel_k8s.exporter.dds_reliable import Incoming
 from rigel_k8s.inpod import rtps
-from rigel_k8s.inpod.spdp import Place, Told
+from rigel_k8s.inpod.spdp import Announcement, Place
 
 SERVER = (("PARTICIPANT_TYPE", "SERVER"),)
 _RELAYED = 6  # leases after which we forget a participant that the server should have forgotten
@@ -55,7 +55,7 @@ class Peer:
         is_behind: it has not acknowledged everything that we sent.
     """
 
-    def __init__(self, told: Told, now: float, *, is_direct: bool = True) -> None:
+    def __init__(self, told: Announcement, now: float, *, is_direct: bool = True) -> None:
         self.told, self.heard, self.is_direct = told, now, is_direct
         self.is_behind = False
         self.sources: set[str] = set()
@@ -64,7 +64,7 @@ class Peer:
         self._asked, self._unanswered = now, 0
         self.take(told)
 
-    def take(self, told: Told) -> None:
+    def take(self, told: Announcement) -> None:
         """Take in what it announces, or announces anew."""
         self.told = told
         if not self.is_direct:

@@ -266,5 +266,5 @@ def place_of(api: str) -> tuple[str, int]:
     """Return (host, port) of an http URI; raises NodeGone for what is none."""
     host, _, port = api.partition("://")[2].partition("/")[0].rpartition(":")
     if not api.startswith("http://") or not host or not port.isdecimal():
-        raise NodeGone(f"{api!r} is no http://HOST:PORT")
+        raise NodeGone(f"{api!r} is not http://HOST:PORT")
     return host.strip("[]"), int(port)

@@ -1,4 +1,4 @@
-"""Scripts that run inside the application's own containers; they know nothing of this package.
+"""Scripts that run inside the application's own containers; they import nothing of this package.
 
 Everything here but this module is mounted from a ConfigMap into every container of an application,
 so that any image can be probed, stopped, entered and looked around in without being changed. They

@@ -2,10 +2,10 @@
 # Runs a script of ours beside a node: `beside.sh SCRIPT [WORD...] -- PROGRAM [ARGUMENT...]`.
 #
 # Why: components are loaded into a container that runs already, and a lifecycle node makes its
-# transitions only when it is asked to. Something in the pod has to do that while the node runs.
+# transitions only on request. Something in the pod has to do that while the node runs.
 # Contract: PROGRAM becomes the process that this was. SCRIPT is a Python script of this directory; it
-# ends when its work is done. RIGEL_K8S_EXEC keeps it from being taken for a node of the pod
-# (container.py); behind a discovery server it must hear of everyone. Its words have no blanks.
+# ends when its work is done. RIGEL_K8S_EXEC keeps the probe from taking it for a node of the pod
+# (container.py). Behind a discovery server it must discover every participant. Its words have no blanks.
 # Needs sh. Without Python the probe reports that the script has not started.
 
 folder=${0%/*}

@@ -1,15 +1,15 @@
 """Loads composable nodes into the container that runs in this pod: ROS 2's `components`.
 
-Why: `ros2 launch` goes on without a component that cannot be loaded, and only its log says so. This
-asks the component container itself, which answers why it cannot.
+Why: `ros2 launch` continues without a component that cannot be loaded, and only its log shows it.
+This script calls the component container itself, which answers with the reason.
 
     components.py FILE
 
 Contract: FILE is JSON, {"node": CONTAINER, "components": [{"name", "package", "plugin",
 "parameters", "remappings", "extra_arguments"}]}; node and names are full ROS names, parameters have
-the names that ROS 2 gives them, remappings are rules. The script ends when all are loaded
-(loading.py). It runs in the node's own environment, with its rclpy, and composition_interfaces,
-which every image with rclcpp_components has.
+the names that ROS 2 gives them, remappings are rules. The script ends when all components are
+loaded (loading.py). It runs in the node's own environment, with its rclpy and
+composition_interfaces, which every image with rclcpp_components has.
 """
 
 import json
@@ -19,12 +19,12 @@ import time
 
 from loading import NotYet, Refused, load_all
 
-ANSWER = 2.0  # seconds that the container has to say what it has loaded
-SLICE = 0.2  # seconds after which a signal is heard
+ANSWER = 2.0  # seconds that the container has to list what it has loaded
+SLICE = 0.2  # seconds between two chances for a signal to be handled
 
 
 class Container(object):
-    """The component container, asked by a ROS node that no one sees.
+    """The component container, called by a hidden ROS node.
 
     Attributes:
         loaded: the full names of the nodes that it has.
@@ -48,7 +48,7 @@ class Container(object):
         self.load_client = self.node.create_client(LoadNode, name + "/_container/load_node")
 
     def find(self):
-        """Ask what is loaded: a container that was lost may be in sight, but does not answer."""
+        """List what is loaded: a container that was lost may be visible and yet not answer."""
         for client in (self.list_client, self.load_client):
             if not client.service_is_ready():
                 self._spin(self.node, timeout_sec=SLICE)
@@ -59,7 +59,7 @@ class Container(object):
         self.loaded = list(answer.full_node_names)
 
     def load(self, component):
-        """Load a component that is not there; raise Refused where the container does not."""
+        """Load a component that is missing; raise Refused if the container refuses."""
         if component["name"] in self.loaded:
             return
         answer = self._ask(self.load_client, self._request(component))
@@ -81,7 +81,7 @@ class Container(object):
         return [self._parameter(name, value=value).to_parameter_msg() for name, value in found]
 
     def _ask(self, client, request, seconds=None):
-        """Return a service's answer, None where it has not come in time; a load may take long."""
+        """Return a service's answer, None if it has not arrived in time; a load may take long."""
         future, until = client.call_async(request), time.time() + (seconds or 0)
         while not future.done():
             if seconds and time.time() > until:
@@ -92,7 +92,7 @@ class Container(object):
 
 
 def main(words):
-    """Return the exit code."""
+    """Run the script and return its exit code."""
     with open(words[0]) as file:
         plan = json.load(file)
     load_all(plan, Container(plan["node"]))

@@ -1,10 +1,10 @@
-"""What runs and listens in this container, from /proc; knows nothing of ROS. Python 2.7 and 3.
+"""What runs and listens in this container, from /proc; independent of ROS. Python 2.7 and 3.
 
-Why: under host networking several pods share one address, so an address alone does not tell whose
-node it is; the listening process does. Processes of other containers (hostPID, a shared process
+Why: under host networking several pods share one address, so the address does not show whose node
+it is; the listening process does. Processes of other containers (hostPID, a shared process
 namespace) are left out by their cgroup.
 
-What `kubectl exec` starts runs in the container without being part of it: a tool that someone calls
+What `kubectl exec` starts runs in the container without being part of it. A tool that someone runs
 for a moment is not one of the pod's nodes, neither while it runs nor after it was killed.
 """
 
@@ -12,18 +12,20 @@ import os
 
 PROC = "/proc"
 GONE = (0, 0)
-EXEC_MARK = b"RIGEL_K8S_EXEC=1"  # rc.sh sets it, so that a tool left in the background is known too
+EXEC_MARK = (
+    b"RIGEL_K8S_EXEC=1"  # rc.sh sets it, so that a tool left in the background is recognized
+)
 
 
 class Listeners(object):
     """The TCP ports on which the processes of this container's own command listen.
 
     Attributes:
-        pids: port -> process id; None where the owner could not be told.
+        pids: port -> process id; None if the owner is not visible.
     """
 
     def __init__(self):
-        """Look now."""
+        """Read the sockets now."""
         inodes, visiting = _listening(), visitors()
         self.pids, visited = {}, set()
         hidden = False
@@ -52,9 +54,9 @@ def processes():
 def visitors():
     """Return the ids of those processes that the container's own command did not start.
 
-    An exec'd process has no parent in sight, as the container's command has none, and started
-    later. What it leaves behind when it ends is the child of process 1 and carries EXEC_MARK.
-    Where parents are no help (hostPID shows the runtime as everyone's) only the mark tells.
+    An exec'd process has no visible parent, like the container's command, and started later. What
+    it leaves behind when it ends is the child of process 1 and carries EXEC_MARK. Where parents are
+    no help (hostPID shows the runtime as the parent of all), only the mark helps.
     """
     found = {pid: _parent_and_start(pid) for pid in processes()}
     found = {pid: known for pid, known in found.items() if known != GONE}
@@ -68,13 +70,13 @@ def visitors():
 
 
 def command(pid):
-    """Return a process's arguments as one short line, "" where it is gone."""
+    """Return a process's arguments as one short line, "" if it has ended."""
     text = _read(PROC + "/%s/cmdline" % pid).replace(b"\0", b" ").decode("utf-8", "replace")
     return text.strip()[:80]
 
 
 def started():
-    """Return a mark of this container's present life: another one after a restart."""
+    """Return a mark of this container's present life: it differs after a restart."""
     return str(_parent_and_start(1)[1])
 
 
@@ -85,7 +87,7 @@ def _parent_and_start(pid):
 
 
 def _root(pid, found):
-    """Return the oldest ancestor that is one of `found`, a process itself where it has none."""
+    """Return the oldest ancestor that is one of `found`, the process itself if it has none."""
     while found[pid][0] in found:
         pid = found[pid][0]
     return pid
@@ -100,7 +102,7 @@ def _cgroup(pid):
 
 
 def sockets(pid):
-    """Return the inodes of a process's sockets; OSError where they are another user's to see."""
+    """Return the inodes of a process's sockets; OSError if only another user may see them."""
     folder = PROC + "/%s/fd" % pid
     found = []
     for name in os.listdir(folder):

@@ -1,18 +1,18 @@
-"""What does DDS look like from inside this pod? Two lines of JSON: what is here, what was heard.
+"""How does DDS look from inside this pod? Two lines of JSON: what is here, and what was heard.
 
-Why: a pod that is ready may be deaf. What a pod's own participant would discover, a stand-in in its
-network does discover; and whose beacons it hears shows which machines' multicast gets through.
+Why: a ready pod may still be deaf. A stand-in in a pod's network discovers what the pod's own
+participant would discover; and the beacons that it hears show which machines' multicast arrives.
 
     dds.py [--domain N] [--interface NAME] [--announce] [--beacon TEXT] [--ask ADDRESS]...
            [--server ADDRESS:PORT]... [--router PORT] [--seconds S]
 
-Contract: the first line tells the pod's own state, as soon as it hears; the second line what it
-heard, when a line comes on standard input, and after --seconds (10) in any case.
-Without --domain it is in that of the container's own participant, without --interface on all but
-the loopback. --announce: by multicast; --ask: participants
-at an address, at the domain's first ports; --server: a discovery server; --beacon: a text for the
-other stand-ins, ten a second; --router: connections to a zenoh router's port are told too.
-Exit code 0, 2 for wrong arguments. Python 3.6 and newer, nothing but the standard library.
+Contract: the first line is the pod's own state, written as soon as the stand-in listens. The second
+line is what it heard, written when a line arrives on standard input, and after --seconds (10) in
+any case. Without --domain it is in that of the container's own participant, without --interface on
+all but the loopback. --announce: by multicast; --ask: participants at an address, at the domain's
+first ports; --server: a discovery server; --beacon: a text for the other stand-ins, ten a second;
+--router: also list the connections to a zenoh router's port. Exit code 0, 2 for wrong arguments.
+Python 3.6 and newer, nothing but the standard library.
 """
 
 import json
@@ -28,16 +28,16 @@ import rtps
 from dds_standin import StandIn
 
 TICK = 0.1  # seconds between two beacons
-AGAIN = 0.5  # seconds after which who was asked is asked once more: a packet may get lost
-SERVER = 11811  # a discovery server's port where none is given
-FIRST_PORTS = 4  # so many participants of an address are asked, as Fast DDS does
+AGAIN = 0.5  # seconds until a participant is asked again: a packet may get lost
+SERVER = 11811  # a discovery server's default port
+FIRST_PORTS = 4  # how many participants of an address are asked, as Fast DDS does
 
 
 class Arguments(object):
     """The words of the command line."""
 
     def __init__(self, words):
-        """Raise ValueError where they are wrong."""
+        """Raise ValueError if they are wrong."""
         self.domain, self.interface, self.seconds = None, None, 10.0
         self.announce, self.beacon, self.ask, self.server = False, None, [], []
         self.router = None
@@ -49,7 +49,7 @@ class Arguments(object):
             elif word in _VALUES and words:
                 self._take(word[2:], _VALUES[word](words.pop(0)))
             else:
-                raise ValueError("what is %s?" % word)
+                raise ValueError("unknown argument %s" % word)
 
     def _take(self, name, value):
         if name in ("ask", "server"):
@@ -73,7 +73,7 @@ class Look(object):
     """One look around: the container's own participants, and what a stand-in hears."""
 
     def __init__(self, arguments):
-        """Nothing is sent yet."""
+        """Prepare; nothing is sent yet."""
         self.arguments = arguments
         self.until = time.time() + arguments.seconds
         self.interfaces = interfaces.addresses()
@@ -92,8 +92,8 @@ class Look(object):
         return next((p.domain for p in self.own if p.domain is not None), 0)
 
     def run(self):
-        """Tell what is here, listen until the end, tell what was heard."""
-        tell(self.here())
+        """Print what is here, listen until the end, print what was heard."""
+        write(self.here())
         started = beacon = time.time()
         rounds = [started, started + AGAIN]
         while time.time() < self.until and not is_enough():
@@ -105,7 +105,7 @@ class Look(object):
                 self.standin.beacon(self.arguments.beacon)
             self.standin.listen(TICK / 2)
         self.standin.close()
-        tell(self.heard())
+        write(self.heard())
 
     def here(self):
         """Return the container's own state."""
@@ -143,7 +143,7 @@ class Look(object):
                 self._ask_own(process)
 
     def _ask_own(self, process):
-        """Ask a participant of this container where no other one can answer in its place."""
+        """Ask a participant of this container, at a port where only that one can answer."""
         for found in process.sockets:
             if dds_local.is_unicast(found.port):
                 address = None if found.address == "0.0.0.0" else found.address
@@ -152,7 +152,7 @@ class Look(object):
                         self.standin.ask(mine, found.port, interface)
 
     def _is_own(self, announced):
-        """Whether a participant is this container's: one of its sockets takes what it is sent."""
+        """Whether a participant is this container's: it announces one of its sockets."""
         ports = {s.port for process in self.own for s in process.sockets}
         mine = set(self.interfaces.values()) | {"127.0.0.1"}
         return any(address in mine and port in ports for address, port in announced["locators"])
@@ -170,14 +170,14 @@ def of_process(process):
 
 
 def address_of(server):
-    """Return (address, port) of a discovery server's HOST:PORT, None where it has no address."""
+    """Return (address, port) of a discovery server's HOST:PORT, None if the host has no address."""
     name, _, port = server.partition(":")
     address = resolved(name)
     return (address, int(port or SERVER)) if address else None
 
 
 def resolved(name):
-    """Return a name's first IPv4 address, None where it has none."""
+    """Return a name's first IPv4 address, None if it has none."""
     try:
         return socket.gethostbyname(name)
     except OSError:
@@ -185,18 +185,18 @@ def resolved(name):
 
 
 def is_enough():
-    """Whether a line has come on standard input; nobody may be there to send one."""
+    """Whether a line has arrived on standard input; perhaps no one sends one."""
     return bool(select.select([0], [], [], 0)[0] and os.read(0, 100))
 
 
-def tell(value):
+def write(value):
     """Write one line of JSON."""
     sys.stdout.write(json.dumps(value, sort_keys=True) + "\n")
     sys.stdout.flush()
 
 
 def main(words):
-    """Return the exit code."""
+    """Run the script and return its exit code."""
     try:
         look = Look(Arguments(words))
     except ValueError as error:

@@ -1,8 +1,8 @@
 """What a container has for DDS: its processes' sockets, from /proc. Python 3.
 
-Why: "no participant" and "the wrong domain" are found here without a packet, and the
-listening process tells whose participant it is where several pods share an address.
-Contract: reads only; knows the ports of RTPS (rtps.py) and nothing else of it.
+Why: "no participant" and "the wrong domain" are found here without a packet. Where several pods
+share an address, the listening process shows whose participant it is.
+Contract: reads only; of RTPS it uses only the ports (rtps.py).
 """
 
 from struct import pack
@@ -11,7 +11,7 @@ import container
 import rtps
 
 try:
-    import _socket as socket  # half of `import socket` goes to classes nobody needs here
+    import _socket as socket  # half of `import socket` goes to classes that are not needed here
 except ImportError:  # not CPython
     import socket
 
@@ -22,7 +22,7 @@ class Process(object):
     """One of this container's processes that has a participant.
 
     Attributes:
-        pid, command: which one; 0 and "" where the owner could not be told.
+        pid, command: which one; 0 and "" if the owner is not visible.
         stopped: whether a signal keeps it from running.
         domain: the DDS domain.
         sockets: all its UDP sockets.
@@ -48,7 +48,8 @@ def participants(also=()):
     """Return the processes of this container that have a participant, by their UDP sockets.
 
     Args:
-        also: ports that belong to a participant though no domain has them (a discovery server's).
+        also: ports that belong to a participant even if they are in no domain (a discovery
+            server's).
     """
     found = []
     for pid, sockets in _by_process():
@@ -60,7 +61,7 @@ def participants(also=()):
 
 
 def waiting(inode):
-    """Return the bytes that wait in a UDP socket, None where it is closed."""
+    """Return the bytes that wait in a UDP socket, None if it is closed."""
     return next((s.waiting for s in udp_sockets() if s.inode == inode), None)
 
 
@@ -81,7 +82,7 @@ def connections(port):
 
 
 def state(pid):
-    """Return a process' state as /proc writes it, "" where it is gone."""
+    """Return a process' state as /proc writes it, "" if it has ended."""
     try:
         with open("/proc/%s/stat" % pid) as file:
             return file.read().rpartition(")")[2].split()[0]
@@ -90,10 +91,10 @@ def state(pid):
 
 
 def _domains(ports):
-    """Return the domains of a process: a port of the system's choice may lie in a domain's range.
+    """Return the domains of a process: a port that the system chose may lie in a domain's range.
 
-    So it takes two: the announcements' port and another one of the domain, or the pair of ports
-    that a participant has for itself.
+    So two ports are needed: the announcements' port and another one of the domain, or the pair of
+    ports that a participant has for itself.
     """
     offsets = {}
     for port in ports:
@@ -108,7 +109,7 @@ def _is_participant(offsets):
 
 
 def is_unicast(port):
-    """Whether a port is one at which one participant alone takes announcements."""
+    """Whether a port is one where a single participant receives announcements."""
     offset = (port - 7400) % 250
     return port >= 7400 and offset >= 10 and offset % 2 == 0
 

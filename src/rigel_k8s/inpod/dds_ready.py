@@ -1,19 +1,19 @@
 """Does this pod take part in DDS? One line and an exit code, for ROS 2 and plain DDS alike.
 
 Why: a pod that is "Running" may have no second network, another domain, or a process that hangs.
-Each of that shows inside the pod; nobody else has to be there, so no pod waits for another one.
+All this is visible inside the pod; no other participant is needed, so no pod waits for another one.
 
     dds_ready.py dds [--domain N] [--interface NAME] [--wait SECONDS]    any domain without N
     dds_ready.py dds --port N [--wait SECONDS]         a discovery server's port
     dds_ready.py zenoh --port N [--wait SECONDS]       the router's port
-    dds_ready.py ... --lifecycle /NODE      besides: this node is active, or waits to take over
-    dds_ready.py ... --transitions /NODE    besides: the transitions of this node are made
-    dds_ready.py ... --components /NODE     besides: the components of this node are loaded
+        dds_ready.py ... --lifecycle /NODE      and this node is active, or waits to take over
+        dds_ready.py ... --transitions /NODE    and the transitions of this node are made
+        dds_ready.py ... --components /NODE     and the components of this node are loaded
 
-Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output says why:
-the kubelet makes it the probe event's message. It sends one packet to each of the container's own
-participants, which they must ignore, and sees in /proc whether they read it; none leaves the pod.
-Python 3.6 and newer, nothing but the standard library.
+Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output has the
+cause: the kubelet makes it the probe event's message. It sends one packet to each of the
+container's own participants, which they must ignore, and sees in /proc whether they read it; none
+leaves the pod. Python 3.6 and newer, nothing but the standard library.
 """
 
 import os
@@ -26,31 +26,31 @@ import interfaces
 import rtps
 
 try:
-    import _socket as socket  # half of `import socket` goes to classes nobody needs here
+    import _socket as socket  # half of `import socket` goes to classes that are not needed here
 except ImportError:  # not CPython
     import socket
 
 READS = 8.0  # seconds that a participant has to read what it was sent; a busy machine needs some
 GLANCE = 0.001  # seconds until a second look at its queue; then twice as long each time
 TICK = 0.2  # seconds between two looks while waiting
-#: Who works beside a node, by the option that asks for it.
+#: The script that works beside a node, by the option that requests it.
 BESIDE = {
     "--lifecycle": "lifecycle.py",
     "--transitions": "transitions.py",
     "--components": "components.py",
 }
-DAEMON = "ros2-daemon"  # of the ros2 command line, left behind by whoever called it in this pod
+DAEMON = "ros2-daemon"  # of the ros2 command line, left behind by a user of this pod
 
 
 class NotReady(Exception):
-    """The message says why, in one line."""
+    """The message is the cause, in one line."""
 
 
 class Arguments(object):
     """The words of the command line."""
 
     def __init__(self, words):
-        """Raise ValueError where they are wrong."""
+        """Raise ValueError if they are wrong."""
         self.kind, words = words[0] if words else "", words[1:]
         values = {words[i]: words[i + 1] for i in range(0, len(words) - 1, 2)}
         known = {"--domain", "--interface", "--port", "--wait", *BESIDE}
@@ -63,16 +63,16 @@ class Arguments(object):
         self.beside = [(script, values[key]) for key, script in BESIDE.items() if key in values]
         self.wait = float(values.get("--wait", 0))
         if self.kind == "zenoh" and self.port is None:
-            raise ValueError("zenoh --port N: which port has the router?")
+            raise ValueError("zenoh needs --port N, the router's port")
 
 
 def look(arguments):
-    """Return what is in order, in one line; raise NotReady otherwise."""
+    """Return what is ready, in one line; raise NotReady otherwise."""
     if arguments.interface:
         check_interface(arguments.interface)
     lines = [check_zenoh(arguments.port)] if arguments.kind == "zenoh" else look_dds(arguments)
     if arguments.beside:
-        import progress  # others do without
+        import progress  # other nodes do not need it
 
         for script, node in arguments.beside:
             ready, line = progress.describe(script, node)
@@ -87,16 +87,16 @@ def look_dds(arguments):
     found = own(arguments.domain, arguments.port)
     for process in found:
         check_process(process, arguments.port)
-    return [told(process, arguments.port) for process in found]
+    return [describe(process, arguments.port) for process in found]
 
 
-def told(process, port):
+def describe(process, port):
     """Return a process and where it takes part."""
     return "%s at %s" % (process, "port %d" % port if port else "domain %s" % process.domain)
 
 
 def check_interface(name):
-    """The second network is there."""
+    """Check that the second network is there."""
     if name not in interfaces.addresses():
         text = "%s is missing: Multus did not attach the second network when this pod was made; "
         raise NotReady((text + "delete the pod once Multus runs on its machine") % name)
@@ -130,7 +130,7 @@ def own(domain, port):
 
 
 def check_process(process, port):
-    """A process runs, and reads what its participants are sent."""
+    """Check that a process runs, and reads what is sent to its participants."""
     if process.stopped:
         raise NotReady("%s is stopped by a signal" % process)
     sockets = [s for s in process.sockets if s.port == port or dds_local.is_unicast(s.port)]
@@ -143,7 +143,7 @@ def check_process(process, port):
 
 
 def reads(found):
-    """Whether somebody reads what is sent to a socket."""
+    """Whether a process reads what is sent to a socket."""
     mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     target = "127.0.0.1" if found.address == "0.0.0.0" else found.address
     mouth.sendto(rtps.beacon(os.urandom(12), ""), (target, found.port))
@@ -158,7 +158,7 @@ def reads(found):
 
 
 def check_zenoh(port):
-    """A process of this container is connected to the router."""
+    """Check that a process of this container is connected to the router."""
     visitors = container.visitors()
     found = [(peer, pid) for peer, pid in dds_local.connections(port) if pid not in visitors]
     if not found:
@@ -171,7 +171,7 @@ def check_zenoh(port):
 
 
 def main(words):
-    """Return the exit code."""
+    """Run the probe and return its exit code."""
     try:
         arguments = Arguments(words)
     except ValueError as error:

@@ -1,9 +1,9 @@
-"""A participant for a few seconds: announces itself, asks others, and hears who is there. Python 3.
+"""A participant for a few seconds: announces itself, asks others, notes the answers. Python 3.
 
-Why: whoever hears an announcement answers it at once, so a stand-in in a pod's network discovers
-what the pod's own participant would, without waiting for the next round of announcements.
+Why: a participant answers an announcement at once. So a stand-in in a pod's network discovers what
+the pod's own participant would, without waiting for the next round of announcements.
 Contract: sockets only on the interfaces it is given; it takes its announcement back when it closes,
-and has nothing that others could match. Its beacons are ignored by every DDS.
+and has no endpoints to match. Every DDS ignores its beacons.
 """
 
 import os
@@ -15,7 +15,7 @@ import rtps
 import spdp
 
 NAME = "rigel-k8s graph check"  # what a tool that lists participants shows
-LEASE = 5  # seconds; others forget it even where its farewell is lost
+LEASE = 5  # seconds; others forget it even if its farewell is lost
 #: It announces and detects participants, and has nothing else to match.
 ENDPOINTS = 0x01 | 0x02
 
@@ -24,7 +24,7 @@ class StandIn(object):
     """A short-lived participant of one domain on some interfaces.
 
     Attributes:
-        participants: prefix -> what was announced, with `from`, the addresses that it came from.
+        participants: prefix -> what was announced, with `from`, the addresses it came from.
         beacons: text -> interface -> how often it was heard.
         servers: the names of those discovery servers that answered.
         sent: how many packets it has sent.
@@ -40,21 +40,21 @@ class StandIn(object):
         self._mouths = {name: _mouth(name, address) for name, address in addresses.items()}
 
     def announce(self):
-        """Tell everybody on the domain's multicast group."""
+        """Announce it on the domain's multicast group."""
         for name in self._mouths:
             self._send(name, self._announcement(name, self.prefix, rtps.UNKNOWN), self._group())
 
     def ask(self, address, port, interface=None):
-        """Tell one participant, which may be behind another address (a Service)."""
+        """Announce it to one participant, which may be behind another address (a Service)."""
         self._asked.add((address, port))
         for name in [interface] if interface else self._mouths:
             self._send(name, self._announcement(name, self.prefix, rtps.UNKNOWN), (address, port))
 
     def ask_server(self, name, target):
-        """Tell a discovery server of Fast DDS, under a prefix of its own: so its answer shows.
+        """Announce it to a discovery server of Fast DDS, with a prefix of its own for its answer.
 
-        It answers with another message than participants do, from another address than it was
-        asked at, where that is a Service's.
+        The answer is another message than participants send. If the server is behind a Service, it
+        comes from another address than the one asked.
         """
         prefix, _ = self._as_client.setdefault(name, (os.urandom(12), target))
         for mouth in self._mouths:
@@ -66,7 +66,7 @@ class StandIn(object):
             self._send(name, rtps.beacon(self.prefix, text), self._group())
 
     def listen(self, seconds):
-        """Take in what comes for at most so long, once."""
+        """Receive what arrives within that time, once."""
         sockets = list(self._ears) + list(self._mouths.values())
         for ready in select.select(sockets, [], [], seconds)[0]:
             message, source = ready.recvfrom(65536)
@@ -76,7 +76,7 @@ class StandIn(object):
                 pass  # another program's packet
 
     def close(self):
-        """Take the announcement back from everybody who may know it."""
+        """Take the announcement back from all that may have it."""
         message = spdp.farewell(self.prefix)
         for name, mouth in self._mouths.items():
             for target in [self._group(), *self._asked]:
@@ -110,7 +110,7 @@ class StandIn(object):
         mouth = self._mouths[name]
         port = mouth.getsockname()[1]
         places = ((self.addresses[name], port),)
-        own = spdp.Told(prefix, vendor, self.domain, NAME, meta=places, data=places)
+        own = spdp.Announcement(prefix, vendor, self.domain, NAME, meta=places, data=places)
         return spdp.announcement(own._replace(lease=LEASE, endpoints=ENDPOINTS))
 
     def _group(self):
@@ -121,25 +121,25 @@ class StandIn(object):
             self._mouths[name].sendto(message, target)
             self.sent += 1
         except OSError:
-            pass  # no way there: then nobody will answer, which is what is told
+            pass  # no route: then no answer comes, and that is what is reported
 
 
-def as_json(told):
-    """Return a participant as JSON has it, its `sources` yet unknown."""
+def as_json(announced):
+    """Return a participant as JSON has it; its `sources` are added later."""
     return {
-        "prefix": told.prefix.hex(),
-        "vendor": rtps.vendor_name(told.vendor),
-        "domain": told.domain,
-        "name": told.name,
-        "user_data": told.user_data,
-        "locators": list(told.meta),
-        "lease": told.lease,
+        "prefix": announced.prefix.hex(),
+        "vendor": rtps.vendor_name(announced.vendor),
+        "domain": announced.domain,
+        "name": announced.name,
+        "user_data": announced.user_data,
+        "locators": list(announced.meta),
+        "lease": announced.lease,
         "sources": [],
     }
 
 
 def _ear(name, domain):
-    """Return a socket that hears the group on one interface, and nothing that is sent to others."""
+    """Return a socket that receives the group on one interface, and nothing else."""
     ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     ear.bind((rtps.GROUP, rtps.announcement_port(domain)))
@@ -150,7 +150,7 @@ def _ear(name, domain):
 
 
 def _mouth(name, address):
-    """Return a socket that sends through one interface and takes the answers."""
+    """Return a socket that sends through one interface and receives the answers."""
     mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     mouth.bind((address, 0))
     joined = interfaces.membership(rtps.GROUP, name)

@@ -2,9 +2,9 @@
 
 Why: many nodes read one global parameter, so no single node's container can set it. A parameter
 that is changed at run time stays changed while the master runs, also when this container restarts:
-a mark beside the parameters says that they have been set. A master that has lost them has lost
-the mark.
-Contract: STATE has "set" as its only line while they are set, otherwise why they are not.
+a mark beside the parameters shows that they were set. A master that has lost them has also lost the
+mark.
+Contract: the only line of STATE is "set" while they are set, otherwise the reason why they are not.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ def keep(name, trees):
     """Keep parameters at the master until this container ends.
 
     Args:
-        name: the parameter with the mark, full.
+        name: the full name of the parameter that is the mark.
     """
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: os._exit(0))
@@ -35,20 +35,20 @@ def keep(name, trees):
         "digest": hashlib.sha256(text.encode("utf-8")).hexdigest(),
         "names": [name for name, _ in values],
     }
-    if os.path.exists(STATE):  # of a container that was here before
+    if os.path.exists(STATE):  # of an earlier container
         os.remove(STATE)
     master = rosparameters.connect()
     before = ""
     while True:
         try:
             if set_again(master, name, mark, values):
-                say("%d global parameters are set" % len(values))
+                log("%d global parameters are set" % len(values))
             state = "set"
-        except Exception as error:  # of sockets, HTTP and XML-RPC; the next look may succeed
+        except Exception as error:  # of sockets, HTTP and XML-RPC; the next attempt may succeed
             state = "the global parameters are not set: " + rosparameters.describe(error)
         if state != before:
             if state != "set":
-                say(state)
+                log(state)
             with open(STATE, "w") as file:
                 file.write(state + "\n")
             before = state
@@ -56,7 +56,7 @@ def keep(name, trees):
 
 
 def set_again(master, name, mark, values):
-    """Set the parameters where the mark is not there; return whether it was not."""
+    """Set the parameters if the mark is missing; return whether it was."""
     found = master.getParam(name) if master.hasParam(name) else {}
     if found.get("digest") == mark["digest"]:
         return False
@@ -69,7 +69,7 @@ def set_again(master, name, mark, values):
     return True
 
 
-def say(text):
+def log(text):
     """Print a line to the container's log."""
     sys.stdout.write("rigel: %s\n" % text)
     sys.stdout.flush()

@@ -1,14 +1,14 @@
-"""A machine's network interfaces, asked of the kernel; knows nothing of DDS. Python 3.
+"""A machine's network interfaces, as the kernel lists them; independent of DDS. Python 3.
 
-Why: the probe of a second network, the stand-in and the exporter all ask which address an interface
-has, and join a multicast group on one interface of several.
+Why: the probe of a second network, the stand-in and the exporter all need an interface's address,
+and join a multicast group on one interface of several.
 """
 
 import fcntl
 from struct import pack, unpack_from
 
 try:
-    import _socket as socket  # half of `import socket` goes to classes nobody needs here
+    import _socket as socket  # half of `import socket` goes to classes that are not needed here
 except ImportError:  # not CPython
     import socket
 
@@ -18,13 +18,13 @@ UP_AND_RUNNING = 0x41
 
 
 def addresses():
-    """Return name -> IPv4 address of every interface but the loopback; None without an address."""
+    """Return name -> IPv4 address of every interface but the loopback; None if it has none."""
     names = [name for _, name in socket.if_nameindex()]
     return {name: address_of(name) for name in names if name != "lo"}
 
 
 def address_of(name):
-    """Return an interface's IPv4 address, None where it has none or is not there."""
+    """Return an interface's IPv4 address, None if it has none or does not exist."""
     answer = _asked(SIOCGIFADDR, name)
     return socket.inet_ntoa(answer[20:24]) if answer else None
 
@@ -41,7 +41,7 @@ def membership(group, name):
 
 
 def _asked(request, name):
-    """Return the answer of an interface's ioctl, None where it has none."""
+    """Return the answer of an interface's ioctl, None if it fails."""
     asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         return fcntl.ioctl(asking.fileno(), request, pack("256s", name.encode()[:15]))

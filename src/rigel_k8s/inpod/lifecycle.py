@@ -1,8 +1,8 @@
 """Hands a lifecycle node over from the old pod to the new one: ROS 2's updates without doubles.
 
-Why: DDS tolerates two nodes of one name, and then every message comes twice. A lifecycle node can
+Why: DDS accepts two nodes of one name, and then every message arrives twice. A lifecycle node can
 be started and configured while it does nothing. So the new pod's node waits, and is activated at
-the moment in which the old pod's node is deactivated.
+the moment when the old pod's node is deactivated.
 
     lifecycle.py take TOKEN                configures this pod's node; activates it once no other
                                            pod's node works; then ends
@@ -10,11 +10,11 @@ the moment in which the old pod's node is deactivated.
 
 Contract: RIGEL_K8S_LIFECYCLE is the node's full ROS name. lifecycle.sh has put TOKEN into the names
 of the node's services change_state and get_available_transitions. So the ROS graph shows which pods
-there are, and each pod's node can be asked and changed by itself. A token is tSECONDS_POD, from the
-start of the container: of several nodes that wait the newest takes over, and of a pod with several
-tokens only the newest counts, as its container has crashed. Progress keeps in a file what was
-reached, for the probe. `leave` returns 0 where the node was deactivated, else 1. It runs in the
-node's own environment, with its rclpy.
+there are, and each pod's node can be called separately. A token is tSECONDS_POD, from the start of
+the container. Of several nodes that wait, the newest takes over; of a pod with several tokens only
+the newest counts, since its container has crashed. Progress keeps what was reached in a file, for
+the probe. `leave` returns 0 if the node was deactivated, else 1. It runs in the node's own
+environment, with its rclpy.
 """
 
 import os
@@ -24,41 +24,37 @@ import time
 from progress import Progress
 
 ACTIVE, INACTIVE, UNCONFIGURED, FINALIZED = "active", "inactive", "unconfigured", "finalized"
-#: What a node of another pod does that must have ended first; None: it does not answer.
+#: States in which a node of another pod must end first; None: it does not answer.
 WORKING = (ACTIVE, "activating", "deactivating", None)
 
-SETTLE = 3.5  # seconds until whoever works was heard; DDS announces itself at least every 3 s
-SLOW = (
-    15.0  # seconds after which a node that has not offered its services is suspected to have none
-)
-WATCH = 10.0  # seconds for which a node that has heard no one looks whether it was mistaken
-STRANGER = 60.0  # seconds that a node of this name that is of no such pod may take to end
+SETTLE = 3.5  # seconds until an active node was discovered; DDS announces at least every 3 s
+SLOW = 15.0  # seconds after which a node is reported to offer no lifecycle services
+WATCH = 10.0  # seconds for which a node that met no other one checks whether it was mistaken
+STRANGER = 60.0  # seconds that a node of this name outside rigel's pods may take to end
 ANSWER = 1.0  # seconds that a node has to answer; then it is asked again
-PAUSE = (
-    1.0  # seconds between looks at everybody; a transition or a change of the graph is seen at once
-)
+PAUSE = 1.0  # seconds between looks at all nodes; transitions and graph changes show at once
 GLANCE = 0.05  # seconds between looks at the graph
 DELAYS = (1.0, 2.0, 5.0)  # seconds until a transition that failed is tried again
 
 
 def pod_of(token):
-    """Return the pod of a token, as ROS spells it."""
+    """Return a token's pod, spelled as in ROS names."""
     return token.partition("_")[2]
 
 
 def age_of(token):
-    """Return what orders tokens: a later one is larger."""
+    """Return the sort key of tokens: a later one is larger."""
     seconds = token.partition("_")[0][1:]
     return int(seconds) if seconds.isdigit() else 0, pod_of(token)
 
 
 def decide(own, state, others, strangers=0, waited=0.0):
-    """Return (what to do, for whom it waits): configure, activate, wait, or done.
+    """Return (what to do, for which pod it waits): configure, activate, wait, or done.
 
     Args:
         own: this pod's token; state: its node's.
         others: token -> state of the other pods' nodes, None for one that does not answer.
-        strangers: how many more nodes of the name there are, which no such pod has.
+        strangers: how many more nodes have this name, outside rigel's pods.
         waited: for how many seconds it could have been active.
     """
     if state == UNCONFIGURED:
@@ -73,12 +69,12 @@ def decide(own, state, others, strangers=0, waited=0.0):
         if doing in WORKING or (doing == INACTIVE and newer):
             return "wait", pod_of(token)
     if strangers > 0 and waited < STRANGER:
-        return "wait", "a node that no rigel pod has"
+        return "wait", "a node outside rigel's pods"
     return "activate", ""
 
 
 class Hand(object):
-    """What it takes to ask and to change nodes: a ROS node of its own that nobody sees."""
+    """A hidden ROS node that calls the services of nodes."""
 
     def __init__(self, name):
         """`name` is the full ROS name of the node to hand over."""
@@ -106,7 +102,7 @@ class Hand(object):
         self.moved = True
 
     def pods(self):
-        """Return the tokens of all pods whose node is in sight."""
+        """Return the tokens of all pods whose node is visible."""
         found = (name for name, _ in self.node.get_service_names_and_types())
         tails = (name[len(self.base) :] for name in found if name.startswith(self.base))
         return {tail.partition("/")[0] for tail in tails if tail.endswith("/change_state")}
@@ -117,7 +113,7 @@ class Hand(object):
         return sum(1 for n, space in names if space.rstrip("/") + "/" + n == self.name)
 
     def state(self, token):
-        """Return the state of a pod's node, None where it does not answer.
+        """Return the state of a pod's node, None if it does not answer.
 
         Without a token it is the node whose services have their usual names.
         """
@@ -145,14 +141,14 @@ class Hand(object):
             self.spin(0.01)
         future = client.call_async(request)
         while not future.done() and time.time() < until:
-            self.spin(GLANCE)  # in slices: a signal is heard between two
+            self.spin(GLANCE)  # in slices, so that a signal is handled between two
         if not future.done():
             client.remove_pending_request(future)
             return None
         return future.result()
 
     def spin(self, seconds):
-        """Do what is due, at most for so long."""
+        """Do what is due, at most for that long."""
         self.executor.spin_once(timeout_sec=seconds)
 
     def close(self):
@@ -167,31 +163,31 @@ class Taker(object):
 
     def __init__(self, name, token, hand):
         self.name, self.token, self.hand = name, token, hand
-        self.begun = self.heard = time.time()  # when the own node was heard
-        self.met = False  # the one node that worked was heard, so there is no need to listen longer
-        self.alone = False  # it was activated here without having met anyone
+        self.begun = self.heard = time.time()  # when the own node was last seen
+        self.met = False  # the one active node was seen, so there is no need to listen longer
+        self.alone = False  # it was activated here without meeting another one
         self.failures = 0
 
     def run(self):
         """Return when the node is active."""
-        self.tell("starts", "%s has not offered its lifecycle services yet" % self.name)
+        self.report("starts", "%s has not offered its lifecycle services yet" % self.name)
         while self.token not in self.hand.pods():
             if time.time() > self.begun + SLOW:
                 line = "%s offers no lifecycle services: HandOver is for lifecycle nodes"
-                self.tell("starts", line % self.name)
+                self.report("starts", line % self.name)
             self.hand.spin(GLANCE)
         self.heard = time.time()
         while not (self.step() and self.stays()):
             pass
 
     def stays(self):
-        """Return whether the node stays active: none is that was heard late, and is older."""
+        """Return whether the node stays active: no older active node was discovered late."""
         until = time.time() + (WATCH if self.alone else 0)
         while time.time() < until:
             pods, self.hand.moved = self.hand.pods(), False
             for token in pods - {self.token}:
                 if age_of(token) < age_of(self.token) and self.hand.state(token) == ACTIVE:
-                    self.tell("starts", "%s gives way to %s" % (self.name, pod_of(token)))
+                    self.report("starts", "%s gives way to %s" % (self.name, pod_of(token)))
                     self.met, self.alone = True, False
                     self.hand.change(self.token, "deactivate", 3600.0)
                     return False
@@ -199,7 +195,7 @@ class Taker(object):
         return True
 
     def step(self):
-        """Look, and do what is due; return whether that was all."""
+        """Look, and do what is due; return whether all is done."""
         pods, self.hand.moved = self.hand.pods(), False
         state = self.hand.state(self.token)
         others = {token: self.hand.state(token) for token in pods if token != self.token}
@@ -209,29 +205,31 @@ class Taker(object):
         waited = time.time() - self.heard
         what, whom = decide(self.token, state, others, strangers, waited)
         if what == "done":
-            self.tell("active", "%s is active" % self.name)
+            self.report("active", "%s is active" % self.name)
             return True
         if what == "configure":
             return self.change("configure", "starts")
         if what == "activate" and settled:
             return self.change("activate", "activates")
         if state == INACTIVE and whom and not self.failures:
-            self.tell("waits", "%s is inactive and waits to take over from %s" % (self.name, whom))
+            self.report(
+                "waits", "%s is inactive and waits to take over from %s" % (self.name, whom)
+            )
         self.rest(pods, PAUSE if settled else GLANCE)
         return False
 
     def change(self, transition, step):
         """Make a transition; return whether the node is active now."""
-        self.tell(step, "%s: %s" % (self.name, transition))
+        self.report(step, "%s: %s" % (self.name, transition))
         if self.hand.change(self.token, transition, 3600.0):
             self.failures = 0
             if transition == "activate":
                 self.alone = not self.met
-                self.tell("active", "%s is active" % self.name)
+                self.report("active", "%s is active" % self.name)
             return transition == "activate"
         self.failures += 1
         line = "%s has refused to %s, %d times; see its log"
-        self.tell("failed", line % (self.name, transition, self.failures))
+        self.report("failed", line % (self.name, transition, self.failures))
         until = time.time() + DELAYS[min(self.failures, len(DELAYS)) - 1]
         while time.time() < until:
             self.hand.spin(GLANCE)
@@ -243,9 +241,9 @@ class Taker(object):
         while time.time() < until and not self.hand.moved and self.hand.pods() == pods:
             self.hand.spin(GLANCE)
 
-    def tell(self, step, line):
-        """Note how far it is, and log it once."""
-        Progress(step, line, self.token, os.getpid()).tell()
+    def report(self, step, line):
+        """Note the step that is reached, and log it once."""
+        Progress(step, line, self.token, os.getpid()).report()
 
 
 def take(name, token):
@@ -253,7 +251,7 @@ def take(name, token):
     import signal
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: sys.exit(0))  # the pod ends: it takes over no more
+        signal.signal(number, lambda *_: sys.exit(0))  # the pod ends: it takes over nothing
     Progress("starts", "%s: the hand-over starts" % name, token, os.getpid()).save()
     hand = Hand(name)
     try:
@@ -264,7 +262,7 @@ def take(name, token):
 
 
 def leave(name, seconds):
-    """Return 0 where the node was active and is no more."""
+    """Return 0 if the node was active and is deactivated."""
     until, found = time.time() + seconds, Progress.load()
     if found is None:
         return 1
@@ -278,7 +276,7 @@ def leave(name, seconds):
 
 
 def end(pid):
-    """End the one that waits: a node that is about to end takes nothing over."""
+    """End the process that waits: a node that is about to end takes nothing over."""
     for number, times in ((15, 100), (9, 1)):  # SIGTERM, SIGKILL
         try:
             os.kill(pid, number)
@@ -290,7 +288,7 @@ def end(pid):
 
 
 def main(words):
-    """Return the exit code."""
+    """Run the script and return its exit code."""
     name = os.environ.get("RIGEL_K8S_LIFECYCLE", "")
     if words[:1] == ["take"] and len(words) == 2 and name:
         return take(name, words[1])

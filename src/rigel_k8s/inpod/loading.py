@@ -1,8 +1,8 @@
 """Loads what a node has as `components`, one after the other, until all of it is there.
 
-Why: a component that cannot be loaded must be what the readiness probe reports, and one that could
-only not be loaded yet, as its device was not there, must come up without anyone's help. It knows
-neither ROS 1 nor ROS 2: nodelets.py and components.py do. Python 2.7 and 3.
+Why: a component that cannot be loaded must be what the readiness probe reports. One that could only
+not be loaded yet, since its device was not there, must start without a user's help. nodelets.py
+(ROS 1) and components.py (ROS 2) do the loading itself. Python 2.7 and 3.
 """
 
 import os
@@ -12,15 +12,15 @@ import time
 from progress import Progress
 
 PAUSE = 0.5  # seconds between two looks for the node that loads
-DELAYS = (1.0, 2.0, 5.0)  # seconds until a component that was refused is tried again
+DELAYS = (1.0, 2.0, 5.0)  # seconds until a refused component is tried again
 
 
 class NotYet(Exception):
-    """The node cannot be asked now; the message says why."""
+    """The node cannot be called now; the message is the cause."""
 
 
 class Refused(Exception):
-    """The node has not loaded a component; the message is its own, perhaps empty."""
+    """The node has not loaded a component; the message is the node's, perhaps empty."""
 
 
 def load_all(plan, loader):
@@ -28,37 +28,38 @@ def load_all(plan, loader):
 
     Args:
         plan: the node's name as "node", its "components", each with "name" and "plugin".
-        loader: find() raises NotYet while the node cannot be asked, load(component) raises Refused.
+        loader: find() raises NotYet while the node cannot be called, load(component) raises
+            Refused.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: os._exit(0))  # the pod ends
     name = plan["node"]
-    tell("starts", "%s does not load components yet" % name)
+    report("starts", "%s does not load components yet" % name)
     for component in plan["components"]:
         load(name, component, loader)
     names = ", ".join(component["name"] for component in plan["components"])
-    tell("done", "%s has loaded %s" % (name, names))
+    report("done", "%s has loaded %s" % (name, names))
 
 
 def load(name, component, loader):
-    """Return when a component is loaded, however often that has to be tried."""
+    """Return when a component is loaded, after as many attempts as that takes."""
     what, failures = "%s (%s)" % (component["name"], component["plugin"]), 0
     while True:
         try:
             loader.find()
-            tell("loads", "%s is loading %s" % (name, what))
+            report("loads", "%s is loading %s" % (name, what))
             loader.load(component)
             return
         except NotYet as why:
-            tell("starts", "%s does not load components yet: %s" % (name, why))
+            report("starts", "%s does not load components yet: %s" % (name, why))
             time.sleep(PAUSE)
         except Refused as why:
             failures += 1
-            cause = str(why) or "its log says why"
-            tell("failed", "%s cannot load %s (attempt %d): %s" % (name, what, failures, cause))
+            cause = str(why) or "see its log"
+            report("failed", "%s cannot load %s (attempt %d): %s" % (name, what, failures, cause))
             time.sleep(DELAYS[min(failures, len(DELAYS)) - 1])
 
 
-def tell(step, line):
-    """Note how far it is, and log it."""
-    Progress(step, line, pid=os.getpid()).tell()
+def report(step, line):
+    """Note the step that is reached, and log it."""
+    Progress(step, line, pid=os.getpid()).report()

@@ -1,7 +1,7 @@
 """What earlier probes of this container found; a file in $TMPDIR or /dev/shm. Python 2.7 and 3.
 
-Why: only the master's whole state tells which nodes there are, and asking each probe for it would
-cost a master of 100 nodes more than the nodes do. With the names at hand two short questions do.
+Why: only the master's whole state lists all nodes, and if each probe requested it, that would cost
+a master of 100 nodes more than the nodes do. With the names at hand two short requests are enough.
 """
 
 import os
@@ -13,7 +13,7 @@ FILES = tuple(os.path.join(d, NAME) for d in (os.environ.get("TMPDIR") or "/tmp"
 
 
 class Node(object):
-    """A node of this pod: its name, its URI and the process behind it (None: not known)."""
+    """A node of this pod: its name, its URI and the process behind it (None: unknown)."""
 
     def __init__(self, name, uri, pid):
         self.name, self.uri, self.pid = name, uri, pid
@@ -31,7 +31,7 @@ class Memory(object):
     """
 
     def __init__(self):
-        """Read what is kept; nothing where the container has restarted since."""
+        """Read what is kept; nothing if the container has restarted since."""
         self.mark = container.started()
         self.run, self.nodes, self.searched = "", {}, {}
         for path in FILES:
@@ -42,7 +42,7 @@ class Memory(object):
                 return
 
     def save(self):
-        """Keep it for the next probe; a container that can write nowhere just asks more."""
+        """Keep it for the next probe; a container without a writable place just requests more."""
         lines = [("mark", self.mark), ("run", self.run)]
         lines += [("node", n.name, n.uri, n.pid or 0) for n in self.nodes.values()]
         lines += [("searched", pid, times) for pid, times in self.searched.items()]
@@ -70,7 +70,7 @@ def _lines(path):
 
 
 def _write(path, text):
-    """Write at once or not at all: two probes may run side by side."""
+    """Write all or nothing: two probes may run at the same time."""
     partial = "%s.%d" % (path, os.getpid())
     try:
         with open(partial, "w") as file:

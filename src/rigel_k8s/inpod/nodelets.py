@@ -1,15 +1,15 @@
 """Loads nodelets into the manager that runs in this container: ROS 1's `components`.
 
 Why: `nodelet load` would be a process of its own for each nodelet, registered with the master
-before it has loaded anything, so a pod would be ready although a nodelet is missing. This asks the
-manager itself, which says whether it has loaded a nodelet.
+before it has loaded anything, so a pod would be ready although a nodelet is missing. This script
+calls the manager itself, which answers whether it has loaded a nodelet.
 
     nodelets.py FILE
 
 Contract: FILE is JSON, {"node": MANAGER, "components": [{"name", "plugin", "parameters",
 "remappings"}]}; all ROS names are full ones. A nodelet's parameters replace those under its name.
 The script ends when all are loaded (loading.py). A manager counts only if it listens in this
-container: while a pod is replaced, the master may know the old pod's under this name. Environment:
+container: while a pod is replaced, the master may have the old pod's under this name. Environment:
 ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME. Python 2.7 and 3, nothing but the standard library.
 """
 
@@ -34,30 +34,30 @@ ANSWER = 8.0  # seconds that the master has to answer
 
 
 class Manager(object):
-    """The manager that loads; `place` is where its service listens."""
+    """The manager that loads; `place` is the address of its service."""
 
     def __init__(self, name):
         self.service = name + "/load_nodelet"
         self.place = None
 
     def find(self):
-        """Find the service in this container; raise NotYet where it is not there."""
+        """Find the service in this container; raise NotYet if it is not there."""
         master = Api(os.environ.get("ROS_MASTER_URI", ""), time.time() + ANSWER)
         try:
             code, _, uri = master.call("lookupService", self.service)
             master.close()
             if code != "1":
-                raise NotYet("the ROS master does not know %s" % self.service)
+                raise NotYet("the ROS master has no service %s" % self.service)
             host, port = split(uri.replace("rosrpc://", "http://"))
         except CallFailed as error:
-            raise NotYet("the ROS master cannot be asked: %s" % error)
+            raise NotYet("cannot reach the ROS master: %s" % error)
         own = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or os.uname()[1]
         if host != own or port not in Listeners().pids:
             raise NotYet("the ROS master has %s of another pod, at %s" % (self.service, uri))
         self.place = host, port
 
     def load(self, component):
-        """Load a nodelet; raise Refused where the manager does not."""
+        """Load a nodelet; raise Refused if the manager refuses."""
         try:
             self.set_parameters(component)
             call(self.place, self.service, make_request(component))
@@ -65,7 +65,7 @@ class Manager(object):
             raise NotYet(str(error))
 
     def set_parameters(self, component):
-        """Give a nodelet its private parameters; without any the master keeps what it has."""
+        """Set a nodelet's private parameters; without any the master keeps what it has."""
         if component["parameters"]:
             master = ServerProxy(os.environ["ROS_MASTER_URI"])
             try:
@@ -75,7 +75,7 @@ class Manager(object):
 
 
 def make_request(component):
-    """Return a request of nodelet/NodeletLoad, as it goes over the line."""
+    """Return a request of nodelet/NodeletLoad, as it is sent."""
     renamed = sorted(component["remappings"].items())
     return b"".join(
         [
@@ -101,9 +101,9 @@ def pack_list(texts):
 
 
 def call(place, service, request):
-    """Call a service whose answer is one `bool success`; raise Refused where it is not True.
+    """Call a service whose answer is one `bool success`; raise Refused if it is not True.
 
-    A nodelet may take its time, so there is no limit.
+    A nodelet may take its time, so there is no time limit.
     """
     connection = socket.create_connection(place, ANSWER)
     try:
@@ -124,12 +124,12 @@ def call(place, service, request):
 
 
 def receive_block(connection):
-    """Return what comes behind its length."""
+    """Return a block whose length comes first."""
     return receive(connection, struct.unpack("<I", receive(connection, 4))[0])
 
 
 def receive(connection, count):
-    """Return as many bytes."""
+    """Return exactly so many bytes."""
     data = b""
     while len(data) < count:
         more = connection.recv(count - len(data))
@@ -140,7 +140,7 @@ def receive(connection, count):
 
 
 def main(words):
-    """Return the exit code."""
+    """Run the script and return its exit code."""
     with open(words[0]) as file:
         plan = json.load(file)
     load_all(plan, Manager(plan["node"]))

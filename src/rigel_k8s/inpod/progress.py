@@ -1,8 +1,8 @@
-"""How far the script is that works beside a node, in a file that the readiness probe reads.
+"""What the script beside a node has reached, in a file that the readiness probe reads.
 
 Why: a component that cannot be loaded, or a transition that fails, must be the cause that a user
-reads, not a line of a log. A script that works beside a node (beside.sh) writes here what it does;
-ready.py and dds_ready.py report it. Python 2.7 and 3, nothing but the standard library.
+sees, not a line of a log. A script that works beside a node (beside.sh) writes its steps here;
+ready.py and dds_ready.py report them. Python 2.7 and 3, nothing but the standard library.
 """
 
 import os
@@ -21,20 +21,20 @@ FINAL = ("active", "done")
 
 
 class Progress(object):
-    """How far a script is.
+    """What a script has reached.
 
     Attributes:
         step: starts, waits, loads, activates, failed, active or done.
-        line: the same for people.
-        token: what else the script wants to find again.
+        line: the same as a sentence.
+        token: what the script needs to read back.
         pid: the script's process.
     """
 
     def __init__(self, step="", line="", token="", pid=0):
         self.step, self.line, self.token, self.pid = step, line, token, pid
 
-    def tell(self):
-        """Save it and log it, unless it is what was said last."""
+    def report(self):
+        """Save it and log it, unless it is the same as before."""
         last = Progress.load()
         if last is None or (last.step, last.line) != (self.step, plain(self.line)):
             self.save()
@@ -55,7 +55,7 @@ class Progress(object):
 
     @classmethod
     def load(cls):
-        """Return what was written since the container started, None for nothing."""
+        """Return what was written since the container started, None if nothing was."""
         for path in FILES:
             try:
                 with open(path) as file:
@@ -68,12 +68,12 @@ class Progress(object):
 
 
 def plain(text):
-    """Return a text as one line that every container can write, whatever its language is."""
+    """Return a text as one line of ASCII, which every container can write."""
     return str(" ".join(text.split()).encode("ascii", "replace").decode("ascii"))
 
 
 def describe(script, name):
-    """Return (whether the script has done what readiness waits for, how far it is).
+    """Return (whether the script has done what readiness waits for, its progress).
 
     Args:
         script: its file; name: the full ROS name of the node that it works for.
@@ -82,5 +82,5 @@ def describe(script, name):
     if found is None:
         return False, "%s has not started yet for %s" % (script, name)
     if found.step not in FINAL and not os.path.isdir("/proc/%d" % found.pid):
-        return False, "%s has ended early for %s; the log tells why" % (script, name)
+        return False, "%s has ended early for %s; see the log" % (script, name)
     return found.step in READY, found.line

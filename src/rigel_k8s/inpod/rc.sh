@@ -7,8 +7,8 @@
 # source this before its first prompt; exec.sh sources it for any command. Takes the variables of
 # the process whose ROS_PACKAGE_PATH (ROS 1) or AMENT_PREFIX_PATH (ROS 2) is the longest: a workspace
 # comes on top of its base, and process 1 may be a shell that had not sourced it when it started.
-# Where no process shows one, it sources the distribution's own setup. Where there is a discovery
-# server, tools here become super clients: others are told only of what concerns their own topics.
+# Without such a process, it sources the distribution's own setup. If there is a discovery server,
+# tools here become super clients: the server sends others only what concerns their own topics.
 # RIGEL_K8S_EXEC marks what is started from here: the readiness probe (container.py) must not take a
 # tool for one of the pod's nodes.
 # Needs sh and tr; sets nothing but exported variables.
@@ -22,7 +22,7 @@ $({ tr '\n\0' '\001\n' <"/proc/$1/environ"; } 2>/dev/null)
 "
 }
 
-# Sets $_rigel_value to the value of variable $1 in $_rigel_environ; fails where it is not there.
+# Sets $_rigel_value to the value of variable $1 in $_rigel_environ; fails if it is not there.
 _rigel_get() {
   case $_rigel_environ in *"
 $1="*) ;; *) return 1 ;; esac
@@ -32,7 +32,7 @@ $1="}
 "*}
 }
 
-# Sets $_rigel_best to the process to take after; fails where there is none.
+# Sets $_rigel_best to the process to copy the environment of; fails if no process has one.
 _rigel_find() {
   _rigel_best= _rigel_length=0
   for _rigel_line in /proc/[0-9]*; do
@@ -46,7 +46,7 @@ _rigel_find() {
   [ -n "$_rigel_best" ]
 }
 
-# Exports the variables of $_rigel_environ but those that are a shell's or a terminal's own.
+# Exports the variables of $_rigel_environ except those that belong to a shell or a terminal.
 _rigel_take() {
   _rigel_one=$(printf '\001')
   while IFS= read -r _rigel_line; do

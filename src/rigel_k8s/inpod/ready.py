@@ -1,21 +1,21 @@
-"""Is this pod's part of the ROS 1 graph in order? One line and an exit code.
+"""Does this pod's part of the ROS 1 graph work? One line and an exit code.
 
-Why: a pod that is "Running" may be deaf. A node counts when the master knows it at this pod's
-address and it answers; that fails when it hangs, when its name went to another pod, and when the
-master came back empty (nothing in ROS 1 registers a node again).
+Why: a pod that is "Running" may be deaf. A node counts if the master has it at this pod's address
+and it answers. That fails when the node hangs, when its name was taken by another pod, and when the
+master has restarted empty (nothing in ROS 1 registers a node again).
 
     ready.py node [--wait SECONDS] [--name /ros/name] [--components /ros/name]
     ready.py master [--wait SECONDS]
 
-Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output says why:
-the kubelet makes it the probe event's message. --wait asks again until ready or SECONDS are over,
-so that a start-up is noticed at once without a process for each look. --components: besides, all
-nodelets of this manager must be loaded (nodelets.py).
+Contract: exit code 0 ready, 1 not ready, 2 wrong arguments; one line on standard output has the
+cause: the kubelet makes it the probe event's message. --wait tries again until ready or SECONDS are
+over, so that a start is noticed at once without a process for each look. --components: all nodelets
+of this manager must also be loaded (nodelets.py).
 
     ready.py leave [--wait SECONDS]
 
 asks the gate in front of the master (rigel_k8s/gate) to give the names of this pod's nodes to those
-that wait for them, and gives these SECONDS to become ready; 1 where it has given none.
+that wait for them, and gives these SECONDS to become ready; 1 if it gave none.
 
 Environment: ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME; RIGEL_K8S_WORKLOAD is the workload of a pod whose
 nodes hand their names over, RIGEL_K8S_WARM is set where they get publishers before that. Python 2.7
@@ -47,14 +47,14 @@ SEARCHES = 3  # times that the master is searched for the nodes of one process
 
 
 class NotReady(Exception):
-    """The message says why, in one line."""
+    """The message is the cause, in one line."""
 
 
 class Look(object):
     """One look at this pod's nodes: the local sockets, the master, then the nodes themselves."""
 
     def __init__(self, master_uri, name, elsewhere):
-        """`name` is the one node to look for, None any; `elsewhere` outlives a look (FRESH)."""
+        """`name` is the node to look for, None any; `elsewhere` is kept between looks (FRESH)."""
         self.name, self.elsewhere = name, elsewhere
         self.until = time.time() + LOOK
         self.ports = Listeners().pids
@@ -64,7 +64,7 @@ class Look(object):
         self.master = Api(master_uri, time.time() + MASTER)
 
     def run(self):
-        """Return the names of the pod's nodes, all in order; raise NotReady otherwise."""
+        """Return the names of the pod's nodes, all working; raise NotReady otherwise."""
         if not self.ports:
             raise NotReady("no process of this container listens yet, so no ROS node has started")
         waiting = self._waiting()
@@ -74,7 +74,7 @@ class Look(object):
         if not nodes or self._newcomers(nodes):
             nodes.update(self._search(nodes))
         if not nodes:
-            raise NotReady(self._nobody())
+            raise NotReady(self._describe_missing())
         self.memory.nodes = nodes
         self.memory.save()
         for node in nodes.values():
@@ -82,7 +82,7 @@ class Look(object):
         return [name + " waits to take over" * (name in waiting) for name in sorted(nodes)]
 
     def _ask(self, method, *arguments):
-        """Return the master's value for a call; None where it says that there is none."""
+        """Return the master's value for a call; None if the master has none."""
         try:
             code, _, value = self.master.call(method, *arguments)
         except CallFailed as error:
@@ -92,20 +92,20 @@ class Look(object):
         return value if code == "1" else None
 
     def _waiting(self):
-        """Return the pod's nodes that wait for a name which the pod before it has."""
+        """Return the pod's nodes that wait for a name that the previous pod has."""
         workload = os.environ.get("RIGEL_K8S_WORKLOAD")
         if not workload:
             return {}
         warm = "warm" if os.environ.get("RIGEL_K8S_WARM") else ""
         own = (os.uname()[1], workload, warm, advertised())
         try:
-            told = self.master.call("rigelDescribePod", *own)[2]
+            answer = self.master.call("rigelDescribePod", *own)[2]
         except CallFailed:
-            return {}  # no gate, or no master: the next question finds out
-        busy = [name for name, uri, state, _ in told if state == "busy" and self._here(uri)]
+            return {}  # no gate, or no master: the next request finds out
+        busy = [name for name, uri, state, _ in answer if state == "busy" and self._here(uri)]
         if busy:
             raise NotReady("%s still registers; it waits to take over" % busy[0])
-        return {name: self._node(name, uri) for name, uri, _, _ in told if self._here(uri)}
+        return {name: self._node(name, uri) for name, uri, _, _ in answer if self._here(uri)}
 
     def _answers(self, node):
         deadline = min(self.until, time.time() + ANSWER)
@@ -119,7 +119,7 @@ class Look(object):
     # -- nodes that an earlier look found --
 
     def _confirm(self, known):
-        """Return those of the known nodes that go on: registered from here, process alive."""
+        """Return those of the known nodes that continue: registered from here, process alive."""
         found = [self._confirmed(node) for node in known.values()]
         nodes = {node.name: node for node in found if node}
         run = self._ask("getParam", "/run_id") if nodes else None
@@ -129,10 +129,10 @@ class Look(object):
         return nodes
 
     def _confirmed(self, node):
-        """Return the node as it is now, None where it has ended in order."""
+        """Return the node as it is now, None if it has ended in order."""
         uri, alive = self._ask("lookupNode", node.name), self._here(node.uri)
         if uri == node.uri and not alive:
-            if not self._is_listed(node.name):  # it has unregistered, as `rosnode kill` lets it
+            if not self._is_listed(node.name):  # it has unregistered, as after `rosnode kill`
                 return None
             raise NotReady("%s has crashed: it is registered, but its process is gone" % node)
         if uri and self._here(uri):  # the same, or started again by a shell or by roslaunch
@@ -141,34 +141,34 @@ class Look(object):
             text = "%s has lost its name to another node: the ROS master has it at %s"
             raise NotReady(text % (node, uri))
         if alive:
-            raise NotReady(self._orphan(node, "does not know it"))
+            raise NotReady(self._orphan(node, "does not have it"))
         return None
 
     def _is_listed(self, name):
         """Return whether a node has any topic or service at the master.
 
-        `lookupNode` goes on to return the name of a node that has taken leave but had subscribed to
-        a parameter.
+        `lookupNode` still returns the name of a node that has unregistered but had subscribed to a
+        parameter.
         """
         state = self._ask("getSystemState") or [[], [], []]
         return any(name in names for part in state for _, names in part)
 
     def _complete(self, nodes):
-        """The master has restarted, yet knows the nodes: make sure that it knows all of them."""
+        """Check, after a restart of the master, that it has all registrations of the nodes."""
         state = self._ask("getSystemState") or [[], [], []]
         for part, method in ((0, "getPublications"), (1, "getSubscriptions")):
             for node in nodes.values():
                 has = {topic for topic, names in state[part] if node.name in names}
-                lacking = sorted(self._topics(node, method) - has)
-                if lacking:
-                    raise NotReady(self._orphan(node, "knows nothing of its " + lacking[0]))
+                missing = sorted(self._topics(node, method) - has)
+                if missing:
+                    raise NotReady(self._orphan(node, "does not have its " + missing[0]))
 
     def _topics(self, node, method):
-        """Return what the node itself believes to publish or subscribe."""
+        """Return the topics that the node itself reports to publish or subscribe."""
         try:
             code, _, value = Api(node.uri, self.until).call(method)
         except CallFailed:
-            return set()  # told by _answers
+            return set()  # _answers reports it
         return {entry[0] for entry in value} if code == "1" else set()
 
     def _orphan(self, node, what):
@@ -177,10 +177,10 @@ class Look(object):
         )
         return text % (node, self.master.uri, what)
 
-    # -- nodes that no look has found so far --
+    # -- nodes that are not found yet --
 
     def _newcomers(self, nodes):
-        """Return whether there is a process that the master has not been searched for enough."""
+        """Return whether the master was searched too few times for some process."""
         pids = set(self.ports.values()) - {node.pid for node in nodes.values()}
         return any(self.memory.searched.get(pid, 0) < SEARCHES for pid in pids if pid)
 
@@ -226,7 +226,7 @@ class Look(object):
         marks = ["_%d_" % pid for pid in pids]
         return lambda name: name.strip("/") in words or any(mark in name for mark in marks)
 
-    def _nobody(self):
+    def _describe_missing(self):
         pids = sorted({pid for pid in self.ports.values() if pid})
         here = "; ".join("%d %s" % (pid, command(pid)) for pid in pids[:3]) or "another user's"
         what = self.name or "no ROS node of this pod"
@@ -282,7 +282,7 @@ def look_node(name, elsewhere, manager=None):
     except CallFailed as error:
         raise NotReady("ROS_MASTER_URI: %s" % error)
     if manager:
-        from progress import describe  # other nodes do without
+        from progress import describe  # other nodes do not need it
 
         are_loaded, line = describe("nodelets.py", manager)
         if not are_loaded:
@@ -294,8 +294,8 @@ def look_node(name, elsewhere, manager=None):
 def look_master(starting):
     """Return the line for a master that answers; raise NotReady otherwise.
 
-    One that is `starting` must have the parameters that roscore sets shortly after: a node that
-    asks for /rosversion as soon as there is a master would fail. A bare rosmaster sets none.
+    A master that is `starting` must have the parameters that roscore sets shortly after: a node
+    that reads /rosversion as soon as the master answers would fail. A rosmaster alone sets none.
     """
     try:
         port = split(os.environ.get("ROS_MASTER_URI", "http://localhost:11311"))[1]
@@ -315,14 +315,14 @@ def roscore_runs():
 
 
 def watch(limit, last):
-    """End the process with a word when a look hangs in what knows no deadline (DNS)."""
+    """End the process with a message when a look hangs in a call without a deadline (DNS)."""
     time.sleep(limit)
     hanging = "timed out after %.1f s; is the cluster's DNS in order?" % limit
     finish(1, last[0] if last else hanging)
 
 
 def finish(code, line):
-    """Say the line and end, whatever other threads do."""
+    """Print the line and end, even if other threads still run."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()
     os._exit(code)
@@ -341,7 +341,7 @@ def arguments(words):
         else:
             raise ValueError("unknown argument %s" % option)
     if kind not in ("node", "master", "leave"):
-        raise ValueError("say node, master or leave first")
+        raise ValueError("the first argument must be node, master or leave")
     return kind, wait, options
 
 

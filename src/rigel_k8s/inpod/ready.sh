@@ -2,7 +2,7 @@
 # The readiness probe's entry: finds a Python and hands over to ready.py, or to dds_ready.py.
 #
 # Why: images of different ages have python3, python or python2, and a probe that cannot run must
-# say so instead of failing with the shell's words.
+# report the reason instead of the shell's message.
 # Contract: `ready.sh node|master ...` has the arguments and exit codes of ready.py, `ready.sh
 # dds|zenoh ...` those of dds_ready.py; 3 where the image has no Python (for DDS no Python 3).
 # -S -E -B: no site packages, no PYTHON* variables, no .pyc files; saves a third of the start.

@@ -1,9 +1,9 @@
-"""roscore.py ROSCORE [ARGUMENT...]: runs roscore, and lets its master start slowly.
+"""roscore.py ROSCORE [ARGUMENT...]: runs roscore, and gives its master more time to start.
 
-Why: roscore ends when its own master does not answer 10 s after its start. On a machine with far
-too much to do a Python program takes longer than that only to start, and roscore would begin from
-the start each time. roslaunch has no option for it. Where another version of roslaunch keeps the
-limit elsewhere, its own limit holds.
+Why: roscore ends if its own master does not answer 10 s after its start. On an overloaded machine a
+Python program may need longer than that only to start, and roscore would begin from the start each
+time. roslaunch has no option for it. A version of roslaunch that keeps the limit elsewhere keeps
+its own limit.
 """
 
 import runpy

@@ -1,7 +1,7 @@
 """Parameters of ROS 1: read from files as rosparam does, and set at the master. Python 2.7 and 3.
 
-Why: rosparam's own modules know its YAML (`deg(90)`, several documents) and the master's protocol;
-they are in every image with ROS 1, and are imported only by what uses them.
+Why: rosparam's own modules read its YAML (`deg(90)`, several documents) and speak the master's
+protocol; they are in every image with ROS 1, and are imported only where they are needed.
 """
 
 import os
@@ -12,7 +12,7 @@ import time
 from substitution import Failure
 
 CALLER = "/rigel_start"
-#: Seconds for an answer of the master; without a limit a lost machine is waited for for minutes.
+#: Seconds for an answer of the master; without a limit a lost machine would block for minutes.
 PATIENCE = 10.0
 
 
@@ -23,7 +23,7 @@ def load(path, namespace):
     rosparam = import_ros("rosparam")
     try:
         return [(space, tree) for tree, space in rosparam.load_file(path, namespace)]
-    except Exception as error:  # of YAML, and of what rosparam makes of it
+    except Exception as error:  # of YAML, and of rosparam's own conversions
         words = " ".join(str(error).split())
         raise Failure("the parameter file %s cannot be read: %s" % (path, words))
 
@@ -70,17 +70,17 @@ def set_all(trees):
 
 
 def wait_for_master():
-    """Return the master once it answers; a line says what is waited for."""
-    master, told = connect(), False
+    """Return the master once it answers; a line of the log has the cause of the wait."""
+    master, reported = connect(), False
     while True:
         try:
             master.getPid()
             return master
         except Exception as error:
-            if not told:
+            if not reported:
                 sys.stdout.write("rigel: waiting for the ROS master: %s\n" % describe(error))
                 sys.stdout.flush()
-                told = True
+                reported = True
             time.sleep(1)
 
 

@@ -1,12 +1,12 @@
 """XML-RPC to ROS masters and nodes, just enough of it and quick to start.
 
-Why: a probe runs every few seconds in every pod. The standard library's xmlrpc client takes five
-times as long to import as Python takes to start; this needs the C module `_socket` only. It knows
-nothing of probes. Python 2.7 and 3.
+Why: a probe runs every few seconds in every pod. Importing the standard library's xmlrpc client
+takes five times as long as Python takes to start; this needs the C module `_socket` only. It is
+independent of probes. Python 2.7 and 3.
 """
 
 try:
-    import _socket as socket  # half of `import socket` goes to classes nobody needs here
+    import _socket as socket  # half of `import socket` goes to classes that are not needed here
 except ImportError:  # not CPython
     import socket
 import time
@@ -15,21 +15,21 @@ CALLER = "/rigel_probe"
 
 
 class CallFailed(Exception):
-    """The other side could not be asked; the message says why, in a few words."""
+    """The call failed; the message is the cause, in a few words."""
 
 
 class Api(object):
     """One ROS XML-RPC server; keeps its connection for further calls."""
 
     def __init__(self, uri, deadline):
-        """`deadline` is the time.time() after which no call lasts."""
+        """`deadline` is the time.time() at which every call has ended."""
         self.uri = uri
         self.host, self.port = split(uri)
         self._deadline = deadline
         self._socket = None
 
     def call(self, method, *arguments):
-        """Return (code, message, value), as every ROS method answers."""
+        """Return (code, message, value), the answer of every ROS method."""
         body = request(method, (CALLER,) + arguments)
         reused = self._socket is not None
         try:
@@ -114,16 +114,16 @@ class Api(object):
 
 
 def split(uri):
-    """Return (host, port) of an http URI; raises CallFailed where it is none."""
+    """Return (host, port) of an http URI; raises CallFailed if it is not one."""
     rest = uri.partition("://")[2].partition("/")[0]
     host, _, port = rest.rpartition(":")
     if not uri.startswith("http://") or not host or not port.isdigit():
-        raise CallFailed("%r is no http://HOST:PORT" % str(uri))
+        raise CallFailed("%r is not http://HOST:PORT" % str(uri))
     return host.strip("[]"), int(port)
 
 
 def reason(error):
-    """Return an exception's own words, without numbers of the system."""
+    """Return an exception's message, without the system's error numbers."""
     if "timed out" in str(error):
         return "timed out"
     text = error.args[1] if len(error.args) > 1 else str(error)
@@ -146,7 +146,7 @@ def parse(text):
     """Return an answer's value: nested lists of text; every scalar is text, a struct too.
 
     Raises:
-        CallFailed: the answer is a fault, or no answer at all.
+        CallFailed: the answer is a fault, or not an answer.
     """
     lists, plain = [[]], None
     for piece in text.split("<")[1:]:

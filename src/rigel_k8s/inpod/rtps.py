@@ -1,9 +1,9 @@
 """RTPS, the protocol below every DDS: headers, samples and parameter lists, read and written.
 
-Why: whether ROS 2 nodes discover each other shows only on the wire, and images hold no tool for it.
-Contract: bytes in, bytes out; no socket, no clock. Written after OMG's DDSI-RTPS 2.5: 8.3 messages,
-9.4 their encoding, 9.6.1 ports and addresses. What samples say is spdp.py's and the exporter's.
-Python 3.6 and newer, nothing but the standard library.
+Why: whether ROS 2 nodes discover each other shows only in the packets, and images have no tool for
+it. Contract: bytes in, bytes out; no socket, no clock. Written after OMG's DDSI-RTPS 2.5: 8.3
+messages, 9.4 their encoding, 9.6.1 ports and addresses. The samples' contents are in spdp.py and
+the exporter. Python 3.6 and newer, nothing but the standard library.
 """
 
 from struct import pack, unpack_from
@@ -12,8 +12,8 @@ GROUP = "239.255.0.1"  # where participants announce themselves
 SPDP_READER, SPDP_WRITER = b"\x00\x01\x00\xc7", b"\x00\x01\x00\xc2"
 PARTICIPANT = b"\x00\x00\x01\xc1"
 VERSION = b"\x02\x03"
-UNKNOWN = b"\x00\x00"  # the vendor of what no vendor made
-FAST_DDS = b"\x01\x0f"  # its discovery server talks with its own kind only
+UNKNOWN = b"\x00\x00"  # the vendor id of no vendor
+FAST_DDS = b"\x01\x0f"  # its discovery server answers only its own kind
 VENDORS = {
     0x0101: "RTI Connext",
     0x0102: "OpenSplice",
@@ -38,11 +38,11 @@ LITTLE, INLINE, WITH_DATA, WITH_KEY = 0x01, 0x02, 0x04, 0x08
 PID_KEY_HASH, PID_STATUS, PID_SENTINEL = 0x0070, 0x0071, 0x0001
 PID_RELATED, PID_RELATED_FAST_DDS = 0x0083, 0x800F  # the identity of a sample
 
-GONE = b"\x00\x00\x00\x03"  # disposed and unregistered; always big end first
+GONE = b"\x00\x00\x00\x03"  # disposed and unregistered; always big-endian
 
 
 class Malformed(Exception):
-    """These bytes are no RTPS message, or a broken one."""
+    """These bytes are not an RTPS message, or a broken one."""
 
 
 def announcement_port(domain):
@@ -51,12 +51,12 @@ def announcement_port(domain):
 
 
 def participant_port(domain, index):
-    """Return the UDP port at which a domain's participant number `index` takes announcements."""
+    """Return the UDP port at which a domain's participant number `index` receives announcements."""
     return 7410 + 250 * domain + 2 * index
 
 
 def domain_of(port):
-    """Return the domain whose ports a port is one of, None where it is none's."""
+    """Return the domain that a port belongs to, None if it belongs to none."""
     domain = (port - 7400) // 250
     return domain if 0 <= domain <= 232 else None
 
@@ -68,7 +68,7 @@ def beacon(prefix, text):
 
 
 def beacon_text(message):
-    """Return the text of a beacon, None where the message is none of ours."""
+    """Return the text of a beacon, None if the message is not one of ours."""
     for kind, _, body in submessages(message):
         if kind == BEACON and message[6:8] == UNKNOWN:
             return body.rstrip(b"\0").decode("utf-8", "replace")
@@ -76,12 +76,12 @@ def beacon_text(message):
 
 
 def addressee(message):
-    """Return the prefix of the participant that a message is for, None where it is for anybody."""
+    """Return the prefix of the participant that a message is for, None if it is for any."""
     return next((body for kind, _, body in submessages(message) if kind == INFO_DST), None)
 
 
 def vendor_name(raw):
-    """Return the name of who made an implementation, from the two bytes of a header."""
+    """Return the name of an implementation's vendor, from the two bytes of a header."""
     return VENDORS.get(raw[0] << 8 | raw[1], "vendor " + raw.hex())
 
 
@@ -89,10 +89,10 @@ def submessages(message):
     """Yield (kind, flags, body) of each submessage.
 
     Raises:
-        Malformed: it is no RTPS message.
+        Malformed: it is not an RTPS message.
     """
     if len(message) < 20 or message[:4] != b"RTPS":
-        raise Malformed("no RTPS message")
+        raise Malformed("not an RTPS message")
     at = 20
     while at + 4 <= len(message):
         kind, flags = message[at], message[at + 1]
@@ -101,7 +101,7 @@ def submessages(message):
         if size == 0 and kind not in (INFO_TS, 0x01):  # the last one, up to the message's end
             end = len(message)
         if end > len(message):
-            raise Malformed("a submessage ends behind its message")
+            raise Malformed("a submessage is longer than its message")
         yield kind, flags, message[at + 4 : end]
         at = end
 
@@ -115,13 +115,13 @@ def parameter_list(body, at, order):
         if pid == PID_SENTINEL:
             return pairs, at
         if at + size > len(body):
-            raise Malformed("a parameter ends behind its message")
+            raise Malformed("a parameter is longer than its message")
         pairs.append((pid, body[at : at + size]))
         at += size
 
 
 def header(prefix, vendor):
-    """Return what every message of a participant begins with."""
+    """Return the first bytes of every message of a participant."""
     return b"RTPS" + VERSION + vendor + prefix
 
 
@@ -135,8 +135,8 @@ def data(reader, writer, number, inline, payload, *, is_key=False):
 def read_data(body, flags):
     """Return (writer, sequence number, payload, status, key hash) of a DATA submessage.
 
-    payload: begins with its encapsulation, and is empty where there is none; status: 1 disposed,
-    2 unregistered, 3 both; key hash: empty where it is not told.
+    payload: begins with its encapsulation, and is empty if the sample has none; status: 1 disposed,
+    2 unregistered, 3 both; key hash: empty if the sample has none.
     """
     order = "<" if flags & LITTLE else ">"
     high, low = unpack_from(order + "iI", body, 12)
@@ -144,7 +144,7 @@ def read_data(body, flags):
     if flags & INLINE:
         at, status, key = inline_qos(body, at, order)
     if flags & WITH_KEY and not status:
-        status = 3  # nothing but a key: who forgot to say why
+        status = 3  # only a key, and no reason given
     payload = body[at:] if flags & (WITH_DATA | WITH_KEY) else body[:0]
     return bytes(body[8:12]), (high << 32) + low, payload, status, key
 

@@ -1,7 +1,7 @@
 """What a DDS participant announces of itself (SPDP), read and written as parameter lists.
 
 Why: the stand-in in a pod and the exporter both announce themselves and read others. The probe does
-neither, so it need not load this. Bytes in, plain data out; no socket, no clock. DDSI-RTPS 2.5:
+neither, so it does not load this. Bytes in, plain data out; no socket, no clock. DDSI-RTPS 2.5:
 8.5.3 and 9.6.3. Python 3.6 and newer, nothing but the standard library.
 """
 
@@ -22,11 +22,11 @@ MOST_PLACES = 8
 Place = Tuple[str, int]
 
 
-class Told(NamedTuple):
+class Announcement(NamedTuple):
     """What a participant announces of itself; `lease` in seconds.
 
-    prefix: the 12 bytes that tell it from all others; vendor: rtps.FAST_DDS for one that a
-    discovery server is to answer; meta, data: where it takes announcements, and samples.
+    prefix: 12 bytes, unique for each participant; vendor: rtps.FAST_DDS for one that a discovery
+    server must answer; meta, data: where it receives announcements, and samples.
     """
 
     prefix: bytes
@@ -45,9 +45,9 @@ class Parameters(object):
     """A payload's parameters: values by their ids."""
 
     def __init__(self, payload):
-        """Raise rtps.Malformed where it has none."""
+        """Raise rtps.Malformed if it has none."""
         if len(payload) < 4 or payload[1] not in (0x02, 0x03):
-            raise rtps.Malformed("no parameter list")
+            raise rtps.Malformed("not a parameter list")
         self.order = "<" if payload[1] & 1 else ">"
         try:
             pairs, _ = rtps.parameter_list(payload, 4, self.order)
@@ -58,7 +58,7 @@ class Parameters(object):
             self.found.setdefault(pid, []).append(bytes(value))
 
     def raw(self, pid):
-        """Return a value's bytes, empty where it is not told."""
+        """Return a value's bytes, empty if it is not there."""
         return self.found.get(pid, [b""])[0]
 
     def get(self, pid, code, default):
@@ -69,11 +69,11 @@ class Parameters(object):
             return default
 
     def text(self, pid):
-        """Return a text, "" where it is not told."""
+        """Return a text, "" if it is not there."""
         return self._text(self.raw(pid), 0)[0]
 
     def _text(self, raw, at):
-        """Return (the text at a place, where the next thing begins)."""
+        """Return (the text at a position, where the next item begins)."""
         if len(raw) < at + 4:
             return "", len(raw)
         (size,) = unpack_from(self.order + "I", raw, at)
@@ -90,7 +90,7 @@ class Parameters(object):
         return tuple(found)
 
     def places(self, pid):
-        """Return where UDP over IPv4 reaches it."""
+        """Return the addresses where UDP over IPv4 reaches it."""
         found = []
         for raw in self.found.get(pid, [])[:MOST_PLACES]:
             if len(raw) >= 24:
@@ -101,17 +101,17 @@ class Parameters(object):
 
 
 def participant(payload):
-    """Return what an announcement's payload tells.
+    """Return the content of an announcement's payload.
 
     Raises:
-        rtps.Malformed: it is none.
+        rtps.Malformed: it is not an announcement.
     """
     found = Parameters(payload)
     lease = found.get(PID_LEASE, "iI", (100, 0))
     guid = found.raw(PID_GUID)
     if len(guid) < 12:
-        raise rtps.Malformed("an announcement of nobody")
-    return Told(
+        raise rtps.Malformed("an announcement without a participant")
+    return Announcement(
         prefix=guid[:12],
         vendor=found.raw(PID_VENDOR)[:2],
         domain=found.get(PID_DOMAIN, "I", (None,))[0],
@@ -129,7 +129,7 @@ def announced(message):
     """Return (who it is, whether it leaves) of each announcement in a message.
 
     Raises:
-        rtps.Malformed: it is no RTPS message.
+        rtps.Malformed: it is not an RTPS message.
     """
     try:
         return [
@@ -138,14 +138,14 @@ def announced(message):
             if kind == rtps.DATA and body[8:12] == rtps.SPDP_WRITER
         ]
     except (error, IndexError):
-        raise rtps.Malformed("an announcement ends before it should")
+        raise rtps.Malformed("an announcement is longer than its message")
 
 
 def _announcement(message, writer, number, payload, status, key):
     if not status:
         return participant(payload)._replace(vendor=message[6:8]), False
     guid = Parameters(payload).raw(PID_GUID) if payload else key
-    return Told((guid or message[8:20])[:12], message[6:8]), True
+    return Announcement((guid or message[8:20])[:12], message[6:8]), True
 
 
 def announcement(own):
@@ -157,7 +157,7 @@ def announcement(own):
 
 
 def farewell(prefix, vendor=rtps.UNKNOWN):
-    """Return the message that takes a participant's announcement back."""
+    """Return the message that withdraws a participant's announcement."""
     guid = prefix + rtps.PARTICIPANT
     inline = rtps.parameters([(rtps.PID_KEY_HASH, guid), (rtps.PID_STATUS, rtps.GONE)])
     ends = rtps.SPDP_READER, rtps.SPDP_WRITER

@@ -1,7 +1,7 @@
 """start.py ros1|ros2 [OPTION]... -- PROGRAM [ARGUMENT]...: prepares a container for PROGRAM.
 
-Why: some arguments and parameters are known only inside of the image: where a package is, what a
-file of it says, what a program of it prints.
+Why: some arguments and parameters are known only inside the image: the place of a package, the
+content of one of its files, the output of one of its programs.
 Contract: docs/in-pod-scripts.md. Python 2.7 and 3. The options, in any order:
 
   --substitute           replace $(find P), $(env X) and $(optenv X D) in all that follows
@@ -12,8 +12,8 @@ Contract: docs/in-pod-scripts.md. Python 2.7 and 3. The options, in any order:
   --run NAME COMMAND     a parameter whose value COMMAND prints; ROS 2: for any node
   --keep NAME            instead of a program: see globalparameters.py
 
-Later parameters win. In ROS 1 they are set at the master; in ROS 2 they go into a file that
-PROGRAM is given. What fails is reported in one line, and ends the container.
+Later parameters win. In ROS 1 they are set at the master; in ROS 2 they are written into a file
+that PROGRAM receives. A failure is reported in one line, and ends the container.
 """
 
 import json
@@ -42,7 +42,7 @@ TERMINATION = "/dev/termination-log"
 
 
 class Start(object):
-    """What a container's command line asks for."""
+    """What a container's command line requests."""
 
     def __init__(self, words):
         self.ros2 = words[0] == "ros2"
@@ -60,11 +60,11 @@ class Start(object):
         return [words for name, words in self.options if name == option]
 
     def complete(self, text):
-        """Return a text as the program gets it."""
+        """Return a text as the program receives it."""
         return substitute(text, self._find) if self._substitutes else text
 
     def prepare_environment(self):
-        """Complete the variables that the user wrote expressions into."""
+        """Complete the variables whose values contain expressions."""
         for (name,) in self.values("--env"):
             os.environ[name] = self.complete(os.environ.get(name, ""))
 
@@ -103,7 +103,7 @@ class Start(object):
 
 
 def run(words, name):
-    """Return what a command prints."""
+    """Return the output of a command."""
     what = "the command of the parameter %s, `%s`," % (name, " ".join(words))
     try:
         child = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
@@ -154,7 +154,7 @@ def main(words):
 
 
 def report(line):
-    """Put a line into the container's status, where Kubernetes has a file for it."""
+    """Write a line into the container's status, if Kubernetes has a file for it."""
     if os.path.exists(TERMINATION):
         with open(TERMINATION, "w") as file:
             file.write(line)

@@ -4,7 +4,7 @@
 #
 # Why: in ROS 1 parameters are read and set by the modules of rosparam, so this must be the Python that the
 # image's rosparam names; images of different ages have python3, python or python2.
-# Contract: `start.sh ros1|ros2 ...` has the arguments of start.py. 3 where the image has no Python.
+# Contract: `start.sh ros1|ros2 ...` has the arguments of start.py. 3 if the image has no Python.
 # Needs sh.
 
 folder=${0%/*}

@@ -1,24 +1,24 @@
 #!/bin/sh
-# The preStop hook: ends the container's ROS nodes the way they clean up after, by SIGINT.
+# The preStop hook: ends the container's ROS nodes by SIGINT, on which they clean up.
 #
 # Why: Kubernetes sends SIGTERM to process 1 only. roscpp has no handler for it, a shell that is
-# process 1 does not pass it on, and a node that is killed stays registered with the master. SIGINT
-# is what rospy, roscpp and roslaunch all unregister on. Kubernetes sends SIGTERM as soon as this
-# script returns, so it waits until the processes are gone. ROS 2's nodes leave DDS on it, and `ros2
-# launch`, which knows no SIGTERM, and `ros2 run`, which did not pass it on, are served as well.
-# Contract: stop.sh [SECONDS]; always 0. SIGINT goes to every process of the container at once, but
-# to a roscore after the nodes, so that they can unregister; to what a roslaunch or a ros2 launch
-# started not at all, since it stops that itself and would start it again otherwise; and to process 1 last. What
-# lives on gets SIGINT after 1.5 s whatever it is, and SIGTERM after half of SECONDS (default 8).
-# It waits for all but process 1 and what that launched, unless SIGTERM does nothing to process 1 (a
-# shell, roscpp): then it goes on in the background. For the end of process 1 ends this script with it, and Kubernetes
-# tells that as a failed hook.
-# Where RIGEL_K8S_WORKLOAD is set, the names of the nodes go to the pod that waits for them first
-# (ready.py leave), for which that has a quarter of SECONDS to become ready. Gate and master end those nodes
-# then; that is not disturbed for a moment, since others find their new publishers meanwhile. Where
-# RIGEL_K8S_LIFECYCLE is set, the node is deactivated first (lifecycle.py leave), for which it has half of
-# SECONDS; what it has sent reaches its hearers meanwhile. Where RIGEL_K8S_TRANSITIONS is set, it is a node and
-# the transitions that it makes first (transitions.py stop), in the same time.
+# process 1 does not pass it on, and a killed node stays registered with the master. rospy, roscpp
+# and roslaunch all unregister on SIGINT. Kubernetes sends SIGTERM as soon as this script returns, so
+# it waits until the processes have ended. ROS 2's nodes leave DDS on SIGINT; it also helps `ros2
+# launch`, which ignores SIGTERM, and `ros2 run`, which did not pass it on.
+# Contract: stop.sh [SECONDS]; always 0. SIGINT is sent to every process of the container at once, with
+# three exceptions: a roscore gets it after the nodes, so that they can unregister; what a roslaunch or
+# a ros2 launch started does not get it, since the launcher stops it itself and would start it again
+# otherwise; process 1 gets it last. All that still run after 1.5 s get SIGINT, and after half of SECONDS
+# (default 8) SIGTERM. The script waits for all but process 1 and what that launched, unless process 1
+# ignores SIGTERM (a shell, roscpp): then it continues in the background, since the end of process 1 ends
+# this script too, and Kubernetes reports that as a failed hook.
+# If RIGEL_K8S_WORKLOAD is set, the script first hands the names of the nodes over to the pod that waits
+# for them (ready.py leave); that pod has a quarter of SECONDS to become ready. Gate and master end those
+# nodes then. They get half a second for it, in which others find the new publishers. If
+# RIGEL_K8S_LIFECYCLE is set, the node is deactivated first (lifecycle.py leave), within half of SECONDS;
+# what it has sent still arrives. If RIGEL_K8S_TRANSITIONS is set, it holds a node and the transitions
+# that it makes first (transitions.py stop), within the same time.
 # Needs sh, sleep, tr and /proc.
 
 if [ -n "$RIGEL_K8S_WORKLOAD" ]; then
@@ -37,7 +37,7 @@ elif [ -n "$RIGEL_K8S_LIFECYCLE" ]; then
 fi
 bound=$((${1:-8} * 10))
 patience=15 # tenths of a second
-classified=' ' cores=' ' launches=' ' told=' ' warned=' '
+classified=' ' cores=' ' launches=' ' interrupted=' ' warned=' '
 
 # Whether $2 is one of the words of $1, a list with blanks around each word.
 has() {
@@ -45,14 +45,14 @@ has() {
   return 1
 }
 
-# Sets $state and $parent of process $1; fails where it is gone. Its name may hold any character.
+# Sets $state and $parent of process $1; fails if it has ended. Its name may hold any character.
 look() {
   { IFS= read -r stat <"/proc/$1/stat"; } 2>/dev/null || return 1
   set -- ${stat##*) }
   state=$1 parent=$2
 }
 
-# Sets $cgroup of process $1: with hostPID the processes of other containers are in sight.
+# Sets $cgroup of process $1: with hostPID the processes of other containers are visible.
 group() {
   cgroup=
   { while IFS= read -r line; do cgroup="$cgroup$line|"; done <"/proc/$1/cgroup"; } 2>/dev/null
@@ -100,12 +100,12 @@ list() {
 
 # Sends SIGINT to process $1, once, unless it is this script or started it.
 interrupt() {
-  has "$told$mine" "$1" && return
-  told="$told$1 "
+  has "$interrupted$mine" "$1" && return
+  interrupted="$interrupted$1 "
   kill -INT "$1" 2>/dev/null
 }
 
-# One round at tenth $1: sends what is due, sets $first and $rest to who still lives.
+# One round at tenth $1: sends what is due, sets $first and $rest to the processes that still run.
 round() {
   list
   first= rest=
@@ -126,7 +126,7 @@ round() {
   done
 }
 
-# Whether signal number $1 means something to process 1: it handles it, or waits for it.
+# Whether signal number $1 has an effect on process 1: it handles it, or waits for it.
 heeds() {
   masks=0
   while read -r key value; do
@@ -143,7 +143,7 @@ work() {
   while [ "$tenth" -lt "$bound" ]; do
     round "$tenth"
     [ -z "$first$rest" ] && break
-    [ -z "$first" ] && has "$cores$launches" 1 && break # ends what it started by itself
+    [ -z "$first" ] && has "$cores$launches" 1 && break # ends what it started automatically
     if sleep 0.1 2>/dev/null; then tenth=$((tenth + 1)); else sleep 1 && tenth=$((tenth + 10)); fi
   done
   interrupt 1

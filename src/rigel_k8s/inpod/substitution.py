@@ -1,7 +1,7 @@
 """Replaces `$(find PACKAGE)`, `$(env NAME)` and `$(optenv NAME DEFAULT)`. Python 2.7 and 3.
 
-Why: roslaunch and ros2 launch replace such expressions where a program starts, because only its
-image and its environment can say what they mean. Other expressions, `$(date)`, stay as they are.
+Why: roslaunch and ros2 launch replace such expressions when a program starts, because only its
+image and its environment have the values. Other expressions, `$(date)`, stay as they are.
 """
 
 import os
@@ -12,7 +12,7 @@ PACKAGES = os.path.join("share", "ament_index", "resource_index", "packages")
 
 
 class Failure(Exception):
-    """The container cannot start; the message says why, in one line."""
+    """The container cannot start; the message is the cause, in one line."""
 
 
 def substitute(text, find):
@@ -31,7 +31,7 @@ def substitute(text, find):
 
 
 def evaluate(words, find):
-    """Return what an expression stands for, None for one that is not replaced."""
+    """Return the value of an expression, None if it is not replaced."""
     if len(words) == 2 and words[0] in FIND:
         return find(words[1])
     if len(words) < 2 or words[0] not in ("env", "optenv"):
@@ -43,7 +43,7 @@ def evaluate(words, find):
 
 
 def substitute_all(value, find):
-    """Return plain data with its texts replaced; a text that becomes a number or truth is one."""
+    """Return plain data with its texts replaced; a text that becomes a number or boolean is one."""
     if isinstance(value, dict):
         return {key: substitute_all(inner, find) for key, inner in value.items()}
     if isinstance(value, list):
@@ -91,6 +91,6 @@ def find_ros2_package(name):
 
 
 def missing(name, variable):
-    """Return that a package is not there, with where it was looked for."""
+    """Return the error for a missing package, with the place where it was looked for."""
     place = "%s=%s" % (variable, os.environ.get(variable, ""))
     return Failure("$(find %s): this image has no package %s (%s)" % (name, name, place))

@@ -19,7 +19,7 @@ from rigel_k8s.exporter.dds_participant import NAME, Participant
 from rigel_k8s.exporter.dds_view import graph
 from rigel_k8s.exporter.graph import Graph
 from rigel_k8s.inpod import rtps
-from rigel_k8s.inpod.spdp import Told
+from rigel_k8s.inpod.spdp import Announcement
 
 PACKETS = Path(__file__).parent / "packets"
 HERE = ("10.9.0.9", 7410)
@@ -49,7 +49,9 @@ class Wire:
 
 
 def participant(prefix=b"p" * 12, domain=0):
-    told = Told(prefix, domain=domain, name=NAME, lease=20, endpoints=ENDPOINTS, meta=(HERE,))
+    told = Announcement(
+        prefix, domain=domain, name=NAME, lease=20, endpoints=ENDPOINTS, meta=(HERE,)
+    )
     sent = Wire()
     return Participant(told, sent), sent
 

@@ -101,7 +101,7 @@ def test_beacons_are_heard_by_interface(look: Callable[..., list[dict[str, Any]]
 def test_who_leaves_is_not_heard(script: Callable[[str], ModuleType]):
     standin = script("dds_standin").StandIn(DOMAIN, {})
     spdp = script("spdp")
-    told = spdp.Told(bytes(range(12)), name="other")
+    told = spdp.Announcement(bytes(range(12)), name="other")
     standin._take(spdp.farewell(told.prefix), "10.0.0.1", None)
     assert standin.participants == {}
     standin._take(spdp.announcement(told), "10.0.0.1", None)

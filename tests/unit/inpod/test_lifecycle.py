@@ -306,7 +306,7 @@ def test_a_hand_over_that_ended_early_is_not_ready(
     done = subprocess.Popen([sys.executable, "-S", "-c", ""])
     done.wait()
     lifecycle.Progress("waits", "/talker waits", OWN, done.pid).save()
-    line = "lifecycle.py has ended early for /talker; the log tells why"
+    line = "lifecycle.py has ended early for /talker; see the log"
     assert progress() == (False, line)
 
 

@@ -132,7 +132,7 @@ def test_a_refused_nodelet_is_tried_again_and_told(
     log = capsys.readouterr().out
     what = "/manager cannot load /robot/eye (car/Eye)"
     assert f"{what} (attempt 1): no such plugin\n" in log
-    assert f"{what} (attempt 2): its log says why\n" in log
+    assert f"{what} (attempt 2): see its log\n" in log
     assert [b"/ear" in request for _, request in manager.asked] == [False, False, False, True]
     line = "/manager has loaded /robot/eye, /ear"
     assert script("progress").describe("nodelets.py", "/manager") == (True, line)
@@ -175,7 +175,7 @@ def test_only_a_manager_of_this_container_is_asked(
     with pytest.raises(nodelets.NotYet, match="of another pod"):
         asked.find()
     found["code"] = "-1"
-    with pytest.raises(nodelets.NotYet, match="does not know /manager/load_nodelet"):
+    with pytest.raises(nodelets.NotYet, match="has no service /manager/load_nodelet"):
         asked.find()
 
 

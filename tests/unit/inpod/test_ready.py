@@ -174,7 +174,7 @@ def test_a_node_that_told_a_new_master_only_half_is_an_orphan(pod: Pod, graph: R
     assert pod.probe() == "ready: /talker"
     graph.master.parameters["/run_id"] = "run-2"
     del graph.master.publishers["/early"]
-    assert "knows nothing of its /early" in pod.probe()
+    assert "does not have its /early" in pod.probe()
     node.publishes.remove("/early")
     assert pod.probe() == "ready: /talker"
 
@@ -251,7 +251,7 @@ def test_without_a_master_uri(pod: Pod, monkeypatch: pytest.MonkeyPatch):
     assert pod.probe() == "ROS_MASTER_URI is not set in this container"
     monkeypatch.setenv("ROS_MASTER_URI", "ros-master")
     pod.ports[1] = 1
-    assert pod.probe().startswith("ROS_MASTER_URI: 'ros-master' is no http://HOST:PORT")
+    assert pod.probe().startswith("ROS_MASTER_URI: 'ros-master' is not http://HOST:PORT")
 
 
 def test_a_memory_of_another_life_is_worth_nothing(

@@ -114,6 +114,6 @@ def test_silent(rosrpc: ModuleType):
     "uri", ["", "ros-master:11311", "http://ros-master", "http://:1", "x://a:1"]
 )
 def test_bad_uri(rosrpc: ModuleType, uri: str):
-    """What is no http://HOST:PORT is told as that."""
-    with pytest.raises(rosrpc.CallFailed, match="is no http://HOST:PORT"):
+    """What is not http://HOST:PORT is told as that."""
+    with pytest.raises(rosrpc.CallFailed, match="is not http://HOST:PORT"):
         rosrpc.Api(uri, time.time() + 1)

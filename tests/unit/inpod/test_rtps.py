@@ -133,7 +133,7 @@ def test_broken_packets(rtps: ModuleType, spdp: ModuleType, path: Path):
 
 def test_announcement(rtps: ModuleType, spdp: ModuleType):
     """What is announced is read again as it was told."""
-    told = spdp.Told(
+    told = spdp.Announcement(
         PREFIX,
         b"\x01\x10",
         domain=7,
@@ -163,11 +163,13 @@ def test_a_farewell_without_a_payload(rtps: ModuleType, spdp: ModuleType):
 
 def test_for_a_discovery_server(rtps: ModuleType, spdp: ModuleType):
     """A discovery server is asked as Fast DDS asks: its vendor, the sample's identity inline."""
-    message = spdp.announcement(spdp.Told(PREFIX, rtps.FAST_DDS, meta=(("10.1.2.3", 4567),)))
+    message = spdp.announcement(
+        spdp.Announcement(PREFIX, rtps.FAST_DDS, meta=(("10.1.2.3", 4567),))
+    )
     assert message[6:8] == rtps.FAST_DDS
     assert struct.pack("<HH", 0x800F, 24) + PREFIX + rtps.SPDP_WRITER in message
     assert spdp.announced(message)[0][0].prefix == PREFIX
-    plain = spdp.announcement(spdp.Told(PREFIX, rtps.UNKNOWN))
+    plain = spdp.announcement(spdp.Announcement(PREFIX, rtps.UNKNOWN))
     assert struct.pack("<HH", 0x800F, 24) not in plain
 
 

@@ -15,7 +15,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.exporter.dds_discovery import ENDPOINTS
 from rigel_k8s.exporter.dds_participant import Participant
 from rigel_k8s.graph.members import Member
-from rigel_k8s.inpod.spdp import Told
+from rigel_k8s.inpod.spdp import Announcement
 from rigel_k8s.rosgraph import dds, inside
 from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.scripts.dds_graph import describe
@@ -47,7 +47,7 @@ TALKER = Member(
 def play(name: str) -> Participant:
     """Return what one knows after a recorded conversation, before its other side leaves."""
     prefix, *messages = (bytes.fromhex(line) for line in (PACKETS / name).read_text().split())
-    told = Told(prefix, domain=0, name="rigel-k8s x", lease=20, endpoints=ENDPOINTS)
+    told = Announcement(prefix, domain=0, name="rigel-k8s x", lease=20, endpoints=ENDPOINTS)
     known = Participant(told, lambda message, places: None)
     known.hear("/chatter", 1, known.leave)
     end = max(n for n, message in enumerate(messages) if b"x" * 20 in message) + 1

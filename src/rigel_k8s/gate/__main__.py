@@ -1,7 +1,7 @@
 """`python3 -m rigel_k8s.gate`: the gate, until SIGTERM.
 
-Two processes: the first one keeps the doors open and starts the second one, which does the work,
-again when that is killed. A caller that comes meanwhile waits at the door.
+Two processes: the first one keeps the sockets open and starts the second one, which does the work.
+When that is killed, the first starts it again; a caller waits in the socket's queue meanwhile.
 """
 
 from __future__ import annotations
@@ -81,13 +81,13 @@ class Keeper:
         return None
 
     def keep(self, event: Event) -> None:
-        """Keep an event."""
+        """Keep an event in the file, and write to the cluster later."""
         with self._reporting(FILE):
             self._journal.keep(event, self.state)
         self._changed.set()
 
     async def run(self) -> None:
-        """Write to the cluster what has changed, for ever."""
+        """Write what has changed to the cluster, until the end."""
         while self._place is not None:
             await self._changed.wait()
             await self.save()
@@ -113,7 +113,7 @@ class Keeper:
 
     @contextmanager
     def _reporting(self, where: str) -> Iterator[None]:
-        """Go on without a place that takes nothing, such as a disk that is full."""
+        """Continue even if a place cannot be written, such as a full disk."""
         try:
             yield
             self._report(where, "")
@@ -128,7 +128,7 @@ class Keeper:
 
 
 async def serve(sockets: list[socket.socket], options: argparse.Namespace) -> None:
-    """Answer until SIGTERM; the last one of the sockets is the door of nodes that hand over."""
+    """Answer until SIGTERM; the last of the sockets is the door of nodes that hand over."""
     place = None
     if options.object:
         place = ClusterObject(options.object, socket.gethostname())
@@ -158,7 +158,7 @@ async def serve(sockets: list[socket.socket], options: argparse.Namespace) -> No
 
 
 def listen(port: int) -> socket.socket:
-    """Return a door."""
+    """Return a listening socket."""
     door = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     door.bind(("0.0.0.0", port))
@@ -167,7 +167,7 @@ def listen(port: int) -> socket.socket:
 
 
 def supervise(sockets: list[socket.socket], options: argparse.Namespace) -> int:
-    """Start workers until told to end; return the exit code."""
+    """Start workers until SIGTERM; return the exit code."""
     ended: list[int] = []
     worker = 0
 
@@ -198,7 +198,7 @@ def supervise(sockets: list[socket.socket], options: argparse.Namespace) -> int:
 
 
 def work(sockets: list[socket.socket], options: argparse.Namespace) -> None:
-    """Serve in a worker; a signal that came before ends it. Never returns."""
+    """Serve in a worker; a signal that came earlier ends it. Never returns."""
     code = 1
     try:
         for number in SIGNALS:
@@ -214,14 +214,16 @@ def work(sockets: list[socket.socket], options: argparse.Namespace) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Open the doors and serve; return the exit code, 1 where a port is taken."""
+    """Open the sockets and serve; return the exit code, 1 if a port is taken."""
     parser = argparse.ArgumentParser(prog="gate")
     parser.add_argument("--port", type=int, default=11311, help="where nodes find the master")
     parser.add_argument(
         "--hand-over-port", type=int, default=11310, help="for nodes that hand their names over"
     )
     parser.add_argument("--master-port", type=int, default=11312, help="roscore's own")
-    parser.add_argument("--journal", type=Path, required=True, help="a file that is the gate's")
+    parser.add_argument(
+        "--journal", type=Path, required=True, help="a file that only the gate uses"
+    )
     parser.add_argument("--object", default="", help="the Secret that keeps the memory")
     options = parser.parse_args(arguments)
     try:

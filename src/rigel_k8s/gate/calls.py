@@ -1,4 +1,4 @@
-"""The ROS master's API: calls and answers as values, read only as far as somebody asks."""
+"""The ROS master's API: calls and answers as values, read only as far as they are needed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rigel_k8s.gate.registry import (
 )
 
 _METHOD = re.compile(rb"<methodName>\s*([\w.:/]+)\s*</methodName>")
-#: By which name the gate speaks to masters and nodes, where no node speaks through it.
+#: The caller's name in the gate's own calls to masters and nodes.
 GATE = "/rigel_k8s_gate"
 #: What the gate answers itself, for probes and stop hooks of pods and for `rigel`.
 DESCRIBE_POD = "rigelDescribePod"
@@ -25,7 +25,7 @@ DESCRIBE_GATE = "rigelDescribeGate"
 
 
 class BadCall(Exception):
-    """What came is no XML-RPC call, or not with the arguments that its method has."""
+    """The request is not an XML-RPC call, or does not have its method's arguments."""
 
 
 class Call:
@@ -57,13 +57,13 @@ class Call:
         if self._params is None:
             try:
                 self._params = xmlrpc.client.loads(self._body or b"")[0]
-            except Exception as error:  # expat's errors, and those of values that are none
+            except Exception as error:  # expat's errors, and those of malformed values
                 raise BadCall(str(error)) from error
         return self._params
 
     @property
     def body(self) -> bytes:
-        """It as XML."""
+        """The call as XML."""
         if self._body is None:
             text = xmlrpc.client.dumps(self._params or (), self.method, allow_none=True)
             self._body = text.encode("utf-8")
@@ -73,7 +73,7 @@ class Call:
         """Return its first arguments, which must all be text."""
         found = self.params[:count]
         if len(found) < count or not all(isinstance(one, str) for one in found):
-            raise BadCall(f"{self.method} wants {count} texts")
+            raise BadCall(f"{self.method} needs {count} texts")
         return found
 
 
@@ -91,7 +91,7 @@ class Answer:
 
     @property
     def body(self) -> bytes:
-        """It as XML."""
+        """The answer as XML."""
         if self._body is None:
             text = xmlrpc.client.dumps((self._value,), methodresponse=True, allow_none=True)
             self._body = text.encode("utf-8")
@@ -120,13 +120,13 @@ class Answer:
 
 
 def fault(message: str) -> Answer:
-    """Return the answer to what cannot be understood."""
+    """Return the answer to a call that cannot be read."""
     text = xmlrpc.client.dumps(xmlrpc.client.Fault(1, message), allow_none=True)
     return Answer(body=text.encode("utf-8"))
 
 
 class Removal(NamedTuple):
-    """A registration that a node takes back; a service's `uri` is its own."""
+    """A registration that a node withdraws; a service's `uri` is its own."""
 
     kind: str
     key: str
@@ -161,7 +161,7 @@ def registration_of(call: Call) -> Registration | None:
 
 
 def removal_of(call: Call) -> Removal | None:
-    """Return what a call takes back, None for another call."""
+    """Return what a call unregisters, None for another call."""
     kind = _UNREGISTER.get(call.method)
     if kind is None:
         return None

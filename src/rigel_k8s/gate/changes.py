@@ -1,6 +1,6 @@
-"""Calls that change what the master knows: they take turns, and the state changes with the master.
+"""Calls that change the master's registrations: one at a time, and the state changes with it.
 
-A registration goes to the master, or its node waits for the name (newcomers.py).
+A registration is passed to the master, or its node waits for the name (newcomers.py).
 """
 
 from __future__ import annotations
@@ -119,5 +119,5 @@ class Changes:
 
 
 def answer_removal(removal: Removal) -> Answer:
-    """Return what the master answers where it has removed a registration."""
+    """Return what the master answers when it has removed a registration."""
     return Answer.good(f"Unregistered [{removal.node}]", 1)

@@ -1,6 +1,6 @@
 """The one object of the cluster that keeps the gate's memory, by the Kubernetes API.
 
-The pod's service account may read and change this object only; `rigel` makes it, empty.
+The pod's service account may read and change this object only; `rigel` creates it, empty.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import Any
 
 ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
-#: Which pod's gate writes; another one has to stop then.
+#: The pod whose gate writes; another gate has to stop then.
 WRITER = "rigel-k8s/gate"
 KEY = "memory"
 SECONDS = 10
 
 
 class NotKept(Exception):
-    """The object could not be read or written; the message says why."""
+    """The object could not be read or written; the message is the cause."""
 
 
 class Overtaken(NotKept):
@@ -44,7 +44,7 @@ class ClusterObject:
         self._version = ""
 
     def read(self) -> str | None:
-        """Return what is kept, None where nothing is yet; from now on this pod writes.
+        """Return what is kept, None if nothing is yet; from now on this pod writes.
 
         Raises:
             NotKept: it cannot be read.
@@ -87,7 +87,7 @@ class ClusterObject:
                     self._version = self._ask("GET")["metadata"]["resourceVersion"]
                 else:
                     self._check_writer()
-        raise NotKept("it is changed by someone else all the time")
+        raise NotKept("another program keeps changing it")
 
     def _ask(self, method: str, body: Any = None) -> Any:
         host = os.environ.get("KUBERNETES_SERVICE_HOST", "")
@@ -104,7 +104,7 @@ class ClusterObject:
             answer = connection.getresponse()
             text = answer.read().decode("utf-8", "replace")
         except (OSError, http.client.HTTPException) as error:
-            raise NotKept(f"the API server at {host}:{port} cannot be reached: {error}") from error
+            raise NotKept(f"cannot reach the API server at {host}:{port}: {error}") from error
         finally:
             connection.close()
         if answer.status == 409:
@@ -116,7 +116,7 @@ class ClusterObject:
 
     def _connect(self, host: str, port: int) -> http.client.HTTPConnection:
         context = ssl.create_default_context(cafile=str(self._account / "ca.crt"))
-        context.verify_flags &= ~getattr(ssl, "VERIFY_X509_STRICT", 0)  # as kubectl trusts
+        context.verify_flags &= ~getattr(ssl, "VERIFY_X509_STRICT", 0)  # as kubectl does
         return http.client.HTTPSConnection(host, port, timeout=SECONDS, context=context)
 
 
@@ -125,7 +125,7 @@ def _read_object(text: str) -> Any:
         found = json.loads(text)
         return found if found["metadata"]["resourceVersion"] else None
     except (ValueError, LookupError, TypeError):
-        return None  # a proxy's own answer, perhaps
+        return None  # perhaps the answer of a proxy
 
     def _connect(self, host: str, port: int) -> http.client.HTTPConnection:
         context = ssl.create_default_context(cafile=str(self._account / "ca.crt"))
@@ -134,4 +134,4 @@ def _read_object(text: str) -> Any:
 
 
 class _Changed(NotKept):
-    """The object is not what it was when it was read."""
+    """The object has changed since it was read."""

@@ -1,6 +1,6 @@
-"""What the parts of the gate share: what it knows, its ways out, its log, its turns, its tasks.
+"""What the parts of the gate share: state, connections, log, turns, tasks.
 
-It knows none of the parts. A part gets this object and the parts that it calls, never the whole
+It does not import the parts. A part gets this object and the parts that it calls, never the whole
 gate.
 """
 
@@ -18,15 +18,15 @@ class Context:
     """One gate's own things.
 
     Attributes:
-        state: what the gate knows; what a later gate must know too is changed by `note` alone.
+        state: what the gate has noted; what a later gate needs too is changed by `note` alone.
         links: the ways to the master and to nodes, and a clock.
         log: takes a line that a person may want to read.
         turn: held while the master changes and until the state has the change too. Changes take
-            turns, so that who has the turn finds in the state what the master knows.
+            turns, so that the holder finds in the state what the master has.
         removals: what nodes unregister at this moment. They have forgotten it already, and the
-            master knows it still.
-        lapsing: what a node can take back that is about to lose its name. It stops to publish only
-            once it is answered, and its name changes hands only once it has stopped: so these calls
+            master still has it.
+        lapsing: what a node can unregister that is about to lose its name. It stops publishing only
+            when it is answered, and its name changes hands only when it has stopped. So these calls
             do not wait for their turn. The master drops it all with the name.
     """
 
@@ -53,13 +53,13 @@ class Context:
         self._keep(list(event))
 
     def spawn(self, work: Coroutine[Any, Any, Any]) -> None:
-        """Run a coroutine beside all others; a failure is logged."""
+        """Run a coroutine in the background; a failure is logged."""
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._end)
 
     def spawn_once(self, name: str, look: Callable[[str], Coroutine[Any, Any, None]]) -> None:
-        """Look at a name, unless this look goes on already: a machine that is away takes long."""
+        """Check a name, unless this check is still running: an unreachable machine takes long."""
         if (name, look) in self._looks:
             return
         self._looks.add((name, look))
@@ -73,7 +73,7 @@ class Context:
         self.spawn(work())
 
     async def stop(self) -> None:
-        """End all that was spawned."""
+        """End all tasks that were started."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)

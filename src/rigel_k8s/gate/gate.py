@@ -1,6 +1,6 @@
-"""The gate: every call to the master comes here, and goes to the part that answers it.
+"""The gate: every call to the master arrives here, and is passed to the part that answers it.
 
-The parts, and what each one promises, are in modules of their own; here they are put together.
+The parts, and what each one promises, are in modules of their own; here they are connected.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rigel_k8s.gate.restoring import Restoring
 from rigel_k8s.gate.state import Event, State
 from rigel_k8s.gate.takeover import TakeOver
 
-#: Seconds between two looks at nodes that wait for a name and at those that have it.
+#: Seconds between two checks of the nodes that wait for a name and of those that have it.
 LOOK = 0.25
 
 
@@ -38,9 +38,9 @@ class Gate:
 
     Args:
         state: what an earlier gate has left, or an empty one.
-        uri: the gate's own, which callers take for the master's.
-        keep: takes each event before its cause is answered.
-        log: takes a line that a person may want to read.
+        uri: the gate's own, which callers use as the master's.
+        keep: called with each event before its cause is answered.
+        log: called with a line for people to read.
     """
 
     def __init__(
@@ -64,12 +64,12 @@ class Gate:
         )
 
     def start(self) -> None:
-        """Look for the master, and look after newcomers, until stopped."""
+        """Look for the master, and check the nodes that wait, until stopped."""
         self._master.start(self._restoring.complete_master, self._takeover.finish)
         self._context.spawn(self._watch_nodes())
 
     async def stop(self) -> None:
-        """End everything that goes on."""
+        """End everything that runs."""
         await self._context.stop()
 
     async def answer(self, call: Call, *, hands_over: bool, host: str = "") -> Answer:
@@ -78,7 +78,7 @@ class Gate:
         Args:
             hands_over: it came by the door of nodes that hand their names over.
             host: the address that it came from. A call from this pod does not wait for a master
-                that is away: it may be roscore's own, which looks for another one before it
+                that is down: it may be from roscore itself, which looks for another one before it
                 starts its own.
         """
         if call.method == DESCRIBE_GATE:
@@ -97,7 +97,7 @@ class Gate:
             if call.method == "lookupService" and hands_over:
                 return await self._find_service(call, host)
             answer = await self._changes.answer(call, hands_over=hands_over)
-        except BadCall:  # the master has the words for it
+        except BadCall:  # the master answers with its own error
             answer = None
         return answer or await self._master.ask(call)
 
@@ -112,7 +112,7 @@ class Gate:
         return Answer(answers)
 
     async def _find_service(self, call: Call, host: str) -> Answer:
-        """Return where a pod that hands over finds a service: in itself first."""
+        """Return where a pod that hands over finds a service: first in the pod itself."""
         node, key = call.texts(2)
         own = find_own_service(self.state, resolve_name(key, node), host)
         if own:
@@ -123,7 +123,7 @@ class Gate:
         return answer
 
     async def _watch_nodes(self) -> None:
-        """Look after nodes from time to time."""
+        """Check nodes from time to time."""
         while True:
             await self._context.links.sleep(LOOK)
             try:
@@ -132,7 +132,7 @@ class Gate:
                 self._nodes.forget_gone()
                 self._takeover.forget_pods()
                 await self._restoring.look_around()
-            except Exception as error:  # a fault here must not end all hand-overs
+            except Exception as error:  # a failure here must not end all hand-overs
                 self._context.log(f"error: {error!r}")
 
     def describe(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from rigel_k8s.gate.calls import Removal
 from rigel_k8s.gate.registry import PUBLISHER, SERVICE, SUBSCRIBER, Registration, host_of
 from rigel_k8s.gate.state import GatePod, Newcomer, State
 
-#: Seconds without a registration after which a newcomer is taken to have registered all.
+#: Seconds without a registration after which a newcomer counts as fully registered.
 QUIET = 1.0
 #: The type of the topics on which two processes of a pod notice each other's end. They give up
 #: after ten seconds without the other one, and a nodelet is unloaded then.
@@ -18,7 +18,7 @@ BOND = "bond/Status"
 def find_owner(state: State, one: Registration, *, hands_over: bool) -> str | None:
     """Return the URI of the node that has the name and must not be shut down by this registration.
 
-    None: the registration goes to the master. The caller looks whether the owner lives.
+    None: the registration is passed to the master. The caller checks whether the owner lives.
 
     Args:
         hands_over: the registration came by the door of nodes that hand over.
@@ -54,7 +54,7 @@ def is_quiet(newcomer: Newcomer, now: float) -> bool:
 
 
 def choose_heir(state: State, node: str, now: float) -> Newcomer | None:
-    """Return who gets a name next: the latest that is quiet, else the latest, None for no one."""
+    """Return which newcomer gets a name next: the latest quiet one, else the latest, else None."""
     there = [one for one in state.newcomers_for(node) if not one.is_silent]
     waiting = [one for one in there if one.host not in state.leaving]
     return next((one for one in waiting if is_quiet(one, now)), waiting[0] if waiting else None)
@@ -67,7 +67,7 @@ def list_names_of(state: State, host: str) -> list[str]:
 
 
 def list_removals(state: State, node: str) -> frozenset[Removal]:
-    """Return what a node takes back when it takes back all that it has registered."""
+    """Return what a node unregisters when it unregisters everything."""
     entry = state.registry.nodes.get(node)
     found = entry.registrations.values() if entry else ()
     return frozenset(
@@ -82,14 +82,14 @@ def list_publishers(state: State, topic: str) -> list[str]:
 
 
 def list_heard(state: State, topic: str, api: str, tolerant: Container[str] = ()) -> list[str]:
-    """Return the URIs of the publishers of a topic that a node may know.
+    """Return the URIs of the publishers of a topic that a node may receive.
 
-    One that waits for its name knows the other ends of its bonds, and of the others, if it is warm,
-    those that do not forget the old node for it.
+    A newcomer receives the other ends of its bonds and, if it is warm, those publishers that do not
+    drop the old node for it.
 
     Args:
         tolerant: publishers that send to several subscribers of one name, as roscpp's do. rospy's
-            end the connection to the one that they know, for the one that comes.
+            close the connection to the subscriber that they have when another one connects.
     """
     known = list_publishers(state, topic)
     newcomer = find_waiting(state, api)
@@ -112,7 +112,7 @@ def find_waiting(state: State, api: str) -> Newcomer | None:
 
 
 def has_bond(newcomer: Newcomer, topic: str) -> bool:
-    """Return whether a newcomer listens to a topic of bonds."""
+    """Return whether a newcomer subscribes to a topic of bonds."""
     one = newcomer.registrations.get((SUBSCRIBER, topic))
     return one is not None and one.detail == BOND
 

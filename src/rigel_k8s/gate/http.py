@@ -1,4 +1,4 @@
-"""XML-RPC over HTTP/1.1 without a thread per connection: the gate's doors, and its ways out."""
+"""XML-RPC over HTTP/1.1 without a thread per connection: the gate's servers and clients."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigel_k8s.gate.links import MasterGone, NodeGone, NodeSilent
 
 #: Bytes of a head, and of a body, above which a connection is closed.
 LARGEST_HEAD, LARGEST_BODY = 65536, 256 * 2**20
-#: What `connect` fails with where a machine answers that no process listens.
+#: What `connect` fails with if a machine answers that no process listens.
 REFUSED = (errno.ECONNREFUSED, errno.ECONNRESET)
 
 T = TypeVar("T")
@@ -32,18 +32,18 @@ class Door(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Remember where answers go."""
+        """Remember where to send answers."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
-        peer = transport.get_extra_info("peername") or ("",)  # none where it is gone already
+        peer = transport.get_extra_info("peername") or ("",)  # empty if it is closed already
         self._host = peer[0]
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Answer no more; a call that is under way is carried out all the same."""
+        """Stop answering; a call in progress is still carried out."""
         self._transport = None
 
     def data_received(self, data: bytes) -> None:
-        """Take what has come, and answer when a request is complete."""
+        """Collect the data, and answer when a request is complete."""
         self._data += data
         self._next()
 
@@ -93,7 +93,7 @@ class Door(asyncio.Protocol):
 
 
 def length_of(head: str) -> int | None:
-    """Return the length that a head gives its body, 0 where it gives none, None for nonsense."""
+    """Return the length of a head's body, 0 if it gives none, None if it is not a number."""
     value = field_of(head, "content-length")
     if value is None:
         return 0
@@ -101,7 +101,7 @@ def length_of(head: str) -> int | None:
 
 
 def field_of(head: str, wanted: str) -> str | None:
-    """Return a field of a head by its name in lower case, None where it is not there."""
+    """Return a field of a head by its name in lower case, None if it is missing."""
     for line in head.split("\r\n")[1:]:
         name, _, value = line.partition(":")
         if name.strip().lower() == wanted:
@@ -110,7 +110,7 @@ def field_of(head: str, wanted: str) -> str | None:
 
 
 def stays_open(head: str) -> bool:
-    """Return whether a connection goes on after the answer."""
+    """Return whether a connection stays open after the answer."""
     first, _, rest = head.lower().partition("\r\n")
     words = [
         line.partition(":")[2] for line in rest.split("\r\n") if line.startswith("connection:")
@@ -128,7 +128,7 @@ class Connection:
     """A kept connection to an XML-RPC server.
 
     Attributes:
-        server: the program that answers, as it names itself; "" before the first answer.
+        server: the program that answers, as it calls itself; "" before the first answer.
     """
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -158,7 +158,7 @@ class Connection:
         return await self._reader.readexactly(length), stays
 
     async def until_it_ends(self) -> None:
-        """Return when the other side closes; nothing is asked meanwhile."""
+        """Return when the other side closes; nothing is sent meanwhile."""
         await self._reader.read(1)
 
     def close(self) -> None:
@@ -181,7 +181,7 @@ class HttpLinks:
             if connection is None:
                 connection = await Connection.open(*self._place)
             body, stays = await connection.call("localhost", call.body)
-        except Refused as error:  # by a master that lives: the same call again gets the same
+        except Refused as error:  # by a running master: the same call would fail again
             return fault(f"the ROS master answered {error}")
         except (OSError, EOFError) as error:
             self._close_free()  # they may be another master's
@@ -194,7 +194,7 @@ class HttpLinks:
         return Answer(body=body)
 
     async def until_master_hangs_up(self) -> None:
-        """Return when the master has ended a connection that was idle, or there is no master."""
+        """Return when the master has ended an idle connection, or no master is there."""
         try:
             connection = await Connection.open(*self._place)
         except OSError:
@@ -233,7 +233,7 @@ class HttpLinks:
         return await _in_time(ask(), seconds)
 
     async def connect(self, api: str, seconds: float) -> None:
-        """Return when a node takes a connection; raises NodeGone and NodeSilent."""
+        """Return when a node accepts a connection; raises NodeGone and NodeSilent."""
 
         async def knock() -> None:
             (await Connection.open(*place_of(api))).close()
@@ -263,7 +263,7 @@ async def _in_time(work: Awaitable[T], seconds: float) -> T:
 
 
 def place_of(api: str) -> tuple[str, int]:
-    """Return (host, port) of an http URI; raises NodeGone for what is none."""
+    """Return (host, port) of an http URI; raises NodeGone for any other text."""
     host, _, port = api.partition("://")[2].partition("/")[0].rpartition(":")
     if not api.startswith("http://") or not host or not port.isdecimal():
         raise NodeGone(f"{api!r} is not http://HOST:PORT")

@@ -1,4 +1,4 @@
-"""What the gate needs of the world around it: the master, the nodes, a clock."""
+"""What the gate needs from outside: the master, the nodes, a clock."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rigel_k8s.gate.calls import Answer, Call
 
 
 class MasterGone(Exception):
-    """The master's connection has ended, or there is none."""
+    """The master's connection has ended, or no master is there."""
 
 
 class NodeGone(Exception):
@@ -20,13 +20,13 @@ class NodeSilent(Exception):
 
 
 class Links(Protocol):
-    """The gate's ways out, and its clock."""
+    """The gate's connections, and its clock."""
 
     async def master(self, call: Call) -> Answer:
         """Call the master; raises MasterGone."""
 
     async def until_master_hangs_up(self) -> None:
-        """Return when the master has ended a connection that was idle, or there is no master."""
+        """Return when the master has ended an idle connection, or no master is there."""
 
     async def node(self, api: str, call: Call, seconds: float) -> Answer:
         """Call a node; raises NodeGone and NodeSilent."""
@@ -35,10 +35,10 @@ class Links(Protocol):
         """Return the program that serves a node's API, as HTTP names it; raises as `node`."""
 
     async def connect(self, api: str, seconds: float) -> None:
-        """Return when a node's address takes a connection; raises NodeGone and NodeSilent."""
+        """Return when a node's address accepts a connection; raises NodeGone and NodeSilent."""
 
     async def sleep(self, seconds: float) -> None:
         """Wait."""
 
     def now(self) -> float:
-        """Return seconds of a clock that only goes on."""
+        """Return the seconds of a monotonic clock."""

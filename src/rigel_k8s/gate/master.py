@@ -1,7 +1,7 @@
-"""The way to the master: calls wait while it is away, and while a name changes hands.
+"""The way to the master: calls wait while it is down, and while a name changes hands.
 
-What a master that comes back must be given, and what an earlier gate has left unfinished, is for
-others to know: they are called when it is time.
+Others decide what a returning master must be given, and what an earlier gate has left unfinished.
+They are called when it is time.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from rigel_k8s.gate.calls import GATE, Answer, Call
 from rigel_k8s.gate.context import Context
 from rigel_k8s.gate.links import MasterGone
 
-#: Seconds between two tries to reach a master that is away.
+#: Seconds between two attempts to reach a master that is down.
 RETRY = 0.05
 
 
 class Master:
-    """roscore, as the other parts of the gate see it: it answers, if only later."""
+    """roscore, as the other parts of the gate see it: it always answers, perhaps later."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._ready = asyncio.Event()
-        self._away = False  # whether the last try to reach it failed
+        self._away = False  # whether the last attempt to reach it failed
         self._started = False
         self._open = asyncio.Event()  # set while no name changes hands
         self._asking = 0
-        self._idle = asyncio.Event()  # set while no call is on its way that changes nothing
+        self._idle = asyncio.Event()  # set while no call that changes nothing is in progress
         self._idle.set()
         self._complete: Callable[[], Awaitable[None]]
         self._finish: Callable[[], Awaitable[None]]
@@ -51,7 +51,7 @@ class Master:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the master answers and knows everything, as far as is known."""
+        """Whether the master answers and has all registrations, as far as the gate can see."""
         return self._ready.is_set()
 
     @property
@@ -60,21 +60,21 @@ class Master:
         return self._started
 
     async def until_ready(self) -> None:
-        """Return when the master answers and knows everything."""
+        """Return when the master answers and has all registrations."""
         await self._ready.wait()
 
     async def is_there(self) -> bool:
-        """Return whether there is a master; it may be there though a connection has ended."""
+        """Return whether a master is there; it may be even if a connection has ended."""
         while not self._ready.is_set() and not self._away:
             await self._context.links.sleep(RETRY)
         return self._ready.is_set()
 
     async def call(self, call: Call, settle: Callable[[], Awaitable[None]] | None = None) -> Answer:
-        """Pass a call on as soon as the master answers and knows everything.
+        """Pass a call on as soon as the master answers and has all registrations.
 
         Args:
-            settle: awaited just before each try. A master that comes back makes the gate send
-                things to nodes, and a call that changes these things must not overtake them.
+            settle: awaited just before each attempt. When a master returns, the gate sends things
+                to nodes, and a call that changes these things must not overtake them.
         """
         while True:
             await self._ready.wait()
@@ -100,7 +100,7 @@ class Master:
 
     @asynccontextmanager
     async def handing_over(self) -> AsyncIterator[None]:
-        """Let no `ask` see what is half done; begins when those that are on their way are back."""
+        """Let no `ask` see a half-done change; begins when the calls in progress are answered."""
         self._open.clear()
         try:
             await self._idle.wait()
@@ -109,10 +109,10 @@ class Master:
             if self._started:
                 self._open.set()
 
-    # -- a master that goes, and one that comes --
+    # -- a master that ends, and one that starts --
 
     def _lose(self, reason: str) -> None:
-        """Let calls wait until it is known which master there is."""
+        """Let calls wait until it is clear which master is there."""
         if self._ready.is_set():
             self._ready.clear()
             self._context.spawn(self._find(reason))
@@ -121,7 +121,7 @@ class Master:
         if await self._is_same():
             self._ready.set()
             return
-        self._context.log(f"the master is away: {reason}")
+        self._context.log(f"the master is unreachable: {reason}")
         await self._recover()
 
     async def _watch(self) -> None:
@@ -133,18 +133,18 @@ class Master:
             await self._context.links.sleep(RETRY)
 
     async def _is_same(self) -> bool:
-        """Return whether the master is still there and is the one that the state knows.
+        """Return whether the master is still there and is the one of the state.
 
         roscore ends connections that are idle for as long as its `-t` says.
         """
         try:
             run = (await self._context.links.master(Call("getParam", (GATE, "/run_id")))).result
-        except Exception:  # whatever is wrong, _recover finds it again and says so
+        except Exception:  # whatever the cause, _recover meets it again and reports it
             return False
         return bool(run) and run == self._context.state.run
 
     async def _recover(self) -> None:
-        """Wait for a master, and for all that it lacks to be given to it."""
+        """Wait for a master, and until it has been given all that it is missing."""
         while True:
             try:
                 await self._complete()
@@ -152,7 +152,7 @@ class Master:
             except MasterGone:
                 self._away = True
                 await self._context.links.sleep(RETRY)
-            except Exception as error:  # without this the gate would wait for the master for ever
+            except Exception as error:  # without this the gate would wait for the master forever
                 self._context.log(f"error: {error!r}")
                 await self._context.links.sleep(1)
         self._away = False

@@ -11,14 +11,14 @@ from typing import IO, Iterable
 
 from rigel_k8s.gate.state import Event, State
 
-#: Lines in the file after which it is written anew.
+#: Lines in the file after which it is rewritten.
 LINES = 20000
 
 
 class Journal:
     """The events in a file, each written before its cause is answered.
 
-    The file survives the program and not the machine, so nothing waits for a disk.
+    The file survives the program but not the machine, so nothing waits for a disk.
 
     Args:
         path: in a directory that lives as long as the pod.
@@ -30,7 +30,7 @@ class Journal:
         self._lines = 0
 
     def read(self) -> State | None:
-        """Return the state that was kept, None where none was."""
+        """Return the state that was kept, None if none was."""
         try:
             text = self._path.read_text("utf-8")
         except FileNotFoundError:
@@ -38,7 +38,7 @@ class Journal:
         return replay(text.splitlines())
 
     def begin(self, state: State) -> None:
-        """Write a state, and what comes after it."""
+        """Write a state; later events are added to it."""
         fresh = self._path.with_suffix(".new")
         self._close()
         with fresh.open("w", encoding="utf-8") as file:
@@ -48,7 +48,7 @@ class Journal:
         self._lines = 0
 
     def keep(self, event: Event, state: State) -> None:
-        """Write an event, which the state has taken already."""
+        """Write an event, which the state has already applied."""
         if self._file is None or self._lines >= LINES:
             self.begin(state)
             return
@@ -62,7 +62,7 @@ class Journal:
     def _close(self) -> None:
         file, self._file = self._file, None
         if file is not None:
-            with suppress(OSError):  # what could not be written is not written now
+            with suppress(OSError):  # what could not be written before cannot be now
                 file.close()
 
 
@@ -72,7 +72,7 @@ def line_of(event: Event) -> str:
 
 
 def replay(lines: Iterable[str]) -> State:
-    """Return the state that lines make, without those that are cut off or of another gate."""
+    """Return the state that lines give, without those that are cut off or from another gate."""
     state = State()
     for line in lines:
         try:
@@ -95,4 +95,4 @@ def decompress(text: str) -> State:
         lines: list[str] = plain.splitlines()
         return replay(lines)
     except (ValueError, zlib.error) as error:
-        raise ValueError(f"it was not written by this gate: {error}") from error
+        raise ValueError(f"this gate did not write it: {error}") from error

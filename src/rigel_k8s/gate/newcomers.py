@@ -1,7 +1,7 @@
-"""Nodes that wait for a name: what they have registered, what they are answered and hear meanwhile.
+"""Nodes that wait for a name: what they have registered, are answered and receive meanwhile.
 
-A newcomer must believe that it is registered, and must not act before it has its name. When it gets
-the name is decided elsewhere (takeover.py).
+A newcomer must believe that it is registered, and must not act before it has its name. takeover.py
+decides when it gets the name.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rigel_k8s.gate.state import Newcomer
 
 
 class Newcomers:
-    """All that wait; an earlier gate's wait on, and count as busy at first."""
+    """All nodes that wait; an earlier gate's still wait, and count as busy at first."""
 
     def __init__(self, context: Context, master: Master, nodes: Nodes) -> None:
         self._context = context
@@ -30,7 +30,7 @@ class Newcomers:
     # -- what they register --
 
     def wait(self, one: Registration) -> None:
-        """Note what a newcomer registers; one that starts again in its pod replaces the first.
+        """Note what a newcomer registers; if it starts again in its pod, it replaces the first one.
 
         The same registration again changes nothing: rospy subscribes to a parameter with each line
         that it logs.
@@ -47,7 +47,7 @@ class Newcomers:
             self._send_bonds(one.kind, one.key, one.host)
 
     def take_back(self, removal: Removal) -> bool:
-        """Note that a newcomer unregisters something; return False where none has registered it."""
+        """Note that a newcomer unregisters something; return False if none has registered it."""
         for newcomer in self._state.newcomers_for(removal.node):
             waiting = newcomer.registrations.get((removal.kind, removal.key))
             if waiting and removal.uri in (waiting.api, waiting.detail):
@@ -58,20 +58,20 @@ class Newcomers:
         return False
 
     async def visit(self, newcomer: Newcomer) -> None:
-        """Look whether a newcomer lives; one that has ended does not wait any more.
+        """Check whether a newcomer lives; one that has ended no longer waits.
 
-        One whose machine is away may come back, and never registers again by itself: it waits on.
+        If its machine is unreachable it may return, and never registers again: it still waits.
         """
-        there = await self._nodes.find(newcomer.api)
-        newcomer.is_silent = there is None
-        if there is False and (newcomer.name, newcomer.api) in self._state.newcomers:
+        is_alive = await self._nodes.find(newcomer.api)
+        newcomer.is_silent = is_alive is None
+        if is_alive is False and (newcomer.name, newcomer.api) in self._state.newcomers:
             self._context.log(f"{newcomer.name} at {newcomer.api} has ended before it took over")
             self._context.note("dismiss", newcomer.name, newcomer.api)
 
-    # -- what they are answered and hear --
+    # -- what they are answered and receive --
 
     async def answer(self, one: Registration) -> Answer:
-        """Return what the master would answer, but nothing to act upon."""
+        """Return what the master would answer, but nothing that makes the node act."""
         if one.kind == PUBLISHER:
             return Answer.good(f"Registered [{one.node}] as publisher of [{one.key}]", [])
         if one.kind == SERVICE:
@@ -94,7 +94,7 @@ class Newcomers:
                         self._nodes.send_publishers(one.api, one.key)
 
     def send_publishers(self, changed: Registration | Removal) -> None:
-        """Send newcomers of warm pods a topic's publishers, if these have changed."""
+        """Send the newcomers of warm pods a topic's publishers, if these have changed."""
         if changed.kind == PUBLISHER:
             for newcomer in self._state.newcomers.values():
                 has = (SUBSCRIBER, changed.key) in newcomer.registrations

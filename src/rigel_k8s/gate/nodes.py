@@ -1,8 +1,8 @@
-"""The way to nodes: whether they are there, and what they hear from the gate.
+"""The way to nodes: whether they are there, and what the gate sends them.
 
-The master sends its own nodes what changes. The gate sends the same two calls, `publisherUpdate`
-and `paramUpdate`, to nodes that the master does not know yet, or to which it has just been
-introduced: its answer to their registration came to the gate, not to them.
+The master sends changes to its own nodes. The gate sends the same two calls, `publisherUpdate` and
+`paramUpdate`, to nodes that the master does not have yet, or to which it has just been introduced:
+its answer to their registration came to the gate, not to them.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from rigel_k8s.gate.registry import PARAMETER, PUBLISHER, SUBSCRIBER, Registrati
 
 #: Seconds that a node has to answer before it counts as silent.
 PATIENCE = 3.0
-#: Seconds that a change waits for a node to get what was true before it.
+#: Seconds that a change waits for a node to receive what was true before it.
 SETTLE = 0.5
-#: Seconds that a node has to cease to publish once it is shut down, for one look, and between two.
+#: Seconds that a node has to stop publishing after its shutdown, for one look, and between two.
 STOP, STOP_LOOK, STOP_PAUSE = 1.0, 0.03, 0.01
 #: What nodes are sent: the publishers of a topic, the value of a parameter.
 PUBLISHERS, VALUE = "publisherUpdate", "paramUpdate"
 #: What the HTTP server of roscpp's nodes is called.
 ROSCPP = "XMLRPC++"
-#: Who calls, as nodes see it; masters have no name.
+#: The caller's name, as nodes see it; masters have none.
 MASTER = "/master"
 #: A call of a node: its URI, the method, the topic or parameter.
 Target = Tuple[str, str, str]
@@ -40,7 +40,7 @@ class Nodes:
         self._context = context
         self._state = context.state
         self._under_way: dict[Target, asyncio.Future[None]] = {}
-        self._again: set[Target] = set()  # those under way to make once more
+        self._again: set[Target] = set()  # those in progress that must be made again
         self._unsent: dict[Target, float] = {}  # those that failed, and when to try again
         self._tolerant: set[str] = set()  # publishers known to be roscpp's; see list_heard
 
@@ -61,9 +61,9 @@ class Nodes:
         return True
 
     async def stop(self, api: str) -> None:
-        """Shut a node down; return when it publishes nothing any more, or when STOP is over.
+        """Shut a node down; return when it no longer publishes, or when STOP is over.
 
-        Its answer to the shutdown does not say that: roscpp's comes before the node stops, rospy's
+        The answer to the shutdown does not mean that: roscpp's comes before the node stops, rospy's
         a tenth of a second after. Both close all publishers at once, after they have unregistered.
         """
         self._context.spawn(self._shut_down(api))
@@ -77,7 +77,7 @@ class Nodes:
             await self._context.links.node(api, Call("shutdown", (MASTER, why)), PATIENCE)
 
     async def _publishes(self, api: str) -> bool:
-        """Return whether a node has publishers; one that does not say so in time may have some.
+        """Return whether a node has publishers; one that does not answer in time may have some.
 
         rospy often leaves the last call without an answer. The next one is refused then.
         """
@@ -90,7 +90,7 @@ class Nodes:
             return True
         return bool(answer.result)
 
-    # -- what they hear --
+    # -- what they receive --
 
     def send_publishers(self, api: str, topic: str) -> None:
         """Send a node the list of a topic's publishers."""
@@ -101,14 +101,14 @@ class Nodes:
         self._send((api, VALUE, key))
 
     def send_answer(self, one: Registration) -> None:
-        """Send a node what the master has answered to a registration that the gate made."""
+        """Send a node the master's answer to a registration that the gate made."""
         if one.kind == SUBSCRIBER:
             self.send_publishers(one.api, one.key)
         elif one.kind == PARAMETER:
             self.send_parameter(one.api, one.key)
 
     def send_again(self) -> None:
-        """Call nodes that were silent, as long as they are known."""
+        """Call nodes that were silent, while they are known."""
         for target, due in list(self._unsent.items()):
             if not self._state.knows(target[0]):
                 del self._unsent[target]
@@ -116,14 +116,14 @@ class Nodes:
                 self._send(target)
 
     def forget_gone(self) -> None:
-        """Forget the client libraries of publishers that have gone: others may get their URIs."""
+        """Forget the client libraries of publishers that have ended: others may get their URIs."""
         if self._tolerant:
             self._tolerant &= {one.api for one in self._state.registry.nodes.values()}
 
     async def settle(self, changed: Registration | Removal) -> None:
         """Wait before a topic's publishers change until nodes have got the list as it is.
 
-        The master sends the next list by itself, and one of the gate's must not arrive after it:
+        The master sends the next list itself, and one of the gate's must not arrive after it:
         roscpp ends its connection to a publisher that is not on the list.
         """
         if changed.kind != PUBLISHER:
@@ -139,7 +139,7 @@ class Nodes:
                 late.cancel()
 
     def _send(self, target: Target) -> None:
-        """Make a call, or make it again after the same one that is under way."""
+        """Make a call, or make it again after the same one that is in progress."""
         if target in self._under_way:
             self._again.add(target)
         else:
@@ -175,7 +175,7 @@ class Nodes:
             self._send(target)
 
     async def _learn(self, api: str) -> None:
-        """Find out whether a publisher is one of roscpp's."""
+        """Find out whether a publisher uses roscpp."""
         if api in self._tolerant:
             return
         try:
@@ -186,7 +186,7 @@ class Nodes:
             self._tolerant.add(api)
 
     def _read(self, target: Target) -> Any:
-        """Return what a node is sent."""
+        """Return what to send to a node."""
         api, method, key = target
         if method == PUBLISHERS:
             return list_heard(self._state, key, api, self._tolerant)

@@ -15,7 +15,7 @@ class Parameters:
         self.tree: dict[str, Any] = {}
 
     def set(self, key: str, value: Any) -> None:
-        """Set a parameter, or a whole namespace; what stands in the way of a namespace goes."""
+        """Set a parameter, or a whole namespace; a value in the place of a namespace is removed."""
         parts = split(key)
         if not parts:
             self.tree = dict(value) if isinstance(value, dict) else {}
@@ -41,7 +41,7 @@ class Parameters:
         place.pop(parts[-1], None)
 
     def get(self, key: str) -> Any:
-        """Return a value, {} where there is none: so the master answers who subscribes to it."""
+        """Return a value, {} if it has none: the master answers subscribers like this."""
         place: Any = self.tree
         for part in split(key):
             if not isinstance(place, dict) or part not in place:

@@ -1,4 +1,4 @@
-"""What a master that has started again lacks, and what a living one knows besides; pure."""
+"""What a restarted master is missing, and what a living one has in addition; pure."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def read_system(system: Any) -> Known:
 
 
 def find_lost_nodes(state: State, known: Known) -> list[str]:
-    """Return the nodes of which a master lacks a topic or a service."""
+    """Return the nodes of which a master is missing a topic or a service."""
     return [
         entry.name
         for entry in state.registry.nodes.values()
@@ -35,7 +35,7 @@ def find_lost_nodes(state: State, known: Known) -> list[str]:
 
 
 def find_lost_parameters(state: State, names: Iterable[str]) -> list[tuple[str, Any]]:
-    """Return (name, value) of what a master lacks: whole trees where it lacks all of one."""
+    """Return (name, value) of what a master is missing: whole trees if it has nothing of one."""
     there = set(names)
     lost: list[tuple[str, Any]] = []
     for first, value in state.parameters.own().items():
@@ -53,10 +53,10 @@ def is_same_node(registrations: Iterable[Registration], publications: Any) -> bo
     """Return whether a node that answers at an address can be the one that registered there.
 
     Another process may have got the address. Each node publishes something, /rosout at least. A
-    node that has just ceased to publish some topics publishes nothing else, or is known by another.
+    node that has just stopped publishing some topics publishes nothing else, or another topic too.
 
     Args:
-        publications: what it answers to `getPublications`: [[topic, type], ...].
+        publications: its answer to `getPublications`: [[topic, type], ...].
     """
     own = {one.key for one in registrations if one.kind == PUBLISHER}
     there = {entry[0] for entry in publications or ()}
@@ -70,7 +70,7 @@ def list_topics_without(gone: Iterable[Registration]) -> set[str]:
 
 
 def find_unknown(state: State, known: Known) -> Iterator[tuple[str, str, str]]:
-    """Yield (kind, key, node) of what only a master knows, without roscore's own node."""
+    """Yield (kind, key, node) of what only a master has, without roscore's own node."""
     for kind, key, node in sorted(known):
         entry = state.registry.nodes.get(node)
         if node != ROSOUT and (entry is None or (kind, key) not in entry.registrations):
@@ -78,7 +78,7 @@ def find_unknown(state: State, known: Known) -> Iterator[tuple[str, str, str]]:
 
 
 def find_unregistered(state: State, known: Known) -> list[Registration]:
-    """Return what the state has and a living master does not: its node has taken it back."""
+    """Return what the state has and a living master has not: its node has unregistered it."""
     return [
         one
         for one in state.registry.all()

@@ -1,6 +1,6 @@
-"""What a ROS master knows of nodes: who publishes, subscribes and serves what, and where they are.
+"""What a ROS master keeps of nodes: who publishes, subscribes and serves what, and where they are.
 
-A copy of rosmaster's own rules (rosmaster/registrations.py), so that it always knows the same.
+It follows rosmaster's own rules (rosmaster/registrations.py), so that both always agree.
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Iterator, NamedTuple
 
 PUBLISHER, SUBSCRIBER, SERVICE, PARAMETER = "publisher", "subscriber", "service", "parameter"
-#: A new master learns publishers first: it sends each subscriber the list as far as it knows it,
+#: A new master receives publishers first: it sends each subscriber the list that it has so far,
 #: and roscpp ends connections to publishers that are not on it.
 KINDS = (PUBLISHER, SERVICE, SUBSCRIBER, PARAMETER)
-#: The node that each roscore starts, and registers, by itself; the topic that all nodes publish.
+#: The node that each roscore starts and registers itself; the topic that all nodes publish.
 ROSOUT = "/rosout"
 
 
@@ -39,7 +39,7 @@ class Registration(NamedTuple):
 
 
 class NodeEntry:
-    """A node that the master knows, and all that it has registered.
+    """A node of the master, and all that it has registered.
 
     Attributes:
         hands_over: it came by the door of nodes that hand their names over.
@@ -59,7 +59,7 @@ class Registry:
         self.nodes: dict[str, NodeEntry] = {}
 
     def register(self, one: Registration, *, hands_over: bool) -> None:
-        """Add a registration; a node of its name at another URI is forgotten, as in the master."""
+        """Add a registration; a node of that name at another URI is removed, as in the master."""
         entry = self.nodes.get(one.node)
         if entry is None or entry.api != one.api:
             entry = self.nodes[one.node] = NodeEntry(one.node, one.api)
@@ -67,7 +67,7 @@ class Registry:
         entry.registrations[one.kind, one.key] = one
 
     def has(self, one: Registration) -> bool:
-        """Return whether a registration is known just so."""
+        """Return whether exactly this registration is there."""
         entry = self.nodes.get(one.node)
         return entry is not None and entry.registrations.get((one.kind, one.key)) == one
 
@@ -87,12 +87,12 @@ class Registry:
         self.nodes.pop(node, None)
 
     def api_of(self, node: str) -> str | None:
-        """Return where a node is, None for one that is unknown."""
+        """Return where a node is, None for an unknown one."""
         entry = self.nodes.get(node)
         return entry.api if entry else None
 
     def all(self) -> list[Registration]:
-        """Return every registration, in the order in which a new master learns them."""
+        """Return every registration, in the order in which a new master receives them."""
         found = [one for entry in self.nodes.values() for one in entry.registrations.values()]
         return sorted(found, key=lambda one: KINDS.index(one.kind))
 

@@ -1,7 +1,7 @@
-"""Makes a master that comes, and the state, know the same.
+"""Brings a returning master and the state into agreement.
 
-A master that has started again is given what it lacks. A master that has gone on while there was no
-gate is believed. recovery.py compares the two; this module asks, waits and notes.
+A master that has restarted is given what it is missing. A master that continued while no gate ran
+is trusted. recovery.py compares the two; this module calls, waits and notes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from rigel_k8s.gate.registry import (
 )
 from rigel_k8s.gate.state import pack
 
-#: Calls that a new master gets at once.
+#: Calls that a new master receives in one request.
 BATCH = 100
 
 
@@ -45,7 +45,7 @@ class Restoring:
     """What happens between a master's first answer and the first call that reaches it.
 
     Attributes:
-        restarts: how many masters were given something back.
+        restarts: how many masters were given their registrations again.
     """
 
     def __init__(self, context: Context, master: Master, nodes: Nodes) -> None:
@@ -56,7 +56,7 @@ class Restoring:
         self.restarts = 0
 
     async def complete_master(self) -> None:
-        """Make a master that answers complete; raises MasterGone where it ends meanwhile."""
+        """Make a master that answers complete; raises MasterGone if it ends meanwhile."""
         system = await self._ask_now("getSystemState")
         run = await self._ask_now("getParam", "/run_id") or ""
         known = read_system(system)
@@ -74,7 +74,7 @@ class Restoring:
             await self._adopt(known)
 
     async def look_around(self) -> None:
-        """Look at nodes that were silent, and at a master that has had no number yet."""
+        """Check nodes that were silent, and a master that has had no number yet."""
         if self._master.is_ready:
             for name in sorted(self._state.silent):
                 self._context.spawn_once(name, self._try_again)
@@ -82,42 +82,42 @@ class Restoring:
                 await self._note_run()
 
     async def _ask_now(self, method: str, *params: Any) -> Any:
-        """Return what a master answers that may not be complete yet, None for an error."""
+        """Return the answer of a master that may not be complete yet, None for an error."""
         return (await self._context.links.master(Call(method, (GATE, *params)))).result
 
     # -- a new master --
 
     async def _give_back(self, nodes: list[str], parameters: list[tuple[str, Any]]) -> None:
-        """Register again what a new master lacks, as far as it is still true."""
+        """Register again what a new master is missing, as far as it is still true."""
         self.restarts += 1
         entries = [self._state.registry.nodes[name] for name in nodes if name != ROSOUT]
         lives = await asyncio.gather(*(self._is_there(entry) for entry in entries))
         gone: list[Registration] = []
-        for entry, there in zip(entries, lives):
-            if there is False:
+        for entry, is_alive in zip(entries, lives):
+            if is_alive is False:
                 gone += entry.registrations.values()
                 self._context.note("forget", entry.name)
-        for entry, there in zip(entries, lives):
-            if there is None:
+        for entry, is_alive in zip(entries, lives):
+            if is_alive is None:
                 self._context.note("silent", entry.name)
-        kept = {entry.name for entry, there in zip(entries, lives) if there}
+        kept = {entry.name for entry, is_alive in zip(entries, lives) if is_alive}
         await self._make_calls([("setParam", (GATE, *pair)) for pair in parameters])
         again = [one for one in self._state.registry.all() if one.node in kept]
         await self._make_calls([(call_of(one).method, call_of(one).params) for one in again])
         self._send_shrunk(gone)
         self._context.log(
-            f"a new master: it has {len(again)} registrations of {len(kept)} nodes and"
-            f" {len(parameters)} parameters again; gone: {len({o.node for o in gone})} nodes,"
-            f" silent: {len(self._state.silent)}"
+            f"a new master: restored {len(again)} registrations of {len(kept)} nodes and"
+            f" {len(parameters)} parameters; ended: {len({o.node for o in gone})} nodes,"
+            f" unreachable: {len(self._state.silent)}"
         )
 
     async def _make_calls(self, calls: list[tuple[str, tuple[Any, ...]]]) -> None:
-        """Make many calls in few."""
+        """Make many calls in few requests."""
         for some in batch(calls, BATCH):
             await self._context.links.master(Call("system.multicall", (some,)))
 
     async def _is_there(self, entry: NodeEntry) -> bool | None:
-        """Return whether a node goes on where it was; None: it cannot be known now."""
+        """Return whether a node still runs at its address; None: it is not known now."""
         try:
             call = Call("getPublications", (GATE,))
             answer = await self._context.links.node(entry.api, call, PATIENCE)
@@ -132,23 +132,23 @@ class Restoring:
     async def _try_again(self, name: str) -> None:
         """Register a node that was silent when the master came back, once it answers."""
         entry = self._state.registry.nodes.get(name)
-        there = await self._is_there(entry) if entry else False
-        if there is None:
+        is_alive = await self._is_there(entry) if entry else False
+        if is_alive is None:
             await self._context.links.sleep(PATIENCE)
             return
         async with self._context.turn:
             if name not in self._state.silent or self._state.registry.nodes.get(name) is not entry:
                 return
-            if entry is None or not there:
+            if entry is None or not is_alive:
                 self._context.note("forget", name)
                 self._send_shrunk(entry.registrations.values() if entry else ())
                 return
             run = None
-            while run != self._state.run:  # another master may come meanwhile, which has none of it
+            while run != self._state.run:  # another, empty master may start meanwhile
                 run = self._state.run
                 await self._register_all(entry)
             self._context.note("answers", name)
-            self._context.log(f"{name} answers again: the new master knows it")
+            self._context.log(f"{name} answers again: it is registered with the new master")
 
     async def _register_all(self, entry: NodeEntry) -> None:
         for one in sorted(entry.registrations.values(), key=lambda o: KINDS.index(o.kind)):
@@ -161,12 +161,12 @@ class Restoring:
             for one in self._state.registry.find(SUBSCRIBER, topic):
                 self._nodes.send_answer(one)
 
-    # -- a master that has gone on while there was no gate --
+    # -- a master that continued while no gate ran --
 
     async def _follow_master(self, known: Known) -> None:
-        """Believe a master that has not restarted: changes may have been on their way."""
+        """Trust a master that has not restarted: changes may have been in progress."""
         for one in find_unregistered(self._state, known):
-            if one.node in self._state.silent:  # which the master does not know
+            if one.node in self._state.silent:  # which the master does not have
                 continue
             uri = one.detail if one.kind == SERVICE else one.api
             self._context.note("unregister", one.kind, one.key, one.node, uri)
@@ -180,7 +180,7 @@ class Restoring:
             self._context.note("set", "/", pack(tree))
 
     async def _adopt(self, known: Known) -> None:
-        """Note what a master knows and the state does not."""
+        """Note what a master has and the state has not."""
         unknown = list(find_unknown(self._state, known))
         if not unknown:
             return

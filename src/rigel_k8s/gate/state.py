@@ -1,7 +1,7 @@
-"""Everything that the gate knows, changed by events alone.
+"""Everything that the gate keeps, changed by events alone.
 
-An event is a list that JSON can hold. What happened can so be written down, and read back by a gate
-that starts later: a state is what its events make of an empty one. Pure: it asks nobody.
+An event is a list that JSON can hold, so it can be written down and read back by a gate that
+starts later: a state is the result of its events on an empty one. Pure: it calls nothing.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Newcomer:
     def all(self) -> list[Registration]:
         """Return its registrations, in the order in which the master learns them.
 
-        Its log comes after its other topics, whose subscribers hear no one meanwhile.
+        Its log comes after its other topics, whose subscribers receive from no one meanwhile.
         """
         return sorted(
             self.registrations.values(), key=lambda one: (KINDS.index(one.kind), one.key == ROSOUT)
@@ -62,15 +62,15 @@ class Newcomer:
 
 
 class State:
-    """What the master knows, who waits, and which pods there are.
+    """What the master has, which nodes wait, and which pods there are.
 
     Attributes:
-        registry, parameters: what the master knows.
+        registry, parameters: what the master has.
         newcomers: by (node, api), the latest last.
         pods: those that hand over, by host.
         leaving: hosts whose pods are about to end.
-        silent: nodes that the master does not know, since they did not answer when it came back.
-        run: the /run_id of the master that all this was registered with, "" where it has none.
+        silent: nodes that the master does not have, since they did not answer when it returned.
+        run: the /run_id of the master with which all this was registered, "" if it has none.
     """
 
     def __init__(self) -> None:
@@ -83,11 +83,11 @@ class State:
         self.run = ""
 
     def apply(self, event: Event) -> None:
-        """Change what the event says."""
+        """Apply an event."""
         getattr(self, f"_on_{event[0]}")(*event[1:])
 
     def events(self) -> Iterator[Event]:
-        """Yield events that make this state of an empty one."""
+        """Yield events that produce this state from an empty one."""
         yield ["run", self.run]
         if self.parameters.tree:
             yield ["set", "/", pack(self.parameters.tree)]
@@ -105,11 +105,11 @@ class State:
             yield ["leave", host]
 
     def newcomers_for(self, node: str) -> list[Newcomer]:
-        """Return who waits for a name, the latest first."""
+        """Return the newcomers that wait for a name, the latest first."""
         return [one for one in reversed(list(self.newcomers.values())) if one.name == node]
 
     def newcomers_at(self, host: str) -> list[Newcomer]:
-        """Return who waits at an address."""
+        """Return the newcomers at an address."""
         return [one for one in self.newcomers.values() if one.host == host]
 
     def knows(self, api: str) -> bool:

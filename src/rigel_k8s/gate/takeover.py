@@ -1,6 +1,6 @@
-"""When a name changes hands, and how: the master knows one owner before, and one after.
+"""When a name changes hands, and how: the master has one owner before, and one after.
 
-A name goes to a newcomer when the pod of the node that has it ends, when that node ends by itself,
+A name passes to a newcomer when the pod of the node that has it ends, when that node itself ends,
 or when the newcomer belongs to another workload. handover.py says which newcomer gets it.
 """
 
@@ -45,7 +45,7 @@ class TakeOver:
         self._newcomers = newcomers
         self._conflicts: deque[dict[str, Any]] = deque(maxlen=CONFLICTS)
 
-    # -- what pods ask --
+    # -- what pods request --
 
     async def describe_pod(self, call: Call) -> Answer:
         """Note how a pod describes itself; return its nodes that wait.
@@ -86,7 +86,7 @@ class TakeOver:
         )
 
     async def _hand_over_name(self, name: str, deadline: float) -> bool:
-        """Give a name to who waits for it, once that is quiet; return whether anyone got it."""
+        """Give a name to the node that waits for it, once quiet; return whether one got it."""
         owner = self._state.registry.api_of(name)
         while self._state.registry.api_of(name) == owner:
             heir = self._choose_heir(name)
@@ -104,7 +104,7 @@ class TakeOver:
     # -- a name without a node --
 
     async def give_free(self, name: str) -> None:
-        """Give a name that no node has any more to who waits for it."""
+        """Give a name that no node has any more to the one that waits for it."""
         heir = self._choose_heir(name)
         if heir:
             await self._pass_name(heir.name, heir.api, None)
@@ -112,7 +112,7 @@ class TakeOver:
     async def finish(self) -> None:
         """Finish what an earlier gate had begun when it ended: its nodes have half of it.
 
-        That gate may also have ended before a node got what the master had answered about it.
+        That gate may also have ended before a node received the master's answer about it.
         """
         for newcomer in list(self._state.newcomers.values()):
             if self._state.registry.api_of(newcomer.name) == newcomer.api:
@@ -123,7 +123,7 @@ class TakeOver:
                     self._nodes.send_answer(one)
 
     def look_around(self) -> None:
-        """Look whether newcomers live, and those whose names they wait for."""
+        """Check whether newcomers live, and those whose names they wait for."""
         for name in sorted({one.name for one in self._state.newcomers.values()}):
             self._context.spawn_once(name, self._look_at)
 
@@ -148,14 +148,14 @@ class TakeOver:
     # -- how it changes hands --
 
     async def _pass_name(self, name: str, api: str, owner: str | None) -> None:
-        """Give a waiting node its name; who had it is shut down, and has stopped to publish before.
+        """Give a waiting node its name, after the old owner has shut down and stopped publishing.
 
-        The master shuts it down, too, but only when it already introduces the new one to others,
-        which would hear both for a moment.
+        The master shuts it down, too, but only when it already introduces the new node to others,
+        which would receive from both for a moment.
 
         Args:
-            owner: who has the name, as the caller has seen it. Another one may have got it before
-                this takes its turn, such as one that has started again in its pod.
+            owner: which node has the name, as the caller has seen it. Another one may have got it
+                before this takes its turn, such as one that has started again in its pod.
         """
         async with self._context.turn:
             newcomer = self._state.newcomers.get((name, api))
@@ -176,7 +176,7 @@ class TakeOver:
             self._context.lapsing = frozenset()
 
     async def _register_all(self, newcomer: Newcomer) -> None:
-        """Register all that a newcomer has, and send it what the master answers."""
+        """Register all that a newcomer has, and send it the master's answers."""
         for one in newcomer.all():
             answer = await self._master.call(call_of(one), partial(self._nodes.settle, one))
             if not answer.is_success:
@@ -197,7 +197,7 @@ class TakeOver:
     # -- names that are taken without a hand-over --
 
     def note_conflict(self, one: Registration, before: str) -> None:
-        """Remember that a node lost its name to a younger one that is no update of it."""
+        """Remember that a node lost its name to a younger one that does not replace it."""
         if host_of(before) in (one.host, *self._state.leaving):
             return
         last = self._conflicts[-1] if self._conflicts else {}

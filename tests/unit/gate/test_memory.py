@@ -160,7 +160,7 @@ def test_a_disk_that_is_full_loses_nothing_when_it_has_room_again(journal: Journ
 
 @pytest.mark.parametrize("text", ["", "no base64", base64.b64encode(b"no zlib").decode()])
 def test_a_text_of_another_program_is_refused(text: str):
-    with pytest.raises(ValueError, match="not written by this gate"):
+    with pytest.raises(ValueError, match="this gate did not write it"):
         decompress(text)
 
 

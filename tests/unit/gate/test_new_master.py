@@ -342,7 +342,7 @@ async def test_a_call_from_this_pod_waits_while_a_connection_is_looked_at(world:
         await asyncio.sleep(1)
         world.start_master()
         await look_up(world)
-    assert len([line for line in world.log if "the master is away" in line]) == 2
+    assert len([line for line in world.log if "the master is unreachable" in line]) == 2
 
 
 @play

@@ -1,4 +1,4 @@
-"""Releases on a cluster: plan, apply, wait, record; it knows nothing of ROS or Rigelfiles.
+"""Releases on a cluster: plan, apply, wait, record; independent of ROS and of Rigelfiles.
 
-Importing this package is free; `release`, `status` and `difference` hold what others call.
+Importing this package costs nothing; `release`, `status` and `difference` hold what others call.
 """

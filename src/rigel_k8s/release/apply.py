@@ -1,4 +1,4 @@
-"""The steps of a plan, done; how one object is written is in writing.py."""
+"""Carries out the steps of a plan; writing.py writes one object."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rigel_k8s.release.writing import write
 from rigel_k8s.report import Reporter
 
 Live = dict[str, Any]
-GONE_TIMEOUT = 120.0  # seconds that what is being deleted may take
+GONE_TIMEOUT = 120.0  # seconds that a deletion may take
 DEFINED_TIMEOUT = 30.0
 LOOK = 0.2
 SLICE = 2.0  # seconds of one watch for the end of pods
@@ -32,11 +32,11 @@ class Applier:
     """Carries out a plan.
 
     Attributes:
-        adopt: take over what other managers own.
-        confirm: called before each write; raises where the release's Lease is lost.
+        adopt: take over fields of other managers.
+        confirm: called before each write; raises if the release's Lease is lost.
         until_ready: waits for live objects; called between those that come first and the rest.
-        gone_timeout: seconds that the end of what is deleted may take.
-        state: what an interruption leaves, for people.
+        gone_timeout: seconds that deleted objects may take to end.
+        state: the state after an interruption, as a sentence.
         way_out: what to do after one.
     """
 
@@ -49,10 +49,10 @@ class Applier:
     until_ready: Callable[[Sequence[Manifest]], None] = lambda _: None
     gone_timeout: float = GONE_TIMEOUT
     state: str = "interrupted while objects were being applied: some are new, some old"
-    way_out: str = "the same command again completes it"
+    way_out: str = "run the same command again to complete it"
 
     def apply(self, plan: Plan) -> dict[ObjectRef, Live]:
-        """Create and change what the plan says; return the live objects, also of what is kept."""
+        """Create and change what the plan contains; return the live objects, also the kept ones."""
         steps = [step for step in plan.steps if step.manifest is not None]
         applied = {s.ref: dict(s.live) for s in steps if s.action == "keep" and s.live}
         self.end(predecessors(plan))
@@ -84,7 +84,7 @@ class Applier:
         """Make a rolling Deployment a Recreate one; its pods stay as they are.
 
         Server-side apply cannot: what Kubernetes had filled in of the old strategy would stay, and
-        Kubernetes refuses it beside the new one.
+        Kubernetes refuses it together with the new one.
         """
         strategy = {"type": "Recreate", "rollingUpdate": None}
         meta = {"uid": live["metadata"]["uid"]}
@@ -93,8 +93,8 @@ class Applier:
     def prune(self, steps: Iterable[Step]) -> None:
         """Delete what the plan prunes: workloads first, then what they used, data last.
 
-        What came first goes last of the workloads: ROS nodes take leave of their master, and hang
-        where nothing answers any more.
+        Workloads that were applied first are deleted last: ROS nodes unregister at their master,
+        and hang if nothing answers any more.
         """
         todo = [step for step in steps if step.action == "prune"]
         workloads = [step for step in todo if step.ref.kind in WORKLOADS]
@@ -129,7 +129,7 @@ class Applier:
             self.report.warn(f"{step.ref} was replaced by another program meanwhile: left alone")
 
     def confirm_lease(self) -> None:
-        """Raise where another process may change the release by now."""
+        """Raise if another process may change the release by now."""
         try:
             self.confirm()
         except ClusterError:
@@ -156,7 +156,8 @@ class Applier:
             self.drain(ref, labels, left)
         raise ClusterError(
             f"pods of {ref} did not end within {self.gone_timeout:g} s: {', '.join(sorted(left))}",
-            hint=f"is their node reachable? kubectl -n {ref.namespace} get pods -o wide",
+            hint="check whether their machine is reachable:"
+            f" kubectl -n {ref.namespace} get pods -o wide",
         )
 
     def drain(self, ref: ObjectRef, labels: Mapping[str, str], left: set[str]) -> None:
@@ -173,13 +174,13 @@ class Applier:
                 left.add(name)
 
     def wait_until_gone(self, refs: Sequence[ObjectRef]) -> None:
-        """Wait until objects that are being deleted are gone, for all of them at once."""
+        """Wait until objects that are being deleted no longer exist, for all of them at once."""
         end, left = time.monotonic() + self.gone_timeout, self.find_ending(refs)
         while left:
             if time.monotonic() > end:
                 held = [f"{ref_of(live)}: {holders(live)} holds it" for live in left]
                 raise ClusterError(
-                    f"{len(left)} object(s) not gone after {self.gone_timeout:g} s",
+                    f"{len(left)} object(s) still exist after {self.gone_timeout:g} s",
                     hint="something still uses them; see kubectl describe",
                     details=held,
                 )
@@ -188,7 +189,7 @@ class Applier:
             left = self.find_ending([ref_of(live) for live in left])
 
     def find_ending(self, refs: Sequence[ObjectRef]) -> list[Live]:
-        """Return those objects that are there and being deleted."""
+        """Return the objects that exist and are being deleted."""
         found = filter(None, self.cluster.parallel(self.cluster.get, refs))
         return [live for live in found if live["metadata"].get("deletionTimestamp")]
 
@@ -204,14 +205,14 @@ class Applier:
                     self.cancel.wait(LOOK)
 
     def go_on(self) -> None:
-        """Raise Interrupted where the user asked to stop."""
+        """Raise Interrupted if the user asked to stop."""
         if self.cancel.is_set():
             raise Interrupted(self.state, hint=self.way_out)
 
 
 def holders(live: Manifest) -> str:
     """Return what keeps an object that is being deleted."""
-    return ", ".join(live["metadata"].get("finalizers") or []) or "nothing known"
+    return ", ".join(live["metadata"].get("finalizers") or []) or "something unknown"
 
 
 def selector(live: Manifest | None) -> Mapping[str, str]:
@@ -237,7 +238,7 @@ def comes_first(step: Step) -> bool:
 
 
 def keeps_rolling(manifest: Manifest, live: Manifest) -> bool:
-    """Whether a live Deployment has parts of a strategy that a manifest gives up."""
+    """Whether a live Deployment has parts of a strategy that a manifest no longer has."""
     if manifest["kind"] != "Deployment":
         return False
     wanted, there = (item.get("spec", {}).get("strategy") or {} for item in (manifest, live))
@@ -245,7 +246,7 @@ def keeps_rolling(manifest: Manifest, live: Manifest) -> bool:
 
 
 def groups(writes: Sequence[Step]) -> list[list[Step]]:
-    """Return steps in the order of apply: those of a group go side by side."""
+    """Return steps in the order of apply; those of a group are applied at the same time."""
 
     def place(step: Step) -> tuple[int, bool]:
         return wave(step.ref.kind), not comes_first(step)

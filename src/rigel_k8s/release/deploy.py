@@ -1,8 +1,8 @@
 """A release's life: deploy, diff, history (rollback.py and removal.py have the rest).
 
-Look (survey), refuse what cannot be, take the Lease, write a *pending* revision that names old and
-new objects together, apply, wait, prune, mark the revision good. The next run
-finds in a pending revision all that an interrupted one may have left, and completes it.
+Look (survey), refuse what is impossible, take the Lease, write a *pending* revision that names old
+and new objects together, apply, wait, prune, mark the revision good. After an interruption the next
+run finds in the pending revision all that may be left, and completes it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ATTEMPTS = 3  # looks at the cluster when other deploys end while we wait for th
 
 @attrs.frozen
 class Run:
-    """What one deploy needs all the way."""
+    """What one deploy needs from start to end."""
 
     cluster: Cluster
     desired: Desired
@@ -77,27 +77,27 @@ def deploy(
     applied: Callable[[], None] | None = None,
     verify: Callable[[], None] | None = None,
 ) -> Revision:
-    """Make a release what is desired, wait until it is ready, and return its revision.
+    """Make a release as desired, wait until it is ready, and return its revision.
 
-    Nothing is written where nothing has changed and the last revision is good; then neither
-    `before` nor `verify` is called.
+    If nothing has changed and the last revision is good, nothing is written, and neither `before`
+    nor `verify` is called.
 
     Args:
         cancel: ends the deploy soon after it is set.
         timeout: seconds that the roll-out may take; None is DEFAULT_TIMEOUT.
-        adopt: take over what other field managers own.
+        adopt: take over fields that other field managers own.
         lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
         away: the names of nodes whose pods are not waited for.
         before: called with the plan when the Lease is held and nothing is written yet.
-        applied: called when all objects are stored, and only the wait for them is left.
-        verify: called when all is ready and pruned; what it raises makes the revision a failed one.
+        applied: called when all objects are stored, and only the wait for them remains.
+        verify: called when all is ready and pruned; if it raises, the revision is a failed one.
 
     Raises:
         Refused: immutable fields, or objects of another release; nothing was changed.
         ConflictError: other managers' fields or objects; nothing was changed.
         RolloutFailed: it was applied and does not become ready.
         Interrupted: `cancel` was set.
-        ClusterError: the cluster refused, does not answer, or another deploy is under way.
+        ClusterError: the cluster refused, does not answer, or another deploy is in progress.
     """
     return carry_out(
         Run(
@@ -136,7 +136,7 @@ def history(cluster: Cluster, release: ReleaseId) -> list[Revision]:
 
 
 def find_last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
-    """Return the newest revision that became ready, None where none has."""
+    """Return the newest revision that became ready, None if none did."""
     good = [r for r in revisions.records(cluster, release) if r.status == "good"]
     return good[-1].revision() if good else None
 
@@ -155,13 +155,13 @@ def carry_out(run: Run) -> Revision:
     limit = run.timeout if run.lock_timeout is None else run.lock_timeout
     with hold(run.cluster, run.release, run.report, run.cancel, patience=limit) as lease:
         found, plan = look_again(run, found, plan)
-        if found.last is not None and is_settled(found, plan):  # we waited for one that did it
+        if found.last is not None and is_settled(found, plan):  # another deploy did it meanwhile
             return wait_settled(run, found, found.last, plan)
         return apply_and_record(run, found, plan, lease)
 
 
 def wait_settled(run: Run, found: Survey, last: Revision, plan: Plan) -> Revision:
-    """Return the last revision, which is what is wanted, when all of it is ready."""
+    """Return the last revision, which is as desired, when all of it is ready."""
     if run.applied is not None:
         run.applied()
     live = [step.live for step in plan.steps if step.action == "keep" and step.live]
@@ -170,7 +170,7 @@ def wait_settled(run: Run, found: Survey, last: Revision, plan: Plan) -> Revisio
 
 
 def is_settled(found: Survey, plan: Plan) -> bool:
-    """Whether the last revision is good and is what is wanted, and so is the cluster."""
+    """Whether the last revision is good and as desired, and the cluster matches it."""
     if found.last is None or found.last.status != "good" or plan.changes:
         return False
     wanted = revisions.choose_recordable(found.manifests)
@@ -181,16 +181,16 @@ def is_settled(found: Survey, plan: Plan) -> bool:
 
 
 def make_namespace(run: Run, found: Survey) -> None:
-    """Create the release's namespace where it is missing: the Lease must be somewhere."""
+    """Create the release's namespace if it is missing: the Lease needs a place."""
     if found.namespace is None and run.desired.create_namespace:
         ref = namespace_ref(run.release)
         made = {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": ref.name}}
-        with suppress(ConflictError):  # another deploy was quicker
+        with suppress(ConflictError):  # another deploy was faster
             run.cluster.create(made)
 
 
 def look_again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
-    """Return what was found, looked at again where another deploy has ended since."""
+    """Return what was found; look again if another deploy has ended since."""
     for _ in range(ATTEMPTS):
         newest = revisions.records(run.cluster, run.release)
         if versions(newest) == versions(found.history):
@@ -202,13 +202,13 @@ def look_again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
 
 
 def versions(records: Collection[revisions.Record]) -> list[str]:
-    """Return what changes when any record does."""
+    """Return a value that changes when any record does."""
     return [str(record.secret["metadata"]["resourceVersion"]) for record in records]
 
 
 def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revision:
     """Apply, wait, prune and record, with the Lease held."""
-    tell_plan(run, plan)
+    report_plan(run, plan)
     if run.before is not None:
         run.before(plan)
     pending = new_revision(run, found, plan)
@@ -222,7 +222,7 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
         run.adopt,
         confirm=lease.confirm,
         until_ready=lambda live: waiter(run, found, lease.check).wait(live),
-        way_out=f"the same command again completes it; {choose_way_out(run, found)}",
+        way_out=f"run the same command again to complete it; {choose_way_out(run, found)}",
     )
     try:
         applied = applier.apply(plan)
@@ -236,7 +236,7 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
             run.verify()
         lease.confirm()
     except RigelK8sError as error:
-        if not lease.lost.is_set():  # else the revision is left to the deploy that has the Lease
+        if not lease.lost.is_set():  # otherwise the deploy with the Lease owns the revision
             mark_failed(run, pending, error)
         raise
     kept = {step.ref for step in plan.steps if step.action in ("create", "change", "keep")}
@@ -248,7 +248,7 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
 
 
 def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
-    """Return the pending revision: its inventory is what was there and what is to be."""
+    """Return the pending revision: its inventory is what was there and what will be."""
     namespace = namespace_ref(run.release)
     known = {item.ref: item.uid for item in found.inventory}
     for step in plan.steps:
@@ -271,7 +271,7 @@ def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
 def with_uids(
     inventory: Collection[InventoryItem], applied: Mapping[ObjectRef, Mapping[str, Any]]
 ) -> tuple[InventoryItem, ...]:
-    """Return an inventory that knows the UIDs of what was just applied."""
+    """Return an inventory with the UIDs of what was just applied."""
     return tuple(
         InventoryItem(item.ref, str(applied[item.ref]["metadata"]["uid"]))
         if item.ref in applied
@@ -281,7 +281,7 @@ def with_uids(
 
 
 def mark_failed(run: Run, pending: Revision, error: RigelK8sError) -> None:
-    """Mark a revision failed; one that was interrupted stays pending and can be gone on with."""
+    """Mark a revision failed; an interrupted one stays pending and can be continued."""
     if error.exit_code == 130:
         return
     with suppress(ClusterError):  # the first error matters more
@@ -297,8 +297,8 @@ def clean_up(run: Run, found: Survey, good: Revision) -> None:
     revisions.forget_old(run.cluster, [*kept, revisions.record(good)])
 
 
-def tell_plan(run: Run, plan: Plan) -> None:
-    """Report what will be done, and what data is left where it is."""
+def report_plan(run: Run, plan: Plan) -> None:
+    """Report what will be done, and which data is left where it is."""
     words = {"create": "to create", "change": "to change", "prune": "to delete"}
     counts = [
         f"{sum(1 for step in plan.steps if step.action == action)} {word}"
@@ -310,15 +310,15 @@ def tell_plan(run: Run, plan: Plan) -> None:
     for step in plan.steps:
         if step.action == "forget":
             run.report.warn(
-                f"{step.ref} is not in the Rigelfile any more; it holds data and is kept "
+                f"{step.ref} is no longer in the Rigelfile; it holds data, so it is kept "
                 f"(kubectl delete {step.ref.kind.lower()} {step.ref.name} removes it)"
             )
     for ref in sorted(run.keep - {step.ref for step in plan.steps}):
-        run.report.warn(f"{ref} is gone and stands in no revision: deploy from the Rigelfile")
+        run.report.warn(f"{ref} is missing, and no revision contains it: deploy from the Rigelfile")
 
 
 def waiter(run: Run, found: Survey, still_ours: Callable[[], None]) -> Waiter:
-    """Return what waits for the release."""
+    """Return the object that waits for the release."""
     return Waiter(
         run.cluster,
         run.release,
@@ -337,4 +337,4 @@ def choose_way_out(run: Run, found: Survey) -> str:
     good = [record.number for record in found.history if record.status == "good"]
     if run.back_to is None and good:
         return f"`rigel rollback` goes back to revision {good[-1]}"
-    return "`rigel status` shows how far it is"
+    return "`rigel status` shows its state"

@@ -17,7 +17,7 @@ HIDDEN_NOTES = (HASH_ANNOTATION, "deployment.kubernetes.io/revision")
 
 
 def difference(plan: Plan) -> str:
-    """Return what a plan changes as a unified diff, "" where it changes nothing."""
+    """Return what a plan changes as a unified diff, "" if it changes nothing."""
     return "".join(step_difference(step) for step in plan.changes)
 
 
@@ -30,7 +30,7 @@ def step_difference(step: Step) -> str:
 
 
 def lines(shown: Manifest | None, other: Manifest | None, word: str) -> list[str]:
-    """Return an object as lines of YAML; hidden values that differ from `other` get a word."""
+    """Return an object as lines of YAML; hidden values that differ from `other` are marked."""
     if shown is None:
         return []
     content = substance(shown)
@@ -46,7 +46,7 @@ def lines(shown: Manifest | None, other: Manifest | None, word: str) -> list[str
 def hide_values(
     data: dict[str, Any], other: Manifest | None, word: str
 ) -> Iterator[tuple[str, str]]:
-    """Yield a Secret's keys; values only tell whether they are the other side's."""
+    """Yield a Secret's keys; a value shows only whether it equals the other side's."""
     there = (other or {}).get("data") or {}
     for key, value in data.items():
         yield key, "(hidden)" if there.get(key) == value else f"(hidden, {word})"

@@ -1,8 +1,8 @@
-"""The Lease of a release: an object that names who changes the release at this moment.
+"""The Lease of a release: an object that names the process that changes the release now.
 
-No clock is compared with another machine's. Whether a holder that was a process of this machine is
-still there can be seen at once; every other one counts as gone when its Lease is not renewed while
-it is watched for DURATION (locking.py).
+No clock is compared with another machine's. Whether a holder on this machine still runs is visible
+at once. Any other holder counts as ended if its Lease is not renewed while it is watched for
+DURATION (locking.py).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import ReleaseId
 
-DURATION = 15  # seconds without renewal after which a Lease counts as left
+DURATION = 15  # seconds without renewal after which a Lease counts as abandoned
 PROCESS = "rigel-k8s/process"
 
 
@@ -28,7 +28,7 @@ def lease_ref(release: ReleaseId) -> ObjectRef:
 
 
 def manifest(ref: ObjectRef, meta: dict[str, str] | None = None) -> dict[str, Any]:
-    """Return the Lease that says that we hold it."""
+    """Return the Lease that names us as its holder."""
     own = {"name": ref.name, "namespace": ref.namespace, "annotations": {PROCESS: process()}}
     return {
         "apiVersion": ref.api_version,
@@ -44,24 +44,24 @@ def manifest(ref: ObjectRef, meta: dict[str, str] | None = None) -> dict[str, An
 
 
 def describe(ref: ObjectRef, lease: dict[str, Any]) -> str:
-    """Return who works on a release since when."""
+    """Return which process changes a release, and since when."""
     release = ref.name.removeprefix("rigel.")
     since = lease["spec"].get("acquireTime", "an unknown time")
     return f"release {release} is being changed by {holder(lease)} since {since}"
 
 
 def holder(lease: dict[str, Any]) -> str:
-    """Return who holds a Lease."""
+    """Return the holder of a Lease."""
     return str(lease["spec"].get("holderIdentity") or "an unknown process")
 
 
 def is_same_holder(lease: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Whether two states of a Lease are of the same process that took it at the same time."""
+    """Whether two states of a Lease have the same holder, which took it at the same time."""
     return is_taken_by(lease, other) and lease["metadata"]["uid"] == other["metadata"]["uid"]
 
 
 def is_taken_by(lease: dict[str, Any], sent: dict[str, Any]) -> bool:
-    """Whether a Lease was made from a manifest: by the same process, at the same time."""
+    """Whether a Lease was made from a manifest: same process, same time."""
     keys = ("holderIdentity", "acquireTime")
     return all(lease["spec"].get(key) == sent["spec"].get(key) for key in keys)
 
@@ -72,7 +72,7 @@ def timestamp() -> str:
 
 
 def process() -> str:
-    """Return what identifies this process on this machine, "" where that cannot be known."""
+    """Return what identifies this process on this machine, "" if that is not available."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
         return (
@@ -83,12 +83,12 @@ def process() -> str:
 
 
 def read_start(pid: int) -> str:
-    """Return when a process was started, in ticks since the machine was."""
+    """Return when a process was started, in ticks since the machine's start."""
     return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
 
 
 def is_alive(lease: dict[str, Any]) -> bool | None:
-    """Whether a Lease's holder lives, None where it is not a process of this machine."""
+    """Whether a Lease's holder runs, None if it is not a process of this machine."""
     words = str((lease["metadata"].get("annotations") or {}).get(PROCESS, "")).split()
     own = process().split()
     if len(words) != 4 or words[:2] != own[:2]:

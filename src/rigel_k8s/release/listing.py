@@ -52,7 +52,7 @@ class ReleaseSummary:
 
 
 def list_releases(cluster: Cluster, namespace: str | None) -> list[ReleaseSummary]:
-    """Return the releases of a namespace, or of all namespaces where it is None, by name."""
+    """Return the releases of a namespace, or of all namespaces if it is None, by name."""
     secrets: list[Live] = []
     workloads: list[Live] = []
 

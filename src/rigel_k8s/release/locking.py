@@ -1,8 +1,8 @@
 """One deploy of a release at a time: take its Lease, renew it, wait for another holder's end.
 
-A process that waits for a Lease takes it when it was not renewed for DURATION. So a holder writes
-only within that time after a renewal, and renews it first where the time is over: while an API
-server was away or a machine slept, another deploy may have begun.
+A process that waits for a Lease takes it if it was not renewed for DURATION. So a holder writes
+only within that time after a renewal, and renews it first if the time is over: another deploy may
+have begun while an API server was unreachable or a machine slept.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Held:
     Attributes:
         lease: as the last renewal left it.
         renewed: when the request of that renewal was sent.
-        lost: set when it turns out that the Lease is not ours any more.
+        lost: set when the Lease turns out to be no longer ours.
         successor: who has it then and since when, or that it was removed.
     """
 
@@ -62,15 +62,15 @@ class Held:
         return ref_of(self.lease)
 
     def check(self) -> None:
-        """Raise ClusterError where the Lease is known to be lost; asks nothing."""
+        """Raise ClusterError if the Lease is known to be lost; sends nothing."""
         if self.lost.is_set():
             raise ClusterError(
-                f"stopped, since its Lease is lost: {self.successor}",
+                f"stopped because its Lease is lost: {self.successor}",
                 hint="see `rigel history`, then run it again",
             )
 
     def confirm(self) -> None:
-        """Return when the Lease is ours for certain; to be called before each write.
+        """Return when the Lease is certainly ours; call it before each write.
 
         Raises:
             ClusterError: it is lost, or the API server does not answer.
@@ -105,9 +105,9 @@ class Held:
                 self.renewing = False
 
     def look_again(self) -> None:
-        """Note that the Lease is lost; renew it again where only our own renewal has changed it.
+        """Note that the Lease is lost; renew it again if only our own renewal has changed it.
 
-        When that was carried out is not known, so it does not count.
+        The time when that was carried out is unknown, so it does not count.
         """
         now = self.cluster.get(self.ref)
         if now is not None and is_same_holder(now, self.lease):
@@ -134,7 +134,7 @@ def hold(
         patience: seconds to wait for another deploy of the release; 0 fails at once.
 
     Raises:
-        ClusterError: another deploy of the release is under way; names its holder.
+        ClusterError: another deploy of the release is in progress; names its holder.
         Interrupted: `cancel` was set while we waited.
     """
     mine = acquire(cluster, lease_ref(release), report, cancel, patience)
@@ -147,7 +147,7 @@ def hold(
     finally:
         over.set()
         thread.join()
-        with suppress(ClusterError):  # it is another's by now, or expires by itself
+        with suppress(ClusterError):  # another process has it by now, or it expires
             remove(cluster, mine.lease)
 
 
@@ -156,7 +156,7 @@ def acquire(
 ) -> Held:
     """Return the Lease when it is ours.
 
-    A conflict may be about a Lease that an earlier sending of ours has made.
+    A conflict may be about a Lease that an earlier request of ours has made.
     """
     deadline = time.monotonic() + patience
     while not cancel.is_set():
@@ -170,7 +170,7 @@ def acquire(
         dead = None if other is None else outlive(cluster, ref, other, report, cancel, deadline)
         if dead is None:
             continue
-        with suppress(ConflictError, NotFoundError):  # another one was quicker: look again
+        with suppress(ConflictError, NotFoundError):  # another one was faster: look again
             version = {"resourceVersion": dead["metadata"]["resourceVersion"]}
             sent = time.monotonic()
             return Held(cluster, cluster.replace(manifest(ref, version)), sent)
@@ -185,12 +185,12 @@ def outlive(
     cancel: threading.Event,
     deadline: float,
 ) -> dict[str, Any] | None:
-    """Wait for the end of another holder; return the Lease that a dead one has left, or None.
+    """Wait for another holder to end; return the Lease that a dead one has left, or None.
 
-    While an answer took long, the holder may have had none either: then its time begins again.
+    While an answer took long, the holder may have got none either: then its time begins again.
 
     Raises:
-        ClusterError: the deadline is over before.
+        ClusterError: the deadline is over first.
     """
     uid = other["metadata"]["uid"]
     now: dict[str, Any] | None = other
@@ -224,10 +224,10 @@ def taken_error(ref: ObjectRef, other: dict[str, Any]) -> ClusterError:
 
 
 def bury(cluster: Cluster, lease: dict[str, Any], report: Reporter) -> None:
-    """Remove a Lease whose holder was a process of this machine and is gone; leave any other.
+    """Remove a Lease whose holder was a process of this machine and has ended; leave any other.
 
-    Why: an interrupted deploy that had nothing left to do but this takes no Lease when it is run
-    again, and so would leave it for ever.
+    Why: an interrupted deploy that had nothing else left to do takes no Lease when it is run again,
+    and so would leave this one forever.
     """
     if is_alive(lease) is not False:
         return
@@ -237,23 +237,23 @@ def bury(cluster: Cluster, lease: dict[str, Any], report: Reporter) -> None:
 
 
 def bury_left(cluster: Cluster, release: ReleaseId, report: Reporter) -> None:
-    """Remove the Lease that a process of this machine left when it was killed, if there is one."""
+    """Remove the Lease that a killed process of this machine left, if there is one."""
     lease = cluster.get(lease_ref(release))
     if lease is not None:
         bury(cluster, lease, report)
 
 
 def remove(cluster: Cluster, lease: dict[str, Any]) -> bool:
-    """Delete a Lease, and return whether it was there; Conflict where another process took it.
+    """Delete a Lease, and return whether it existed; Conflict if another process took it.
 
-    Its UID would not do: taking a Lease over keeps the object.
+    Its UID would not be enough: taking a Lease over keeps the object.
     """
     meta = lease["metadata"]
     return cluster.delete(ref_of(lease), uid=meta["uid"], version=meta["resourceVersion"])
 
 
 def keep_renewing(mine: Held, over: threading.Event) -> None:
-    """Renew a Lease until it is given back or lost; what fails is tried again."""
+    """Renew a Lease until it is released or lost; a failed renewal is tried again."""
     while not mine.lost.is_set() and not over.wait(RENEW):
         with suppress(ClusterError):
             mine.renew()

@@ -1,4 +1,4 @@
-"""Which kinds come first: what others need is there before them, and goes after them."""
+"""The order of kinds: what others need is created before them, and deleted after them."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ ORDER = (
 BINDINGS = ("RoleBinding", "ClusterRoleBinding")
 #: Kinds that run pods, and the pod itself.
 WORKLOADS = ("DaemonSet", "StatefulSet", "Deployment", "Job", "CronJob", "Pod")
-#: Kinds that hold data: they go only when that is asked for. With a definition goes every object of
-#: its kind, of all applications.
+#: Kinds that hold data: they are deleted only on request. With a definition every object of its
+#: kind is deleted, of all applications.
 PROTECTED = frozenset({"PersistentVolumeClaim", "PersistentVolume", "CustomResourceDefinition"})
 
 
 def rank(kind: str) -> int:
-    """Return where a kind stands in the order of apply; kinds we do not know come before pods."""
+    """Return the place of a kind in the order of apply; unknown kinds come before pods."""
     if kind in ORDER:
         return ORDER.index(kind)
     return len(ORDER) + (1 + WORKLOADS.index(kind) if kind in WORKLOADS else 0)
 
 
 def wave(kind: str) -> int:
-    """Return which objects are applied at once: 0 what defines kinds, 1 the rest, then workloads.
+    """Return which objects are applied together: 0 what defines kinds, 1 the rest, then workloads.
 
-    Between them are bindings: a user without the right to bind any Role may bind one that is there.
+    Bindings are between them: a user without the right to bind any Role may bind an existing one.
     """
     if kind in FIRST:
         return 0

@@ -13,12 +13,12 @@ from typing import Any
 from rigel_k8s.objects.marks import FIELD_MANAGER
 from rigel_k8s.objects.refs import Manifest
 
-#: Managers that are part of Kubernetes: what they set is no other tool's wish.
+#: Managers that are part of Kubernetes: what they set does not come from another tool.
 CONTROLLERS = ("kube-", "kubelet", "k3s", "cloud-controller")
 
 
 def find_owned_fields(live: Manifest) -> Mapping[str, Any] | None:
-    """Return the tree of the fields that we applied, None where we did not."""
+    """Return the tree of the fields that we applied, None if we applied none."""
     for entry in live["metadata"].get("managedFields") or []:
         if is_ours(entry):
             fields: Mapping[str, Any] = entry.get("fieldsV1") or {}
@@ -42,7 +42,7 @@ def covers(manifest: Manifest, live: Manifest) -> bool:
 
 
 def owns(value: object, fields: Mapping[str, Any]) -> bool:
-    """Whether a tree of fields has all of a value in it."""
+    """Whether a tree of fields contains all of a value."""
     if not fields or not isinstance(value, (dict, list)):
         return True
     if isinstance(value, list):
@@ -55,7 +55,7 @@ def owns(value: object, fields: Mapping[str, Any]) -> bool:
 
 
 def owns_item(item: object, fields: Mapping[str, Any]) -> bool:
-    """Whether a tree of fields has one item of a list in it."""
+    """Whether a tree of fields contains one item of a list."""
     if not isinstance(item, dict):
         return any(k.startswith("v:") and json.loads(k[2:]) == item for k in fields)
     for key, tree in fields.items():
@@ -75,7 +75,7 @@ def managers(live: Manifest) -> tuple[str, ...]:
 def take_over(live: Manifest) -> list[dict[str, Any]]:
     """Return the records of ownership with all that other tools had set as ours.
 
-    The next apply then removes what they had set and we do not say.
+    The next apply then removes what they had set and our manifest does not have.
     """
     entries = live["metadata"].get("managedFields") or []
     kept = [entry for entry in entries if not is_other_tool(entry) and not is_ours(entry)]

@@ -1,4 +1,4 @@
-"""What a deploy will do, from what is desired and what is there; pure."""
+"""What a deploy will do, from what is desired and what exists; pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rigel_k8s.release.order import PROTECTED, rank
 from rigel_k8s.release.survey import Live, Survey, belongs, is_unchanged
 from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId, Step
 
-#: What changes by itself, and what says nothing about the object.
+#: What changes without us, and what does not describe the object.
 NOISE = ("managedFields", "resourceVersion", "generation", "uid", "creationTimestamp", "selfLink")
 
 
@@ -20,7 +20,7 @@ def compare(survey: Survey, *, keep: Collection[ObjectRef] = ()) -> Plan:
     """Return the steps of a deploy, in the order of apply; prunes come last.
 
     Args:
-        keep: objects that stay though no manifest of them is there (a rollback's Secrets).
+        keep: objects that stay even without a manifest (a rollback's Secrets).
     """
     steps = [step_of(manifest, survey) for manifest in survey.manifests]
     if survey.namespace is None and survey.desired.create_namespace:
@@ -40,7 +40,7 @@ def namespace_step(survey: Survey) -> Step:
 
 
 def step_of(manifest: Manifest, survey: Survey) -> Step:
-    """Return what is to be done for one manifest."""
+    """Return the step for one manifest."""
     ref = ref_of(manifest)
     live, result = survey.live.get(ref), survey.results.get(ref)
     if isinstance(result, Refusal):
@@ -53,12 +53,12 @@ def step_of(manifest: Manifest, survey: Survey) -> Step:
 
 
 def is_same(live: Manifest, result: Manifest) -> bool:
-    """Whether two states of an object differ in nothing that was written."""
+    """Whether two states of an object agree in everything that was written."""
     return substance(live) == substance(result)
 
 
 def substance(live: Manifest) -> dict[str, Any]:
-    """Return an object without what changes by itself."""
+    """Return an object without what changes automatically."""
     meta = {k: v for k, v in live["metadata"].items() if k not in NOISE}
     return {**{k: v for k, v in live.items() if k != "status"}, "metadata": meta}
 
@@ -71,25 +71,25 @@ def prunes(
     *,
     volumes: bool = False,
 ) -> Iterator[Step]:
-    """Yield what becomes of objects that are not wanted any more: what others need goes last.
+    """Yield what happens to objects that are no longer desired: what others need comes last.
 
     Args:
-        volumes: whether what holds data goes too.
+        volumes: whether what holds data is deleted too.
     """
     for item in sorted(items, key=lambda item: -rank(item.ref.kind)):
-        there = live.get(item.ref)
-        if there is None:
+        found = live.get(item.ref)
+        if found is None:
             continue
-        ours = item.uid == there["metadata"]["uid"] or belongs(there, release)
+        ours = item.uid == found["metadata"]["uid"] or belongs(found, release)
         holds_data = item.ref.kind in PROTECTED or item.ref in protected
         if not ours or (holds_data and not volumes):
-            yield Step("forget", item.ref, live=there)
+            yield Step("forget", item.ref, live=found)
         else:
-            yield Step("prune", item.ref, live=there)
+            yield Step("prune", item.ref, live=found)
 
 
 def predecessors(plan: Plan) -> list[Step]:
-    """Return the prunes that must be over before the workloads that follow them may start."""
+    """Return the prunes that must end before the workloads that replace them may start."""
     coming = {singleton(step.manifest) for step in plan.steps if step.action == "create"} - {""}
     return [s for s in plan.steps if s.action == "prune" and singleton(s.live) in coming]
 

@@ -53,12 +53,12 @@ def down(
     """Delete a release's objects and its history; its namespace stays.
 
     Args:
-        volumes: claims and volumes go too, with their data.
+        volumes: also delete claims and volumes, with their data.
         timeout: seconds that the end of the pods may take; None is GONE_TIMEOUT.
-        lock_timeout: seconds to wait for a deploy that is under way; None: as `timeout`.
+        lock_timeout: seconds to wait for a deploy in progress; None: as `timeout`.
 
     Returns:
-        What was deleted and what was left; neither steps nor records where there was nothing.
+        What was deleted and what was left; neither steps nor records if there was nothing.
     """
     if cluster.get(namespace_ref(release)) is None:
         return Plan(release, ())
@@ -66,7 +66,7 @@ def down(
     records = [record.ref for record in revisions.records(cluster, release)]
     lease = lease_ref(release)
     if cluster.get(lease) is not None:
-        records.append(lease)  # of a deploy that is under way or was killed
+        records.append(lease)  # of a deploy that is in progress or was killed
     if not records and not find(cluster, release):
         return Plan(release, ())
     limit = timeout or DEFAULT_TIMEOUT if lock_timeout is None else lock_timeout
@@ -81,13 +81,13 @@ def down(
             cancel,
             confirm=held.confirm,
             gone_timeout=timeout or GONE_TIMEOUT,
-            state=f"interrupted while {release.name} was being deleted: some of it is gone",
-            way_out="the same command again deletes the rest",
+            state=f"interrupted while {release.name} was being deleted: some of it is deleted",
+            way_out="run the same command again to delete the rest",
         )
         applier.prune(steps)
         pruned = [step for step in steps if step.action == "prune"]
         applier.wait_until_no_pods(pruned)
-        # Who deploys again at once must not meet the old data.
+        # A deploy right after this must not meet the old data.
         applier.wait_until_gone([step.ref for step in pruned if step.ref.kind in CLAIMS])
         held.confirm()
         revisions.forget(cluster, revisions.records(cluster, release))
@@ -95,7 +95,7 @@ def down(
 
 
 def find(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:
-    """Return all that is there of a release."""
+    """Return all that exists of a release."""
     records = revisions.records(cluster, release)
     inventory = records[-1].revision().inventory if records else ()
     found: dict[ObjectRef, Live] = {}
@@ -103,7 +103,7 @@ def find(cluster: Cluster, release: ReleaseId) -> Mapping[ObjectRef, Live]:
     def list_kind(kind: tuple[str, str]) -> None:
         try:
             there = cluster.list(*kind, release.namespace, labels={RELEASE_LABEL: release.name})
-        except Forbidden:  # what we may not see we have not made
+        except Forbidden:  # what we may not see was not made by us
             return
         found.update({ref_of(o): o for o in there if belongs(o, release) and is_applied(o)})
 

@@ -1,7 +1,7 @@
 """The records of a release: compressed Secrets, one for each revision, at most LIMIT of them.
 
-A record is a contract with later versions of this tool: its format has a number. No Secret's data
-stands in it.
+A record is a contract with later versions of this tool: its format has a number. It contains no
+Secret's data.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.release.types import InventoryItem, ReleaseId, Revision
 
 LIMIT = 10
-#: Bytes that Kubernetes takes as the data of a Secret.
+#: Bytes that Kubernetes accepts as the data of a Secret.
 MAX_SIZE = 1024 * 1024
 FORMAT = 1
 TYPE = f"rigel-k8s/release.v{FORMAT}"
@@ -67,7 +67,7 @@ class Record:
         """Return the whole revision.
 
         Raises:
-            ClusterError: it was written by a version of this tool that we do not understand.
+            ClusterError: it was written by a version of this tool whose format is unknown.
         """
         return decode(self)
 
@@ -96,7 +96,7 @@ def update(cluster: Cluster, revision: Revision) -> None:
 
 
 def forget_old(cluster: Cluster, kept: Sequence[Record]) -> None:
-    """Delete the oldest records beyond LIMIT, though never the last good one."""
+    """Delete the oldest records beyond LIMIT, but never the last good one."""
     good = [record for record in kept if record.status == "good"][-1:]
     forget(cluster, [record for record in kept[:-LIMIT] if record not in good])
 
@@ -112,7 +112,7 @@ def record(revision: Revision) -> Record:
 
 
 def choose_recordable(manifests: Iterable[Manifest]) -> tuple[Manifest, ...]:
-    """Return the manifests that may stand in a record: all but Secrets."""
+    """Return the manifests that a record may contain: all but Secrets."""
     return tuple(manifest for manifest in manifests if manifest["kind"] != "Secret")
 
 
@@ -187,7 +187,7 @@ def check_size(revision: Revision) -> None:
 
 
 def fake_uid(ref: ObjectRef) -> str:
-    """Return what is as long as a UID and compresses as little."""
+    """Return a text as long as a UID that compresses as badly."""
     return str(uuid.UUID(bytes=hashlib.sha256(str(ref).encode()).digest()[:16]))
 
 
@@ -200,7 +200,7 @@ def decode(record: Record) -> Revision:
         raise unreadable_error(record, "it is damaged") from error
     if payload.get("format") != FORMAT:
         raise unreadable_error(
-            record, f"its format is {payload.get('format')}, this version knows 1"
+            record, f"its format is {payload.get('format')}, this version reads format 1"
         )
     notes = secret["metadata"].get("annotations") or {}
     return Revision(

@@ -1,7 +1,7 @@
 """Going back: an older revision's objects, deployed again as a new revision.
 
-A rollback that was interrupted is finished by the next one, which therefore must not take the
-interrupted one's target for the present state.
+The next rollback finishes an interrupted one. So it must not take the interrupted one's target for
+the present state.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def rollback(
             before the present.
 
     Raises:
-        UserError: there is no such revision.
+        UserError: the revision does not exist.
     """
     records = revisions.records(cluster, release)
     unfinished = None if number is not None else find_unfinished(cluster, release, records)
@@ -72,7 +72,7 @@ def rollback(
 
 
 def find_target(cluster: Cluster, release: ReleaseId) -> int | None:
-    """Return the revision that a failed deploy can go back to, None where none was good."""
+    """Return the revision that a failed deploy can return to, None if none was good."""
     records = revisions.records(cluster, release)
     good = [record.number for record in records if record.status == "good"]
     return good[-1] if good and records[-1].status != "good" else None
@@ -90,11 +90,11 @@ def undo(
     timeout: float | None,
     adopt: bool,
 ) -> Failure:
-    """Go back to an earlier revision; return the failure with what became of it.
+    """Go back to an earlier revision; return the failure with the result of that.
 
     Args:
-        target: the revision. Where there is none (a first deploy), everything stays as it was
-            applied, to be looked at.
+        target: the revision. Without one (a first deploy), everything stays as it was applied, for
+            inspection.
         hint: what to do once the rollback is done.
 
     Raises:
@@ -127,10 +127,10 @@ def undo(
 def find_unfinished(
     cluster: Cluster, release: ReleaseId, records: Sequence[revisions.Record]
 ) -> revisions.Record | None:
-    """Return the record of a rollback that was interrupted, None where none was.
+    """Return the record of an interrupted rollback, None without one.
 
     It is the last one and pending; or good, and the process that wrote it was killed before it
-    could give its Lease back: its user has not seen that it was done.
+    could release its Lease: its user has not seen that it was done.
     """
     last = records[-1] if records else None
     if last is None or last.back_to is None:

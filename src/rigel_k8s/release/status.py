@@ -1,4 +1,4 @@
-"""What of a release runs where, and why something is not ready; it writes nothing."""
+"""Which parts of a release run where, and why something is not ready; it writes nothing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from rigel_k8s.release.survey import belongs
 from rigel_k8s.release.types import ReleaseId
 
 Live = dict[str, Any]
-#: What a probe says last, where programs are to know what kind of failure it is.
+#: The end of a probe's message, with which it names the kind of failure for programs.
 KIND = re.compile(r"\[([a-z-]+)\]$")
 #: The status of a revision for a user who may not read Secrets.
 UNSEEN = "unseen"
@@ -45,10 +45,10 @@ class PodStatus:
     """One pod.
 
     Attributes:
-        node: the cluster node that it runs on, "" before one takes it.
-        message: why it is not ready, "" where it is.
-        kind: what kind of failure its probe named, in brackets at the end of what it said; AWAY
-            where Kubernetes cannot reach its machine.
+        node: the machine that it runs on, "" before it has one.
+        message: why it is not ready, "" if it is.
+        kind: the kind of failure that its probe named, in brackets at the end of its message; AWAY
+            if Kubernetes cannot reach its machine.
         created: when it was made, as Kubernetes writes times.
         image: that of its first container.
     """
@@ -67,7 +67,7 @@ class PodStatus:
 
 @attrs.frozen
 class WorkloadStatus:
-    """One workload: how many pods are ready, how many it is to have, and why not all are ready."""
+    """One workload: how many pods are ready, how many it must have, and why not all are ready."""
 
     kind: str
     name: str
@@ -89,8 +89,8 @@ class ReleaseStatus:
     """A release.
 
     Attributes:
-        revision: the newest revision's number, 0 where there is none.
-        revision_status: its status, "" where there is none, UNSEEN where we may not see revisions.
+        revision: the newest revision's number, 0 if it has none.
+        revision_status: its status, "" if it has none, UNSEEN if we may not see revisions.
     """
 
     release: ReleaseId
@@ -100,7 +100,7 @@ class ReleaseStatus:
 
 
 def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
-    """Return what of a release runs where.
+    """Return which parts of a release run where.
 
     Raises:
         UserError: nothing of it is on the cluster.
@@ -204,7 +204,7 @@ def describe_pod(pod: Manifest, events: Sequence[Manifest]) -> PodStatus:
 
 
 def find_kind(pod: Manifest, events: Sequence[Manifest]) -> str:
-    """Return what kind of failure makes a pod unready, "" for none that has a name."""
+    """Return the kind of failure that makes a pod unready, "" if it has no name."""
     if is_out_of_reach(pod):
         return AWAY
     named = KIND.search("" if is_ready(pod) else probe_failure(pod, events))

@@ -1,9 +1,9 @@
 """What is on the cluster before a deploy, in as few requests as possible; it writes nothing.
 
-One LIST for each kind of object, one for the revisions. Only what is new, or what the hash and the
-owned fields do not tell unchanged, is sent as a server-side dry run, with the pods that it would
-make; quotas and our rights are asked for at the same time. Whatever the cluster would refuse is
-thus known before anything is applied, and an unchanged release costs nothing for it.
+One LIST for each kind of object, one for the revisions. Only what is new, or what is changed
+according to the hash and the owned fields, is sent as a server-side dry run, with the pods that it
+would make; quotas and our rights are read at the same time. So whatever the cluster would refuse is
+known before anything is applied, and an unchanged release costs nothing for it.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ class Survey:
 
     Attributes:
         manifests: what is desired, prepared, in the order of apply.
-        live: what is there of it, and of what the last revision had.
-        foreseen: what dry runs, quotas and rights say of it.
-        namespace: the release's namespace, None where it is not there.
+        live: what exists of it, and of what the last revision had.
+        foreseen: the result of dry runs, quotas and rights.
+        namespace: the release's namespace, None if it does not exist.
         history: the records of the release, the oldest first.
-        last: the newest revision, None where there is none.
-        lease: the Lease of a deploy that is under way or was killed, None where there is none.
+        last: the newest revision, None if it has none.
+        lease: the Lease of a deploy that is in progress or was killed, None without one.
     """
 
     desired: Desired
@@ -59,7 +59,7 @@ class Survey:
 
     @property
     def results(self) -> Mapping[ObjectRef, Live | Refusal]:
-        """What the dry runs of its objects answered: an object, or why not."""
+        """The answers of its objects' dry runs: an object, or why not."""
         return self.foreseen.results
 
     @property
@@ -69,7 +69,7 @@ class Survey:
 
     @property
     def next_number(self) -> int:
-        """The number of the revision to come."""
+        """The number of the next revision."""
         return self.history[-1].number + 1 if self.history else 1
 
 
@@ -85,7 +85,7 @@ def survey(cluster: Cluster, desired: Desired, *, adopt: bool) -> Survey:
         adopt: fields of other managers would be taken over.
 
     Raises:
-        ClusterError: the namespace is missing (and is not to be created) or is being deleted.
+        ClusterError: the namespace is missing (and will not be created) or is being deleted.
     """
     manifests = manifests_to_apply(desired)
     with listing_missing_rights(cluster, desired, manifests):
@@ -131,7 +131,7 @@ def list_objects(
 
 
 def belongs(live: Manifest, release: ReleaseId) -> bool:
-    """Whether an object says that it is of this very release."""
+    """Whether an object is labelled as part of this very release."""
     meta = live["metadata"]
     if (meta.get("labels") or {}).get(RELEASE_LABEL) != release.name:
         return False
@@ -140,7 +140,7 @@ def belongs(live: Manifest, release: ReleaseId) -> bool:
 
 
 def check_namespace(desired: Desired, namespace: Live | None) -> None:
-    """Raise where nothing can be put into the release's namespace."""
+    """Raise if nothing can be put into the release's namespace."""
     name = desired.release.namespace
     if namespace is None and not desired.create_namespace and desired.objects:
         raise ClusterError(
@@ -160,7 +160,7 @@ def find_left_over(
     manifests: Iterable[Manifest],
     last: Revision | None,
 ) -> dict[ObjectRef, Live]:
-    """Return what the last revision owns and is not wanted any more, as far as it is there."""
+    """Return what the last revision owns and is no longer desired, as far as it exists."""
     wanted = {ref_of(m) for m in manifests}
     items = last.inventory if last else ()
     refs = [item.ref for item in items if item.ref not in wanted and item.ref not in live]
@@ -171,14 +171,14 @@ def find_left_over(
 def choose_gone(
     live: Mapping[ObjectRef, Live], manifests: Iterable[Manifest], last: Revision | None
 ) -> list[Live]:
-    """Return what of the last revision is there and goes, but for what holds data."""
+    """Return what exists of the last revision and will be deleted, except what holds data."""
     owned = {item.ref for item in (last.inventory if last else ())}
     going = owned - {ref_of(manifest) for manifest in manifests}
     return [o for ref, o in live.items() if ref in going and ref.kind not in PROTECTED]
 
 
 def is_unchanged(manifest: Manifest, live: Manifest | None) -> bool:
-    """Whether a live object is what a manifest says, by its hash and the fields that we own."""
+    """Whether a live object is as its manifest, by its hash and the fields that we own."""
     if live is None or live["metadata"].get("deletionTimestamp"):
         return False
     return hash_of(live) == hash_of(manifest) and covers(manifest, live)

@@ -1,4 +1,4 @@
-"""What a deploy is made of, as plain data; no I/O here."""
+"""The parts of a deploy, as plain data; no I/O here."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ class ReleaseId:
 
 @attrs.frozen
 class Desired:
-    """What a release is to be.
+    """The desired state of a release.
 
     Attributes:
         objects: complete manifests, namespaced ones with their namespace; no Namespace.
         origins: the path in the job's options that each object came from.
         options: the options as plain data, kept in the revision: a partial job is laid over them.
         create_namespace: whether a missing namespace is created (the Rigelfile names it).
-        protected: objects that outlive `down` unless volumes are asked for (claims and volumes).
-        remedies: by kind of object: what to do where we lack the right to write one; by ground of
+        protected: objects that outlive `down` unless volumes are requested (claims and volumes).
+        remedies: by kind of object: what to do if the right to write one is missing; by ground of
             a refusal (`quota`): what to do about it.
-        inspect: finds why workloads that are new or changed cannot run, by workload; called with
-            their manifests before the first write. The only part that is not data: only who knows
-            what is in a release knows whom to ask.
+        inspect: finds why new or changed workloads cannot run, by workload; called with their
+            manifests before the first write. It is the only part that is not data: only the builder
+            of a release can decide what to check.
     """
 
     release: ReleaseId
@@ -55,9 +55,9 @@ class Step:
     """One thing that apply will do.
 
     Attributes:
-        live: the object on the cluster now, None where it is not there.
+        live: the object on the cluster now, None if it does not exist.
         result: what it will be (the dry run's answer), None for a prune.
-        recreate: a change that needs delete and create (said so to the user before).
+        recreate: a change that needs delete and create (reported to the user before).
     """
 
     action: Literal["create", "change", "keep", "prune", "forget"]
@@ -116,13 +116,13 @@ class Revision:
 
 @attrs.frozen(kw_only=True)
 class DeployOptions:
-    """How a release is deployed, whatever is in it.
+    """How a release is deployed, independent of its content.
 
     Attributes:
         cancel: set to interrupt it.
         timeout: seconds that the roll-out may take; None: the default of what is deployed.
         adopt: take over objects of other owners.
-        description: what the revision is called in the history.
+        description: the revision's name in the history.
         lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
     """
 

@@ -1,9 +1,8 @@
-"""One object of a release, written only onto what the plan saw; else someone would lose theirs.
+"""One object of a release, written only onto what the plan saw: no change of others is lost.
 
-All releases write as one field manager, so Kubernetes sees no conflict between two of them. That
-nothing is written onto another release's object is checked by the API server, together with the
-write: an object is created only where there is none, and changed only while it has the UID that
-the plan saw.
+All releases write as one field manager, so Kubernetes sees no conflict between two of them. The API
+server checks, together with the write, that nothing is written onto another release's object: an
+object is created only if none exists, and changed only while it has the UID that the plan saw.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ TRIES = 10
 def write(
     cluster: Cluster, release: ReleaseId, manifest: Manifest, live: Manifest | None, *, adopt: bool
 ) -> Live:
-    """Apply a manifest and return what the object is then.
+    """Apply a manifest and return the resulting object.
 
     Args:
         live: what the plan saw, None for nothing.
         adopt: take over what other tools have set.
 
     Raises:
-        ConflictError: another object is there by now, or other managers own fields.
+        ConflictError: another object exists by now, or other managers own fields.
     """
     ref = ref_of(manifest)
     for again in range(TRIES):
@@ -48,10 +47,10 @@ def write(
 
 
 def choose_condition(ref: ObjectRef, live: Manifest | None, release: ReleaseId) -> Onto:
-    """Return what must be there when a manifest is applied.
+    """Return the condition under which a manifest is applied.
 
     Controllers write the status of an object at any time, so an object of ours may have changed.
-    One that belongs to no release may not: another release may be about to adopt it, too.
+    One that belongs to no release must not: another release may be about to adopt it, too.
     """
     if ref.kind == "Namespace":  # releases share it
         return ANYTHING
@@ -61,7 +60,7 @@ def choose_condition(ref: ObjectRef, live: Manifest | None, release: ReleaseId) 
 
 
 def own_all(cluster: Cluster, ref: ObjectRef, live: Manifest) -> Live:
-    """Make what other tools have set ours, so that what we leave out goes away."""
+    """Make ours what other tools have set, so that what we leave out is removed."""
     meta = {
         "managedFields": take_over(live),
         "resourceVersion": live["metadata"]["resourceVersion"],
@@ -72,10 +71,10 @@ def own_all(cluster: Cluster, ref: ObjectRef, live: Manifest) -> Live:
 def look_again(
     cluster: Cluster, ref: ObjectRef, live: Manifest | None, release: ReleaseId
 ) -> Live | None:
-    """Return what is there by now, where it is still ours to write.
+    """Return what exists by now, if it is still ours to write.
 
-    It is, although something else was expected, where our own first request got through and only
-    its answer was lost, and where an object that is being adopted has a new status.
+    It is in two cases: our own first request arrived and only its answer was lost, or an object
+    that is being adopted has a new status.
 
     Raises:
         ConflictError: it is not.

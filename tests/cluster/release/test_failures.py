@@ -40,7 +40,7 @@ def test_a_missing_image_is_told(cluster: Any, make: Any, report: Any) -> None:
 def test_an_image_name_that_is_none_is_told_at_once(cluster: Any, make: Any, report: Any) -> None:
     """There is nothing to wait for."""
     told = failure(cluster, make, report, make.deployment(image="Not//An:Image:name"))
-    assert "is no image name" in told
+    assert "invalid image name" in told
 
 
 def test_a_crash_is_told_with_the_last_log_lines(cluster: Any, make: Any, report: Any) -> None:
@@ -72,7 +72,7 @@ def test_a_pod_that_no_node_takes_is_told(cluster: Any, make: Any, report: Any) 
     """The scheduler's own message."""
     pod = {"nodeSelector": {"robot": "nobody"}}
     told = failure(cluster, make, report, make.deployment(pod=pod))
-    assert "no node takes the pod: 0/" in told
+    assert "no machine can run the pod: 0/" in told
     assert "node affinity/selector" in told
 
 

@@ -181,7 +181,7 @@ def test_an_interrupted_wait_ends_soon_and_says_what_is_left(
     wanted = make.desired(make.deployment(readinessProbe=slow))
     with ThreadPoolExecutor(1) as user:
         user.submit(interrupt)
-        with pytest.raises(Interrupted, match="the cluster goes on with it"):
+        with pytest.raises(Interrupted, match="the cluster continues the roll-out"):
             deploy(wanted, cluster, report=report, cancel=cancel)
     assert [r.status for r in history(cluster, make.release)] == ["pending"]
     assert cluster.get(lease_ref(make.release)) is None

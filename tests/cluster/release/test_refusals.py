@@ -54,7 +54,7 @@ GREEDY = {"resources": {"requests": {"cpu": "2"}, "limits": {"cpu": "2"}}}
             "no-resources",
             "must specify limits.memory",
         ),
-        (put_quota, "quota", "the quota small does not suffice: 2 more of pods"),
+        (put_quota, "quota", "the quota small is too small: the release needs 2 more of pods"),
     ],
 )
 def test_refused_pods_are_known_before_any_write(
@@ -118,5 +118,5 @@ def test_an_update_fits_into_a_quota_that_is_full(
     assert deploy(make.desired(newer), cluster, report=report).number == 2
     rolling = make.deployment(env=[{"name": "A", "value": "2"}])
     rolling["spec"]["strategy"] = {"type": "RollingUpdate", "rollingUpdate": {"maxUnavailable": 0}}
-    with pytest.raises(Refused, match="cannot become"):
+    with pytest.raises(Refused, match="cannot be deployed"):
         deploy(make.desired(rolling), cluster, report=report)

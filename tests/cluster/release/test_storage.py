@@ -60,7 +60,7 @@ def test_all_claims_are_waited_for_at_once(cluster: Any, make: Any, report: Any)
     refs = [ObjectRef("v1", "PersistentVolumeClaim", make.namespace, name) for name in names]
     for ref in refs:
         cluster.patch(ref, {"metadata": {"finalizers": [f"test.example/{ref.name}"]}})
-    with pytest.raises(ClusterError, match=r"2 object\(s\) not gone after 1 s") as caught:
+    with pytest.raises(ClusterError, match=r"2 object\(s\) still exist after 1 s") as caught:
         down(cluster, make.release, volumes=True, report=report, timeout=1)
     told = "\n".join(caught.value.details)
     assert all(f"{name}: test.example/{name}" in told for name in names)
@@ -78,7 +78,7 @@ def test_a_claim_that_left_the_rigelfile_is_kept_and_told(
     deploy(make.desired(make.config(a="2")), cluster, report=report)
     ref = ObjectRef("v1", "PersistentVolumeClaim", make.namespace, "data")
     assert cluster.get(ref) is not None
-    assert any("holds data and is kept" in text for text in report.warnings)
+    assert any("holds data, so it is kept" in text for text in report.warnings)
 
 
 @pytest.mark.parametrize(

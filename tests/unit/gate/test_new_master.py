@@ -64,7 +64,7 @@ async def test_a_master_that_ends_idle_connections_is_no_new_one(world: World) -
         assert (await world.gate.answer(tool, hands_over=False, host="127.0.0.1")).is_success
         await asyncio.sleep(0.2)
     assert {call.method for call in calls} == {"getParam", "lookupNode"}
-    assert not [line for line in world.log if "away" in line]
+    assert not [line for line in world.log if "the master is unreachable" in line]
 
 
 @play
@@ -306,7 +306,9 @@ async def test_a_call_whose_connection_ends_is_made_again(world: World) -> None:
     talker = await up(world, TALKER)
     fail_once(world, "lookupService", MasterGone("reset"))
     assert (await look_up(world)).result == talker.nodes[0].detail(*ASK)
-    assert not [line for line in world.log if "away" in line], "for that, the master is not gone"
+    assert not [line for line in world.log if "the master is unreachable" in line], (
+        "for that, the master is not gone"
+    )
 
 
 @play

@@ -112,7 +112,7 @@ def test_an_interrupted_revision_stays_pending(fake: Any, report: Recorder) -> N
         return unready(pod)
 
     fake.store.controllers = Controllers(kubelet)
-    with pytest.raises(Interrupted, match="the cluster goes on with it"):
+    with pytest.raises(Interrupted, match="the cluster continues the roll-out"):
         deploy(desired(workload()), fake, report=report, cancel=cancel)
     assert [r.status for r in history(fake, RELEASE)] == ["pending"]
     assert LEASE not in fake.objects
@@ -148,7 +148,7 @@ def test_a_rollback_keeps_secrets_as_they_are(fake: Any, report: Recorder) -> No
     assert base64.b64decode(fake.objects[ref("Secret", "s")]["data"]["k"]) == b"2"
     fake.delete(ref("Secret", "s"))
     rollback(fake, RELEASE, 2, report=report)
-    assert "Secret n/s is gone and stands in no revision" in report.warnings[-1]
+    assert "Secret n/s is missing, and no revision contains it" in report.warnings[-1]
 
 
 # Order.
@@ -188,7 +188,7 @@ def test_an_object_that_is_ending_is_waited_for(fake: Any, report: Recorder) -> 
     fake.delete(ref("ConfigMap", "c"))
     plan = diff(desired(held), fake)
     impatient = Applier(fake, RELEASE, report, threading.Event(), gone_timeout=0.05)
-    with pytest.raises(ClusterError, match=r"1 object\(s\) not gone") as caught:
+    with pytest.raises(ClusterError, match=r"1 object\(s\) still exist") as caught:
         impatient.apply(plan)
     assert caught.value.details == (f"ConfigMap n/c: {HOLD} holds it",)
 
@@ -198,7 +198,7 @@ def test_down_returns_when_the_data_are_gone(fake: Any, report: Recorder) -> Non
     held = claim()
     held["metadata"]["finalizers"] = ["kubernetes.io/pvc-protection"]
     deploy(desired(held), fake, report=report)
-    with pytest.raises(ClusterError, match="not gone") as caught:
+    with pytest.raises(ClusterError, match="still exist") as caught:
         down(fake, RELEASE, volumes=True, report=report, timeout=0.05)
     assert "kubernetes.io/pvc-protection holds it" in caught.value.details[0]
 

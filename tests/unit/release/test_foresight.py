@@ -91,7 +91,7 @@ def test_refused_pods_are_known_before_any_write(
 def test_an_invalid_pod_is_refused(fake: Any, report: Any) -> None:
     """The Deployment of such a pod may be valid: a webhook changes pods, say."""
     fake.store.refuse = refuse_pods('Pod "talker-x" is invalid: spec: no', status=422)
-    with pytest.raises(Refused, match="cannot become"):
+    with pytest.raises(Refused, match="cannot be deployed"):
         deploy(desired(workload()), fake, report=report)
     assert fake.writes == []
 
@@ -234,8 +234,8 @@ def test_a_release_that_exceeds_a_quota_is_refused(fake: Any, report: Any) -> No
     with pytest.raises(Refused) as caught:
         deploy(wanted, fake, report=report)
     assert caught.value.details == (
-        "Deployment n/a, b: the quota small does not suffice: 2 more of pods, of which 1 of 2 are"
-        " used; ask for less",
+        "Deployment n/a, b: the quota small is too small: the release needs 2 more of pods; 1 of 2"
+        " are used; ask for less",
     )
     assert fake.writes == []
 
@@ -247,7 +247,7 @@ def test_a_quota_that_a_dry_run_names_too_is_one_problem(fake: Any, report: Any)
     with pytest.raises(Refused) as caught:
         deploy(desired(workload()), fake, report=report)
     [problem] = caught.value.problems
-    assert problem.message.startswith("Deployment n/talker: the quota small does not suffice")
+    assert problem.message.startswith("Deployment n/talker: the quota small is too small")
 
 
 def test_an_update_fits_where_its_predecessor_was(fake: Any, report: Any) -> None:
@@ -264,7 +264,7 @@ def test_an_update_fits_where_its_predecessor_was(fake: Any, report: Any) -> Non
 def test_the_record_of_a_deploy_counts_too(fake: Any, report: Any) -> None:
     """A quota of Secrets that is used up lets no revision be written."""
     put_quota(fake, secrets=("1", "1"))
-    with pytest.raises(Refused, match="cannot become"):
+    with pytest.raises(Refused, match="cannot be deployed"):
         deploy(Desired(RELEASE, (config("c"),)), fake, report=report)
     assert fake.writes == []
 

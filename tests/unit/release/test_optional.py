@@ -67,7 +67,7 @@ def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float])
     assert made.is_enough([EXTRA])
     assert told.warnings == [
         "ros-exporter is not ready: 0 of 1 ready; app runs without it;"
-        " `rigel status` shows how it goes on"
+        " `rigel status` shows its state"
     ]
 
 

@@ -52,7 +52,7 @@ def test_what_is_adopted_becomes_what_the_rigelfile_says(
     wanted = desired(config(k="1"))
     with pytest.raises(ConflictError) as caught:
         deploy(wanted, fake, report=report)
-    assert caught.value.details == ("ConfigMap n/c is there already, made by kubectl",)
+    assert caught.value.details == ("ConfigMap n/c already exists, made by kubectl",)
     deploy(wanted, fake, report=report, adopt=True)
     assert fake.objects[ref("ConfigMap", "c")]["data"] == {"k": "1"}
     assert diff(wanted, fake).changes == ()

@@ -231,7 +231,7 @@ def test_an_unlabelled_object_needs_adopt() -> None:
     survey = looked(desired, [theirs], {ref_of(theirs): theirs})
     with pytest.raises(ConflictError) as caught:
         check(survey, adopt=False)
-    assert caught.value.details == ("ConfigMap n/a is there already, made by kubectl",)
+    assert caught.value.details == ("ConfigMap n/a already exists, made by kubectl",)
     check(survey, adopt=True)
 
 

@@ -123,7 +123,7 @@ def ended(code: int, reason: str = "Error", message: str = "") -> dict[str, Any]
     [
         (container(waiting("ErrImagePull", 'rpc: "i:1": not found')), "image", "pulled: not found"),
         (container(waiting("ImagePullBackOff", "Back-off")), "image", "pulled: Back-off"),
-        (container(waiting("InvalidImageName", "bad")), "image-name", "is no image name"),
+        (container(waiting("InvalidImageName", "bad")), "image-name", "invalid image name"),
         (container(waiting("CreateContainerConfigError", "no x")), "start", "no x"),
         (container(ended(3)), "crash", "exited with code 3"),
         (container(ended(3, message="no package\nnav\n")), "crash", "code 3 (no package nav)"),
@@ -143,7 +143,7 @@ def ended(code: int, reason: str = "Error", message: str = "") -> dict[str, Any]
         (
             {"conditions": [{"type": "PodScheduled", "status": "False", "message": "0/2 nodes"}]},
             "unschedulable",
-            "no node takes the pod: 0/2 nodes",
+            "no machine can run the pod: 0/2 nodes",
         ),
         (
             {"conditions": [{"type": "PodScheduled", "status": "False", "message": UNBOUND}]},

@@ -1,7 +1,7 @@
-"""What keeps a release's pods from being made, as problems with their places; pure.
+"""What prevents a release's pods from being created, as problems with their places; pure.
 
-Workloads that are refused for the same reason share a problem: a namespace that takes no root user
-refuses every node of an application with the same words.
+Workloads that are refused for the same reason share a problem: a namespace that accepts no root
+user refuses every node of an application with the same message.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.release.refusals.usage import list_excesses
 from rigel_k8s.release.survey import Survey
 
-SHOWN = 3  # names of workloads in a message; the rest is counted
+SHOWN = 3  # names of workloads in a message; the others are counted
 
-#: How a refusal calls the pod that was tried; its name is made by the dry run.
+#: How a refusal names the pod of the trial; the dry run makes its name.
 POD = re.compile(r'^pods "[^"]*" is forbidden: ')
 
 
 def find_refused_pods(survey: Survey) -> Iterator[Problem]:
     """Yield a problem for each reason for which the cluster refuses pods.
 
-    That a quota is exceeded is computed from all pods (`find_exceeded`); a single pod's dry run
-    does not know that others end before it starts. Its word counts where nothing ends.
+    That a quota is exceeded is computed from all pods (`find_exceeded`); the dry run of a single
+    pod does not see that others end before it starts. Its answer counts if no pod ends.
     """
     exceeded = {ref for excess in list_excesses(survey) for ref in excess.refs}
     ends = any(ref.kind in ("Deployment", "Pod") for ref in survey.live)
@@ -58,14 +58,14 @@ def find_exceeded(survey: Survey) -> Iterator[Problem]:
     """Yield a problem for each quota that the release does not fit into."""
     for excess in list_excesses(survey):
         text = (
-            f"the quota {excess.quota} does not suffice: {excess.added} more of {excess.resource},"
-            f" of which {excess.used} of {excess.hard} are used"
+            f"the quota {excess.quota} is too small: the release needs {excess.added} more of"
+            f" {excess.resource}; {excess.used} of {excess.hard} are used"
         )
         yield make_problem(survey, excess.refs, text, "quota")
 
 
 def make_problem(survey: Survey, refs: Sequence[ObjectRef], text: str, ground: str) -> Problem:
-    """Return a problem at the place of the first workload, with the way out that is known."""
+    """Return a problem at the place of the first workload, with its known way out."""
     remedy = survey.desired.remedies.get(ground, "")
     message = f"{name_all(refs)}: {text}" + (f"; {remedy}" if remedy else "")
     path = survey.desired.origins.get(refs[0], ()) if refs else ()
@@ -73,7 +73,7 @@ def make_problem(survey: Survey, refs: Sequence[ObjectRef], text: str, ground: s
 
 
 def name_all(refs: Sequence[ObjectRef]) -> str:
-    """Return the names of workloads, the first few of them."""
+    """Return the names of workloads, or of the first few."""
     if not refs:
         return "the release"
     rest = len(refs) - SHOWN

@@ -1,7 +1,7 @@
-"""What the cluster is asked about a deploy before its first write: dry runs, quotas, our rights.
+"""What is read from the cluster before a deploy's first write: dry runs, quotas, our rights.
 
-All of it is asked at once, and only where something is to be written. What the answers mean is
-decided by `verdict`.
+All requests are sent at once, and only if something is to be written. `verdict` decides what the
+answers mean.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ class Work:
     Attributes:
         manifests: all of the release, prepared.
         candidates: those that may change something.
-        live: what is there of the release.
-        gone: what is there and not wanted any more.
-        namespace: the release's namespace, None where it is not there.
+        live: what exists of the release.
+        gone: what exists and is no longer desired.
+        namespace: the release's namespace, None if it does not exist.
     """
 
     desired: Desired
@@ -52,7 +52,7 @@ class Work:
 
     @property
     def in_reach(self) -> list[Manifest]:
-        """The candidates that a dry run can try: nothing is tried in a namespace to come."""
+        """The candidates that a dry run can try: none in a namespace that does not exist yet."""
         if self.namespace is not None:
             return list(self.candidates)
         return [m for m in self.candidates if not m["metadata"].get("namespace")]
@@ -60,14 +60,14 @@ class Work:
 
 @attrs.frozen
 class Foreseen:
-    """What the cluster said.
+    """The cluster's answers.
 
     Attributes:
         results: by object: what apply would make of it, or why it would be refused.
         pods: by workload: its pod as the cluster would store it, or why it would be refused.
         quotas: the namespace's ResourceQuotas.
-        missing: the rights that we lack.
-        unfit: why workloads cannot run, as those say who know what is in the release.
+        missing: the rights that are missing.
+        unfit: why workloads cannot run, from `Desired.inspect`.
     """
 
     results: Mapping[ObjectRef, Live | Refusal] = attrs.field(factory=dict)
@@ -78,10 +78,10 @@ class Foreseen:
 
 
 def foresee(cluster: Cluster, work: Work, *, adopt: bool) -> Foreseen:
-    """Ask the cluster, all at once.
+    """Query the cluster, all at once.
 
     Raises:
-        Forbidden: a dry run was refused because we lack a right.
+        Forbidden: a dry run was refused because a right is missing.
         ClusterError: the cluster does not answer.
     """
     results: dict[ObjectRef, Live | Refusal] = {}
@@ -129,7 +129,7 @@ def list_needed(work: Work) -> set[Right]:
 
 
 def list_quotas(cluster: Cluster, namespace: str) -> Sequence[Live]:
-    """Return a namespace's quotas; none where we may not see them."""
+    """Return a namespace's quotas; none if we may not see them."""
     try:
         return cluster.list("v1", "ResourceQuota", namespace)
     except ClusterError:

@@ -1,8 +1,8 @@
-"""The rights that a deploy needs and we lack: all of them in one error, with a way out.
+"""The rights that a deploy needs and that are missing: all in one error, with a way out.
 
-One SelfSubjectRulesReview lists all rights in a namespace, for the price of one question about one
-right. It may be incomplete (an authorizer that is not RBAC does not list its rules), so what seems
-to be missing is asked for one by one before anything is refused.
+One SelfSubjectRulesReview lists all rights in a namespace, for the price of a question about one
+right. It may be incomplete (an authorizer other than RBAC does not list its rules), so what seems
+to be missing is checked one by one before anything is refused.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ API = "authorization.k8s.io/v1"
 
 
 def ask_missing(cluster: Cluster, needed: Iterable[Right], namespace: str) -> list[Right]:
-    """Return the rights that we lack.
+    """Return the rights that are missing.
 
     Raises:
-        ClusterError: the cluster does not say what we may do.
+        ClusterError: the cluster does not report what we may do.
     """
     status = cluster.review(API, "SelfSubjectRulesReview", {"namespace": namespace})
     rules = find_mappings(status, "resourceRules")
@@ -64,7 +64,7 @@ def missing_error(missing: Sequence[Right], what: str, hint: str) -> Forbidden:
 def listing_missing_rights(
     cluster: Cluster, desired: Desired, manifests: Sequence[Manifest]
 ) -> Iterator[None]:
-    """Turn the refusal for the first right that is missing into one for all of them."""
+    """Turn the refusal for the first missing right into one for all of them."""
     try:
         yield
     except Forbidden as error:
@@ -80,7 +80,7 @@ def listing_missing_rights(
 def look_for_missing(
     cluster: Cluster, needed: Iterable[Right], release: ReleaseId
 ) -> Sequence[Right]:
-    """Return the rights that we lack; none where the cluster does not say what we may do."""
+    """Return the missing rights; none if the cluster does not report what we may do."""
     try:
         return ask_missing(cluster, needed, release.namespace)
     except ClusterError:
@@ -88,7 +88,7 @@ def look_for_missing(
 
 
 def explain_missing(desired: Desired, missing: Sequence[Right]) -> Forbidden:
-    """Return the error for missing rights, with the way out that is known for a kind of object."""
+    """Return the error for missing rights, with the known way out for a kind of object."""
     lacking = {(right.group, right.resource) for right in missing}
     known = [
         desired.remedies[manifest["kind"]]
@@ -111,7 +111,7 @@ def lacks(manifest: Manifest, lacking: set[tuple[str, str]]) -> bool:
 
 @contextmanager
 def naming_remedy(desired: Desired, kind: str) -> Iterator[None]:
-    """Give the error of a missing right for a kind of object the way out that is known for it."""
+    """Add the known way out for a kind of object to the error of a missing right."""
     try:
         yield
     except Forbidden as error:

@@ -1,7 +1,7 @@
 """Whether a release fits into its namespace's quotas: what is used, what is added, what is freed.
 
-Pure. A dry run of one pod does not see the sum of all, so it is computed here. It is refused only
-what certainly cannot become ready: where a number is not known, the deploy goes on.
+Pure. A dry run of one pod does not see the sum of all, so it is computed here. Only what certainly
+cannot become ready is refused: if a number is unknown, the deploy continues.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import attrs
 from rigel_k8s.objects.quantities import format_quantity, parse_quantity
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 
-#: Amounts by the names that a quota counts them by: `pods`, `requests.cpu`, `count/secrets`.
+#: Amounts by the names under which a quota counts them: `pods`, `requests.cpu`, `count/secrets`.
 Amounts = Mapping[str, Decimal]
 NONE, ONE = Decimal(0), Decimal(1)
 #: What quotas count of pods by the name alone.
@@ -31,8 +31,8 @@ class Change:
     """What a deploy does to one workload or other object, for a quota.
 
     Attributes:
-        added: what the new one takes for as long as it is there.
-        freed: what its predecessor gives back by then.
+        added: what the new one takes while it exists.
+        freed: what its predecessor has released by then.
         overlap: what one old pod takes, in a roll-out that makes a new pod before it ends an old
             one; empty in every other.
     """
@@ -43,11 +43,11 @@ class Change:
     overlap: Amounts = attrs.field(factory=dict)
 
     def growth(self, resource: str) -> Decimal:
-        """How much more of a resource is used when the deploy has ended."""
+        """How much more of a resource is used after the deploy."""
         return self.added.get(resource, NONE) - self.freed.get(resource, NONE)
 
     def takes(self, resource: str) -> bool:
-        """Whether it takes more of a resource, if only for a moment."""
+        """Whether it takes more of a resource, even for a moment."""
         return self.growth(resource) > 0 or bool(self.overlap.get(resource))
 
 
@@ -56,7 +56,7 @@ class Excess:
     """A quota that a release exceeds.
 
     Attributes:
-        refs: what takes of it.
+        refs: the objects that take of it.
     """
 
     quota: str
@@ -68,7 +68,7 @@ class Excess:
 
 
 def find_excess(quotas: Iterable[Manifest], changes: Sequence[Change]) -> Iterator[Excess]:
-    """Yield what exceeds a quota."""
+    """Yield the quotas that are exceeded."""
     for quota in filter(counts_all_pods, quotas):
         status = quota.get("status") or {}
         used: Mapping[str, Any] = status.get("used") or {}
@@ -85,8 +85,8 @@ def find_excess(quotas: Iterable[Manifest], changes: Sequence[Change]) -> Iterat
 def find_least_growth(changes: Sequence[Change], resource: str) -> Decimal:
     """Return how much more of a resource is used at one moment, whatever the order of roll-outs.
 
-    That is in the end, or when the last roll-out of those with an overlap has its last old pod
-    beside all of the new ones. Roll-outs that find no room wait for each other: so only one
+    That is after the deploy, or when the last roll-out of those with an overlap has its last old
+    pod beside all of the new ones. Roll-outs that find no room wait for each other: so only one
     overlap counts, the smallest.
     """
     growth = [change.growth(resource) for change in changes]
@@ -101,7 +101,7 @@ def find_least_growth(changes: Sequence[Change], resource: str) -> Decimal:
 
 
 def counts_all_pods(quota: Manifest) -> bool:
-    """Whether a quota counts every pod that runs for ever; others are left to Kubernetes."""
+    """Whether a quota counts every pod that runs forever; others are left to Kubernetes."""
     spec = quota.get("spec") or {}
     return not spec.get("scopeSelector") and set(spec.get("scopes") or []) <= {"NotTerminating"}
 
@@ -109,8 +109,8 @@ def counts_all_pods(quota: Manifest) -> bool:
 def amounts_of_pod(pod: Manifest) -> dict[str, Decimal]:
     """Return what a quota counts of one pod.
 
-    Init containers run before the others and one after the other, but for those that go on beside
-    them.
+    Init containers run before the others and one after the other, except those that continue
+    beside them.
     """
     spec = pod["spec"]
     result: dict[str, Decimal] = {"pods": ONE, "count/pods": ONE}
@@ -136,7 +136,7 @@ def amounts_of_pod(pod: Manifest) -> dict[str, Decimal]:
 
 
 def read_side(container: Mapping[str, Any], side: str) -> dict[str, Decimal]:
-    """Return a container's requests or limits; a request that is not said is the limit."""
+    """Return a container's requests or limits; a missing request is the limit."""
     resources = container.get("resources") or {}
     said = resources.get(side) or {}
     if side == "requests":
@@ -151,7 +151,7 @@ def add(total: dict[str, Decimal], more: Amounts, times: int = 1) -> None:
 
 
 def amounts_of_object(manifest: Manifest, plural: str) -> dict[str, Decimal]:
-    """Return what a quota counts of an object besides pods."""
+    """Return what a quota counts of an object apart from pods."""
     group = manifest["apiVersion"].rpartition("/")[0]
     result = {f"count/{plural}.{group}" if group else f"count/{plural}": ONE}
     if not group and plural in PLAIN:
@@ -175,7 +175,7 @@ def amounts_of_workload(workload: Manifest, pod: Manifest | None = None) -> dict
 
 
 def makes_new_pod_first(deployment: Manifest) -> bool:
-    """Whether a roll-out cannot begin without room for one pod more."""
+    """Whether a roll-out cannot begin without room for one more pod."""
     strategy = deployment["spec"].get("strategy") or {}
     if strategy.get("type", "RollingUpdate") != "RollingUpdate":
         return False

@@ -1,4 +1,4 @@
-"""The rights that a deploy needs, declared by what is done to each kind of object; pure.
+"""The rights that a deploy needs, declared by what it does to each kind of object; pure.
 
 The check before a deploy, `rigel doctor` and the Roles of `rigel rbac` are made from them.
 """
@@ -12,13 +12,13 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.rights import Right, grant
 from rigel_k8s.release.order import WORKLOADS
 
-#: What is done with the objects of a release, by the moment.
+#: What is done with the objects of a release, at each stage.
 LOOK, WAIT, WRITE, PRUNE = "list", "watch", "create patch", "get delete"
 
 #: Kinds that are watched until they are ready.
 WATCHED = (*WORKLOADS, "PersistentVolumeClaim")
 
-#: Kinds that Kubernetes does not bring, and that a release may have: those have no table.
+#: Kinds that Kubernetes does not have, and that a release may contain: those have no table.
 OTHERS = {
     ("k8s.cni.cncf.io/v1", "NetworkAttachmentDefinition"): Resource(
         "network-attachment-definitions", namespaced=True
@@ -34,14 +34,14 @@ def need_to_record(namespace: str) -> Iterator[Right]:
 
 
 def need_to_wait(namespace: str) -> Iterator[Right]:
-    """Yield what it takes to wait for pods."""
+    """Yield what waiting for pods needs."""
     yield from grant("", "pods", "list watch", namespace)
 
 
 def need_to_explain(namespace: str) -> Iterator[Right]:
-    """Yield what a deploy goes on without: it then explains less, and tries fewer things before.
+    """Yield rights without which a deploy works, but explains less and tries less in advance.
 
-    A right to create pods gives nothing to a user who may create Deployments: those create pods.
+    A right to create pods adds nothing for a user who may create Deployments: those create pods.
     """
     yield from grant("", "pods", "create", namespace)
     yield from grant("", "pods/log", "get", namespace)
@@ -53,7 +53,7 @@ def need_to_explain(namespace: str) -> Iterator[Right]:
 def need_for_kind(
     api_version: str, kind: str, namespace: str | None, verbs: str
 ) -> Iterator[Right]:
-    """Yield what some verbs on a kind of object need; nothing for a kind that is not known here."""
+    """Yield what some verbs on a kind of object need; nothing for an unknown kind."""
     resource = find_resource(api_version, kind)
     if resource is None:
         return
@@ -62,7 +62,7 @@ def need_for_kind(
 
 
 def find_resource(api_version: str, kind: str) -> Resource | None:
-    """Return how the API calls a kind; None: nothing here knows it."""
+    """Return the API's name for a kind; None if it is unknown."""
     key = api_version, kind
     return built_in().get(key) or OTHERS.get(key)
 

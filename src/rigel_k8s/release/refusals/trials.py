@@ -1,8 +1,8 @@
 """Server-side dry runs before any write: of objects, and of the pods that workloads would make.
 
-A dry run of a Deployment does not show what keeps its pods away: Pod Security, LimitRanges,
-admission policies and webhooks judge pods, and the Deployment's controller meets them only after
-it was applied. Each distinct template costs one request; one that stays as it is costs none.
+A dry run of a Deployment does not show what prevents its pods: Pod Security, LimitRanges, admission
+policies and webhooks judge pods, and the Deployment's controller meets them only after it was
+applied. Each distinct template costs one request; an unchanged one costs none.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.refusals.missing import naming_remedy
 from rigel_k8s.release.types import Desired
 
-#: What of a 403 is about the object; every other one is about who asks, or not understood.
+#: What of a 403 is about the object; every other one is about the caller, or not understood.
 ABOUT_OBJECTS = ("pod-security", "quota", "no-resources", "limit-range", "policy")
 
 Live = dict[str, Any]
@@ -42,8 +42,8 @@ def choose_trials(
 
     Args:
         candidates: the manifests that may change something.
-        manifests: all of the release. A service account that is among them may not be there yet,
-            and a pod of an unknown account is always refused: it is tried without.
+        manifests: all of the release. A service account among them may not exist yet, and a pod of
+            an unknown account is always refused: so the pod is tried without it.
     """
     accounts = {m["metadata"]["name"] for m in manifests if m["kind"] == "ServiceAccount"}
     chosen: dict[str, list[Manifest]] = {}
@@ -66,7 +66,7 @@ def changes_template(manifest: Manifest, live: Mapping[ObjectRef, Manifest]) -> 
 
 
 def find_template(workload: Manifest) -> Manifest | None:
-    """Return a workload's pod template, None where the object is no workload with pods for ever.
+    """Return a workload's pod template, None if the object does not run pods forever.
 
     A Job is left out: its pods are made once, and its own dry run has their template checked.
     """
@@ -77,7 +77,7 @@ def find_template(workload: Manifest) -> Manifest | None:
 
 
 def contains(live: object, wanted: object) -> bool:
-    """Whether a live value has all of what is wanted; Kubernetes adds its defaults to it."""
+    """Whether a live value contains all that is wanted; Kubernetes adds its defaults to it."""
     if isinstance(wanted, Mapping):
         return isinstance(live, Mapping) and all(
             contains(live.get(key), part) for key, part in wanted.items() if part is not None
@@ -114,8 +114,8 @@ def make_pod(workload: Manifest, accounts: Collection[str]) -> dict[str, Any]:
 def try_pod(cluster: Cluster, trial: Trial) -> Manifest | Refusal | None:
     """Return the pod as the cluster would store it, why it would refuse it, or None: unknown.
 
-    It is unknown where we may not create pods, where a webhook takes no dry runs, and where the
-    cluster does not answer: none of them keeps a deploy from working.
+    It is unknown if we may not create pods, if a webhook does not support dry runs, and if the
+    cluster does not answer: none of these prevents a deploy from working.
     """
     try:
         return cluster.create(trial.pod, dry_run=True)
@@ -130,8 +130,8 @@ def try_object(
 ) -> Live | Refusal:
     """Return what applying a manifest would make of it, or why it would be refused.
 
-    An object whose kind this very deploy defines cannot be tried, and is taken for a new one. Nor
-    can a binding of a Role that is still to come: for a user without the right to bind any Role,
+    An object whose kind this very deploy defines cannot be tried, and counts as a new one. Nor can
+    a binding of a Role that does not exist yet: for a user without the right to bind any Role,
     Kubernetes looks up what the Role grants.
     """
     try:
@@ -152,7 +152,7 @@ def try_object(
 
 
 def assume_result(cluster: Cluster, manifest: Manifest) -> Live:
-    """Return what stands for a dry run that says nothing of the deploy."""
+    """Return a substitute for a dry run whose answer does not apply to the deploy."""
     live = cluster.get(ref_of(manifest))
     version = live["metadata"]["resourceVersion"] if live else ""
     meta: dict[str, Any] = {**manifest["metadata"], "resourceVersion": version}
@@ -179,9 +179,9 @@ def binds_own_role(desired: Desired, manifest: Manifest) -> bool:
 
 
 def is_about_object(error: Refusal) -> bool:
-    """Whether a refusal is about what the object asks for, not about us or the moment.
+    """Whether a refusal is about what the object requests, not about us or the moment.
 
-    A conflict that names no field is about the moment: someone else wrote the object just then.
+    A conflict that names no field is about the moment: another program has just written the object.
     """
     if isinstance(error, Conflict):
         return bool(error.fields)

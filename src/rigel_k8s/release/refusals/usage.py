@@ -38,7 +38,7 @@ def list_changes(survey: Survey) -> Iterator[Change]:
 
 
 def list_records(survey: Survey) -> Iterator[ObjectRef]:
-    """Yield what a deploy writes for itself: the revision, and the Lease while it lasts."""
+    """Yield what a deploy writes for itself: the revision, and the Lease while it runs."""
     release = survey.desired.release
     yield secret_ref(release, survey.next_number)
     yield lease_ref(release)

@@ -19,7 +19,7 @@ from rigel_k8s.release.refusals.admission import find_exceeded, find_refused_pod
 from rigel_k8s.release.refusals.missing import explain_missing
 from rigel_k8s.release.survey import Survey, belongs
 
-ADOPT = "to take them over, run it again with --adopt; they become what the Rigelfile says"
+ADOPT = "run it again with --adopt to take them over; they are changed to match the Rigelfile"
 DELETE = "kubectl {where}delete {kind} {name}"
 SELECTOR = (
     "Kubernetes never changes which pods a {kind} selects; "
@@ -36,12 +36,12 @@ CLAIM = (
 )
 VOLUME = (
     "Kubernetes never changes where a volume's data are; keep the path, give the volume another "
-    "name, or delete volume and claim first (its files stay on the node): {delete}"
+    "name, or delete volume and claim first (its files stay on the machine): {delete}"
 )
 
 
 class Refused(UserError):
-    """What the Rigelfile wants cannot be done to what is on the cluster.
+    """The cluster's objects cannot be changed to what the Rigelfile describes.
 
     Attributes:
         problems: one for each object, with the path of the options that it came from.
@@ -51,7 +51,7 @@ class Refused(UserError):
 
 
 def check(survey: Survey, *, adopt: bool) -> None:
-    """Raise where a deploy cannot go on.
+    """Raise if a deploy cannot continue.
 
     Raises:
         Forbidden: rights are missing; all of them are listed.
@@ -69,7 +69,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
     ]
     if problems:
         error = Refused(
-            f"{survey.desired.release.name} cannot become what the Rigelfile says; "
+            f"{survey.desired.release.name} cannot be deployed as the Rigelfile describes it; "
             "nothing was changed",
             details=[problem.message for problem in problems],
         )
@@ -94,13 +94,13 @@ def find_foreign(survey: Survey) -> Iterator[Problem]:
 
 
 def find_unowned(survey: Survey) -> Iterator[str]:
-    """Yield a line for each object that is there and that we have not made."""
+    """Yield a line for each object that exists and that we have not made."""
     known = {item.uid for item in survey.inventory if item.uid}
     for ref, live in find_overwritten(survey):
         labels = live["metadata"].get("labels") or {}
         if RELEASE_LABEL not in labels and live["metadata"].get("uid") not in known:
             made_by = ", ".join(managers(live)) or "another program"
-            yield f"{ref} is there already, made by {made_by}"
+            yield f"{ref} already exists, made by {made_by}"
 
 
 def find_conflicts(survey: Survey) -> Iterator[str]:
@@ -115,7 +115,7 @@ def find_conflicts(survey: Survey) -> Iterator[str]:
 
 
 def find_overwritten(survey: Survey) -> Iterator[tuple[ObjectRef, Manifest]]:
-    """Yield the objects that are there and that we are about to write."""
+    """Yield the objects that exist and that we are about to write."""
     for ref in survey.results:
         if ref in survey.live:
             yield ref, survey.live[ref]
@@ -135,7 +135,7 @@ def find_invalid(survey: Survey) -> Iterator[Problem]:
 
 
 def explain(ref: ObjectRef, error: Refusal, live: Manifest | None, manifest: Manifest) -> str:
-    """Return what a refusal means and the way out; Kubernetes' words where we know no better."""
+    """Return what a refusal means and the way out; if we have none, Kubernetes' own words."""
     where = f"-n {ref.namespace} " if ref.namespace else ""
     delete = DELETE.format(where=where, kind=ref.kind.lower(), name=ref.name)
     text = " ".join(cause.message for cause in error.causes)

@@ -1,6 +1,6 @@
 """Why a workload is not ready: from its pods, its owner's conditions and the events; pure.
 
-Every cause has a kind; wait.py knows how much patience each kind deserves.
+Every cause has a kind; patience.py defines how long each kind may last.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rigel_k8s.objects.refs import Manifest
 
 IMAGE = ("ErrImagePull", "ImagePullBackOff", "RegistryUnavailable", "ErrImageNeverPull")
 BAD_NAME = "InvalidImageName"
-#: Characters of what a container says at its end; Kubernetes keeps 4096 bytes.
+#: Characters of a container's message at its end; Kubernetes keeps 4096 bytes.
 LONGEST_MESSAGE = 300
 START = ("CreateContainerConfigError", "CreateContainerError", "RunContainerError")
 EVENTS = {
@@ -26,8 +26,8 @@ EVENTS = {
     "FailedCreatePodSandBox": "sandbox",
     "NetworkNotReady": "sandbox",
 }
-#: A kubelet that has not yet read the pod's ConfigMaps and Secrets says so when it is busy, and
-#: tries again. One that does not exist is reported as "not found".
+#: A busy kubelet that has not yet read the pod's ConfigMaps and Secrets reports this and tries
+#: again. One that does not exist is reported as "not found".
 BUSY = re.compile(r"failed to sync (configmap|secret) cache")
 
 
@@ -38,7 +38,7 @@ class Cause:
     Attributes:
         kind: image, image-name, start, crash, restarted, unschedulable, claim, quota, mount,
             sandbox, evicted, failed or away.
-        pod: the pod that shows it, "" where no pod is to blame.
+        pod: the pod that shows it, "" if none is the cause.
         previous: its log is that of the container's life before the last restart.
     """
 
@@ -50,7 +50,7 @@ class Cause:
 
     @property
     def key(self) -> tuple[str, str]:
-        """What makes it the same cause when it is seen again, maybe on another pod."""
+        """What identifies the cause when it is seen again, perhaps on another pod."""
         return ("crash" if self.kind == "restarted" else self.kind, self.container)
 
 
@@ -72,7 +72,7 @@ def pods_of(
 
 
 def newest_template(workload: Manifest) -> tuple[str, str]:
-    """Return a label of a workload's pods and its newest value, "" where its kind has none."""
+    """Return a label of a workload's pods and its newest value, "" if its kind has none."""
     if workload["kind"] == "StatefulSet":
         revision = (workload.get("status") or {}).get("updateRevision")
         return "controller-revision-hash", str(revision or "")
@@ -107,7 +107,7 @@ def causes(
     events: Iterable[Manifest],
     owners: Sequence[Manifest] = (),
 ) -> list[Cause]:
-    """Return why a workload is not ready, the plainest reason first.
+    """Return why a workload is not ready, the clearest reason first.
 
     Args:
         pods: those of its newest template.
@@ -130,13 +130,13 @@ def explain_owner(
     """Yield why a workload's controller cannot make pods (a quota, an admission)."""
     for condition in (workload.get("status") or {}).get("conditions") or []:
         if condition.get("type") == "ReplicaFailure" and condition.get("status") == "True":
-            yield Cause("quota", f"no pod can be made: {condition.get('message', '')}")
+            yield Cause("quota", f"cannot create pods: {condition.get('message', '')}")
             return
     made_by = {live["metadata"]["uid"] for live in (workload, *owners)}
     if workload["kind"] not in ("Deployment", "Pod"):
         for event in events:
             if event["involvedObject"].get("uid") in made_by and event["reason"] == "FailedCreate":
-                yield Cause("quota", f"no pod can be made: {event.get('message', '')}")
+                yield Cause("quota", f"cannot create pods: {event.get('message', '')}")
 
 
 def explain_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
@@ -157,7 +157,7 @@ def explain_pod(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
 
 
 def explain_loss(pod: Manifest) -> Cause:
-    """Return that a pod is on a machine which Kubernetes has lost; there it cannot be ended."""
+    """Return the cause for a pod on a machine that Kubernetes has lost; it cannot end there."""
     state = "cannot be ended" if is_ending(pod) else "may still run"
     machine = pod["spec"]["nodeName"]
     message = f"Kubernetes cannot reach the machine {machine}, where the pod {state}"
@@ -165,11 +165,11 @@ def explain_loss(pod: Manifest) -> Cause:
 
 
 def explain_scheduling(message: str, pod: str) -> Cause:
-    """Return why the scheduler finds no node."""
+    """Return why the scheduler finds no machine."""
     lowered = message.lower()
     if "persistentvolumeclaim" in lowered:
         return Cause("claim", f"a claim has no volume: {message}", pod)
-    return Cause("unschedulable", f"no node takes the pod: {message}", pod)
+    return Cause("unschedulable", f"no machine can run the pod: {message}", pod)
 
 
 def explain_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[Cause]:
@@ -179,7 +179,7 @@ def explain_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[C
     reason, message = waiting.get("reason", ""), waiting.get("message") or ""
     image = container.get("image", "")
     if reason == BAD_NAME:
-        yield Cause("image-name", f"image {image!r} is no image name: {message}", name, own)
+        yield Cause("image-name", f"invalid image name {image!r}: {message}", name, own)
     elif reason in IMAGE:
         yield Cause(
             "image", f"image {image} cannot be pulled: {core(message) or reason}", name, own
@@ -191,12 +191,12 @@ def explain_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[C
 
 
 def core(message: str) -> str:
-    """Return the part of a runtime's message that says something: its layers repeat the image."""
+    """Return the useful part of a runtime's message: its layers repeat the image."""
     return message.rpartition('": ')[2] or message
 
 
 def explain_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
-    """Yield how a container ended, where it did."""
+    """Yield how a container ended, if it did."""
     state, last = container.get("state") or {}, container.get("lastState") or {}
     ended = state.get("terminated") or last.get("terminated")
     if not ended or (
@@ -215,7 +215,7 @@ def explain_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
 
 
 def exit_words(ended: Mapping[str, Any]) -> str:
-    """Return how a container ended, in words."""
+    """Return how a container ended, as a phrase."""
     code = ended.get("exitCode")
     if ended.get("reason") == "OOMKilled":
         return (
@@ -229,7 +229,7 @@ def exit_words(ended: Mapping[str, Any]) -> str:
 
 
 def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cause]:
-    """Yield what the events say about a pod whose containers have not started."""
+    """Yield what the events report about a pod whose containers have not started."""
     name, status = pod["metadata"]["name"], pod.get("status") or {}
     started = any(map(is_past_mounts, containers(status)))
     for event in find_events(pod, events):
@@ -239,7 +239,7 @@ def explain_by_events(pod: Manifest, events: Sequence[Manifest]) -> Iterator[Cau
 
 
 def is_past_mounts(container: Mapping[str, Any]) -> bool:
-    """Whether a pod is there, with its volumes: a container has run, or waits for its image."""
+    """Whether a pod has started, with its volumes: a container has run, or waits for its image."""
     state = container.get("state") or {}
     pulls = (state.get("waiting") or {}).get("reason") in IMAGE
     runs = "running" in state or "terminated" in state
@@ -247,7 +247,7 @@ def is_past_mounts(container: Mapping[str, Any]) -> bool:
 
 
 def probe_failure(pod: Manifest, events: Iterable[Manifest]) -> str:
-    """Return what the last failed probe of a pod said, "" where none failed."""
+    """Return the output of the last failed probe of a pod, "" if none failed."""
     failed = [e for e in find_events(pod, events) if e["reason"] in ("Unhealthy", "ProbeWarning")]
     failed.sort(key=lambda event: str(event.get("lastTimestamp") or event.get("eventTime") or ""))
     return " ".join(str(failed[-1].get("message", "")).split()) if failed else ""
@@ -260,7 +260,7 @@ def find_events(pod: Manifest, events: Iterable[Manifest]) -> Iterator[Manifest]
 
 
 def index_events(events: Iterable[Manifest]) -> dict[str, list[Manifest]]:
-    """Return events by the UID of what each is about: a thousand pods must not read all of them."""
+    """Return events by the UID of their object: a thousand pods must not read all of them."""
     found: dict[str, list[Manifest]] = {}
     for event in events:
         found.setdefault(event["involvedObject"].get("uid", ""), []).append(event)

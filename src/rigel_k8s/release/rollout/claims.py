@@ -13,7 +13,7 @@ WAITS_FOR_POD = "WaitForFirstConsumer"
 
 
 def explain_claim(cluster: Cluster, claim: Manifest) -> Cause | None:
-    """Return why a claim is not bound, None where it only waits for a pod.
+    """Return why a claim is not bound, None if it only waits for a pod.
 
     Raises:
         ClusterError: its events cannot be read.
@@ -29,7 +29,7 @@ def explain_claim(cluster: Cluster, claim: Manifest) -> Cause | None:
 def waits_for_pod(cluster: Cluster, claim: Manifest, events: Sequence[Manifest]) -> bool:
     """Whether a claim gets its volume only when a pod uses it.
 
-    Its storage class says so. Where we may not see classes, it is found among the claim's events.
+    Its storage class decides that. If we may not see classes, the claim's events show it.
     """
     name = (claim.get("spec") or {}).get("storageClassName")
     try:

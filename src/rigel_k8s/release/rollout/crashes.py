@@ -23,18 +23,18 @@ class CrashLog:
     changed: dict[ObjectRef, float] = attrs.field(factory=dict)
 
     def note(self, ref: ObjectRef, pods: Iterable[Manifest], now: float) -> None:
-        """Take in the newest pods of a workload."""
+        """Note the newest pods of a workload."""
         count = sum(map(count_crashes, pods))
         if count != self.counts.get(ref, 0):
             self.counts[ref] = count
             self.changed[ref] = now
 
     def note_end(self, ref: ObjectRef, now: float) -> None:
-        """Take in that a container does not run, which its pod does not say yet."""
+        """Note that a container has stopped, which its pod does not show yet."""
         self.changed[ref] = now
 
     def find_unsteady(self, now: float) -> set[ObjectRef]:
-        """Return the workloads that have not been up for long since their last crash."""
+        """Return the workloads whose last crash is not long ago."""
         return {ref for ref, since in self.changed.items() if now - since < STEADY}
 
 

@@ -1,7 +1,7 @@
 """How long a cause may last before a roll-out is given up; pure: the time is passed in.
 
-A cause is reported when it is seen. Giving up takes longer, since registries hiccup, autoscalers
-add nodes, and a ROS node that ends while there is no master yet is started again.
+A cause is reported when it is seen. Giving up takes longer: registries fail for a moment,
+autoscalers add machines, and a ROS node that ends because there is no master yet is started again.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class Patience:
     """Seconds that each kind of cause may last.
 
     Attributes:
-        crash: counted while nothing else of the release is still on its way up.
+        crash: counted while nothing else of the release is still starting.
         crash_limit: counted from the first crash, whatever else happens.
-        away: a robot comes back when it does; the roll-out's own deadline is the limit.
+        away: a robot may return at any time; the roll-out's own deadline is the limit.
     """
 
     image: float = 15.0
@@ -55,7 +55,7 @@ class Seen:
 
 @attrs.define
 class Ledger:
-    """The causes that hold now, and since when; `refs` are the workloads that have one."""
+    """The present causes, and since when; `refs` are the workloads that have one."""
 
     patience: Patience
     seen: dict[tuple[ObjectRef, tuple[str, str]], Seen] = attrs.field(factory=dict)
@@ -70,11 +70,11 @@ class Ledger:
         others_coming: bool,
         unsteady: Collection[ObjectRef] = (),
     ) -> list[Seen]:
-        """Take in what holds now; return what is new.
+        """Note the present causes; return the new ones.
 
         Args:
-            unsteady: workloads that are up at the moment and have crashed before: what was wrong
-                with them still counts.
+            unsteady: workloads that run at the moment and have crashed before: what was wrong with
+                them still counts.
             others_coming: some workload is not ready and nothing is wrong with it.
         """
         if others_coming:

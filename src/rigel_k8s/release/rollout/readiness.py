@@ -1,7 +1,7 @@
-"""Whether an object is what its manifest asks for: object -> (done, ok, message); pure.
+"""Whether an object is as its manifest describes it: object -> (done, ok, message); pure.
 
-One function for each kind, as Kubernetes' own controllers report it. `done` without `ok` is an end
-that will not get better by waiting.
+One function for each kind, as Kubernetes' own controllers report it. `done` without `ok` is a state
+that waiting does not improve.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ UNSEEN = "its controller has not seen the change yet"
 
 @attrs.frozen
 class ObjectReadiness:
-    """How far an object is; `ready` and `wanted` count pods where the kind has some."""
+    """The state of an object; `ready` and `wanted` count pods if the kind has some."""
 
     done: bool
     ok: bool
@@ -29,22 +29,22 @@ class ObjectReadiness:
 
 
 def going(message: str, ready: int = 0, wanted: int = 0) -> ObjectReadiness:
-    """Return: not there yet."""
+    """Return a state that is not the final one yet."""
     return ObjectReadiness(False, True, message, ready, wanted)
 
 
 def good(message: str, ready: int = 0, wanted: int = 0) -> ObjectReadiness:
-    """Return: done."""
+    """Return the desired state."""
     return ObjectReadiness(True, True, message, ready, wanted)
 
 
 def bad(message: str) -> ObjectReadiness:
-    """Return: ended, and will not get better."""
+    """Return a state that does not improve by waiting."""
     return ObjectReadiness(True, False, message)
 
 
 def readiness(live: Manifest) -> ObjectReadiness:
-    """Return how far a live object is."""
+    """Return the state of a live object."""
     if live["metadata"].get("deletionTimestamp"):
         return going("is being deleted")
     status = live.get("status") or {}
@@ -56,12 +56,12 @@ def readiness(live: Manifest) -> ObjectReadiness:
 def readiness_without(
     live: Manifest, newest: Iterable[Manifest], pods: Iterable[Manifest], away: Collection[str]
 ) -> ObjectReadiness:
-    """Return how far a workload is on the nodes that are not away.
+    """Return the state of a workload, without pods on unreachable machines.
 
     Args:
         newest: its pods of the newest template.
         pods: all of its pods.
-        away: the names of nodes whose pods are not waited for.
+        away: the names of the machines whose pods are not waited for.
     """
     state = readiness(live)
     settling = is_ending(live) or state.message == UNSEEN
@@ -73,35 +73,35 @@ def readiness_without(
     ready = sum(map(stays_ready, here))
     if ready < max(wanted, len(here)):
         return going(f"{ready} of {wanted} ready", ready, wanted)
-    message = f"{ready} of {state.wanted} ready, the others are on nodes that are away"
+    message = f"{ready} of {state.wanted} ready, the others are on unreachable machines"
     return good(message, ready, state.wanted)
 
 
 def expected_generation(live: Manifest) -> int:
-    """Return the generation that its controller must have seen, 0 where none says."""
+    """Return the generation that its controller must have seen, 0 if it has none."""
     seen = "observedGeneration" in (live.get("status") or {})
     tracked = seen or live["kind"] in ("Deployment", "StatefulSet", "DaemonSet")
     return int(live["metadata"].get("generation", 0)) if tracked else 0
 
 
 def deployment(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return how far a Deployment is: all pods are of the new template and available."""
+    """Return the state of a Deployment: all pods are of the new template and available."""
     wanted = int(spec.get("replicas", 1))
     updated = int(status.get("updatedReplicas", 0))
     ready = min(int(status.get("availableReplicas", 0)), wanted)
     if updated < wanted:
         return going(f"{updated} of {wanted} pods are new", 0, wanted)
     if int(status.get("replicas", 0)) > updated:
-        return going(f"{status['replicas'] - updated} old pods have yet to end", ready, wanted)
+        return going(f"{status['replicas'] - updated} old pods are still ending", ready, wanted)
     if int(status.get("terminatingReplicas") or 0) and wanted == 0:
-        return going("its pods have yet to end", 0, 0)
+        return going("its pods are still ending", 0, 0)
     if ready < wanted:
         return going(f"{ready} of {wanted} ready", ready, wanted)
     return good(f"{ready} of {wanted} ready", ready, wanted)
 
 
 def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return how far a StatefulSet is."""
+    """Return the state of a StatefulSet."""
     wanted = int(spec.get("replicas", 1))
     strategy = spec.get("updateStrategy") or {}
     partition = int((strategy.get("rollingUpdate") or {}).get("partition") or 0)
@@ -115,7 +115,7 @@ def stateful_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRe
 
 
 def daemon_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return how far a DaemonSet is on the nodes that are to have it."""
+    """Return the state of a DaemonSet on the machines that need it."""
     wanted = int(status.get("desiredNumberScheduled", 0))
     on_delete = (spec.get("updateStrategy") or {}).get("type") == "OnDelete"
     updated = int(status.get("updatedNumberScheduled", 0))
@@ -128,7 +128,7 @@ def daemon_set(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectRead
 
 
 def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return how far a Job is."""
+    """Return the state of a Job."""
     wanted = int(spec.get("completions") or 1)
     done = int(status.get("succeeded", 0))
     if is_met(status, "Failed"):
@@ -141,12 +141,12 @@ def job(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
 
 
 def pod(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return how far a bare pod is."""
+    """Return the state of a bare pod."""
     phase = status.get("phase", "Pending")
     if phase == "Failed":
         return bad(f"failed: {status.get('message') or status.get('reason') or 'see its log'}")
     if phase == "Succeeded":
-        return good("ended well", 1, 1)
+        return good("completed", 1, 1)
     if is_met(status, "Ready"):
         return good("ready", 1, 1)
     return going(f"{phase}, not ready", 0, 1)
@@ -158,17 +158,17 @@ def claim(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness
     if phase == "Bound":
         return good("bound")
     if phase == "Lost":
-        return bad(f"its volume {spec.get('volumeName', '')} is gone")
+        return bad(f"its volume {spec.get('volumeName', '')} no longer exists")
     return going("not bound to a volume")
 
 
 def volume(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return whether a volume can be claimed, or is."""
+    """Return whether a volume can be claimed, or is claimed."""
     phase = status.get("phase", "Pending")
     if phase == "Failed":
         return bad(f"failed: {status.get('message', '')}")
     if phase == "Released":
-        return bad("its claim was deleted; it takes no other until its claimRef is removed")
+        return bad("its claim was deleted; it accepts no other claim until its claimRef is removed")
     return good(phase) if phase in ("Available", "Bound") else going(phase)
 
 
@@ -183,12 +183,12 @@ def namespace(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadi
 
 
 def at_once(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return done: a Service and its like are what they are when they are stored."""
+    """Return done: a Service and similar kinds are complete when they are stored."""
     return good("there")
 
 
 def by_conditions(spec: Mapping[str, Any], status: Mapping[str, Any]) -> ObjectReadiness:
-    """Return what the conditions of a kind that we do not know say; none say nothing."""
+    """Return the state from the conditions of an unknown kind; without conditions it is done."""
     for kind in ("Ready", "Available"):
         found = find_condition(status, kind)
         if found.get("status") == "False":

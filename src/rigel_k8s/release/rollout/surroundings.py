@@ -1,6 +1,6 @@
 """What belongs to the workloads of a release: ReplicaSets, pods, warnings; pure.
 
-All of it is put in order once for each look: a thousand workloads must not search all pods each.
+All of it is indexed once for each look: a thousand workloads must not search all pods each.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from rigel_k8s.release.rollout.causes import choose_events, index_events, owner,
 
 @attrs.frozen
 class Surroundings:
-    """What belongs to workloads, by the UID of what each belongs to.
+    """What belongs to workloads, by the UID of its owner.
 
     Attributes:
         sets: ReplicaSets by their owner.
-        pods: by their owner, and those without one by themselves.
-        events: warnings by what they are about.
+        pods: by their owner, and those without one under their own UID.
+        events: warnings by their object.
     """
 
     sets: Mapping[str, Sequence[Manifest]]
@@ -49,7 +49,7 @@ class Surroundings:
 def look_around(
     sets: Iterable[Manifest], pods: Iterable[Manifest], events: Iterable[Manifest] = ()
 ) -> Surroundings:
-    """Return what a namespace has beside workloads, in order."""
+    """Return what a namespace has apart from workloads, indexed."""
     by_set, by_pod = defaultdict(list), defaultdict(list)
     for live in sets:
         by_set[owner(live)].append(live)

@@ -1,8 +1,8 @@
-"""Containers without probes: which they are, and whether they run at this very moment.
+"""Containers without probes: which they are, and whether they run at this moment.
 
-The kubelet looks at its containers once a second and then reports them, so one that has
-crashed is Running and Ready for a second and, on a busy machine, some more. The stream of its log
-does not wait for that: the container runtime ends it with the container.
+The kubelet checks its containers once a second and then reports them, so one that has crashed is
+Running and Ready for a second and, on a busy machine, longer. The stream of its log does not wait
+for that: the container runtime ends it with the container.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
 
 KINDS = ("Deployment", "DaemonSet", "StatefulSet")
-LOOK = 0.5  # seconds that a stream has to end: it took 0.03 s on a machine that was overloaded
-WIDTH = 32  # looks at once: each does nothing but wait
+LOOK = 0.5  # seconds that a stream has to end: it took 0.03 s on an overloaded machine
+WIDTH = 32  # checks at the same time: each does nothing but wait
 
 
 @attrs.frozen
@@ -34,7 +34,7 @@ class Unprobed:
 
 
 def find_unprobed_in(workload: ObjectRef, pods: Iterable[Manifest]) -> Iterator[Unprobed]:
-    """Yield the containers without probes in those of a workload's pods that are to stay."""
+    """Yield the containers without probes in those of a workload's pods that will stay."""
     for pod in pods:
         meta = pod["metadata"]
         if workload.kind in KINDS and not meta.get("deletionTimestamp"):
@@ -43,9 +43,9 @@ def find_unprobed_in(workload: ObjectRef, pods: Iterable[Manifest]) -> Iterator[
 
 
 def find_ended(cluster: Cluster, suspects: Iterable[Unprobed]) -> set[ObjectRef]:
-    """Return the workloads with a container that does not run, asking for all of them at once.
+    """Return the workloads with a container that does not run, checking all of them at once.
 
-    Where logs may not be read, nothing is known and none has ended.
+    If logs may not be read, none counts as ended.
     """
 
     def look(one: Unprobed) -> bool:

@@ -1,4 +1,4 @@
-"""What a release looks like right now, kept up to date by watches instead of asking again."""
+"""What a release looks like right now, kept up to date by watches instead of repeated lists."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class ReleaseView:
                 threading.Thread(target=self.follow, args=work, daemon=True).start()
 
     def follow(self, kind: Kind, labels: str, fields: str) -> None:
-        """Put what happens to one kind into the queue until the view ends."""
+        """Put the events of one kind into the queue until the view ends."""
         try:
             for event in self.cluster.watch(
                 *kind,
@@ -63,7 +63,7 @@ class ReleaseView:
                 self.news.put((kind, error))
 
     def refresh(self, timeout: float) -> bool:
-        """Take in all news, waiting for the first; return whether there was any.
+        """Process all events, waiting for the first; return whether there was any.
 
         Raises:
             ClusterError: a watch was refused.
@@ -80,7 +80,7 @@ class ReleaseView:
                 return True
 
     def take(self, kind: Kind, news: WatchEvent | ClusterError) -> None:
-        """Take in one event."""
+        """Process one event."""
         if isinstance(news, ClusterError):
             raise news
         ref = ref_of(news.object)
@@ -90,11 +90,11 @@ class ReleaseView:
             self.objects[kind][ref] = news.object
 
     def find(self, ref: ObjectRef) -> Live | None:
-        """Return an object, None while it has not been seen."""
+        """Return an object, None if it has not been seen yet."""
         return self.objects[ref.api_version, ref.kind].get(ref)
 
     def look_around(self, *, warnings: bool = False) -> Surroundings:
-        """Return what belongs to workloads now, in order.
+        """Return what belongs to workloads now, indexed.
 
         Args:
             warnings: with the events.

@@ -1,4 +1,4 @@
-"""Wait until what was applied is ready, or report why it will not be; nothing is written."""
+"""Wait until what was applied is ready, or report why it will not be; it writes nothing."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from rigel_k8s.report import Reporter
 
 LOOK = 0.25  # seconds between two looks at the clock
 BRIEF = 0.01  # seconds of a look after which the next one may follow at once
-REST = 3  # times as long as a look took nothing is done: a core is left for others
+REST = 3  # pause, in durations of a look: a core is left for others
 EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none
 SPARE = 600.0  # seconds that outages of the API server may prolong a wait
 LOG_LINES = 12
-GRACE = 30.0  # seconds that what a release can do without has when all else is ready
+GRACE = 30.0  # seconds that optional objects have when all else is ready
 Targets: TypeAlias = dict[ObjectRef, Manifest]
 WAITED = (*WORKLOADS, "PersistentVolumeClaim", "CustomResourceDefinition")
 
 
 def is_waited_for(manifest: Manifest) -> bool:
-    """Whether an object takes time to become what its manifest says."""
+    """Whether an object takes time to become as its manifest describes it."""
     return manifest["kind"] in WAITED
 
 
@@ -53,9 +53,9 @@ class Waiter:
     """One wait for the objects of a release.
 
     Attributes:
-        way_out: what to do after a failure, for people.
-        still_ours: raises where the deploy must not go on (its Lease is lost).
-        away: the names of nodes whose pods are not waited for.
+        way_out: what to do after a failure, as a sentence.
+        still_ours: raises if the deploy must not continue (its Lease is lost).
+        away: the names of the machines whose pods are not waited for.
     """
 
     cluster: Cluster
@@ -93,7 +93,7 @@ class Waiter:
         self.optional = {ref: remedy(live) for ref, live in targets.items() if is_optional(live)}
         if all(self.take_in(ref, readiness(live)) for ref, live in targets.items()):
             return
-        # What is away cannot become ready: that time does not count.
+        # What is unreachable cannot become ready: that time does not count.
         deadline = time.monotonic() + self.timeout - self.cluster.sum_outages()
         spaces = {ref.namespace for ref in targets if ref.namespace}
         where = spaces.pop() if len(spaces) == 1 else ""
@@ -113,14 +113,14 @@ class Waiter:
                 if self.cancel.is_set():
                     raise Interrupted(
                         f"interrupted while {self.release.name} was rolling out: "
-                        "the cluster goes on with it",
-                        hint=f"the same command again waits for it; {self.way_out}",
+                        "the cluster continues the roll-out",
+                        hint=f"run the same command again to wait for it; {self.way_out}",
                     )
                 self.rest(time.monotonic() - now)
                 view.refresh(LOOK)
 
     def rest(self, spent: float) -> None:
-        """Let news gather after a look that took long: all that came meanwhile is one look more."""
+        """Let events gather after a look that took long: the next look handles all of them."""
         if spent > BRIEF:
             self.cancel.wait(min(LOOK, REST * spent))
 
@@ -145,7 +145,7 @@ class Waiter:
         return self.is_enough([ref for ref in targets if not self.is_ready(ref)])
 
     def is_enough(self, waiting: Sequence[ObjectRef]) -> bool:
-        """Whether nothing is waited for any more: what is optional only has a short while."""
+        """Whether the wait is over: optional objects only have a short while."""
         if not all(ref in self.optional for ref in waiting):
             self.enough_since = None
             return False
@@ -155,12 +155,12 @@ class Waiter:
             return False
         for ref in waiting:
             text = f"{ref.name} is not ready: {self.states[ref].message}; {self.release.name} runs"
-            next_step = self.optional[ref] or "`rigel status` shows how it goes on"
+            next_step = self.optional[ref] or "`rigel status` shows its state"
             self.report.warn(f"{text} without it; {next_step}")
         return True
 
     def look_for_crashes(self, view: ReleaseView, around: Surroundings, targets: Targets) -> None:
-        """Note which workloads crashed lately."""
+        """Note which workloads have crashed recently."""
         now = time.monotonic()
         for ref in targets:
             live = view.find(ref)
@@ -169,7 +169,7 @@ class Waiter:
         self.unsteady = self.crashes.find_unsteady(now)
 
     def all_run(self, view: ReleaseView, targets: Targets) -> bool:
-        """Whether containers without probes really run; each is asked once, when all is ready."""
+        """Whether containers without probes really run; each is checked once, when all is ready."""
         around, fresh = view.look_around(), list[Unprobed]()
         for ref in targets:
             live = view.find(ref)
@@ -184,14 +184,14 @@ class Waiter:
         return not over
 
     def judge(self, around: Surroundings, live: Manifest) -> ObjectReadiness:
-        """Return how far an object is."""
+        """Return the state of an object."""
         if not self.away:
             return readiness(live)
         newest, pods = around.list_newest_pods(live), around.list_pods(live)
         return readiness_without(live, newest, pods, self.away)
 
     def take_in(self, ref: ObjectRef, state: ObjectReadiness) -> bool:
-        """Take in an object's state, show it, and return whether it is ready."""
+        """Note an object's state, show it, and return whether it is ready."""
         self.states[ref] = state
         if not state.done:
             self.rolling.add(ref)
@@ -224,7 +224,7 @@ class Waiter:
         for seen in self.ledger.note(now, found, others_coming=coming, unsteady=self.unsteady):
             if seen.cause.kind != "restarted":
                 self.report_cause(seen)
-        for ref, cause in dict(reversed(found)).items():  # the first of each: two would take turns
+        for ref, cause in dict(reversed(found)).items():  # the first of each: two would alternate
             if ref.kind in WORKLOADS:
                 self.show(ref, cause.message, done=False)
         if hopeless := [s for s in self.ledger.find_hopeless(now) if s.ref not in self.optional]:
@@ -290,7 +290,7 @@ class Waiter:
         return [f"{seen.ref.kind} {seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
 
     def timeout_error(self, view: ReleaseView, targets: Targets) -> RolloutFailed:
-        """Return the error for the end of the time."""
+        """Return the error for a roll-out that took too long."""
         around, lines, late = view.look_around(warnings=True), [], self.find_late(targets)
         for ref in late:
             live = view.find(ref)
@@ -307,7 +307,7 @@ class Waiter:
         )
 
     def find_late(self, targets: Targets) -> list[ObjectRef]:
-        """Return what the release cannot do without and is not ready."""
+        """Return the required objects that are not ready."""
         return [ref for ref in targets if not self.is_ready(ref) and ref not in self.optional]
 
     def hint(self, ref: ObjectRef) -> str:
@@ -316,12 +316,12 @@ class Waiter:
 
 
 def is_optional(live: Manifest) -> bool:
-    """Whether a release is good without an object."""
+    """Whether a release is good even without an object."""
     return (live["metadata"].get("annotations") or {}).get(OPTIONAL_ANNOTATION) == "true"
 
 
 def remedy(live: Manifest) -> str:
-    """Return what to do where an optional object does not become ready, "" for nothing."""
+    """Return what to do if an optional object does not become ready, "" for nothing."""
     return str((live["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))
 
 

@@ -1,4 +1,4 @@
-"""Every error that a user can meet; it knows no room of the package.
+"""Every error that a user can meet; it imports nothing of the package.
 
 RigelK8sError            something went wrong (exit code 1)
 ├── UserError            what the user wrote is wrong (exit code 2)
@@ -6,14 +6,14 @@ RigelK8sError            something went wrong (exit code 1)
 ├── JobFailed            a job of a sequence failed; names the job
 ├── ClusterError         the Kubernetes API refused or could not be reached
 │   ├── ConflictError    another field manager owns fields that we want to write
-│   └── NotFoundError    an object that must be there is not
+│   └── NotFoundError    an object that must exist does not
 ├── RolloutFailed        objects were applied and did not become ready; carries the causes
 ├── CommandFailed        a program that we ran (docker, podman, go) failed; carries its last lines
 ├── LocalClusterError    the local cluster could not be built, started or ended
 └── Interrupted          the user asked to stop (exit code 130)
 
-An error says what went wrong, where, and what to do next: `message` is one line, `hint` is the way
-out, `details` are further lines that help to understand (the API server's message, log lines).
+An error says what went wrong, where, and what to do next: `message` is one line, `hint` is what to
+do, `details` are further lines that help to understand (the API server's message, log lines).
 The command line prints them without a traceback; anything that is not a RigelK8sError is a bug and
 keeps its traceback.
 """
@@ -43,7 +43,7 @@ class RigelK8sError(Exception):
         self.details = tuple(details)
 
     def fit_details(self, width: int) -> Sequence[str]:
-        """Return the details for lines of so many columns, where they can be shortened."""
+        """Return the details for lines of that width, shortened if possible."""
         return self.details
 
 
@@ -57,8 +57,8 @@ class ProblemsError(UserError):
     """Problems of one Rigelfile; `message` counts them.
 
     Args:
-        render: returns the problems as text, with lines of the file in so many columns.
-        width: the columns of `details`, for those who show them without asking for a width.
+        render: returns the problems as text, with lines of the file in that many columns.
+        width: the columns of `details`, for callers that do not pass a width.
     """
 
     def __init__(self, message: str, render: Callable[[int], Sequence[str]], *, width: int) -> None:
@@ -66,7 +66,7 @@ class ProblemsError(UserError):
         self._render = render
 
     def fit_details(self, width: int) -> Sequence[str]:
-        """Return the problems with lines of the file in so many columns."""
+        """Return the problems with lines of the file in that many columns."""
         return self._render(width)
 
 
@@ -83,7 +83,7 @@ class ConflictError(ClusterError):
 
 
 class NotFoundError(ClusterError):
-    """An object that must be there is not."""
+    """An object that must exist does not."""
 
 
 class RolloutFailed(RigelK8sError):

@@ -1,4 +1,4 @@
-"""Image references as docker reads them; text only, no registry is asked.
+"""Image references as docker reads them; text only, without a registry.
 
 The rules are those of github.com/distribution/reference: a first component with a dot, a colon, an
 upper-case letter, or `localhost`, is a registry; anything else lives on docker.io, there below
@@ -28,10 +28,10 @@ class Reference:
     """An image's full name.
 
     Attributes:
-        registry: host and port, `docker.io` where none was written.
-        repository: the path on the registry, with `library/` where docker adds it.
-        tag: as written; None where none was.
-        digest: as written (`sha256:...`); None where none was.
+        registry: host and port, `docker.io` by default.
+        repository: the path on the registry, with the `library/` that docker may add.
+        tag: as written; None without one.
+        digest: as written (`sha256:...`); None without one.
     """
 
     registry: str
@@ -46,7 +46,7 @@ class Reference:
 
     @property
     def version(self) -> str:
-        """What a registry is asked for: the digest, else the tag, else `latest`."""
+        """What to request from a registry: the digest, else the tag, else `latest`."""
         return self.digest or self.tag or "latest"
 
     def __str__(self) -> str:
@@ -56,14 +56,16 @@ class Reference:
 
 
 def parse_reference(text: str) -> Reference:
-    """Return the parts of an image reference; UserError says what docker would refuse."""
+    """Return the parts of an image reference; UserError has the reason why docker refuses it."""
     rest, at, digest = text.partition("@")
     if at and not _DIGEST.fullmatch(digest):
-        raise _reference_error(text, f'"{digest}" is no digest (sha256: and 64 hexadecimal digits)')
+        raise _reference_error(
+            text, f'"{digest}" is not a digest (sha256: and 64 hexadecimal digits)'
+        )
     rest, tag = _split_tag(rest)
     if tag is not None and not TAG.fullmatch(tag):
         raise _reference_error(
-            text, f'"{tag}" is no tag (letters, digits, ".", "_" and "-", at most 128)'
+            text, f'"{tag}" is not a tag (letters, digits, ".", "_" and "-", at most 128)'
         )
     registry, repository = _split_registry(rest)
     _check_name(text, registry, repository)
@@ -71,7 +73,7 @@ def parse_reference(text: str) -> Reference:
 
 
 def is_reference(text: str) -> bool:
-    """Return whether docker would take a text as an image reference."""
+    """Return whether docker accepts a text as an image reference."""
     try:
         parse_reference(text)
     except UserError:
@@ -102,7 +104,7 @@ def _split_registry(name: str) -> tuple[str, str]:
 
 def _check_name(text: str, registry: str, repository: str) -> None:
     if not _REGISTRY.fullmatch(registry):
-        raise _reference_error(text, f'"{registry}" is no registry (host, or host:port)')
+        raise _reference_error(text, f'"{registry}" is not a registry (host, or host:port)')
     for component in repository.split("/"):
         if _COMPONENT.fullmatch(component):
             continue
@@ -110,12 +112,13 @@ def _check_name(text: str, registry: str, repository: str) -> None:
             raise _reference_error(
                 text, f'"{component}" has upper-case letters, write "{component.lower()}"'
             )
-        raise _reference_error(text, f'"{component}" is no part of an image name')
+        raise _reference_error(text, f'"{component}" is not a part of an image name')
     if len(f"{registry}/{repository}") > _LONGEST_NAME:
         raise _reference_error(text, f"the name is longer than {_LONGEST_NAME} characters")
 
 
 def _reference_error(text: str, why: str) -> UserError:
     return UserError(
-        f'"{text}" is no image reference: {why}', hint="write it as [REGISTRY/]NAME[:TAG][@DIGEST]"
+        f'invalid image reference "{text}": {why}',
+        hint="write it as [REGISTRY/]NAME[:TAG][@DIGEST]",
     )

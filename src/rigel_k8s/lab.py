@@ -1,6 +1,6 @@
 """The one way from this package to rigel_lab: local clusters, and images made from packages.
 
-Whoever needs it imports it late: most commands run on a cluster that is there already.
+Import it late, where it is needed: most commands run on an existing cluster.
 """
 
 from __future__ import annotations

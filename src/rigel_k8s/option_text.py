@@ -1,6 +1,6 @@
 """Option values as text: scalars as YAML writes them, and whether a template is still in them.
 
-Every room that checks or uses options needs these; the templates themselves are rigelfile/'s.
+Every package that checks or uses options needs these; the templates themselves are in rigelfile/.
 """
 
 from __future__ import annotations
@@ -16,5 +16,5 @@ def text_of(value: Any) -> str:
 
 
 def has_template(text: str) -> bool:
-    """Return whether a text has a template in it, so that its value is known in a run only."""
+    """Return whether a text contains a template, so that its value is known only in a run."""
     return "{{" in text

@@ -1,9 +1,9 @@
 """The images of what is installed for a whole cluster, by digest: Multus' and the stack's.
 
-A registry is asked once for each image. Later installations keep what the last revision has, so
-that a tag which is moved upstream changes nothing, and a cluster without a way to the registry is
-not asked to wait for it. Applications ask at each deploy (`app/deploying/digests.py`): their tags
-are meant to move.
+A registry is queried once for each image. Later installations keep what the last revision has, so
+a tag that is moved upstream changes nothing, and a cluster that cannot reach the registry does not
+wait for it. Applications query it at each deploy (`app/deploying/digests.py`): their tags are meant
+to move.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from rigel_k8s.release.types import Desired, Revision
 def pin(
     desired: Desired, last: Revision | None, list_nodes: Callable[[], Iterable[Manifest]]
 ) -> Desired:
-    """Return a release with its images by digest, where a registry says which one a tag has.
+    """Return a release with its images by digest, as far as a registry has the tag's digest.
 
-    An image that the machines have under its tag with another digest stays as it is written: it
+    If the machines have an image under its tag with another digest, it stays as it is written: it
     was loaded onto them, and no registry has it.
 
     Args:
         last: the last good revision.
-        list_nodes: asks for the cluster's nodes; not called where the last revision has all images.
+        list_nodes: lists the cluster's nodes; not called if the last revision has all images.
     """
     before = {image.partition("@")[0]: image for image in images_of(last.objects if last else ())}
     images = [image for image in images_of(desired.objects) if "@" not in image]
@@ -42,7 +42,7 @@ def pin(
 
 
 def find_pins(images: Iterable[str], loaded: frozenset[str]) -> dict[str, str]:
-    """Return {image: image@digest} of those whose registry says so, and that were not loaded."""
+    """Return {image: image@digest} of those in a registry that were not loaded."""
     found = {}
     for image, digest in resolve_digests(images).items():
         reference = parse_reference(image)

@@ -1,7 +1,7 @@
-"""What is wrong with a Rigelfile, by path; it knows neither lines nor columns.
+"""What is wrong with a Rigelfile, by path, without lines and columns.
 
-Rooms that check options (plugins, manifests) return Problems with paths into the options; only
-rigelfile/ knows where a path stands in the text.
+Packages that check options return Problems with paths into the options; only rigelfile/ finds the
+place of a path in the text.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Problem:
         path: keys and list indices from the root of what was checked to the offending value.
         message: what is wrong and what to do, one line, lower case, no full stop.
         kind: a short slug, shown in brackets, stable for scripts: `unknown-key`, `bad-quantity`.
-        severity: an `error` stops everything, a `warning` is told and nothing stops.
+        severity: an `error` stops everything, a `warning` is only printed.
         at_key: the place to show is the key itself, not its value.
     """
 

@@ -1,4 +1,4 @@
-"""Where a long piece of work tells how it goes; only cli/ knows who shows it."""
+"""How long work reports its progress; only cli/ decides how it is shown."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from typing import Protocol
 
 
 class Reporter(Protocol):
-    """Takes what a user should see. All methods may be called from several threads at once."""
+    """Receives what a user should see. Several threads may call all methods at once."""
 
     def line(self, text: str) -> None:
-        """Tell something that stays on the screen."""
+        """Print a line that stays on the screen."""
 
     def warn(self, text: str) -> None:
-        """Tell something that the user should look at; it stays on the screen."""
+        """Print a warning, which stays on the screen."""
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Tell the present state of one thing: a row in a terminal, else a line per change."""
+        """Show the present state of one thing: a row in a terminal, else a line per change."""

@@ -1,4 +1,4 @@
-"""What is said once for all jobs of a run; plain data that every room may read."""
+"""What is set once for all jobs of a run; plain data that every package may read."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class Settings:
         rigelfile: the Rigelfile's path.
         context: a context of the kubeconfig; None is its current one.
         kubeconfig: a kubeconfig file; None is $KUBECONFIG, then ~/.kube/config, then in-cluster.
-        namespace: wins over the Rigelfile's and the context's; None leaves it to them.
+        namespace: overrides the Rigelfile's and the context's; None: those.
         timeout: seconds that a roll-out may take; None is the job's own or the default.
         adopt: take over fields that another field manager owns.
-        lock_timeout: seconds to wait for another deploy of the release; None is as `timeout`.
-        rollback_on_failure: go back to the last good revision where a roll-out fails.
+        lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
+        rollback_on_failure: go back to the last good revision if a roll-out fails.
     """
 
     rigelfile: Path = Path("Rigelfile")

@@ -1,7 +1,7 @@
-"""SIGINT and SIGTERM of the command line; imports next to nothing, as it comes before all else.
+"""SIGINT and SIGTERM of the command line; it imports almost nothing, since it runs first.
 
-The first signal lets work end in good order, the second ends the process. Which of the two signals
-came first decides the exit code, so it is noted here.
+The first signal lets work end in good order, the second ends the process. The exit code depends on
+which of the two came first, so it is noted here.
 """
 
 from __future__ import annotations
@@ -42,12 +42,7 @@ def leave_early(number: int, _: FrameType | None) -> None:
 
 
 def raise_interrupt(number: int, _: FrameType | None) -> None:
-    """Interrupt whatever the main thread does: no work has asked to end in good order.
-
-    A second signal ends the process. It would interrupt the clean-up after the first, and could
-    leave a lock behind that a thread waits for.
-    """
-    is_second = bool(_received)
+    """Interrupt the main thread, which has no work yet that could end in good order."""
     note(number)
     if is_second:
         end_at_once("interrupted twice")
@@ -55,7 +50,7 @@ def raise_interrupt(number: int, _: FrameType | None) -> None:
 
 
 def handle(handler: Handler) -> None:
-    """Handle both signals so, except one that the process's parent wants ignored (nohup)."""
+    """Handle both signals, except one that the process's parent has set to be ignored (nohup)."""
     for number in NUMBERS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)

@@ -1,6 +1,6 @@
 """`$(find PACKAGE)` and the like in texts: which expressions a container replaces, and which not.
 
-inpod/substitution.py replaces them. Here it is only known what it understands.
+inpod/substitution.py replaces them. This module only recognizes them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 EXPRESSION = re.compile(r"\$\(([^()]*)\)")
 _FIND = ("find", "find-pkg-share")
 _ENV = ("env", "optenv")
-#: What users are told to write.
+#: The forms that messages name.
 FORMS = "$(find PACKAGE), $(env NAME) and $(optenv NAME DEFAULT)"
 #: Stands for an expression while a line is split.
 _MARK = re.compile("\0([0-9]+)\0")
@@ -49,7 +49,7 @@ def has_substitution(value: Any) -> bool:
 
 
 def split_line(line: str) -> list[str]:
-    """Split as a shell does, but for expressions, which stay whole: `cat $(find robot)/a.urdf`.
+    """Split as a shell does, except expressions, which stay whole: `cat $(find robot)/a.urdf`.
 
     Raises:
         ValueError: a quotation mark is not closed.

@@ -1,10 +1,10 @@
-"""YAML as PyYAML and kubectl read it alike: manifests and kubeconfigs.
+"""YAML that PyYAML and kubectl read alike: manifests and kubeconfigs.
 
-kubectl's reader takes more unquoted words for something else than PyYAML does: y, n, 1e3, 0o17 ...
+kubectl's reader does not read some unquoted words as text that PyYAML does: y, n, 1e3, 0o17 ...
 Every text that any YAML 1.1 or 1.2 reader could mistake is quoted.
 
-Our data goes to the emitter as events. PyYAML's own way there, by a node for each value, takes
-twenty times as long, and a release of a thousand nodes has 140,000 values.
+The emitter gets our data as events. PyYAML's own way, by a node for each value, takes twenty times
+as long, and a release of a thousand nodes has 140,000 values.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 
 import yaml
 
-#: Unquoted, some reader other than PyYAML takes these for a boolean, a number or a merge key.
+#: Unquoted, some reader other than PyYAML reads these as a boolean, a number or a merge key.
 MISTAKABLE = re.compile(
     r"""(?ix)
     y|n|yes|no|on|off|true|false|null|~|<<|=|
@@ -26,13 +26,13 @@ MISTAKABLE = re.compile(
     [-+]?\.?[0-9][0-9_.]*(e[-+]?[0-9]+)?
     """
 )
-#: Longer lines are folded only in texts that stand in quotes.
+#: Longer lines are folded only in quoted texts.
 WIDTH = 4096
 
-#: What PyYAML takes an unquoted text for.
+#: How PyYAML reads an unquoted text.
 RESOLVER: Any = yaml.resolver.Resolver()
 
-#: LibYAML's emitter and reader; PyYAML's own, which do the same, where it was built without.
+#: LibYAML's emitter and reader; PyYAML's own, which do the same, if it was built without.
 Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -67,10 +67,10 @@ def write(objects: Iterable[Mapping[str, Any] | Sequence[Any]], *, explicit: boo
 
 
 def emit_value(emit: Callable[[yaml.Event], None], value: Any) -> None:
-    """Emit a value of JSON's types; what occurs twice is written twice, without anchors."""
+    """Emit a value of JSON's types; a repeated value is written again, without anchors."""
     if isinstance(value, str):  # most are
         emit(scalar(value))
-    elif isinstance(value, dict | Mapping):  # dict first: the question about Mapping is slow
+    elif isinstance(value, dict | Mapping):  # dict first: the check for Mapping is slow
         emit(MAPPING)
         for key, item in value.items():
             emit(scalar(key))
@@ -95,7 +95,7 @@ def scalar(value: Any) -> yaml.ScalarEvent:
 
 
 def text_style(text: str) -> str | None:
-    """Return how a text is written: quoted where mistakable, a block where it has lines."""
+    """Return how to write a text: quoted if it could be mistaken, as a block if it has lines."""
     tag = RESOLVER.resolve(yaml.ScalarNode, text, IMPLICIT)
     if MISTAKABLE.fullmatch(text) or tag != RESOLVER.DEFAULT_SCALAR_TAG:
         return '"'

@@ -1,7 +1,7 @@
-"""The Kubernetes API on plain dicts; the one room that speaks HTTP to a cluster.
+"""The Kubernetes API on plain dicts; the only package that speaks HTTP to a cluster.
 
-It knows neither releases nor Rigelfiles nor ROS. Importing this package is free: HTTP and TLS are
-imported when a cluster is touched. docs/architecture.md says why the client is our own.
+It is independent of releases, Rigelfiles and ROS. Importing this package costs nothing: HTTP and
+TLS are imported when a cluster is used. docs/architecture.md explains why the client is our own.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def connect(settings: Settings) -> Cluster:
     """Return a client of the cluster that the settings name; no request is made yet.
 
     Raises:
-        UserError: the kubeconfig or the context is missing or makes no sense.
+        UserError: the kubeconfig or the context is missing or invalid.
     """
     from rigel_k8s.kube.cluster import Cluster
     from rigel_k8s.kube.kubeconfig import load

@@ -1,7 +1,7 @@
-"""The shape of what an API server answers: nothing else leaves this package.
+"""The shape of an API server's answers: only checked values leave this package.
 
 Proxies, login pages and broken servers answer too. A reader here takes parsed JSON and returns it
-as the type that other packages rely on, or raises ValueError that says what is wrong with it.
+as the type that other packages rely on, or raises ValueError with the reason.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-#: What an object may have besides `metadata`, and is a mapping where it is there.
+#: What an object may have apart from `metadata`, and is a mapping if it is there.
 MAPPINGS = ("spec", "status", "data")
 EVENTS = frozenset({"ADDED", "MODIFIED", "DELETED", "BOOKMARK", "ERROR"})
 
 
 def parse(body: bytes) -> Any:
-    """Return JSON as values; raises ValueError where it is not JSON."""
+    """Return JSON as values; raises ValueError if it is not JSON."""
     try:
         return json.loads(body)
     except RecursionError as error:
@@ -80,7 +80,7 @@ def read_list(value: Any) -> dict[str, Any]:
 
 
 def read_start(value: Any) -> dict[str, Any]:
-    """Return a list that a watch goes on from: it has a version, and each object a UID."""
+    """Return a list from which a watch continues: it has a version, and each object a UID."""
     found = read_list(value)
     if not isinstance(found["metadata"].get("resourceVersion"), str):
         raise ValueError("its metadata has no resourceVersion")
@@ -139,18 +139,18 @@ def read_metadata(value: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def find_mapping(value: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Return a part that is a mapping, an empty one where it is anything else."""
+    """Return a part that is a mapping, an empty one if it is anything else."""
     part = value.get(key)
     return part if isinstance(part, dict) else {}
 
 
 def find_mappings(value: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
-    """Return the mappings of a list; none where it is not a list."""
+    """Return the mappings of a list; none if it is not a list."""
     part = value.get(key)
     return [one for one in part if isinstance(one, dict)] if isinstance(part, list) else []
 
 
 def describe(value: object) -> str:
-    """Return what a JSON value is, for people."""
+    """Return the type of a JSON value, as a phrase."""
     names = {dict: "an object", list: "a list", str: "text", bool: "a boolean", type(None): "null"}
     return names.get(type(value), "a number")

@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 class Client:
-    """Speaks JSON to one API server and wraps what it refuses."""
+    """Speaks JSON to one API server and wraps its refusals."""
 
     def __init__(self, target: Target):
         self.target = target
@@ -40,16 +40,16 @@ class Client:
     ) -> T:
         """Send a request and return its JSON answer.
 
-        An answer that cannot be understood counts as lost: the request is sent a second time where
-        that is harmless.
+        An answer that is not valid counts as lost: the request is sent a second time if that is
+        harmless.
 
         Args:
             read: checks the answer's shape; one of kube/answers.py.
             safe: as for `Transport.request`.
 
         Raises:
-            ClusterError: the server refused (Missing, Conflict, Refusal), did not answer, or
-                answered what cannot be understood (Garbled).
+            ClusterError: the server refused (Missing, Conflict, Refusal), did not answer, or its
+                answer is not valid (Garbled).
         """
         data = None if body is None else json.dumps(body, separators=(",", ":")).encode()
         again = method == "GET" if safe is None else safe
@@ -83,10 +83,10 @@ class Client:
         *,
         safe: bool = True,
     ) -> dict[str, Any]:
-        """Send a write, again where its answer is lost, and return what the object is then.
+        """Send a write, again if its answer is lost, and return the resulting object.
 
-        A create or a conditional write that was carried out is refused the second time: what is
-        there and has all that we sent is our own. A dry run is never carried out.
+        A create or a conditional write that was carried out is refused the second time: an object
+        that has all that we sent is our own. A dry run is never carried out.
 
         Raises: as `call`.
         """
@@ -108,11 +108,11 @@ class Client:
         opened = self.transport.stream(path, what, timeout=timeout)
         if isinstance(opened, Answer):
             self.raise_for(opened, what)
-            raise AssertionError("an answer that is no stream is an error")
+            raise AssertionError("an answer that is not a stream is an error")
         return opened
 
     def raise_for(self, answer: Answer, what: str) -> None:
-        """Raise where the server refused."""
+        """Raise if the server refused."""
         if answer.status >= 400:
             context, server = self.target.context, self.target.server
             body = self.transport.conceal(answer.body)
@@ -121,21 +121,21 @@ class Client:
             raise error
 
     def garbled_error(self, what: str, path: str, body: bytes, reason: str) -> Garbled:
-        """Return the error for an answer that cannot be understood, without our credentials."""
+        """Return the error for an invalid answer, without our credentials."""
         url = self.target.server + path
         return garbled_error(what, url, self.transport.conceal(body), reason)
 
     def resource(self, api_version: str, kind: str, what: str) -> Resource:
-        """Return how the API calls a kind.
+        """Return the API's name for a kind.
 
         Raises:
-            NotFoundError: the cluster has no such kind.
+            NotFoundError: the cluster does not have the kind.
         """
         if found := self.resources.find(api_version, kind):
             return found
         error = Missing(
             f"cannot {what}: the cluster has no kind {kind} of {api_version}",
-            hint="install what brings it (its CustomResourceDefinition) first",
+            hint="first install what defines it (its CustomResourceDefinition)",
         )
         error.status, error.reason = 404, "NoKind"
         raise error
@@ -153,7 +153,7 @@ class Client:
         return path(ref.api_version, resource, ref.namespace, ref.name, subresource, query=query)
 
     def fetch_kinds(self, api_version: str) -> Mapping[str, Any] | None:
-        """Return the resource list of an API version, None where the server has none."""
+        """Return the resource list of an API version, None if the server does not have it."""
         root = "api" if "/" not in api_version else "apis"
         try:
             url = f"/{root}/{quote(api_version)}"
@@ -168,7 +168,7 @@ def is_dry_run(url: str) -> bool:
 
 
 def has_all(live: Any, sent: Any) -> bool:
-    """Whether an object has all that was sent of it; the version that a write relied on is over."""
+    """Whether an object has all that was sent of it, apart from the version of the condition."""
     if isinstance(sent, dict) and isinstance(live, dict):
         return all(
             has_all(live.get(key), value) for key, value in sent.items() if key != "resourceVersion"

@@ -25,7 +25,7 @@ R = TypeVar("R")
 
 
 class Cluster(Store, Pods):
-    """A cluster and who we are there; safe to use from several threads."""
+    """A cluster and our user there; safe to use from several threads."""
 
     def __init__(self, target: Target):
         self.client = Client(target)
@@ -40,20 +40,20 @@ class Cluster(Store, Pods):
         self.close()
 
     def close(self) -> None:
-        """Close all connections that are kept open."""
+        """Close all open connections."""
         self.client.transport.connections.close()
 
-    def endure(self, tell: Callable[[str], None], cancel: threading.Event) -> None:
-        """Wait from now on for an API server that has answered and goes away, up to two minutes.
+    def endure(self, log: Callable[[str], None], cancel: threading.Event) -> None:
+        """Wait from now on if a known API server becomes unreachable, up to two minutes.
 
         Args:
-            tell: takes a line that says what is waited for, and one when it is over.
+            log: called with a line when a wait begins, and when it is over.
             cancel: ends such a wait.
         """
-        self.client.transport.endurance = Endurance(tell, cancel)
+        self.client.transport.endurance = Endurance(log, cancel)
 
     def sum_outages(self) -> float:
-        """Return for how many seconds the API server was away since `endure`."""
+        """Return for how many seconds the API server was unreachable since `endure`."""
         endurance = self.client.transport.endurance
         return 0.0 if endurance is None else endurance.sum_outages()
 
@@ -61,7 +61,7 @@ class Cluster(Store, Pods):
     def guard_writes(self, guard: Callable[[], None]) -> Iterator[None]:
         """Call a function before any write is sent again, while the context is open.
 
-        Between the two, much may have happened: what the function raises ends the write.
+        Much may have happened between the two: an error of the function ends the write.
         """
         transport = self.client.transport
         before, transport.guard = transport.guard, guard
@@ -72,7 +72,7 @@ class Cluster(Store, Pods):
 
     def server_version(self) -> str:
         """Return the API server's version: v1.34.4."""
-        return self.client.call("GET", "/version", "ask for the version", read_version)
+        return self.client.call("GET", "/version", "read the version", read_version)
 
     def serves(self, api_version: str, kind: str) -> bool:
         """Whether the cluster has a kind (now; it may be defined later)."""
@@ -83,7 +83,7 @@ class Cluster(Store, Pods):
         return self.list("v1", "Node")
 
     def events(self, live: Manifest) -> Sequence[dict[str, Any]]:
-        """Return what the cluster has reported about one live object, the oldest first."""
+        """Return the events of one live object, the oldest first."""
         meta = live["metadata"]
         fields = f"involvedObject.uid={meta['uid']}"
         found = self.list("v1", "Event", meta.get("namespace"), fields=fields)
@@ -103,21 +103,21 @@ class Cluster(Store, Pods):
         port: int | None = None,
         query: Mapping[str, object] | None = None,
     ) -> bytes:
-        """Return what a Service or a Node answers to a GET that the API server passes on.
+        """Return the answer of a Service or a Node to a GET that the API server passes on.
 
         Args:
             inner: the path there: `loki/api/v1/series`.
             port: the Service's; a Node answers on its kubelet's.
-            query: a list is a parameter that is said several times.
+            query: a list is a parameter that occurs several times.
 
         Raises:
-            Refusal: 403 where the right is missing, 503 where nothing is ready behind it, and what
-                it answers itself.
+            Refusal: 403 if the right is missing, 503 if nothing is ready behind it, and its own
+                errors.
         """
-        what = f"ask {ref}"
+        what = f"query {ref}"
         address = ref if port is None else attrs.evolve(ref, name=f"{ref.name}:{port}")
         url = f"{self.client.path_of(address, what, subresource='proxy')}/{quote(inner)}"
-        # 503 says that nothing is ready behind it.
+        # 503 means that nothing is ready behind it.
         answer = self.client.transport.request("GET", with_query(url, query), what, endures=False)
         self.client.raise_for(answer, what)
         return answer.body

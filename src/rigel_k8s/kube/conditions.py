@@ -1,8 +1,8 @@
-"""What an apply expects to be there: conditions that the API server checks with the write itself.
+"""What must exist for an apply: conditions that the API server checks with the write itself.
 
-Server-side apply has no option for this. It compares the `uid` and the `resourceVersion` of what
-is sent, though. A version that no object ever has (etcd counts from 2) fits only where nothing is
-there: then the object is created, and the version is ignored.
+Server-side apply has no option for this. But it compares the `uid` and the `resourceVersion` of
+what is sent. A version that no object ever has (etcd counts from 2) matches only if no object
+exists: then the object is created, and the version is ignored.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rigel_k8s.objects.refs import Manifest
 
 @attrs.frozen
 class Onto:
-    """What must be there: metadata that the API server compares."""
+    """What must exist: metadata that the API server compares."""
 
     metadata: Mapping[str, str] = attrs.field(factory=dict)
 
@@ -27,7 +27,7 @@ NOTHING = Onto({"resourceVersion": "1"})
 
 
 def this_object(live: Manifest) -> Onto:
-    """Return the condition that the object with this UID is still there, whatever its state."""
+    """Return the condition that the object with this UID still exists, in any state."""
     return Onto({"uid": live["metadata"]["uid"]})
 
 
@@ -38,7 +38,7 @@ def this_state(live: Manifest) -> Onto:
 
 
 def another_object_error(error: Refusal) -> Conflict:
-    """Return what a 422 about the UID means: another object has the name now."""
+    """Return the error for a 422 about the UID: another object has the name now."""
     conflict = Conflict(error.message, hint=error.hint, details=error.details)
     conflict.status, conflict.reason = 409, "Conflict"
     return conflict

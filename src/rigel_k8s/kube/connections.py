@@ -1,4 +1,4 @@
-"""Connections to one API server: where they lead, whom they trust, who we are on them.
+"""Connections to one API server: their destination, trust and credentials.
 
 Threads share the pool for requests; a stream or a websocket gets a connection of its own.
 """
@@ -26,7 +26,7 @@ from rigel_k8s.system.tls import trust
 
 CONNECT_TIMEOUT = 10.0
 READ_TIMEOUT = 75.0  # the API server itself gives up after 60 seconds
-# The kernel notices a peer that is gone while a stream is silent.
+# The kernel notices a lost peer while a stream is silent.
 ALIVE: list[tuple[int, int, int]] = [(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)]
 if hasattr(socket, "TCP_KEEPIDLE"):
     ALIVE += [
@@ -36,34 +36,36 @@ if hasattr(socket, "TCP_KEEPIDLE"):
 
 
 class Connections:
-    """The pool of connections to one API server, and what every other one is made with."""
+    """The pool of connections to one API server, and what all other connections are made with."""
 
     def __init__(self, target: Target):
         self.target = target
         self.url = urlsplit(target.server)
         if self.url.scheme not in ("http", "https") or not self.url.hostname:
-            raise UserError(f"context {target.context}: {target.server!r} is no URL of a server")
+            raise UserError(
+                f"context {target.context}: {target.server!r} is not the URL of a server"
+            )
         self.proxy = proxy_for(target.proxy, self.url, os.environ)
         self.lock = threading.Lock()
         self.known: Credentials | None = None
         self.tls: ssl.SSLContext | None = None
         self.kept: urllib3.PoolManager | None = None
         if target.insecure:
-            urllib3.disable_warnings(InsecureRequestWarning)  # the kubeconfig asks for it
+            urllib3.disable_warnings(InsecureRequestWarning)  # the kubeconfig requests it
 
     def authorization(self, *, fresh: bool = False) -> list[tuple[str, str]]:
-        """Return the headers that say who we are; a credential program runs in one thread only."""
+        """Return the headers with our credentials; a credential program runs in one thread only."""
         known = self.credentials()
         with self.lock:
             return list(known.headers(fresh=fresh))
 
     def close(self) -> None:
-        """Close what is kept open."""
+        """Close all open connections."""
         if self.kept:
             self.kept.clear()
 
     def pool(self) -> urllib3.PoolManager:
-        """Return the connections that are kept for requests."""
+        """Return the pool for requests."""
         options = self.options()
         with self.lock:
             if self.kept is None:
@@ -79,7 +81,7 @@ class Connections:
             return self.kept
 
     def connect(self) -> HTTPConnection:
-        """Return a connection that belongs to the caller; raises one of BROKEN."""
+        """Return a connection of the caller's own; raises one of BROKEN."""
         kind = HTTPSConnection if self.url.scheme == "https" else HTTPConnection
         host, port = self.url.hostname or "", self.url.port or kind.default_port
         through = (self.proxy.hostname or "", self.proxy.port or 80) if self.proxy else (host, port)
@@ -94,7 +96,7 @@ class Connections:
         return connection
 
     def options(self) -> dict[str, Any]:
-        """Return what each connection gets."""
+        """Return the options of every connection."""
         own: dict[str, Any] = {"socket_options": [*HTTPConnection.default_socket_options, *ALIVE]}
         if self.url.scheme == "https":
             own["ssl_context"] = self.context()
@@ -102,7 +104,7 @@ class Connections:
         return own
 
     def credentials(self) -> Credentials:
-        """Return who we are, found out once (a credential program may ask its user)."""
+        """Return our credentials, read once (a credential program may ask its user)."""
         with self.lock:
             if self.known is None:
                 self.known = self.target.credentials()
@@ -129,7 +131,8 @@ def tls_context(target: Target, credentials: Credentials) -> ssl.SSLContext:
     except (ssl.SSLError, ValueError) as error:
         raise UserError(
             f"context {target.context}: its certificates cannot be used: {error}",
-            hint="mend certificate-authority, client-certificate and client-key in the kubeconfig",
+            hint="correct certificate-authority, client-certificate and client-key in the"
+            " kubeconfig",
         ) from error
     return context
 
@@ -143,7 +146,7 @@ def load_certificate(context: ssl.SSLContext, credentials: Credentials) -> None:
 
 
 def proxy_headers(proxy: SplitResult) -> dict[str, str]:
-    """Return the headers that a proxy with a user and password wants."""
+    """Return the headers for a proxy with a user and password."""
     if not proxy.username:
         return {}
     pair = f"{unquote(proxy.username)}:{unquote(proxy.password or '')}"

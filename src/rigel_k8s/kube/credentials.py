@@ -1,6 +1,6 @@
-"""Who we are to a cluster: certificates, tokens, files that are renewed, credential programs.
+"""Our credentials at a cluster: certificates, tokens, renewed files, credential programs.
 
-It knows the `users` of a kubeconfig and nothing of HTTP. Tokens are never part of an error.
+It reads the `users` of a kubeconfig; HTTP is elsewhere. Tokens are never part of an error.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from rigel_k8s.kube.answers import describe, parse, read_mapping
 from rigel_k8s.kube.target import Credentials, Headers
 
 RENEW = 60.0  # seconds after which a token file is read again, as client-go does
-EARLY = 30.0  # seconds before its expiry that a credential counts as expired
+EARLY = 30.0  # seconds before its expiry at which a credential counts as expired
 PLUGIN_TIMEOUT = 120.0
-HEADER_LETTERS = "!#$&'*+^`|"  # what a header's name may have besides letters, digits and -._~
+HEADER_LETTERS = "!#$&'*+^`|"  # allowed in a header's name, with letters, digits and -._~
 
-#: What a credential program prints, by the interface of Kubernetes.
+#: The output of a credential program, by the interface of Kubernetes.
 EXPECTED = (
     'an ExecCredential as JSON: {"status": {"token": TEXT, "expirationTimestamp": RFC 3339 time}}, '
     "or clientCertificateData and clientKeyData in place of the token"
@@ -41,10 +41,10 @@ InlineOrFile = Callable[[Mapping[str, Any], str], str]
 def user_credentials(
     user: Mapping[str, Any], cluster: Mapping[str, Any], context: str, text: InlineOrFile
 ) -> Credentials:
-    """Return the credentials of a kubeconfig's user, with the impersonation that it asks for.
+    """Return the credentials of a kubeconfig's user, with the impersonation that it requests.
 
     Args:
-        text: reads a value that stands inline or in a file.
+        text: reads a value that is inline or in a file.
 
     Raises:
         UserError: the user has an `auth-provider`.
@@ -60,7 +60,7 @@ def user_credentials(
 def own_credentials(
     user: Mapping[str, Any], cluster: Mapping[str, Any], context: str, text: InlineOrFile
 ) -> Credentials:
-    """Return who the user is before any impersonation."""
+    """Return the user's credentials before any impersonation."""
     if user.get("exec"):
         if not isinstance(user["exec"], dict):
             raise bad_plugin_error(context)
@@ -76,7 +76,7 @@ def own_credentials(
 
 
 def user_headers(user: Mapping[str, Any]) -> Callable[..., Headers]:
-    """Return what makes the headers of a user without a credential program."""
+    """Return the function that makes the headers of a user without a credential program."""
     if user.get("tokenFile"):
         return file_credentials(Path(user["tokenFile"])).headers
     fixed: Headers = ()
@@ -104,7 +104,7 @@ def bearer(token: str) -> Headers:
 
 
 def file_credentials(path: Path) -> Credentials:
-    """Return credentials from a token file, read again now and then since tokens are rotated."""
+    """Return credentials from a token file, read again regularly since tokens are rotated."""
     state: dict[str, Any] = {"read": 0.0, "token": ""}
 
     def headers(*, fresh: bool) -> Headers:
@@ -144,13 +144,13 @@ def plugin_credentials(
 
 
 def is_expired(status: Mapping[str, Any]) -> bool:
-    """Whether a program's answer is at its end, or nearly."""
+    """Whether a program's answer has expired, or nearly."""
     stamp = status.get("expirationTimestamp")
     return bool(stamp) and read_time(str(stamp)).timestamp() - EARLY < time.time()
 
 
 def read_time(stamp: str) -> datetime:
-    """Return an RFC 3339 time, in UTC where it has no zone; raises ValueError."""
+    """Return an RFC 3339 time, in UTC if it has no zone; raises ValueError."""
     plain = re.sub(r"\.\d+", "", stamp)  # Python 3.10 reads no nanoseconds
     found = datetime.fromisoformat(plain.replace("Z", "+00:00"))
     return found if found.tzinfo else found.replace(tzinfo=timezone.utc)
@@ -162,7 +162,7 @@ def run_plugin(
     """Run a credential program and return its answer's status.
 
     Raises:
-        UserError: the kubeconfig does not say how to run it.
+        UserError: the kubeconfig does not describe how to run it.
         ClusterError: it gave no credentials.
     """
     command = command_of(plugin, context)
@@ -202,18 +202,17 @@ def command_of(plugin: Mapping[str, Any], context: str) -> list[str]:
 def bad_plugin_error(context: str) -> UserError:
     """Return the error for a credential program that the kubeconfig describes wrongly."""
     return UserError(
-        f"context {context}: the kubeconfig does not say how to run the credential program of its "
-        "user",
-        hint="`exec` needs `command` (text), and may have `args` (a list) and `env` (a list of "
+        f"context {context}: the kubeconfig does not define the credential program of its user",
+        hint="`exec` needs `command` (text), and can have `args` (a list) and `env` (a list of "
         "`name` and `value`)",
     )
 
 
 def read_status(answer: Any) -> Mapping[str, Any]:
-    """Return the status of a program's answer, whose parts are what they must be.
+    """Return the status of a program's answer, after checking its parts.
 
     Raises:
-        ValueError: what is wrong with it, without any of its values.
+        ValueError: the reason, without any of its values.
     """
     status = read_mapping(answer).get("status")
     if not isinstance(status, dict):
@@ -258,6 +257,6 @@ def plugin_failed(
     """Return the error for a credential program that gave no credentials."""
     return ClusterError(
         f"context {context}: the credential program {command} gave no credentials",
-        hint=plugin.get("installHint") or f"run {command} yourself to see what it wants",
+        hint=plugin.get("installHint") or f"run {command} yourself to see its error",
         details=output.strip().splitlines()[-10:],
     )

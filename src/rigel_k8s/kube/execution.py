@@ -30,7 +30,7 @@ BLOCK = 32 * 1024
 
 @attrs.frozen
 class ExecResult:
-    """What a command in a container left."""
+    """The result of a command in a container."""
 
     code: int
     stdout: bytes
@@ -103,7 +103,7 @@ def exec_on(
             elif channel == RESULT:
                 result = data
     if stdin is not None:
-        pumping.join()  # nobody reads the caller's stream any more
+        pumping.join()  # after this no one reads the caller's stream
     return exit_code(result, namespace, pod)
 
 
@@ -140,7 +140,7 @@ def send_all(session: Websocket, data: bytes) -> None:
 
 
 def end_of_input(session: Websocket) -> None:
-    """Close the command's standard input, where the protocol can."""
+    """Close the command's standard input, if the protocol can."""
     if session.protocol == PROTOCOLS[0]:
         session.send(CLOSE, bytes([STDIN]))
 
@@ -161,12 +161,12 @@ def pump(stdin: BinaryIO, session: Websocket) -> None:
 
 
 def send_size(session: Websocket, size: os.terminal_size) -> None:
-    """Tell the terminal's size."""
+    """Send the terminal's size."""
     session.send(RESIZE, json.dumps({"Width": size.columns, "Height": size.lines}).encode())
 
 
 def exit_code(result: bytes | None, namespace: str, pod: str) -> int:
-    """Return the exit code that the result channel tells.
+    """Return the exit code from the result channel.
 
     Raises:
         ClusterError: the command could not be started, or the connection broke.
@@ -175,7 +175,7 @@ def exit_code(result: bytes | None, namespace: str, pod: str) -> int:
     if result is None:
         raise ClusterError(
             f"the connection to {where} ended before the command did",
-            hint="was the pod deleted or restarted? `rigel status` tells",
+            hint="check with `rigel status` whether the pod was deleted or restarted",
         )
     status = json.loads(result)
     if status.get("status") == "Success":
@@ -183,4 +183,4 @@ def exit_code(result: bytes | None, namespace: str, pod: str) -> int:
     for cause in (status.get("details") or {}).get("causes") or []:
         if cause.get("reason") == "ExitCode":
             return int(cause["message"])
-    raise ClusterError(f"the command in {where} could not be run: {status.get('message')}")
+    raise ClusterError(f"cannot run the command in {where}: {status.get('message')}")

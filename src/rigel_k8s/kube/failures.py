@@ -1,4 +1,4 @@
-"""What the API server refuses, as errors that say what, where and what to do next."""
+"""The API server's refusals, as errors with what, where and what to do next."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from rigel_k8s.kube.answers import find_mapping, find_mappings, parse
 
 CONFLICT = 'conflict with "'
 LOGIN = "the credentials of context {context} are missing or have expired: log in again"
-#: What an API server answers where it does not know the path: a kind that is not there.
+#: An API server's answer to an unknown path: a kind that does not exist.
 NO_PATH = b"404 page not found"
 SHOWN = 100  # first bytes of an answer that an error shows
-#: What an answer of 403 is about: who asks ("right"), or what the object asks for.
+#: What an answer of 403 is about: the caller ("right"), or the content of the object.
 Ground: TypeAlias = Literal[
     "right", "pod-security", "quota", "no-resources", "limit-range", "policy", "other"
 ]
-#: The words by which Kubernetes' authorizers and admission plugins begin their reasons. The first
-#: that is found counts.
+#: How Kubernetes' authorizers and admission plugins begin their reasons. The first match counts.
 GROUNDS: tuple[tuple[Ground, str], ...] = (
     ("policy", r"admission webhook \"|ValidatingAdmissionPolicy '"),
     ("pod-security", r"violates PodSecurity"),
@@ -35,7 +34,7 @@ RIGHTS = "ask for the right, or use other credentials: `kubectl auth can-i --lis
 
 @attrs.frozen
 class Cause:
-    """One of the reasons that the API server gives beside its message."""
+    """One of the reasons that the API server adds to its message."""
 
     reason: str
     message: str
@@ -51,10 +50,10 @@ class FieldConflict:
 
 
 class Refusal(ClusterError):
-    """The API server said no.
+    """The API server refused.
 
     Attributes:
-        status: the HTTP code, 0 where there was no answer.
+        status: the HTTP code, 0 if there was no answer.
         reason: Kubernetes' own word for it (`Invalid`, `AlreadyExists`), "" if it gave none.
         words: its message, "" if it gave none.
         causes: its reasons, one for each field.
@@ -69,23 +68,23 @@ class Refusal(ClusterError):
 
 
 class Garbled(Refusal):
-    """What came cannot be understood: it is not from an API server, or was damaged on its way."""
+    """The answer is not valid: it is not from an API server, or was damaged on its way."""
 
     reason = "Garbled"
 
 
 class Cancelled(Refusal, Interrupted):
-    """The user asked to stop while we waited for an API server that was away."""
+    """The user asked to stop while we waited for an unreachable API server."""
 
     reason = "Cancelled"
 
 
 class Missing(Refusal, NotFoundError):
-    """The object, its namespace or its kind is not there."""
+    """The object, its namespace or its kind does not exist."""
 
 
 class Forbidden(Refusal):
-    """We lack the right, or what an object asks for is not allowed (a quota, say).
+    """The right is missing, or the object's content is not allowed (a quota, for example).
 
     Attributes:
         ground: which of them.
@@ -109,7 +108,7 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
     """Return the error for an answer of 400 or more.
 
     Args:
-        what: what was asked, for people: `apply Deployment robot/talker`.
+        what: the action, as a phrase: `apply Deployment robot/talker`.
         context: the kubeconfig's context, for the hint.
     """
     answer = kubernetes_status(body)
@@ -132,7 +131,7 @@ def refusal(status: int, body: bytes, what: str, *, context: str, server: str) -
 
 
 def is_of_kubernetes(body: bytes) -> bool:
-    """Whether an error comes from an API server: a proxy's 404 does not say what is not there."""
+    """Whether an error comes from an API server: a proxy's 404 does not say what is missing."""
     try:
         return isinstance(parse(body), dict)
     except ValueError:
@@ -145,7 +144,7 @@ def find_ground(message: str) -> Ground:
 
 
 def kubernetes_status(body: bytes) -> Mapping[str, Any]:
-    """Return an answer's `Status` object; text that is none becomes its message."""
+    """Return an answer's `Status` object; any other text becomes its message."""
     try:
         answer = parse(body)
     except ValueError:
@@ -163,23 +162,23 @@ def causes(answer: Mapping[str, Any]) -> list[Cause]:
 
 
 def garbled_error(what: str, url: str, body: bytes, reason: str) -> Garbled:
-    """Return the error for an answer that cannot be understood.
+    """Return the error for an invalid answer.
 
     Args:
         reason: what is wrong with it: `it is not JSON`.
     """
     shown = body[:SHOWN].decode("utf-8", "backslashreplace")
     if "/secrets" in url:
-        shown = "not shown, since it may hold a secret"
+        shown = "not shown, since it may contain a secret"
     return Garbled(
-        f"cannot {what}: the answer of {url} cannot be understood: {reason}",
-        hint="is that the API server? A proxy or a login page in between may answer in its place",
+        f"cannot {what}: the answer of {url} is not valid: {reason}",
+        hint="check that this is the API server: a proxy or a login page may answer instead",
         details=[f"the answer has {len(body)} bytes: {shown}"] if body else [],
     )
 
 
 def hint(status: int, context: str, server: str) -> str | None:
-    """Return what to do about an HTTP status, where that is known."""
+    """Return what to do about an HTTP status, if that is known."""
     if status == 401:
         return LOGIN.format(context=context or "this pod") + f" (server {server})"
     if status == 403:
@@ -192,8 +191,8 @@ def unreachable_error(what: str, reason: str, *, context: str, server: str) -> R
     error = Refusal(
         f"cannot {what}: the cluster at {server} does not answer: {reason}",
         hint=(
-            f"context {context or 'of this pod'}: is the cluster running, and is this machine in "
-            "its network? `rigel cluster status` tells about a local one; `--context` names another"
+            f"context {context or 'of this pod'}: check that the cluster runs and that this machine"
+            " can reach it; `rigel cluster status` shows a local one, `--context` chooses another"
         ),
     )
     error.reason = "Unreachable"

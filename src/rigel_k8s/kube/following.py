@@ -9,14 +9,14 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.resources import path
 
-ANSWERS = 8  # how many times as long as an answer takes a stream has to end
+ANSWERS = 8  # how long a stream has to end, in durations of an answer
 
 
 def goes_on(client: Client, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
-    """Return whether a log has not ended after some seconds; what cannot be read has not.
+    """Return whether a log has not ended after some seconds; an unreadable one has not.
 
-    A quiet container's log and a slow machine both say nothing for a while. So an answer that comes
-    in any case is timed before.
+    A quiet container's log and a slow machine both send nothing for a while. So the time of an
+    answer that certainly comes is measured first.
     """
     what = f"follow the log of Pod {namespace}/{pod}"
     resource = client.resource("v1", "Pod", what)

@@ -22,17 +22,17 @@ from rigel_k8s.kube.websocket import Websocket, connect
 DATA, ERROR = 0, 1
 PROTOCOLS = ("v4.channel.k8s.io",)
 BLOCK = 32 * 1024
-LINGER = 10.0  # seconds that an answer may take after the local side has said its last byte
+LINGER = 10.0  # seconds that an answer may take after the local side has sent its last byte
 
 
 @attrs.define
 class Forward:
-    """Ports that are served.
+    """Ports that are forwarded.
 
     Attributes:
         ports: the pod's port to the local one.
-        errors: what went wrong with single connections, newest last.
-        denied: the API server's answer that we lack the right: no connection will work.
+        errors: failures of single connections, newest last.
+        denied: the API server's answer that the right is missing: no connection will work.
     """
 
     ports: dict[int, int] = attrs.field(factory=dict)
@@ -44,7 +44,7 @@ class Forward:
 def port_forward(
     client: Client, namespace: str, pod: str, ports: Mapping[int, int], *, address: str
 ) -> Iterator[Forward]:
-    """Serve a pod's ports; see Cluster.port_forward."""
+    """Forward a pod's ports; see Cluster.port_forward."""
     forward = Forward()
     listeners: list[socket.socket] = []
     try:
@@ -77,7 +77,7 @@ def listening(address: str, port: int) -> socket.socket:
 def serve(
     client: Client, namespace: str, pod: str, port: int, listener: socket.socket, forward: Forward
 ) -> None:
-    """Take connections until the listener is closed."""
+    """Accept connections until the listener is closed."""
     while True:
         try:
             local, _ = listener.accept()

@@ -1,4 +1,4 @@
-"""Which cluster is meant: kubeconfig files, or the pod that we run in.
+"""Which cluster to use: kubeconfig files, or the pod that we run in.
 
 Reads what kubectl reads, except an `auth-provider`: credential programs have replaced it.
 """
@@ -21,7 +21,7 @@ from rigel_k8s.kube.target import Target
 
 SERVICE_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
 NO_CLUSTER = (
-    "make a local cluster with `rigel cluster up` (or kind, minikube, k3s), "
+    "start a local cluster with `rigel cluster up` (or kind, minikube, k3s), "
     "or name a kubeconfig with --kubeconfig"
 )
 PATHS = ("certificate-authority", "client-certificate", "client-key", "tokenFile")
@@ -33,19 +33,21 @@ def load(
     environ: Mapping[str, str] = os.environ,
     service_account: Path = SERVICE_ACCOUNT,
 ) -> Target:
-    """Return the cluster that the user means.
+    """Return the cluster to use.
 
     Args:
         path: one kubeconfig file; None is $KUBECONFIG, then ~/.kube/config, then the pod's own.
         context: a context of it; None is its current one.
 
     Raises:
-        UserError: nothing names a cluster, or what names it makes no sense.
+        UserError: no cluster is configured, or its configuration is invalid.
     """
     files = candidates(path, environ)
     config = merge_files([file for file in files if file.exists()])
     if path is not None and not path.exists():
-        raise UserError(f"there is no kubeconfig {path}", hint="mend the path after --kubeconfig")
+        raise UserError(
+            f"there is no kubeconfig {path}", hint="correct the path after --kubeconfig"
+        )
     if not config["contexts"] and context is None and path is None:
         if "KUBERNETES_SERVICE_HOST" in environ and (service_account / "token").exists():
             return in_cluster(environ, service_account)
@@ -64,7 +66,7 @@ def candidates(path: Path | None, environ: Mapping[str, str]) -> list[Path]:
 
 
 def merge_files(files: Sequence[Path]) -> dict[str, Any]:
-    """Return all files as one: whatever stands first wins, as with kubectl."""
+    """Return all files as one: the first value wins, as with kubectl."""
     whole: dict[str, Any] = {"clusters": {}, "users": {}, "contexts": {}, "current-context": ""}
     for file in files:
         content = parse_file(file)
@@ -88,12 +90,14 @@ def parse_file(file: Path) -> dict[str, Any]:
             f"kubeconfig {file} is not YAML", details=str(error).splitlines()
         ) from error
     if not isinstance(content or {}, dict):
-        raise UserError(f"kubeconfig {file} is no mapping", hint="is it the right file?")
+        raise UserError(
+            f"kubeconfig {file} is not a mapping", hint="check that it is the right file"
+        )
     return content or {}
 
 
 def absolute(entry: dict[str, Any], base: Path) -> dict[str, Any]:
-    """Return an entry whose paths are told from the directory of its file."""
+    """Return an entry with absolute paths; they are relative to the directory of its file."""
     paths: dict[str, Any] = {key: str(base / entry[key]) for key in PATHS if entry.get(key)}
     plugin = entry.get("exec")
     command = plugin.get("command") if isinstance(plugin, dict) else None
@@ -124,7 +128,7 @@ def from_context(config: Mapping[str, Any], name: str) -> Target:
     if not cluster or not cluster.get("server"):
         raise UserError(
             f"context {name} names the cluster {context.get('cluster')!r}, which has no server",
-            hint="mend the kubeconfig, or choose another context with --context",
+            hint="correct the kubeconfig, or choose another context with --context",
         )
     return Target(
         server=without_user(str(cluster["server"]).rstrip("/")),
@@ -146,7 +150,7 @@ def without_user(url: str) -> str:
 
 
 def inline_or_file(entry: Mapping[str, Any], key: str) -> str:
-    """Return a PEM text that stands in the entry, or in the file that it names."""
+    """Return a PEM text that is inline in the entry, or in the file that it names."""
     try:
         if data := entry.get(f"{key}-data"):
             return base64.b64decode("".join(str(data).split()), validate=True).decode()

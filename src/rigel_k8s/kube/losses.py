@@ -1,4 +1,4 @@
-"""Why a request has no answer: what urllib3, OpenSSL and the kernel raise, in words."""
+"""Why a request has no answer: the errors of urllib3, OpenSSL and the kernel, as phrases."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import ssl
 
 from urllib3.exceptions import ConnectTimeoutError, HTTPError, NewConnectionError, ProxyError
 
-#: What an exchange raises that ends without an answer.
+#: The errors of an exchange that ends without an answer.
 BROKEN = (HTTPError, http.client.HTTPException, OSError)
 
 
 def is_sent(error: BaseException) -> bool:
-    """Whether the server may have got a request that broke: the connection was there before."""
+    """Whether the server may have received a request that broke: the connection existed before."""
     return not isinstance(error, (NewConnectionError, ConnectTimeoutError, ProxyError))
 
 
@@ -22,7 +22,7 @@ def is_untrusted(error: BaseException) -> bool:
 
 
 def reason_of(error: BaseException) -> str:
-    """Return why there is no answer, in the words of the innermost error."""
+    """Return why no answer came, in the words of the innermost error."""
     cause = cause_of(error)
     if isinstance(cause, ssl.SSLCertVerificationError):
         return f"its certificate is not trusted: {cause.verify_message}"
@@ -30,7 +30,7 @@ def reason_of(error: BaseException) -> str:
 
 
 def cause_of(error: BaseException) -> BaseException:
-    """Return the innermost error: urllib3 wraps it in words about its own pools and retries."""
+    """Return the innermost error: urllib3 wraps it in text about its own pools and retries."""
     inner = (getattr(error, "reason", None), *reversed(error.args), error.__cause__)
     found = next((one for one in inner if isinstance(one, BaseException)), None)
     return error if found is None else cause_of(found)

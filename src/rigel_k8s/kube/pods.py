@@ -1,4 +1,4 @@
-"""What happens inside of pods: their logs, commands in them, their ports."""
+"""What happens inside pods: their logs, commands in them, their ports."""
 
 from __future__ import annotations
 
@@ -62,13 +62,13 @@ class Pods:
                 yield line.decode("utf-8", "replace")
 
     def runs(self, namespace: str, pod: str, container: str, *, seconds: float) -> bool:
-        """Whether a container's log goes on for some seconds; True where it cannot be known.
+        """Whether a container's log continues for some seconds; True if that is unknown.
 
-        A log ends with its container, while the pod's status says for a second and more that it
-        runs: this is what its container runtime says now.
+        A log ends with its container, while the pod's status reports for a second and more that it
+        runs: this is the present answer of its container runtime.
 
         Args:
-            seconds: at least; where an answer takes long, four times as long as one.
+            seconds: at least; if an answer takes long, four times as long as one.
         """
         from rigel_k8s.kube.following import goes_on
 
@@ -129,7 +129,7 @@ class Pods:
     def port_forward(
         self, namespace: str, pod: str, ports: Mapping[int, int], *, address: str = "127.0.0.1"
     ) -> AbstractContextManager[Forward]:
-        """Serve ports of a pod on this machine while the context is open.
+        """Forward ports of a pod to this machine while the context is open.
 
         Args:
             ports: the pod's port to the local one; 0 takes any that is free.

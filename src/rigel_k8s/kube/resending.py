@@ -1,7 +1,7 @@
-"""When a request goes out again: after a lost answer, a busy server, a server that is away.
+"""When a request is sent again: after a lost answer, a busy server, an unreachable server.
 
-Alone, a request is patient for seconds. Long work (a deploy) endures more: `Endurance` waits for
-an API server that restarts, says so once, and ends when the user asks for it.
+By itself, a request waits for seconds. Long work (a deploy) waits longer: `Endurance` waits for an
+API server that restarts, reports it once, and ends when the user asks for it.
 """
 
 from __future__ import annotations
@@ -13,38 +13,38 @@ from collections.abc import Callable, Mapping
 
 import attrs
 
-RETRIES = 5  # of what the server asks to send again
+RETRIES = 5  # of requests that the server wants again
 RETRY_BUDGET = 30.0  # seconds that one request may spend waiting to be sent again
-AWAY = 120.0  # seconds that long work waits for a server that is away
+AWAY = 120.0  # seconds that long work waits for an unreachable server
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 5.0
 SILENT = 1.0  # seconds of waiting that are not worth a line
 BUSY = frozenset({429, 500, 502, 503, 504})
-GATEWAY = frozenset({502, 503, 504})  # a proxy's words for a server that is away
+GATEWAY = frozenset({502, 503, 504})  # a proxy's statuses for an unreachable server
 
 
 @attrs.define
 class Endurance:
-    """How long work waits for an API server that is away.
+    """How long work waits for an unreachable API server.
 
     Attributes:
-        tell: takes a line when the wait begins, and one when it is over.
+        log: called with a line when the wait begins, and when it is over.
         cancel: ends the wait soon after it is set.
-        since: when the server went away, None while it answers.
+        since: when the server became unreachable, None while it answers.
         total: the seconds of all outages that are over.
     """
 
-    tell: Callable[[str], None]
+    log: Callable[[str], None]
     cancel: threading.Event
     since: float | None = None
     total: float = 0.0
     lock: threading.Lock = attrs.field(factory=threading.Lock)
 
     def begin(self, server: str, reason: str) -> None:
-        """Note that the server is away; the first of all threads says so."""
+        """Note that the server is unreachable; the first thread reports it."""
         with self.lock:
             first, self.since = self.since is None, self.since or time.monotonic()
         if first:
-            self.tell(f"the cluster at {server} {reason}: waiting up to {AWAY:g} s for it")
+            self.log(f"the cluster at {server} {reason}: waiting up to {AWAY:g} s for it")
 
     def end(self) -> None:
         """Note that the server answers."""
@@ -53,22 +53,22 @@ class Endurance:
                 return
             lasted = time.monotonic() - self.since
             self.since, self.total = None, self.total + lasted
-        self.tell(f"the cluster answers again, after {lasted:.0f} s")
+        self.log(f"the cluster answers again, after {lasted:.0f} s")
 
     def sum_outages(self) -> float:
-        """Return for how many seconds the server was away in all."""
+        """Return for how many seconds the server was unreachable in total."""
         with self.lock:
             return self.total + (time.monotonic() - self.since if self.since else 0.0)
 
 
 @attrs.define
 class Resending:
-    """One request: what became of it so far, and whether it goes out again.
+    """One request: what has happened to it so far, and whether it is sent again.
 
     Attributes:
         safe: sending it twice is harmless.
-        endures: it belongs to work that waits for a server that is away.
-        doubtful: it was sent, and no one knows whether it was carried out.
+        endures: it belongs to work that waits for an unreachable server.
+        doubtful: it was sent, and it is unknown whether it was carried out.
     """
 
     safe: bool
@@ -87,7 +87,7 @@ class Resending:
         """Return the seconds to wait after a lost answer, None to give up.
 
         Args:
-            sent: the server may have got the request.
+            sent: the server may have received the request.
         """
         self.losses += 1
         self.doubtful = self.doubtful or sent
@@ -98,7 +98,7 @@ class Resending:
         return self.within(backoff(self.losses), AWAY) if self.endures else None
 
     def after_answer(self, status: int, headers: Mapping[str, str]) -> float | None:
-        """Return the seconds to wait after a busy server's answer, None where the answer stands."""
+        """Return the seconds to wait after a busy server's answer, None if the answer is final."""
         if status not in BUSY:
             return None
         self.refusals += 1
@@ -111,11 +111,11 @@ class Resending:
                 return None
             self.doubtful = True
         pause = max(asked or 0.0, backoff(self.refusals))
-        # An API server that says 500 each time will go on with it: a webhook fails, say.
+        # An API server that always answers 500 will continue to: a webhook fails, for example.
         return self.within(pause, RETRY_BUDGET if status == 500 else AWAY)
 
     def within(self, pause: float, budget: float) -> float | None:
-        """Return a pause where there is time for it."""
+        """Return a pause if there is time for it."""
         return pause if time.monotonic() - self.started + pause <= budget else None
 
     def is_noticeable(self, pause: float) -> bool:
@@ -124,7 +124,7 @@ class Resending:
 
 
 def retry_after(headers: Mapping[str, str]) -> float | None:
-    """Return the seconds that a server asks for, None where it does not; a date counts as one."""
+    """Return the seconds that a server requests, None if it requests none; a date counts as one."""
     header = headers.get("Retry-After")
     if header is None:
         return None
@@ -132,5 +132,5 @@ def retry_after(headers: Mapping[str, str]) -> float | None:
 
 
 def backoff(number: int) -> float:
-    """Return the pause before another try, from 1."""
+    """Return the pause before another attempt, from 1."""
     return min(FIRST_PAUSE * 2.0 ** min(number - 1, 10), LONGEST_PAUSE)

@@ -1,4 +1,4 @@
-"""Which URL a kind has: a table of what Kubernetes brings, discovery for everything else."""
+"""Which URL a kind has: a table of Kubernetes' own kinds, discovery for all others."""
 
 from __future__ import annotations
 
@@ -58,23 +58,23 @@ def built_in() -> dict[tuple[str, str], Resource]:
 
 
 class ApiResources:
-    """Finds kinds; asks the cluster once for each API version that the table does not have."""
+    """Finds kinds; queries the cluster once for each API version that the table does not have."""
 
     def __init__(self, fetch: Callable[[str], Mapping[str, Any] | None]):
-        """Take what fetches an API version's resource list; None is: no such version."""
+        """`fetch` returns an API version's resource list, None for an unknown version."""
         self.fetch = fetch
         self.table = built_in()
         self.lock = threading.Lock()
 
     def find(self, api_version: str, kind: str) -> Resource | None:
-        """Return how the API calls a kind, None where the cluster does not have it."""
+        """Return the API's name for a kind, None if the cluster does not have it."""
         with self.lock:
             if (api_version, kind) not in self.table:
                 self.discover(api_version)
             return self.table.get((api_version, kind))
 
     def discover(self, api_version: str) -> None:
-        """Add one API version's kinds; a kind that is not there now may be later."""
+        """Add one API version's kinds; a kind that does not exist now may exist later."""
         for entry in (self.fetch(api_version) or {}).get("resources") or []:
             if "/" not in entry["name"]:
                 resource = Resource(entry["name"], bool(entry.get("namespaced")))

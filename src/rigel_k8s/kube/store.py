@@ -14,9 +14,9 @@ from rigel_k8s.kube.resources import path, with_query
 from rigel_k8s.kube.watching import WatchEvent, label_selector, watch
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 
-MANAGER = "rigel"  # who owns the fields that we apply
+MANAGER = "rigel"  # the owner of the fields that we apply
 PAGE = 500
-DELETES = 3  # times that an object is deleted where something writes to it at the same moment
+DELETES = 3  # attempts to delete an object that others write at the same moment
 METADATA_ONLY = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
 PATCHES = {
     "merge": "application/merge-patch+json",
@@ -27,12 +27,12 @@ PATCHES = {
 
 
 class Store:
-    """Objects in, objects out, no HTTP words."""
+    """Objects in, objects out, without HTTP."""
 
     client: Client
 
     def get(self, ref: ObjectRef) -> dict[str, Any] | None:
-        """Return an object, None where it or its kind is not there."""
+        """Return an object, None if it or its kind does not exist."""
         try:
             what = f"read {ref}"
             return self.client.call("GET", self.client.path_of(ref, what), what, read_object)
@@ -49,7 +49,7 @@ class Store:
         fields: str | None = None,
         metadata_only: bool = False,
     ) -> list[dict[str, Any]]:
-        """Return all objects of a kind, of one namespace or of all; none where the kind is unknown.
+        """Return all objects of a kind, of one namespace or of all; none if the kind is unknown.
 
         Args:
             labels: a label selector, or labels that must all be there.
@@ -82,18 +82,18 @@ class Store:
         dry_run: bool = False,
         onto: Onto = ANYTHING,
     ) -> dict[str, Any]:
-        """Apply a manifest server-side and return what the object is then.
+        """Apply a manifest server-side and return the resulting object.
 
-        What we patched before, without an apply, is ours: Kubernetes keeps that as a record of its
-        own, beside which an apply with another value would be a conflict with ourselves.
+        What we patched before, without an apply, is ours: Kubernetes keeps that as a separate
+        record, and an apply with another value would conflict with it.
 
         Args:
             force: take fields over that another manager owns.
-            onto: what must be there for the apply to have an effect.
+            onto: what must exist for the apply to have an effect.
 
         Raises:
             Conflict: another manager owns fields with other values (`fields` names them), or
-                something else is there than `onto` says (`fields` is empty).
+                    another object exists than `onto` requires (`fields` is empty).
         """
         ref = ref_of(manifest)
         what = f"apply {ref}"
@@ -112,7 +112,7 @@ class Store:
         return self.apply(manifest, force=True, dry_run=dry_run, onto=onto)
 
     def create(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
-        """Create an object; Conflict (reason AlreadyExists) where it is there."""
+        """Create an object; Conflict (reason AlreadyExists) if it exists."""
         ref = ref_of(manifest)
         what = f"create {ref}"
         resource = self.client.resource(ref.api_version, ref.kind, what)
@@ -121,10 +121,10 @@ class Store:
         return self.client.write("POST", url, what, manifest)
 
     def review(self, api_version: str, kind: str, spec: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Ask by a review, an object that is answered and not kept; return its status."""
-        what = f"ask the API server by {kind}"
+        """Send a review, an object that is answered and not kept; return its status."""
+        what = f"send a {kind} to the API server"
         url = path(api_version, self.client.resource(api_version, kind, what), "")
-        # It stores nothing anyway; a dry run shows that to who reads the requests of a deploy.
+        # It stores nothing anyway; a dry run shows that to a reader of a deploy's requests.
         url = with_query(url, {"dryRun": "All"})
         body = {"apiVersion": api_version, "kind": kind, "spec": spec}
         answer = self.client.call("POST", url, what, read_review, body=body, safe=True)
@@ -132,7 +132,7 @@ class Store:
         return status
 
     def replace(self, manifest: Manifest, *, dry_run: bool = False) -> dict[str, Any]:
-        """Replace an object; Conflict where its resourceVersion is said and no longer true."""
+        """Replace an object; Conflict if it has a resourceVersion that is no longer current."""
         ref = ref_of(manifest)
         what = f"replace {ref}"
         query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
@@ -151,7 +151,7 @@ class Store:
         what = f"patch {ref}"
         query = {"fieldManager": MANAGER, "dryRun": dry_run and "All"}
         url = self.client.path_of(ref, what, subresource=subresource, query=query)
-        safe = style != "json"  # its steps may depend on what was there
+        safe = style != "json"  # its steps may depend on the previous state
         return self.client.write("PATCH", url, what, body, PATCHES[style], safe=safe)
 
     def delete(
@@ -164,12 +164,12 @@ class Store:
         grace_seconds: int | None = None,
         dry_run: bool = False,
     ) -> bool:
-        """Delete an object and return whether it was there.
+        """Delete an object and return whether it existed.
 
         Args:
-            uid: delete this very object; Conflict where another has its name now. After a conflict
+            uid: delete this very object; Conflict if another one has its name now. After a conflict
                 about anything else it is tried again.
-            version: delete it in this very state; Conflict where it has changed since.
+            version: delete it in this very state; Conflict if it has changed since.
         """
         options: dict[str, Any] = {
             "kind": "DeleteOptions",
@@ -194,9 +194,7 @@ class Store:
                     return True
                 if live["metadata"]["uid"] != uid:
                     raise
-        raise Refusal(
-            conflict.message, hint="it is still there: run the command again"
-        ) from conflict
+        raise Refusal(conflict.message, hint="it still exists: run the command again") from conflict
 
     def _delete(self, ref: ObjectRef, options: Mapping[str, Any]) -> bool:
         what = f"delete {ref}"
@@ -218,7 +216,7 @@ class Store:
         seconds: float = 300.0,
         cancel: threading.Event | None = None,
     ) -> Iterator[WatchEvent]:
-        """Yield what is there (as ADDED) and then what changes.
+        """Yield what exists (as ADDED) and then what changes.
 
         Args:
             seconds: after which the watch ends.

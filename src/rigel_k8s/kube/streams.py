@@ -1,4 +1,4 @@
-"""Answers that go on (watches, logs): each has a connection to itself, which any thread can end."""
+"""Answers without an end (watches, logs): each has its own connection, which any thread can end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BLOCK = 32 * 1024
 
 
 class Stream:
-    """An answer that goes on: read its lines, abort it from any thread.
+    """An endless answer: read its lines, abort it from any thread.
 
     Attributes:
         aborted: we have ended it.
@@ -42,7 +42,7 @@ class Stream:
             if rest and self.ended:
                 yield rest
         except (*BROKEN, ValueError, AttributeError):
-            return  # aborted, or the connection broke: the caller knows what was still to come
+            return  # aborted, or the connection broke: the caller decides what was still to come
         finally:
             self.abort()
 
@@ -51,5 +51,5 @@ class Stream:
         self.aborted = True
         with suppress(OSError):
             self.socket.shutdown(socket.SHUT_RDWR)
-        with suppress(OSError, ValueError, AttributeError):  # a reader may close it just now
+        with suppress(OSError, ValueError, AttributeError):  # a reader may close it at this moment
             self.connection.close()

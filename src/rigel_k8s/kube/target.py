@@ -1,4 +1,4 @@
-"""Where a cluster is and who we are there, as plain data; it knows no file format and no HTTP."""
+"""Where a cluster is and our user there, as plain data; independent of file formats and HTTP."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ Headers: TypeAlias = Sequence[tuple[str, str]]
 
 
 def no_headers(*, fresh: bool) -> Headers:
-    """Return no header: the client certificate is enough, or nothing is."""
+    """Return no header: the client certificate is enough, or there are no credentials."""
     del fresh
     return ()
 
 
 @attrs.frozen
 class Credentials:
-    """How we say who we are.
+    """How we identify ourselves.
 
     Attributes:
         certificate: the client certificate and its chain, PEM; "" for none.
         key: its key, PEM.
-        headers: returns the headers for a request; `fresh` asks for new ones after a refusal.
+        headers: returns the headers for a request; `fresh` requests new ones after a refusal.
     """
 
     certificate: str = ""
@@ -39,8 +39,8 @@ class Target:
         server: the URL of the API server, without a slash at its end.
         authority: the certificates that we trust, PEM; "" is what this machine trusts.
         insecure: trust any certificate.
-        server_name: the name in the server's certificate where it is not the URL's.
-        proxy: the URL of an HTTP proxy; "" is what the environment says.
+        server_name: the name in the server's certificate if it is not the URL's.
+        proxy: the URL of an HTTP proxy; "" is the environment's.
         context: the context's name; "" inside a cluster.
     """
 

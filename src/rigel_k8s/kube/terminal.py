@@ -11,9 +11,9 @@ from typing import Any, BinaryIO
 
 
 class Terminal:
-    """A terminal in raw mode: keys go to the command unread, changes of its size are told.
+    """A terminal in raw mode: keys are passed to the command unread, its size is reported.
 
-    Used as a context; the terminal's own mode is back after it.
+    Used as a context, which restores the terminal's own mode.
     """
 
     def __init__(self, stream: BinaryIO, resized: Callable[[os.terminal_size], None]):
@@ -41,11 +41,11 @@ class Terminal:
             signal.signal(signal.SIGWINCH, self.handler)
 
     def follow_size(self) -> None:
-        """Tell the size now and whenever it changes."""
-        self.tell_size()
+        """Report the size now and whenever it changes."""
+        self.report_size()
         if threading.current_thread() is threading.main_thread():
-            self.handler = signal.signal(signal.SIGWINCH, lambda *_: self.tell_size())
+            self.handler = signal.signal(signal.SIGWINCH, lambda *_: self.report_size())
 
-    def tell_size(self) -> None:
-        """Tell the size now."""
+    def report_size(self) -> None:
+        """Report the size now."""
         self.resized(os.get_terminal_size(self.number))

@@ -1,4 +1,4 @@
-"""Several requests at once, and streams that end when they shall."""
+"""Several requests at once, and streams that end on request."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
-WIDTH = 8  # requests at once: more only queue up in the API server and in this interpreter
+WIDTH = 8  # requests at once: more only queue in the API server and in this interpreter
 LOOK = 0.2  # seconds between two looks at a cancel event
 T = TypeVar("T")
 R = TypeVar("R")
 
 
 class Abortable(Protocol):
-    """Something that another thread may end."""
+    """An object that another thread may end."""
 
     def abort(self) -> None:
         """End it."""
@@ -33,7 +33,7 @@ def parallel(function: Callable[[T], R], items: Iterable[T], *, width: int = WID
         futures = [pool.submit(function, item) for item in todo]
         try:
             wait(futures)
-        except BaseException:  # interrupted: nothing else is begun
+        except BaseException:  # interrupted: nothing more is started
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return [future.result() for future in futures]

@@ -1,6 +1,6 @@
-"""Requests to one API server by HTTP: sent, sent again where that is right, answered as bytes.
+"""Requests to one API server by HTTP: sent, sent again if that is right, answered as bytes.
 
-It knows bytes and headers, not what Kubernetes means by them.
+It handles bytes and headers, not what Kubernetes means by them.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from rigel_k8s.kube.resending import Endurance, Resending
 from rigel_k8s.kube.streams import BLOCK, Stream
 from rigel_k8s.kube.target import Target
 
-WHOLE_TIMEOUT = 300.0  # seconds until an answer is whole, however slowly it comes
+WHOLE_TIMEOUT = 300.0  # seconds until an answer is complete, even a slow one
 
 
 @attrs.frozen
 class Answer:
-    """A whole answer.
+    """A complete answer.
 
     Attributes:
         doubtful: the request was sent more than once, and an earlier one may have been carried out.
@@ -40,7 +40,7 @@ class Answer:
 
 
 class Transport:
-    """What is asked of one API server."""
+    """Requests to one API server."""
 
     def __init__(self, target: Target):
         self.target = target
@@ -62,14 +62,14 @@ class Transport:
         endures: bool = True,
         doubtful: bool = False,
     ) -> Answer:
-        """Send a request and return the whole answer, whatever its status is.
+        """Send a request and return the complete answer, whatever its status is.
 
-        A server that has answered before and is away is waited for where there is an `endurance`.
+        With an `endurance`, it waits for a server that has answered before and is unreachable.
 
         Args:
-            what: what is asked, for people.
-            safe: whether sending it twice is harmless; None is: where the method only reads.
-            endures: whether an answer such as 503 means that the server is away.
+            what: the action, as a phrase.
+            safe: whether sending it twice is harmless; None: if the method only reads.
+            endures: whether an answer such as 503 means that the server is unreachable.
             doubtful: it was sent before, and may have been carried out.
 
         Raises:
@@ -120,7 +120,7 @@ class Transport:
             while block := response.read1(BLOCK):
                 blocks.append(block)
                 if time.monotonic() > end:
-                    raise TimeoutError(f"the answer was not whole after {WHOLE_TIMEOUT:g} s")
+                    raise TimeoutError(f"the answer was not complete after {WHOLE_TIMEOUT:g} s")
         except BaseException:
             response.close()
             raise
@@ -129,7 +129,7 @@ class Transport:
         return Answer(response.status, response.headers, b"".join(blocks))
 
     def is_enduring(self) -> bool:
-        """Whether a server that is away is waited for: not at first, and not when interrupted."""
+        """Whether to wait for an unreachable server: not at first, and not when interrupted."""
         return self.answered and self.endurance is not None and not self.endurance.cancel.is_set()
 
     def pause(self, seconds: float, again: Resending, what: str, reason: str) -> None:
@@ -150,7 +150,7 @@ class Transport:
             )
 
     def headers(self, own: Mapping[str, str], *, fresh: bool = False) -> urllib3.HTTPHeaderDict:
-        """Return a request's headers; those that say who we are may repeat a name."""
+        """Return a request's headers; those with our credentials may repeat a name."""
         whole = urllib3.HTTPHeaderDict({**own, "User-Agent": "rigel"})
         for name, value in self.connections.authorization(fresh=fresh):
             whole.add(name, value)
@@ -159,7 +159,7 @@ class Transport:
     def stream(
         self, path: str, what: str, *, timeout: float | None, patience: float = READ_TIMEOUT
     ) -> Stream | Answer:
-        """Send a GET whose answer goes on; an answer that is an error comes as a whole.
+        """Send a GET with an endless answer; an answer that is an error is complete.
 
         Args:
             timeout: seconds without a byte after which the stream counts as broken; None: never.
@@ -170,7 +170,7 @@ class Transport:
         sock = connection.sock
         try:
             sock.settimeout(patience)
-            connection.timeout = patience  # or the answer's beginning would be waited for as long
+            connection.timeout = patience  # otherwise it would apply to the answer's beginning
             connection.request(
                 "GET", self.connections.url.path + path, headers=headers, preload_content=False
             )
@@ -188,7 +188,7 @@ class Transport:
     def goes_on(self, path: str, seconds: float) -> bool:
         """Whether the answer to a GET has not ended some seconds after it began.
 
-        What is no answer has not. Connecting does not count: it takes long on a busy machine.
+        A missing answer has not. Connecting does not count: it takes long on a busy machine.
         """
         try:
             opened = self.stream(path, "follow an answer", timeout=seconds, patience=seconds)
@@ -219,7 +219,7 @@ class Transport:
         return body
 
     def connect(self, what: str) -> HTTPConnection:
-        """Return a connection that belongs to the caller."""
+        """Return a connection of the caller's own."""
         try:
             return self.connections.connect()
         except BROKEN as error:

@@ -1,4 +1,4 @@
-"""Watches that survive: time limits, lost connections and expired versions are handled here."""
+"""Watches that survive: it handles time limits, lost connections and expired versions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rigel_k8s.kube.resources import path
 from rigel_k8s.kube.threads import aborting
 
 PAUSE = 1.0  # seconds before a lost watch is opened again
-LIVES = 5  # connections in a row that may end with an event that cannot be understood
+LIVES = 5  # connections in a row that may end with an invalid event
 SILENCE = 15.0  # seconds beyond the server's own limit after which a stream counts as dead
 
 
@@ -30,11 +30,11 @@ class WatchEvent:
 
 @attrs.define
 class Watched:
-    """What a watch has seen: the newest version, "" for none, and the objects that are there.
+    """What a watch has seen: the newest version, "" for none, and the existing objects.
 
     Attributes:
-        garbled: how many connections in a row brought nothing but what cannot be understood.
-        forgotten: how many versions in a row the server has forgotten, though it had listed them.
+        garbled: how many connections in a row brought only invalid events.
+        forgotten: how many versions in a row the server has forgotten after listing them.
     """
 
     kind: str
@@ -44,7 +44,7 @@ class Watched:
     seen: dict[str, dict[str, Any]] = attrs.field(factory=dict)
 
     def remember(self, event: WatchEvent) -> None:
-        """Take in one event."""
+        """Note one event."""
         meta = event.object["metadata"]
         self.garbled = self.forgotten = 0
         if event.type == "DELETED":
@@ -71,10 +71,10 @@ def watch(
     seconds: float,
     cancel: threading.Event | None,
 ) -> Iterator[WatchEvent]:
-    """Yield what is there as ADDED, then every change, until `seconds` are over.
+    """Yield what exists as ADDED, then every change, until `seconds` are over.
 
-    Where the server has forgotten the version that we saw, everything is listed again: what is
-    there comes as MODIFIED, what has gone meanwhile as DELETED.
+    If the server has forgotten the version that we saw, everything is listed again: what exists is
+    reported as MODIFIED, what was deleted meanwhile as DELETED.
 
     Raises:
         ClusterError: the first connection fails, or the server refuses.
@@ -113,7 +113,7 @@ def one_life(
     left: float,
     cancel: threading.Event | None,
 ) -> Iterator[WatchEvent]:
-    """Yield what comes until one connection ends; lists first where no version is known."""
+    """Yield events until one connection ends; list first if no version is known."""
     if not state.version:
         yield from relist(client, url(), state)
     stream = url(
@@ -148,7 +148,7 @@ def events(
 
 
 def relist(client: Client, url: str, state: Watched) -> list[WatchEvent]:
-    """Return what has happened since `state`, which becomes the present."""
+    """Return the changes since `state`, which becomes the present."""
     page = client.call("GET", url, f"list {state.kind}s", read_start)
     there = {item["metadata"]["uid"]: item for item in page.get("items") or []}
     gone = [WatchEvent("DELETED", old) for uid, old in state.seen.items() if uid not in there]

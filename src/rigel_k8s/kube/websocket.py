@@ -1,6 +1,6 @@
 """A websocket to the API server with Kubernetes' channels on it.
 
-The protocol itself is the websocket-client package's; the connection is our transport's, so that
+The websocket-client package implements the protocol; the connection is our transport's, so that
 certificates, proxies and server names are the same as for every other request.
 """
 
@@ -40,7 +40,7 @@ class Websocket:
         self.inner.shutdown()  # type: ignore[no-untyped-call]
 
     def send(self, channel: int, data: bytes) -> None:
-        """Send bytes on a channel; what comes after the end is dropped."""
+        """Send bytes on a channel; after the end they are dropped."""
         import websocket
 
         with self.lock:
@@ -70,8 +70,8 @@ class Websocket:
     def abort(self) -> None:
         """End the connection from any thread; one that receives returns.
 
-        Only who opened the websocket closes its socket: a number that is free again may be the
-        next connection's while the other thread still reads from it.
+        Only the thread that opened the websocket closes its socket: a number that is free again may
+        be the next connection's while the other thread still reads from it.
         """
         self.closed = True
         self.inner.abort()  # type: ignore[no-untyped-call]
@@ -105,7 +105,7 @@ def connect(client: Client, path: str, what: str, protocols: Sequence[str]) -> W
         raise transport.unreachable_error(what, error) from error
     else:
         return Websocket(inner)
-    # Not while the first error is handled, whose text has the answer with all that is in it.
+    # Not while the first error is handled, whose text has the complete answer.
     client.raise_for(answer, what)
     raise client.garbled_error(what, path, answer.body, "it is not a websocket")
 

@@ -1,7 +1,7 @@
-"""Where what was built or downloaded is kept, and how one process at a time works on something.
+"""Where built or downloaded files are kept, and how one process at a time works on something.
 
-It exists because local clusters and images build what several commands may want at once. It knows
-neither of them.
+It exists because local clusters and images build what several commands may need at once. It is
+independent of both.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from rigel_k8s.errors import RigelK8sError
 
 
 def cache_dir() -> Path:
-    """Return the directory that keeps what was built or downloaded."""
+    """Return the directory of built or downloaded files."""
     base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "rigel-k8s"
 
 
 @contextmanager
 def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
-    """Hold a lock file, which is gone afterwards.
+    """Hold a lock file, which is removed afterwards.
 
     Raises:
         RigelK8sError: another process holds it, and `wait` is False.
@@ -33,11 +33,11 @@ def locked(path: Path, *, wait: bool = True) -> Iterator[None]:
             path.parent.mkdir(parents=True, exist_ok=True)
             file = path.open("w")
         except (FileExistsError, FileNotFoundError):
-            continue  # the last holder took the directory away just then
+            continue  # the last holder has just removed the directory
         with file:
             lock(file.fileno(), path, wait=wait)
             if not is_file(file.fileno(), path):
-                continue  # the last holder took the file away
+                continue  # the last holder has removed the file
             try:
                 yield
             finally:
@@ -53,7 +53,7 @@ def lock(descriptor: int, path: Path, *, wait: bool) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError as error:
         raise RigelK8sError(
-            f"another rigel is at work on {path.stem}", hint="wait until it has ended"
+            f"another rigel process works on {path.stem}", hint="wait until it has ended"
         ) from error
 
 

@@ -1,7 +1,7 @@
 """Files that a Rigelfile names, read with care: only regular ones, of a bounded size, beside it.
 
 A path may lead anywhere, also by a symbolic link: to a pipe that never ends, or to a file whose
-content does not belong into a report or onto a cluster.
+content must not be in a report or on a cluster.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ def read_text(path: Path, directory: Path, most: int, *, what: str) -> str:
         what: the option or file, for errors.
 
     Raises:
-        Untrusted: it lies elsewhere.
-        UserError: it is too large, or not a file, or no file can have this name.
+        Untrusted: it is elsewhere.
+        UserError: it is too large, not a file, or its name is not possible.
         OSError: it cannot be read.
         UnicodeDecodeError: it is not UTF-8.
     """
     if "\0" in str(path):
-        raise UserError(f"{what}: {str(path)!r} cannot be the name of a file")
+        raise UserError(f"{what}: {str(path)!r} is not a valid file name")
     real = path.resolve()
     if not real.is_relative_to(directory.resolve()):
-        require_trust(directory, f"{what}: {real} lies outside of the Rigelfile's directory")
+        require_trust(directory, f"{what}: {real} is outside the Rigelfile's directory")
     # Without O_NONBLOCK a named pipe would wait for a writer.
     with os.fdopen(os.open(real, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise UserError(f"{what}: {real} is not a regular file")
         content = file.read(most + 1)
     if len(content) > most:
-        raise UserError(f"{what}: {real} has more than {most} bytes", hint="divide it")
+        raise UserError(f"{what}: {real} has more than {most} bytes", hint="split it")
     return content.decode("utf-8")

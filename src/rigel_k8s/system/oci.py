@@ -1,7 +1,7 @@
 """Container images as the Open Container Initiative defines them, made without a container engine.
 
-The same input gives the same bytes, so an unchanged image keeps its digest. This module knows no
-registry and no ROS.
+The same input gives the same bytes, so an unchanged image keeps its digest. This module is
+independent of registries and ROS.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import IO, Any
 
 import attrs
 
-#: Another one where the same layers give another archive.
+#: It changes if the same layers give another archive.
 FORMAT = "2"
 
 _OCI = "application/vnd.oci.image"
@@ -56,10 +56,10 @@ class Entry:
     Attributes:
         path: inside the image, without a leading slash.
         content: of a file.
-        link: the target of a link; empty: it is none.
-        directory: whether it is one.
+        link: the target of a link; empty: it is not a link.
+        directory: whether it is a directory.
         mode: its permissions; None: what its kind usually has.
-        owner: the number of the user and group to whom it belongs.
+        owner: the number of the user and group that own it.
     """
 
     path: str
@@ -71,7 +71,7 @@ class Entry:
 
 
 def layer(entries: Iterable[Entry], *, mtime: int) -> bytes:
-    """Return a layer as an uncompressed tar, the entries as they come."""
+    """Return a layer as an uncompressed tar, the entries in their order."""
     out = io.BytesIO()
     with tarfile.open(fileobj=out, mode="w", format=tarfile.PAX_FORMAT) as tar:
         for entry in entries:
@@ -103,12 +103,12 @@ class Blob:
 
     @property
     def descriptor(self) -> dict[str, Any]:
-        """What another part says of it."""
+        """How another part refers to it."""
         return {"mediaType": self.media_type, "digest": self.digest, "size": self.size}
 
     @property
     def path(self) -> str:
-        """Where an archive has it."""
+        """Its path in an archive."""
         return f"blobs/{self.digest.replace(':', '/')}"
 
     def read(self) -> bytes:
@@ -159,7 +159,7 @@ def assemble(
     Args:
         config: the `config` of an OCI image configuration: Entrypoint, Cmd, Env.
         layers: uncompressed, the lowest first.
-        created: seconds since 1970; None: the image does not say when it was made, nor how.
+        created: seconds since 1970; None: the image does not record when it was made, nor how.
     """
     moment = _moment(created) if created is not None else None
     image: dict[str, Any] = {
@@ -222,7 +222,7 @@ def read_archive(tar: tarfile.TarFile) -> Image:
 
     def member(name: str) -> IO[bytes]:
         file = tar.extractfile(name)
-        assert file is not None, f"{name} is no file"
+        assert file is not None, f"{name} is not a file"
         return file
 
     with member("index.json") as file:
@@ -232,7 +232,7 @@ def read_archive(tar: tarfile.TarFile) -> Image:
 
 
 def _indexes(image: Image, reference: str) -> list[tuple[str, bytes]]:
-    """Return the files of an archive that say what its parts are, to OCI's readers and docker's."""
+    """Return the files of an archive that list its parts, for OCI's readers and docker's."""
     named = {
         **image.manifest.descriptor,
         "annotations": {

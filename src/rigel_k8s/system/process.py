@@ -1,6 +1,6 @@
 """Runs other programs: to their end, or line by line with a way to stop them.
 
-It knows nothing of what they are for; `what` names that in the errors.
+It is independent of their purpose; `what` names that in the errors.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import attrs
 
 from rigel_k8s.errors import CommandFailed, Interrupted
 
-#: So many lines of a failed program's output are in its error.
+#: How many lines of a failed program's output are in its error.
 LAST_LINES = 20
-#: Seconds that a program has to end by itself after SIGTERM.
+#: Seconds that a program has to end after SIGTERM.
 GRACE = 5.0
 
 _POLL = 0.2
@@ -109,7 +109,7 @@ def run(
 
 
 def succeeds(words: Sequence[str], *, env: Mapping[str, str] | None = None) -> bool:
-    """Return whether a program ends with exit code 0; what it prints does not matter."""
+    """Return whether a program ends with exit code 0; its output does not matter."""
     return finish(words, env=env).code == 0
 
 
@@ -124,14 +124,14 @@ def stream(
     on_line: Callable[[str], None] = lambda _: None,
     grace: float | None = None,
 ) -> None:
-    """Run a program to its end and hand on each line of its output; arguments as in `run`.
+    """Run a program to its end and pass on each line of its output; arguments as in `run`.
 
     It leads a process group of its own, which is ended as a whole.
 
     Args:
         cancel: ends it when set.
         on_line: gets each line of both outputs that is not empty, without colours.
-        grace: seconds that it has to end by itself after SIGTERM; None: `GRACE`.
+        grace: seconds that it has to end after SIGTERM; None: `GRACE`.
 
     Raises:
         CommandFailed: it failed or could not be started; with its last lines.
@@ -206,7 +206,7 @@ def _chunks(process: subprocess.Popen[bytes], cancel: threading.Event) -> Iterat
                     return
                 yield chunk
             elif process.poll() is not None:
-                return  # something that it left behind holds the output open
+                return  # a process that it left behind holds the output open
 
 
 def _decode(text: bytes) -> str:

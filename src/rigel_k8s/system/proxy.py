@@ -12,10 +12,10 @@ from rigel_k8s.errors import UserError
 def proxy_for(
     configured: str, server: SplitResult, environ: Mapping[str, str]
 ) -> SplitResult | None:
-    """Return the proxy for a server: the kubeconfig's, else what the environment says.
+    """Return the proxy for a server: the kubeconfig's, else the environment's.
 
     Raises:
-        UserError: a kind of proxy that we cannot use.
+        UserError: a kind of proxy that is not supported.
     """
     text = with_scheme(configured) or environment_proxy(server, environ)
     if not text:
@@ -23,7 +23,7 @@ def proxy_for(
     proxy = urlsplit(text)
     if proxy.scheme != "http" or not proxy.hostname:
         raise UserError(
-            f"the proxy {proxy.scheme}://{proxy.hostname} cannot be used, only http:// proxies can",
+            f"the proxy {proxy.scheme}://{proxy.hostname} is not supported, use an http:// proxy",
             hint="set proxy-url of the kubeconfig's cluster, or HTTPS_PROXY, to an http:// proxy",
         )
     return proxy

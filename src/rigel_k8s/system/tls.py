@@ -10,12 +10,12 @@ class SharedContext(ssl.SSLContext):
     """TLS settings that several threads connect with.
 
     urllib3 sets the ALPN protocols at every connection. OpenSSL frees the old ones then, while
-    another thread may be copying them (python/cpython#141012): the server gets a broken greeting,
-    or the process crashes. So they are set once, by `trust`.
+    another thread may be copying them (python/cpython#141012): the server receives a broken
+    greeting, or the process crashes. So they are set once, by `trust`.
     """
 
     def set_alpn_protocols(self, alpn_protocols: Iterable[str]) -> None:
-        """Keep the protocols of the beginning."""
+        """Keep the protocols that were set first."""
 
 
 def trust(authorities: str = "", *, protocols: Sequence[str] = ("http/1.1",)) -> ssl.SSLContext:

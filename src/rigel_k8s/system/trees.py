@@ -1,4 +1,4 @@
-"""The content of a directory as a value, and how it is written: all of it, or nothing."""
+"""The content of a directory as a value, written completely or not at all."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def write_tree(tree: Tree, directory: Path) -> None:
     Links are written last, so that nothing is written through one of them.
 
     Raises:
-        UserError: there is something of that name that is not an empty directory, or it cannot be
-            written. Nothing is left behind.
+        UserError: the name exists and is not an empty directory, or it cannot be written. Nothing
+            is left behind.
     """
     target = directory.absolute()
     if target.is_symlink() or (target.exists() and not (target.is_dir() and is_empty(target))):
         raise UserError(
-            f"{directory} is there already, and is not an empty directory",
+            f"{directory} already exists, and is not an empty directory",
             hint="name a new directory, or remove this one",
         )
     try:

@@ -1,9 +1,9 @@
 """Which directories the user trusts: code in them may run, their Rigelfiles may read other files.
 
-A Rigelfile can come from anyone. Looking at it must not run the code that lies beside it, so the
-user names the directory once, as with direnv or VS Code. What is remembered is the directory's real
-path and its owner, not its content: a user who edits a job type, or pulls a commit, is not asked
-again.
+A Rigelfile can come from anyone. Looking at it must not run the code beside it, so the user names
+the directory once, as with direnv or VS Code. The directory's real path and its owner are
+remembered, not its content: a user who edits a job type, or pulls a commit, does not have to
+confirm again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Untrusted(UserError):
 
 
 def state_file() -> Path:
-    """Return the file that remembers; as its standard demands, $XDG_STATE_HOME is absolute."""
+    """Return the file of trusted directories; by its standard $XDG_STATE_HOME is absolute."""
     base = Path(os.environ.get("XDG_STATE_HOME") or "")
     base = base if base.is_absolute() else Path.home() / ".local" / "state"
     return base / "rigel-k8s" / FILE
@@ -36,7 +36,7 @@ def is_trusted(directory: Path) -> bool:
     """Return whether the user has trusted this very directory, and its owner is still the same.
 
     Raises:
-        RigelK8sError: the file that remembers cannot be used.
+        RigelK8sError: the file of trusted directories cannot be used.
     """
     real = directory.resolve()
     try:
@@ -47,7 +47,7 @@ def is_trusted(directory: Path) -> bool:
 
 
 def require_trust(directory: Path, what: str) -> None:
-    """Refuse what needs trust: `what` says what would happen, from where.
+    """Refuse what needs trust: `what` describes what would happen, from where.
 
     Raises:
         Untrusted: the directory is not trusted.
@@ -56,7 +56,7 @@ def require_trust(directory: Path, what: str) -> None:
         place = directory.resolve()
         raise Untrusted(
             f"{what}, and {place} is not trusted",
-            hint=f"look at what is in it, then: rigel trust {shlex.quote(str(place))}",
+            hint=f"check what is in it, then: rigel trust {shlex.quote(str(place))}",
         )
 
 
@@ -64,8 +64,8 @@ def trust(directory: Path) -> bool:
     """Remember a directory; return whether it is new.
 
     Raises:
-        UserError: it is no directory, or other users may write into it.
-        RigelK8sError: the file that remembers cannot be used.
+        UserError: it is not a directory, or other users may write into it.
+        RigelK8sError: the file of trusted directories cannot be used.
     """
     real = directory.resolve()
     if not real.is_dir():
@@ -74,7 +74,7 @@ def trust(directory: Path) -> bool:
     if found.st_mode & stat.S_IWOTH:
         raise UserError(
             f"{real} cannot be trusted: every user of this machine may write into it",
-            hint=f"chmod o-w {shlex.quote(str(real))}, or use a directory of its own",
+            hint=f"chmod o-w {shlex.quote(str(real))}, or use another directory",
         )
     return _change(str(real), found.st_uid)
 

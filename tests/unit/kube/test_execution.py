@@ -130,7 +130,7 @@ def test_a_command_that_cannot_be_started_says_why(serve: Any) -> None:
     """In the container runtime's words."""
     status = {"status": "Failure", "message": "executable file not found"}
     cluster, _ = serve(end_with((RESULT, json.dumps(status).encode())))
-    with pytest.raises(ClusterError, match="could not be run: executable file not found"):
+    with pytest.raises(ClusterError, match="cannot run the command in"):
         cluster.run(*POD, ["no-such-command"])
 
 

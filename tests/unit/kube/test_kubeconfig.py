@@ -388,7 +388,7 @@ def test_a_credential_program_that_is_described_wrongly_is_the_users(
     """The kubeconfig is what the user wrote."""
     program = {"command": "login", **odd} if isinstance(odd, dict) else odd
     path = write(tmp_path / "config", **whole({"exec": program}))
-    with pytest.raises(UserError, match="does not say how to run"):
+    with pytest.raises(UserError, match="does not define the credential program"):
         load(path).credentials()
 
 
@@ -454,7 +454,7 @@ def test_a_kubeconfig_that_is_none_is_told(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is not YAML"):
         load(path)
     path.write_text("- a")
-    with pytest.raises(UserError, match="is no mapping"):
+    with pytest.raises(UserError, match="is not a mapping"):
         load(path)
     write(path, **{**whole({}), "clusters": []})
     with pytest.raises(UserError, match="which has no server"):

@@ -354,7 +354,7 @@ def test_slow_bytes_have_a_limit(serve: Any, monkeypatch: pytest.MonkeyPatch) ->
             time.sleep(0.02)
 
     cluster, _ = serve(drip)
-    with pytest.raises(ClusterError, match="not whole after"):
+    with pytest.raises(ClusterError, match="not complete after"):
         cluster.get(REF)
 
 

@@ -415,7 +415,7 @@ def test_no_server_is_told() -> None:
 
 def test_a_url_that_is_none_is_told() -> None:
     """Before any request."""
-    with pytest.raises(UserError, match="is no URL of a server"):
+    with pytest.raises(UserError, match="is not the URL of a server"):
         Transport(Target("nonsense", "c"))
 
 
@@ -447,7 +447,7 @@ def test_the_kubeconfigs_proxy_wins_and_must_be_one_that_works() -> None:
     found = proxy_for("http://mine:1", server, {"HTTPS_PROXY": "http://p"})
     assert found is not None
     assert found.hostname == "mine"
-    with pytest.raises(UserError, match="only http:// proxies"):
+    with pytest.raises(UserError, match="use an http:// proxy"):
         proxy_for("socks5://s:1080", server, {})
 
 

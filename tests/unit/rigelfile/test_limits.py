@@ -238,7 +238,7 @@ def test_paths_that_are_no_files(looker: Looker, tmp_path: Path) -> None:
         assert ended.code == 2, (name, ended)
         assert "error: " in ended.err
         assert "Traceback" not in ended.err
-    assert "lies outside of the Rigelfile's directory" in looker.look(place / "away", "check").err
+    assert "is outside the Rigelfile's directory" in looker.look(place / "away", "check").err
 
 
 def test_files_that_options_name(looker: Looker, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ def test_one_command_at_a_time(tmp_path: Path) -> None:
     path = tmp_path / "locks" / "cluster a.lock"
     with (
         locked(path, wait=False),
-        pytest.raises(RigelK8sError, match="another rigel is at work on cluster a"),
+        pytest.raises(RigelK8sError, match="another rigel process works on cluster a"),
         locked(path, wait=False),
     ):
         pass

@@ -48,7 +48,7 @@ def test_what_is_there_is_kept(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "link").symlink_to("empty")
     for name in ("file", "full", "link"):
-        with pytest.raises(UserError, match="is there already"):
+        with pytest.raises(UserError, match="already exists"):
             write_tree({"b": File(b"")}, tmp_path / name)
     assert sorted(path.name for path in tmp_path.rglob("*")) == [
         *("a", "empty", "file", "full", "link")

@@ -81,7 +81,7 @@ class Participant:
     def tick(self, now: float) -> None:
         """Forget expired participants, ping silent ones; about once a second."""
         for peer in [peer for peer in self.peers.values() if peer.is_expired(now)]:
-            self._forget(peer.told.prefix)
+            self._forget(peer.announced.prefix)
         for peer in self.peers.values():
             if peer.is_to_be_asked(now) or peer.is_behind:
                 peer.is_behind = False
@@ -99,7 +99,7 @@ class Participant:
             self._tell_of(peer, writer, incoming.answer(writer, final=False))
 
     def _tell(self, peer: Peer, submessages: Sequence[bytes]) -> None:
-        own, to = self.own, peer.told.prefix
+        own, to = self.own, peer.announced.prefix
         self._send(wire.message(own.prefix, own.vendor, to, submessages), peer.places)
 
     # What we receive
@@ -147,7 +147,7 @@ class Participant:
         incoming = peer.incoming.get(item.writer)
         if incoming is None:
             return
-        guid = peer.told.prefix + item.writer
+        guid = peer.announced.prefix + item.writer
         if isinstance(item, wire.Gap):
             self._apply(guid, incoming.gap(item), now)
             return
@@ -168,7 +168,7 @@ class Participant:
 
     def _tell_of(self, peer: Peer, writer: bytes, answer: bytes) -> None:
         """Answer a writer where it listens: built-in ones elsewhere than others."""
-        own, to = self.own, peer.told.prefix
+        own, to = self.own, peer.announced.prefix
         is_built_in = writer[3] & 0xC0 == 0xC0
         places = peer.places if is_built_in else peer.data_places
         self._send(wire.message(own.prefix, own.vendor, to, [answer]), places)

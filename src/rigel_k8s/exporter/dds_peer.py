@@ -56,7 +56,7 @@ class Peer:
     """
 
     def __init__(self, told: Announcement, now: float, *, is_direct: bool = True) -> None:
-        self.told, self.heard, self.is_direct = told, now, is_direct
+        self.announced, self.heard, self.is_direct = told, now, is_direct
         self.is_behind = False
         self.sources: set[str] = set()
         self.nodes: dict[str, frozenset[bytes]] = {}
@@ -66,7 +66,7 @@ class Peer:
 
     def take(self, told: Announcement) -> None:
         """Take in what it announces, or announces anew."""
-        self.told = told
+        self.announced = told
         if not self.is_direct:
             return
         if self.is_server:
@@ -78,7 +78,7 @@ class Peer:
     @property
     def is_server(self) -> bool:
         """Whether it is a discovery server of Fast DDS."""
-        return any(pair in self.told.properties for pair in (*SERVER, *_BACKUP))
+        return any(pair in self.announced.properties for pair in (*SERVER, *_BACKUP))
 
     def hear(self, now: float) -> None:
         """Record that it sent something."""
@@ -101,30 +101,30 @@ class Peer:
         """Whether its lease is over."""
         silence = now - self.heard
         if self.is_direct:
-            return silence > self.told.lease
-        return bool(self.incoming) and silence > _RELAYED * self.told.lease
+            return silence > self.announced.lease
+        return bool(self.incoming) and silence > _RELAYED * self.announced.lease
 
     @property
     def places(self) -> tuple[Place, ...]:
         """Where it takes what discovery sends: of several addresses the one that it sent from."""
-        near = tuple(place for place in self.told.meta if place[0] in self.sources)
-        return near or self.told.meta
+        near = tuple(place for place in self.announced.meta if place[0] in self.sources)
+        return near or self.announced.meta
 
     @property
     def data_places(self) -> tuple[Place, ...]:
         """Where it takes what its other endpoints are sent."""
-        near = tuple(place for place in self.told.data if place[0] in self.sources)
-        return near or self.told.data or self.places
+        near = tuple(place for place in self.announced.data if place[0] in self.sources)
+        return near or self.announced.data or self.places
 
     @property
     def is_ros(self) -> bool:
         """Whether ROS' middleware made it: its nodes tell their names, or will."""
-        return self.told.user_data.startswith("enclave=")
+        return self.announced.user_data.startswith("enclave=")
 
     @property
     def name(self) -> str:
         """What it is called where it has no ROS nodes: the same after a restart."""
-        properties = dict(self.told.properties)
+        properties = dict(self.announced.properties)
         process = next((properties[key] for key in _PROCESS if properties.get(key)), "")
-        own = self.told.name.strip("/") or process
-        return own or rtps.VENDORS.get(int.from_bytes(self.told.vendor, "big"), "participant")
+        own = self.announced.name.strip("/") or process
+        return own or rtps.VENDORS.get(int.from_bytes(self.announced.vendor, "big"), "participant")

@@ -23,8 +23,8 @@ def graph(
     """Return the graph of participants and their endpoints by GUID."""
     others, ours = [], set()
     for peer in peers:
-        if peer.told.name.startswith(OURS):
-            ours.add(peer.told.prefix)
+        if peer.announced.name.startswith(OURS):
+            ours.add(peer.announced.prefix)
         elif not peer.is_server:
             others.append(peer)
     published, subscribed = _count_endpoints(writers, ours), _count_endpoints(readers, ours)

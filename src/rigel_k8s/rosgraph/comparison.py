@@ -1,8 +1,8 @@
 """Whether an update has made a ROS graph worse: `compare`; pure.
 
 Why: after an update all pods may be ready while a topic has lost its publisher. Only what the
-release runs counts: people start and stop tools, and nodes on their laptops, whenever they like.
-A name that a node makes at start is compared without the part that differs from start to start.
+release runs counts: people start and stop tools, and nodes on their laptops, at any time. A name
+that a node makes at start is compared without the part that differs from start to start.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGra
 
 #: What rospy (PID and milliseconds), roscpp (nanoseconds) and tf2 (an address) add to a name.
 GENERATED = re.compile(r"(_\d+_\d{10,}|_(?=[a-f]*\d)[0-9a-f]{8,})(?=/|$)")
-#: Nodes that come and go without a word in the Rigelfile: hidden ones, the exporter, that of
-#: `ros2 launch`, and tools by the names that they make at start (one that is deployed has its own).
+#: Nodes that start and end without being in the Rigelfile: hidden ones, the exporter, that of
+#: `ros2 launch`, and tools by the names that they make at start (a deployed one has its own).
 TOOLS = re.compile(
     r"/(.*/)?(_[^/]*|ros_exporter\w*|launch_ros_\d+"
     r"|(ros(topic|service|node|param|launch|bag)|record|play|rviz|rqt\w*)_\d{3,}(_\d+)*)"
 )
-#: The last part of services that each node has, for its parameters and its log, and of those that
-#: have another name in each pod where a lifecycle node is handed over.
+#: The last part of services that each node has, for its parameters and its log, and of those whose
+#: name differs in each pod of a lifecycle node that hands over.
 OWN_SERVICES = frozenset(
     {
         *("change_state", "get_available_transitions"),
@@ -36,17 +36,17 @@ OWN_SERVICES = frozenset(
 )
 #: An action is compared by one of its topics.
 FEEDBACK = "/_action/feedback"
-#: Messages a second below which a rate is too uncertain to be compared, and what part must stay.
+#: Messages per second below which a rate is too uncertain to compare, and the part that must stay.
 SLOWEST, PART = 1.0, 0.5
 
 
 @attrs.frozen
 class Comparison:
-    """What an update did to a graph, in lines for people.
+    """The effect of an update on a graph, in lines for people.
 
     Attributes:
-        worse: what is missing, or does not work any more.
-        changed: what else differs, on purpose or harmlessly.
+        worse: what is missing, or no longer works.
+        changed: other differences, on purpose or harmless.
     """
 
     worse: tuple[str, ...] = ()
@@ -76,10 +76,10 @@ class _Side:
 
 
 def compare(before: RosGraph, after: RosGraph, *, removed: Collection[str] = ()) -> Comparison:
-    """Return what is worse in a graph than it was, and what has merely changed.
+    """Return what has become worse in a graph, and what has only changed.
 
     Args:
-        removed: names of nodes of `before` that the update takes away on purpose.
+        removed: names of nodes of `before` that the update removes on purpose.
     """
     old = make_side(before, {n.name for n in before.nodes if is_own(n)} - {*removed})
     known = set(old.names.values())
@@ -126,7 +126,7 @@ def is_own(node: GraphNode) -> bool:
 
 
 def is_tool(name: str) -> bool:
-    """Whether a node of this name is no part of what a release is for."""
+    """Whether a node of this name is not part of a release's purpose."""
     return TOOLS.fullmatch(name) is not None
 
 
@@ -138,7 +138,7 @@ def is_compared(topic: GraphTopic) -> bool:
 
 
 def name_of(node: GraphNode) -> str:
-    """Return what a node is compared by; a launch file's `anon` puts the pod's name into it."""
+    """Return the name to compare a node by; a launch file's `anon` puts the pod's name into it."""
     pod = "_" + re.sub(r"\W", "_", node.pod)
     return generalise(node.name).replace(pod, "") if node.pod else generalise(node.name)
 
@@ -149,13 +149,13 @@ def generalise(name: str) -> str:
 
 
 def list_lost_nodes(old: _Side, new: _Side, named: Collection[str]) -> Iterator[str]:
-    """Yield what nodes are missing, but those that a problem names."""
+    """Yield the missing nodes, except those that a problem names."""
     now = new.nodes
     for name, had in sorted(old.nodes.items()):
         if now[name] >= had or name in named:
             continue
         if had == 1:
-            yield f"{name} is not in the graph any more"
+            yield f"{name} is no longer in the graph"
         else:
             yield f"{name}: there were {had} nodes of this name, now {now[name]}"
 
@@ -163,8 +163,8 @@ def list_lost_nodes(old: _Side, new: _Side, named: Collection[str]) -> Iterator[
 def list_new_problems(old: _Side, new: _Side, removed: Collection[str]) -> list[GraphProblem]:
     """Return the problems that the graph did not have before.
 
-    Whether a node outside of the release answers is not the update's doing; that types no longer
-    fit is.
+    It is not the update's doing whether a node outside of the release answers; it is if types no
+    longer fit.
     """
     own = {node.name for node in new.graph.nodes if is_own(node)} | set(new.names)
     known = {identify(problem) for problem in find_problems(old.graph)}
@@ -178,7 +178,7 @@ def list_new_problems(old: _Side, new: _Side, removed: Collection[str]) -> list[
 
 
 def identify(problem: GraphProblem) -> tuple[object, ...]:
-    """Return what makes two problems the same; a lacking publisher is the topic's, not a node's."""
+    """Return what makes two problems the same; a missing publisher is the topic's, not a node's."""
     nodes = () if problem.kind == "no-publisher" else tuple(map(generalise, problem.nodes))
     return problem.kind, generalise(problem.topic), nodes
 
@@ -197,7 +197,7 @@ def compare_topics(old: _Side, new: _Side) -> Iterator[tuple[str, str]]:
 
 
 def compare_services(old: _Side, new: _Side) -> Iterator[str]:
-    """Yield services that are gone or have fewer providers than before."""
+    """Yield services that no longer exist or have fewer providers than before."""
     before, now = count_providers(old), count_providers(new)
     for name, had in before.items():
         has = now[name]
@@ -206,7 +206,7 @@ def compare_services(old: _Side, new: _Side) -> Iterator[str]:
         if has:
             yield f"the service {name} had {had} providers, now {has}"
         else:
-            yield f"the service {name} is gone"
+            yield f"the service {name} no longer exists"
 
 
 def count_providers(side: _Side) -> Counter[str]:
@@ -222,7 +222,7 @@ def count_providers(side: _Side) -> Counter[str]:
 def compare_rates(
     old: _Side, new: _Side, lost: Collection[str], removed: Collection[str]
 ) -> Iterator[str]:
-    """Yield topics whose rate fell, but those that have lost a publisher or a subscriber."""
+    """Yield topics whose rate fell, except those that have lost a publisher or a subscriber."""
     for name, topic in old.topics.items():
         now = new.topics.get(name)
         if now is None or topic.rate is None or now.rate is None or name in lost:
@@ -233,7 +233,7 @@ def compare_rates(
 
 
 def list_changes(old: _Side, new: _Side, removed: Collection[str]) -> Iterator[str]:
-    """Yield what differs and is in order."""
+    """Yield harmless differences."""
     gone = {name_of(n) for n in old.graph.nodes if n.name in removed and n.registered}
     for name in sorted(gone - set(new.nodes)):
         yield f"{name} is removed"
@@ -245,11 +245,11 @@ def list_changes(old: _Side, new: _Side, removed: Collection[str]) -> Iterator[s
     for name, topic in old.topics.items():
         now = new.topics.get(name, topic)
         if topic.type and now.type not in ("", topic.type) and not now.mismatches:
-            yield f"{show(name)} is of the type {now.type} now, it was {topic.type}"
+            yield f"{show(name)} has the type {now.type} now, it was {topic.type}"
 
 
 def show(topic: str) -> str:
-    """Return what a topic is called in a line."""
+    """Return the name of a topic in a line."""
     if topic.endswith(FEEDBACK):
         return f"the action {topic.removesuffix(FEEDBACK)}"
     return topic

@@ -1,11 +1,11 @@
 """The graph of a DDS domain, ROS 2's or another, heard from inside a pod of the release.
 
-Why a program in a pod: discovery is heard in the pods' network only. Why not the exporter's
-metrics: they count endpoints by topic, and a picture needs to know which node has which; that
-stands in discovery and in ros_discovery_info, which the exporter's modules read already. So these
-modules travel into a pod, join discovery for a few seconds, and leave. That needs no exporter and
-no ROS, but Python 3.9. The participant joins as `ros2 node list` would, without being a node: its
-one reader is for ros_discovery_info. scripts/dds_graph.py runs there; what it prints is read here.
+Why a program in a pod: discovery is received in the pods' network only. Why not the exporter's
+metrics: they count endpoints by topic, and a picture needs to show which node has which; that is in
+discovery and in ros_discovery_info, which the exporter's modules read already. So these modules are
+sent into a pod, join discovery for a few seconds, and leave. That needs no exporter and no ROS, but
+Python 3.9. The participant joins as `ros2 node list` would, without being a node: its one reader is
+for ros_discovery_info. scripts/dds_graph.py runs there; this module reads its output.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rigel_k8s.rosgraph.pods import GraphPod
 from rigel_k8s.rosgraph.ros1 import compare_types
 from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, RosGraph
 
-#: What travels, each after those that it imports.
+#: The modules that are sent, each after those that it imports.
 MODULES = (
     *(f"rigel_k8s.inpod.{name}" for name in ("rtps", "spdp", "interfaces")),
     *(
@@ -44,7 +44,7 @@ REQUEST, REQUESTS = "rq/", "Request"
 
 
 def read(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) -> RosGraph:
-    """Return what discovery says, without machines and pods.
+    """Return the graph from discovery, without machines and pods.
 
     Raises:
         ClusterError: no pod runs to listen in, its Python is too old, or the nodes speak zenoh,
@@ -53,7 +53,7 @@ def read(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) 
     if all(member.middleware == "zenoh" for member in members):
         raise ClusterError(
             "cannot read the ROS graph: the nodes use zenoh, and only DDS discovery can be read",
-            hint="`rigel exec NODE -- ros2 node list` asks one of the nodes",
+            hint="`rigel exec NODE -- ros2 node list` lists them from one of the nodes",
         )
     domain = choose_domain(members)
     config = configure(members, domain)
@@ -66,7 +66,8 @@ def read(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) 
             failures.append(error)
     if not failures:
         raise ClusterError(
-            "cannot read the ROS graph: no pod of the release runs", hint="`rigel status` says why"
+            "cannot read the ROS graph: no pod of the release runs",
+            hint="`rigel status` shows the cause",
         )
     raise ClusterError(
         "cannot listen to DDS discovery in a pod of the release",
@@ -77,13 +78,13 @@ def read(cluster: Cluster, pods: Sequence[GraphPod], members: Sequence[Member]) 
 
 
 def choose_domain(members: Iterable[Member]) -> int:
-    """Return the domain that most nodes are in; 0 where their images decide."""
+    """Return the domain that most nodes are in; 0 if their images decide."""
     counts = Counter(member.domain or 0 for member in members)
     return counts.most_common(1)[0][0]
 
 
 def configure(members: Sequence[Member], domain: int) -> dict[str, Any]:
-    """Return the arguments of the exporter's Domain: the way into discovery that the nodes have."""
+    """Return the arguments of the exporter's Domain, to join discovery as the nodes do."""
     first = next(member for member in members if (member.domain or 0) == domain)
     modes = {"peers": "peers", "discovery-server": "discovery-server"}
     mode = modes.get(first.mode, "discovery-server" if first.servers else "multicast")
@@ -150,5 +151,5 @@ def parse_service(topic: str, providers: Sequence[tuple[str, str]]) -> GraphServ
 
 
 def name_nodes(endpoints: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Return the names of nodes; an endpoint that no node claims has none."""
+    """Return the names of nodes; an endpoint that belongs to no node has none."""
     return tuple(sorted({node for node, _ in endpoints if node}))

@@ -1,6 +1,6 @@
-"""What the gate in front of a release's roscore knows and no master does.
+"""The knowledge of the gate in front of a release's roscore that no master has.
 
-It is asked from inside its own container: it is the gate's business which pods may call it, and the
+The request is made inside its own container: the gate decides which pods may call it, and the
 command line may be anywhere.
 """
 
@@ -38,7 +38,7 @@ class WaitingNode:
 
     Attributes:
         api: its URI.
-        owner: the URI of the node that has the name, None where no one has.
+        owner: the URI of the node that has the name, None if no node has it.
     """
 
     node: str
@@ -48,7 +48,7 @@ class WaitingNode:
 
 @attrs.frozen
 class NameConflict:
-    """A node that lost its name to a younger one that is no update of it.
+    """A node that lost its name to a younger one that does not replace it.
 
     Attributes:
         old: the URI of the node that lost it.
@@ -70,8 +70,8 @@ class GateStatus:
         conflicts: the last ones, oldest first; the gate forgets them when its pod is replaced.
         silent: nodes that have not answered since roscore came back.
         has_master: whether roscore answers it.
-        restarts: how often this gate gave a new roscore back what it lacked.
-        problem: why the gate could not be asked; then nothing else is known.
+        restarts: how often this gate restored the registrations of a new roscore.
+        problem: why the gate did not answer; then nothing else is known.
     """
 
     waiting: tuple[WaitingNode, ...] = ()
@@ -83,7 +83,7 @@ class GateStatus:
 
 
 def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
-    """Return what the gate of a release knows; None where no gate runs."""
+    """Return the status of a release's gate; None if no gate runs."""
     labels = {RELEASE_LABEL: release.name, NAME_LABEL: MASTER_NAME}
     pods = cluster.list("v1", "Pod", release.namespace, labels=labels)
     names = [pod["metadata"]["name"] for pod in pods if runs_gate(pod) and not is_ending(pod)]
@@ -97,8 +97,8 @@ def read_gate(cluster: Cluster, release: ReleaseId) -> GateStatus | None:
     except ClusterError as error:
         return GateStatus(problem=reason(error))
     if done.code != 0:
-        told = done.stderr.decode("utf-8", "replace").splitlines()
-        return GateStatus(problem=told[-1] if told else f"exit code {done.code}")
+        errors = done.stderr.decode("utf-8", "replace").splitlines()
+        return GateStatus(problem=errors[-1] if errors else f"exit code {done.code}")
     return parse(json.loads(done.stdout))
 
 
@@ -109,7 +109,7 @@ def runs_gate(pod: Mapping[str, Any]) -> bool:
 
 
 def parse(answer: Mapping[str, Any]) -> GateStatus:
-    """Return what the gate has answered."""
+    """Return the gate's answer as a status."""
     return GateStatus(
         tuple(WaitingNode(one["node"], one["api"], one["owner"]) for one in answer["waiting"]),
         tuple(

@@ -1,8 +1,9 @@
 """Runs a program with the modules that it needs in a pod, and returns the JSON that it prints.
 
-Why: the modules travel with the request, so that a graph can be read from a release that an older
+Why: the modules are sent with the request, so that a graph can be read from a release that an older
 version deployed, without a new ConfigMap and without a restart of its pods. Nothing is written in
-the pod: the modules come on standard input, as one line, and are imported from memory.
+the
+pod: the modules arrive on standard input, as one line, and are imported from memory.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from rigel_k8s.rosgraph.pods import GraphPod
 
 LIMIT = 45.0  # seconds that a program may take, with every deadline in it missed
 
-#: Python 2.7 and 3: makes modules of what comes on standard input, and runs the last one.
+#: Python 2.7 and 3: makes modules from standard input, and runs the last one.
 LOADER = """
 import base64, json, sys, types, zlib
 line = sys.stdin.readline()
@@ -61,11 +62,11 @@ def run_inside(
     *,
     pythons: Sequence[str] = ("python3",),
 ) -> Mapping[str, Any]:
-    """Return what a program prints in a pod.
+    """Return the output of a program in a pod.
 
     Args:
         modules: (import name, text), each after those that it imports; the last is run.
-        pythons: the interpreters that are tried; of several a shell in the image chooses.
+        pythons: the interpreters to try; a shell in the image chooses between several.
 
     Raises:
         ClusterError: nothing can be run in the pod, or the program failed.
@@ -84,8 +85,8 @@ def run_inside(
         ) from error
     lines = done.stdout.decode("utf-8", "replace").splitlines()
     if done.code != 0 or not lines:
-        told = done.stderr.decode("utf-8", "replace").splitlines()
-        why = told[-1] if told else f"exit code {done.code}"
+        errors = done.stderr.decode("utf-8", "replace").splitlines()
+        why = errors[-1] if errors else f"exit code {done.code}"
         raise ClusterError(f"cannot read the ROS graph in the pod {pod.name}: {why}")
     answer: Mapping[str, Any] = json.loads(lines[-1])
     if "error" in answer:

@@ -1,4 +1,4 @@
-"""The parameters of a release's ROS 1 master, asked from inside one of its pods."""
+"""The parameters of a release's ROS 1 master, read from inside one of its pods."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ def list_parameters(cluster: Cluster, release: ReleaseId) -> list[str]:
     """Return the names of all parameters.
 
     Raises:
-        UserError: the release is not of ROS 1.
-        ClusterError: the master cannot be asked.
+        UserError: the release does not use ROS 1.
+        ClusterError: the master does not answer.
     """
     return list(_ask(cluster, find_pod(cluster, release))["names"])
 
 
 def read_parameter(cluster: Cluster, release: ReleaseId, name: str) -> tuple[Any, ...]:
-    """Return a parameter's value alone; nothing if there is none. Raises as list_parameters."""
+    """Return a parameter's value alone; nothing if it does not exist. Raises as list_parameters."""
     found = _ask(cluster, find_pod(cluster, release), name)
     return (found["value"],) if "value" in found else ()
 
 
 def find_pod(cluster: Cluster, release: ReleaseId) -> GraphPod:
-    """Return the pod to ask from. Raises as list_parameters."""
+    """Return the pod in which to run the request. Raises as list_parameters."""
     items = cluster.list("v1", "Pod", release.namespace, labels={RELEASE_LABEL: release.name})
     pods = read_pods(items)
     if pods and all(pod.ros != "1" for pod in pods):

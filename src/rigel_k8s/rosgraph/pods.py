@@ -24,7 +24,7 @@ class GraphPod:
         container: the one with the in-pod scripts, else the first.
         ros_name: what its annotation names, "" for none (a launch file's pod has several nodes).
         ros: 1, 2 or none.
-        addresses: all that it has, by which nodes are found to be in it.
+        addresses: all that it has; they show which nodes are in it.
         running: its container runs.
     """
 
@@ -57,7 +57,7 @@ def read_pods(items: Iterable[Mapping[str, Any]]) -> tuple[GraphPod, ...]:
 
 
 def read_pod(item: Mapping[str, Any]) -> GraphPod:
-    """Return what a pod's manifest and status say."""
+    """Return the values of a pod's manifest and status."""
     meta, spec, status = item["metadata"], item["spec"], item.get("status") or {}
     notes = meta.get("annotations") or {}
     container = str((find_container(spec) or spec["containers"][0])["name"])
@@ -105,10 +105,10 @@ def expected_nodes(deployments: Iterable[Mapping[str, Any]]) -> dict[str, str]:
 def place_nodes(
     nodes: Iterable[GraphNode], pods: Sequence[GraphPod], expected: Mapping[str, str]
 ) -> tuple[GraphNode, ...]:
-    """Return nodes with their pods and machines, and those that are expected and not there.
+    """Return nodes with their pods and machines, and those that are expected and missing.
 
-    A node is in the pod that is annotated with its name, else in the only one at its address. A
-    pod whose program gave itself another name than the expected one is not missed.
+    A node is in the pod that is annotated with its name, else in the only one at its address. A pod
+    whose program uses another name than the expected one does not count as missing.
     """
     made = [place_node(node, pods) for node in nodes]
     names, workloads = {node.name for node in made}, {node.workload for node in made}
@@ -119,7 +119,7 @@ def place_nodes(
 
 
 def place_node(node: GraphNode, pods: Sequence[GraphPod]) -> GraphNode:
-    """Return a node with its pod; only with its machine where several pods share the address."""
+    """Return a node with its pod; only with its machine if several pods share the address."""
     by_name = [pod for pod in pods if pod.ros_name == node.name]
     here = [pod for pod in pods if node.address and node.address in pod.addresses]
     found = by_name if len(by_name) == 1 else [pod for pod in by_name if pod in here] or here
@@ -135,8 +135,8 @@ def place_node(node: GraphNode, pods: Sequence[GraphPod]) -> GraphNode:
 def find_leaving(items: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     """Return the names of nodes whose pods are being terminated.
 
-    Their addresses would not do: where another process has taken a node's name, the master knows
-    the new address, and the topics of the old process until that unregisters them.
+    Their addresses are not enough: if another process has taken a node's name, the master has the
+    new address, and the topics of the old process until that unregisters them.
 
     Args:
         items: all pods of the release, as the API server returns them.

@@ -15,7 +15,7 @@ OWN_TOPICS = frozenset({"/parameter_events", "/rosout", "/rosout_agg"})
 
 
 def find_problems(graph: RosGraph) -> tuple[GraphProblem, ...]:
-    """Return what is wrong, errors first. A publisher without subscribers is in order."""
+    """Return what is wrong, errors first. A publisher without subscribers is not a problem."""
     found = [problem for node in graph.nodes for problem in check_node(node)]
     found += [problem for topic in graph.topics for problem in check_topic(topic)]
     return tuple(sorted(found, key=lambda problem: not problem.error))
@@ -35,12 +35,12 @@ def check_node(node: GraphNode) -> Iterator[GraphProblem]:
 
 
 def explain_missing(node: GraphNode) -> str:
-    """Return what is known of a node that is not in the graph."""
+    """Return why a node is not in the graph, as far as that is known."""
     if not node.pod:
         return "it has no pod"
     if not node.ready:
         return f"its pod {node.pod} is not ready"
-    return f"its pod {node.pod} is ready; does its program use another name?"
+    return f"its pod {node.pod} is ready; check whether its program uses another name"
 
 
 def check_topic(topic: GraphTopic) -> Iterator[GraphProblem]:

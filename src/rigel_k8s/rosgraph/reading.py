@@ -1,7 +1,7 @@
 """Reads a release's ROS graph from its cluster: `read_graph`.
 
-Why one entry: what wants a graph (a picture of it, a comparison of two) need not know which ROS
-a release has, nor how it is asked. Nothing is written, and no node notices.
+Why one entry: a user of a graph (a picture of it, a comparison of two) is independent of a
+release's ROS version, and of how the graph is read. Nothing is written, and no node notices.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from rigel_k8s.rosgraph.types import RosGraph
 
 
 def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
-    """Return the graph that a release's nodes are in, which others may be in too; takes seconds.
+    """Return the graph that a release's nodes are in, perhaps with others; this takes seconds.
 
-    Nodes that the release expects and that are not there are in it with `registered` False.
+    Nodes that the release expects and that are missing are in it with `registered` False.
 
     Raises:
         UserError: nothing of the release is on the cluster.
-        ClusterError: the graph cannot be read; the message says why.
+        ClusterError: the graph cannot be read; the message has the cause.
     """
     own = {RELEASE_LABEL: release.name}
     items = cluster.list("v1", "Pod", release.namespace, labels=own)
@@ -34,7 +34,7 @@ def read_graph(cluster: Cluster, release: ReleaseId) -> RosGraph:
     if not pods:
         raise UserError(
             f"no pod of {release.name} is in the namespace {release.namespace}",
-            hint="`rigel status` shows what is there; -n names another namespace",
+            hint="`rigel status` shows what runs; -n names another namespace",
         )
     graph = dds.read(cluster, pods, participants) if participants else ros1.read(cluster, pods)
     return attrs.evolve(

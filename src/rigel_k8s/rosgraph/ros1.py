@@ -1,9 +1,9 @@
-"""The graph of a ROS 1 master, asked from inside a pod of the release.
+"""The graph of a ROS 1 master, read from inside a pod of the release.
 
-Why a program in a pod: nodes register addresses that only pods reach, and their own API tells what
-no master knows: whether a node answers, the types it uses, how many messages it has sent. It runs
-where the master runs, whose container has a Python in any case. scripts/ros1_graph.py asks;
-what its answers mean is decided here, without asking.
+Why a program in a pod: nodes register addresses that only pods reach, and their own API has what no
+master has: whether a node answers, the types it uses, how many messages it has sent. It runs where
+the master runs, whose container always has a Python. scripts/ros1_graph.py makes the requests; this
+module decides what its answers mean.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from rigel_k8s.rosgraph.types import GraphNode, GraphService, GraphTopic, Mismat
 
 #: What every exporter's name begins with; exporters look at the graph and are no part of it.
 EXPORTER_NAME = "/ros_exporter"
-#: What the master and nodes say instead of a type that they do not know.
+#: What the master and nodes report instead of an unknown type.
 NO_TYPE = ("", "*")
 PYTHONS = ("python3", "python", "python2")
 
 
 def read(cluster: Cluster, pods: Sequence[GraphPod]) -> RosGraph:
-    """Return what the master and its nodes say, without machines and pods.
+    """Return the graph as the master and its nodes report it, without machines and pods.
 
     Raises:
-        ClusterError: no pod runs to ask from, or the master does not answer.
+        ClusterError: no pod runs in which to run the request, or the master does not answer.
     """
     modules = [
         ("rosrpc", read_module("rigel_k8s.inpod.rosrpc")),
@@ -40,7 +40,7 @@ def read(cluster: Cluster, pods: Sequence[GraphPod]) -> RosGraph:
 
 
 def choose_pod(pods: Sequence[GraphPod]) -> GraphPod:
-    """Return the pod to ask from: the master's, else a node's that is ready.
+    """Return the pod in which to run the request: the master's, else a node's that is ready.
 
     Raises:
         ClusterError: none runs.
@@ -51,7 +51,7 @@ def choose_pod(pods: Sequence[GraphPod]) -> GraphPod:
         what = "roscore" if masters else "no pod of the release"
         verb = "does not run" if masters else "runs"
         raise ClusterError(
-            f"cannot read the ROS graph: {what} {verb}", hint="`rigel status` says why"
+            f"cannot read the ROS graph: {what} {verb}", hint="`rigel status` shows the cause"
         )
     return max(running, key=lambda pod: (pod.ready, pod.name))
 
@@ -97,7 +97,7 @@ def parse_topic(
 
 
 def compare_types(used: Sequence[tuple[str, str]]) -> tuple[str, tuple[Mismatch, ...]]:
-    """Return the type that most nodes use, of as many the one named first, and who uses another.
+    """Return the type that most nodes use (of equals the first), and the nodes with another one.
 
     Args:
         used: (node, type) of each endpoint, publishers first.
@@ -118,13 +118,13 @@ def is_exporter(name: str) -> bool:
     return name == EXPORTER_NAME or name.startswith(f"{EXPORTER_NAME}_")
 
 
-def measure_rates(said: Iterable[Mapping[str, Any]]) -> dict[str, float]:
-    """Return messages a second by topic, from what publishers counted; only of who has sent any.
+def measure_rates(counted: Iterable[Mapping[str, Any]]) -> dict[str, float]:
+    """Return messages per second by topic, from publishers' counters; only topics with messages.
 
-    A publisher counts by connection: of a topic that nobody has subscribed to it counts nothing.
+    A publisher counts by connection: a topic without subscribers counts nothing.
     """
     rates: dict[str, float] = {}
-    for node in said:
+    for node in counted:
         if "stats" not in node or not node["seconds"] > 0:
             continue
         ledger, before = Ledger(), {}

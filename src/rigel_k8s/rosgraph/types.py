@@ -1,7 +1,7 @@
 """A ROS graph as plain values that can be compared; pure.
 
-Why: what reads a graph, what judges it, what draws it and what compares two of them share nothing
-but these classes. They must not know where a graph comes from.
+Why: the readers of a graph, its judge, its pictures and the comparison of two share nothing but
+these classes, which are independent of where a graph comes from.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ class GraphNode:
     """A ROS node, or a node that the release expects and that is not in the graph.
 
     Attributes:
-        name: the full ROS name; of a DDS program without ROS what it calls itself.
-        machine: the Kubernetes node that it runs on, "" where that is unknown.
+        name: the full ROS name; for a DDS program without ROS the name that it announces.
+        machine: the Kubernetes node that it runs on, "" if that is unknown.
         pod, workload: of the release, "" for a node that no pod of it runs.
         address: where it is, for people.
-        registered: the ROS master, or the discovery, knows it.
+        registered: it is in the ROS master, or in discovery.
         up: it is registered and answers.
         ready: its pod is ready; True for a node without a pod.
     """
@@ -46,10 +46,10 @@ class GraphTopic:
     """A topic.
 
     Attributes:
-        type: "" where nobody names it.
+        type: "" if it is unknown.
         publishers, subscribers: the names of nodes, sorted, each once.
         mismatches: endpoints that have another type than `type`.
-        rate: messages a second, None where it is unknown.
+        rate: messages per second, None if it is unknown.
     """
 
     name: str
@@ -62,7 +62,7 @@ class GraphTopic:
 
 @attrs.frozen
 class GraphService:
-    """A service; its type is "" where nobody names it (ROS 1's master does not)."""
+    """A service; its type is "" if it is unknown (ROS 1's master does not have it)."""
 
     name: str
     type: str = ""
@@ -71,14 +71,14 @@ class GraphService:
 
 @attrs.frozen
 class RosGraph:
-    """What there is, each part sorted by name.
+    """The graph, each part sorted by name.
 
-    Two graphs are equal where the same nodes have the same topics and services; machines, pods,
+    Two graphs are equal if the same nodes have the same topics and services; machines, pods,
     addresses and rates, which differ after each restart, do not count.
 
     Attributes:
         leaving: the names of nodes whose pods are being terminated. What they publish may be in
-            the graph until they are gone.
+            the graph until they have ended.
     """
 
     nodes: tuple[GraphNode, ...] = ()
@@ -92,9 +92,9 @@ class GraphProblem:
     """Something that is wrong in a graph.
 
     Attributes:
-        kind: a word for scripts; kinds.py explains them.
+        kind: a slug for scripts; docs/rosgraph.md lists them.
         nodes, topic: what it is about.
-        error: the graph does not work as the release says; otherwise it may be meant so.
+        error: the graph does not work as the release describes it; otherwise it may be on purpose.
     """
 
     kind: str

@@ -1,13 +1,13 @@
 """Compares a release's ROS graph before and after an update: `GraphWatch`.
 
-Why: a deploy is over when its pods are ready, and a topic may have lost its publisher all the same.
-The graph is read only when an update replaces pods, before its first write and after its
-roll-out. Nodes take a moment to register and to be discovered again, so what is worse after the
-roll-out is looked at again until it is better or the patience is over. A roll-out is over when the
-new pods are ready, and the old ones may still be ending: until they have left the graph, it shows
-their publishers, so it is looked at again as well. It must not know
-application options; what to do about a worse graph is its caller's business. What reads a graph is
-imported when one is read: a deploy that changes nothing reads none.
+Why: a deploy is over when its pods are ready, and yet a topic may have lost its publisher. The
+graph is read only when an update replaces pods, before its first write and after its roll-out.
+Nodes need a moment to register and to be discovered again, so a worse graph is read again until it
+is better or the patience is over. A roll-out is over when the new pods are ready, and the old ones
+may still be
+ending: until they have left the graph, it shows their publishers, so it is read again as well. This
+module is independent of application options; its caller decides what to do about a worse graph. The
+readers of a graph are imported when one is read: a deploy that changes nothing reads none.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ if TYPE_CHECKING:
     from rigel_k8s.rosgraph.types import RosGraph
 
 PATIENCE = 20.0  # seconds that nodes have to be in the graph again after an update
-LEAVING = 60.0  # seconds that the pods of before have to end; Kubernetes gives them 30 by default
+LEAVING = 60.0  # seconds that the previous pods have to end; Kubernetes gives them 30 by default
 AGAIN = 1.0  # seconds between two looks
 MOST = 20  # lines of a report
 WORKLOADS = ("DaemonSet", "Deployment", "StatefulSet")
 
 
 class GraphWorse(RigelK8sError):
-    """An update is rolled out, and the ROS graph is worse than before; `details` say how."""
+    """An update is rolled out, and the ROS graph is worse than before; see `details`."""
 
 
 @attrs.define
@@ -64,7 +64,7 @@ class GraphWatch:
     _removed: frozenset[str] = frozenset()
 
     def begin(self, plan: Plan) -> None:
-        """Read the graph, where the plan replaces pods of a release that was good."""
+        """Read the graph, if the plan replaces pods of a release that was good."""
         if not any(map(changes_pods, plan.changes)):
             return
         last = find_last_good(self.cluster, self.release)
@@ -99,7 +99,7 @@ class GraphWatch:
         """Report what has changed, and refuse a graph that is worse.
 
         Raises:
-            GraphWorse: it is; the details say what.
+            GraphWorse: it is; see its details.
             Interrupted: `cancel` was set.
         """
         found = self.find_differences()
@@ -114,7 +114,7 @@ class GraphWatch:
             )
 
     def find_differences(self) -> Comparison | None:
-        """Return what the update did to the graph; None where it was not, or cannot be, read.
+        """Return the effect of the update on the graph; None if it was not, or cannot be, read.
 
         It is compared again until it is not worse, at most for the patience and one look; the
         patience begins when the nodes of the old pods have left the graph, or after LEAVING. Of
@@ -193,9 +193,9 @@ def read_with_rates(cluster: Cluster, release: ReleaseId) -> RosGraph:
 
 
 def read_rates(cluster: Cluster, release: ReleaseId) -> Mapping[str, float]:
-    """Return messages a second by topic; none without an exporter, or where it does not answer.
+    """Return messages per second by topic; none without an exporter, or if it does not answer.
 
-    The nodes of ROS 1 count for themselves, so that its exporter is not asked.
+    The nodes of ROS 1 count themselves, so its exporter is not queried.
     """
     from rigel_k8s.rosgraph.inside import read_module, run_inside
     from rigel_k8s.rosgraph.pods import read_pods
@@ -231,10 +231,10 @@ def changes_pods(step: Step) -> bool:
 
 
 def list_removed(plan: Plan, before: RosGraph) -> frozenset[str]:
-    """Return the names of nodes that a plan takes away on purpose.
+    """Return the names of nodes that a plan removes on purpose.
 
-    That are the nodes of workloads that go away or get fewer pods, and nodes that are called
-    otherwise from now on; but none that the release still expects, in another workload say.
+    These are the nodes of workloads that are deleted or get fewer pods, and nodes whose name
+    changes; but none that the release still expects, for example in another workload.
     """
     workloads: set[str] = set()
     names: set[str] = set()

@@ -66,7 +66,7 @@ def test_a_lost_publisher_is_told_by_its_topic() -> None:
     after = graph("/lidar", "/planner", topics={"/scan": ("", "/planner")}, services={})
     assert worse(ROBOT, after) == [
         "/scan had 1 publisher, now 0",
-        "the service /lidar/reset is gone",
+        "the service /lidar/reset no longer exists",
     ]
 
 
@@ -97,9 +97,9 @@ def test_a_missing_node_is_named_and_so_are_its_topics() -> None:
     """What each node has, its log say, is not worth a line."""
     after = graph("/planner", topics={"/scan": ("", "/planner"), "/rosout": ("/planner", "")})
     assert worse(ROBOT, after) == [
-        "/lidar is not in the graph any more",
+        "/lidar is no longer in the graph",
         "/scan had 1 publisher, now 0",
-        "the service /lidar/reset is gone",
+        "the service /lidar/reset no longer exists",
     ]
 
 
@@ -142,7 +142,7 @@ def test_a_type_that_all_ends_have_changed_is_a_change() -> None:
     topic = GraphTopic("/scan", CLOUD, ("/lidar",), ("/planner",))
     before = graph("/lidar", "/planner", topics={"/scan": ("/lidar", "/planner")})
     after = graph("/lidar", "/planner", scan=topic)
-    assert changed(before, after) == [f"/scan is of the type {CLOUD} now, it was {SCAN}"]
+    assert changed(before, after) == [f"/scan has the type {CLOUD} now, it was {SCAN}"]
     unknown = graph("/lidar", "/planner", scan=attrs.evolve(topic, type=""))
     assert changed(before, unknown) == []
 
@@ -176,7 +176,7 @@ def test_a_rate_that_fell_with_its_publishers_is_told_once() -> None:
     few = GraphTopic("/t", SCAN, ("/a",), ("/c",), rate=9.0)
     before, after = graph("/a", "/b", "/c", t=many), graph("/a", "/c", t=few)
     assert worse(before, after) == [
-        "/b is not in the graph any more",
+        "/b is no longer in the graph",
         "/t had 2 publishers, now 1",
     ]
     assert changed(before, after, "/b") == ["/b is removed"]

@@ -143,7 +143,8 @@ def test_a_nodes_nearest_cause_is_named() -> None:
         ("missing", "/b is not in the graph: it has no pod", True),
         (
             "missing",
-            "/c is not in the graph: its pod c-1 is ready; does its program use another name?",
+            "/c is not in the graph: its pod c-1 is ready; check whether its program uses another"
+            " name",
             True,
         ),
         ("no-answer", "/d does not answer", True),

@@ -1,7 +1,7 @@
 """Gives each vertex of a directed graph a column, so that edges lead from left to right.
 
-Edges that close a cycle are turned round, and each vertex gets a column behind those that point to
-it. The same input gives the same result.
+Edges that close a cycle are reversed, and each vertex gets a column behind those that point to it.
+The same input gives the same result.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import attrs
 
-TURNED = 3  # an edge that is turned round counts as one across so many more columns
+TURNED = 3  # a reversed edge counts as one across so many more columns
 
 
 @attrs.frozen
@@ -25,15 +25,15 @@ class Shape:
 
 
 def turn(edges: Sequence[tuple[str, str]], turned: Sequence[bool]) -> list[tuple[str, str]]:
-    """Return edges, some of them turned round."""
+    """Return edges, some of them reversed."""
     return [(v, u) if back else (u, v) for (u, v), back in zip(edges, turned, strict=True)]
 
 
 def choose_turned(shapes: Mapping[str, Shape], edges: Sequence[tuple[str, str]]) -> list[bool]:
-    """Return which edges are turned round so that no cycle is left: the better of two ways.
+    """Return which edges are reversed so that no cycle is left: the better of two ways.
 
-    One turns few edges; the other begins where a vertex of the even columns has few inputs, as a
-    driver has that only hears commands. The fewer columns edges cross, the better.
+    One reverses few edges; the other begins where a vertex of the even columns has few inputs, such
+    as a driver that only receives commands. The fewer columns edges cross, the better.
     """
     ways = [
         find_turned(shapes, edges, lambda name, out, into: (out - into, 0)),
@@ -53,11 +53,11 @@ def find_turned(
     edges: Sequence[tuple[str, str]],
     worth: Callable[[str, int, int], tuple[int, int]],
 ) -> list[bool]:
-    """Return which edges are turned round so that no cycle is left, after Eades, Lin and Smyth.
+    """Return which edges are reversed so that no cycle is left, after Eades, Lin and Smyth.
 
     Args:
-        worth: how well a vertex of a cycle stands to the left of the others, by its name and how
-            many edges leave it and lead to it.
+        worth: how well a vertex of a cycle fits to the left of the others, by its name and how many
+            edges leave it and lead to it.
     """
     outgoing: dict[str, list[str]] = {name: [] for name in names}
     incoming: dict[str, list[str]] = {name: [] for name in outgoing}
@@ -98,7 +98,7 @@ def choose_columns(shapes: Mapping[str, Shape], edges: Sequence[tuple[str, str]]
     found: dict[str, int] = {}
     waiting = {name: len(set_) for name, set_ in before.items()}
     ready = [name for name in shapes if not waiting[name]]
-    for name in ready:  # grows while it is gone through
+    for name in ready:  # grows while it is read
         start = int(shapes[name].odd)
         found[name] = max((found[u] + 1 for u in before[name]), default=start)
         for other in behind[name]:

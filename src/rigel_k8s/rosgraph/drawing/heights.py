@@ -83,7 +83,7 @@ def settle(
 
 
 def wish(places: Sequence[Place], place: Place) -> tuple[float, float]:
-    """Return where a place would like to be, and how much."""
+    """Return the wished height of a place, and its weight."""
     near = [places[i].y for i in (*place.left, *place.right)]
     level = [places[i].y for i in place.passages]
     weight = len(near) + STRAIGHT * len(level)
@@ -101,12 +101,12 @@ def fit(
 ) -> list[float]:
     """Return heights near the wishes, in order and apart.
 
-    Neighbours that want to be too near to each other move as one block, to where the sum of the
-    squares of what they miss is smallest.
+    Neighbours whose wishes are too close together move as one block, to where the sum of the
+    squared differences is smallest.
 
     Args:
         offsets: the heights, counted from where the stack begins, if it stands close together.
-        wishes: where each would like to be, and how much.
+        wishes: the height that each should have, and its weight.
         top, lowest: between these the stack begins where it stands close together.
     """
     blocks: list[tuple[float, float, int]] = []  # where it wants to begin, how much, how many

@@ -1,9 +1,9 @@
 """Places the vertices of a directed graph in columns from left to right, in lanes by group.
 
-Why our own: a picture must come without Graphviz on the user's machine. The method is Sugiyama's:
-columns first (columns.py), then the order in each (rows.py), then heights (heights.py), and at last
-the edges, which bend between columns only. The same input gives the same result. It must not know
-what the vertices mean.
+Why our own: a picture must be possible without Graphviz on the user's machine. The method is
+Sugiyama's: columns first (columns.py), then the order in each (rows.py), then heights (heights.py),
+and last the edges, which bend between columns only. The same input gives the same result. It is
+independent of what the vertices mean.
 """
 
 from __future__ import annotations

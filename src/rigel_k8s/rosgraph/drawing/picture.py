@@ -1,7 +1,7 @@
 """What a picture of a ROS graph shows: boxes, pills and arrows, in groups by machine.
 
-Why: all forms show the same. What each node has (its log, its parameter events) hides what a
-graph is about, and is left out unless everything is asked for. No form, no coordinates here.
+Why: all forms show the same. What each node has (its log, its parameter events) hides the rest of a
+graph, and is left out unless everything is requested. No form, no coordinates here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rigel_k8s.rosgraph.types import GraphNode, GraphProblem, GraphTopic, RosGra
 
 #: The node that collects logs in ROS 1.
 QUIET_NODE = "/rosout"
-#: The one of an action's topics by which it is shown, and what it is called then.
+#: The one of an action's topics that stands for it, and its name then.
 FEEDBACK = "/_action/feedback"
 ELSEWHERE, NOWHERE = "outside the release", "on no machine"
 
@@ -50,7 +50,7 @@ class Pill:
     """A topic; `shared`: nodes of several groups have it.
 
     Attributes:
-        group: the one of its publishers, or of its subscribers where it has none.
+        group: that of its publishers, or of its subscribers if it has none.
     """
 
     name: str
@@ -106,7 +106,7 @@ def make_picture(
     topics = [topic for topic in graph.topics if everything or is_shown(topic)]
     busy = {name for topic in topics for name in (*topic.publishers, *topic.subscribers)}
     known = {node.name: node for node in graph.nodes}
-    # An endpoint of a node that has just left is told a moment longer than the node.
+    # An endpoint of a node that has just left is reported a moment longer than the node.
     strangers = [GraphNode(name) for name in sorted(busy - set(known))]
     boxes = tuple(
         Box(
@@ -135,7 +135,7 @@ def make_picture(
 
 
 def is_shown(topic: GraphTopic) -> bool:
-    """Whether a topic is shown unasked: of hidden ones, only what stands for an action."""
+    """Whether a topic is shown by default: of hidden ones, only what stands for an action."""
     if topic.name in OWN_TOPICS:
         return False
     return topic.name.endswith(FEEDBACK) or "/_" not in topic.name
@@ -178,7 +178,7 @@ def make_pill(topic: GraphTopic, places: Mapping[str, str], *, bad: bool) -> Pil
 
 
 def show_name(topic: str) -> str:
-    """Return what a topic is called in a picture."""
+    """Return the name of a topic in a picture."""
     return f"{topic.removesuffix(FEEDBACK)} (action)" if topic.endswith(FEEDBACK) else topic
 
 

@@ -1,8 +1,8 @@
 """A picture as SVG, light or dark as the reader's browser is.
 
-Why no library: it is text, and must open anywhere without fonts, scripts or styles of others. Text
+Why no library: it is text, and must open anywhere without external fonts, scripts or styles. Text
 has room for the widest of the usual fonts, so that it never runs over its box. All names are
-escaped. layout.py says where everything is.
+escaped. layout.py places everything.
 """
 
 from __future__ import annotations
@@ -83,12 +83,12 @@ def write_svg(picture: Picture) -> str:
 
 
 def node_key(name: str) -> str:
-    """Return what a node is called in the layout: a topic may have the same name."""
+    """Return the key of a node in the layout: a topic may have the same name."""
     return f"node {name}"
 
 
 def topic_key(name: str) -> str:
-    """Return what a topic is called in the layout."""
+    """Return the key of a topic in the layout."""
     return f"topic {name}"
 
 

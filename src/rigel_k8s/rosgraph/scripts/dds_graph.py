@@ -1,10 +1,10 @@
-"""What discovery says of a DDS domain, as one line of JSON.
+"""The content of a DDS domain's discovery, as one line of JSON.
 
     dds_graph.py CONFIG
 
-Why: the exporter's modules read discovery, but only count endpoints; a picture needs to know which
+Why: the exporter's modules read discovery, but only count endpoints; a picture needs to show which
 node has which. CONFIG is JSON: the arguments of the exporter's Domain. Contract: the keys are those
-that rosgraph/dds.py reads. It joins discovery until nothing new comes, and takes leave.
+that rosgraph/dds.py reads. It joins discovery until nothing new arrives, and leaves.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rigel_k8s.exporter.dds_peer import Peer
 from rigel_k8s.exporter.dds_view import OURS
 
 NAME = f"{OURS}graph reader"
-#: Seconds of listening: at least, at most, and for how long nothing new has to come.
+#: Seconds of listening: at least, at most, and how long nothing new must arrive.
 LEAST, MOST, QUIET = 2.0, 8.0, 1.0
 TICK = 0.1
 
@@ -40,13 +40,15 @@ def describe_graph(
 
     Our own participants and discovery servers are left out, with their endpoints.
     """
-    shown = [peer for peer in peers if not peer.told.name.startswith(OURS) and not peer.is_server]
+    shown = [
+        peer for peer in peers if not peer.announced.name.startswith(OURS) and not peer.is_server
+    ]
     owners = {guid: name for peer in shown for name, own in peer.nodes.items() for guid in own}
-    alone = {peer.told.prefix: name_rest(peer) for peer in shown}
+    alone = {peer.announced.prefix: name_rest(peer) for peer in shown}
     nodes: dict[str, dict[str, Any]] = {}
     for peer in shown:
         for name in peer.nodes or ([] if peer.is_ros else [peer.name]):
-            # A name that two have is one node; one of them may be what a restart left behind.
+            # A name of two participants is one node; one of them may be left over from a restart.
             known = nodes.get(name)
             if known is None or (peer.answers and not known["up"]):
                 address = min(peer.sources, default="")
@@ -68,12 +70,12 @@ def describe_graph(
 
 
 def name_rest(peer: Peer) -> str:
-    """Return whose a participant's endpoints are that none of several nodes claims."""
+    """Return the name for those endpoints of a participant that none of its several nodes has."""
     return next(iter(peer.nodes)) if len(peer.nodes) == 1 else "" if peer.is_ros else peer.name
 
 
 def listen(domain: Domain) -> dict[str, Any]:
-    """Return what is known when nothing new has come for a while."""
+    """Return what is known when nothing new has arrived for a while."""
     began = changed = time.monotonic()
     found = domain.inspect(describe)
     while True:

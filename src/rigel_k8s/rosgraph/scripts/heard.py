@@ -1,9 +1,9 @@
-"""How many messages a second the ROS exporter hears of each topic, as one line of JSON.
+"""How many messages per second the ROS exporter receives of each topic, as one line of JSON.
 
     heard.py PORT
 
-Why: Prometheus knows rates of minutes, in which the gap of an update still is; the exporter's own
-counters, read twice, say what comes now. It runs in the exporter's pod. Contract: {topic: rate}.
+Why: Prometheus has rates of minutes, which still contain the gap of an update; the exporter's own
+counters, read twice, show the present rate. It runs in the exporter's pod. Contract: {topic: rate}.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ COUNTER = re.compile(r'^ros_topic_messages_total\{topic="([^"]*)"\} (\d+)$', re.
 
 
 def read(port: str) -> tuple[float, dict[str, int]]:
-    """Return the time, and the messages that were heard of each topic."""
+    """Return the time, and the messages that were received of each topic."""
     url = f"http://127.0.0.1:{port}/metrics"
     with urllib.request.urlopen(url, timeout=ANSWER) as answer:
         text = answer.read().decode()
@@ -28,7 +28,7 @@ def read(port: str) -> tuple[float, dict[str, int]]:
 
 
 def main(port: str) -> None:
-    """Print the rates; "error" says why there are none."""
+    """Print the rates; "error" is the reason why there are none."""
     try:
         began, first = read(port)
         time.sleep(SPAN)

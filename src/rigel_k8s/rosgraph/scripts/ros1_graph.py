@@ -1,11 +1,11 @@
-"""What the ROS master and its nodes say of themselves, as one line of JSON. Python 2.7 and 3.
+"""What the ROS master and its nodes report, as one line of JSON. Python 2.7 and 3.
 
     ros1_graph.py [MASTER_URI]
 
-Why: only a pod reaches the master and the nodes. It asks and registers nothing, so that no node
-notices a new subscriber. Contract: the keys are those that rosgraph/ros1.py reads; "error" says why
-the master could not be asked. Every question has a deadline: a node that hangs costs ANSWER seconds
-and no other node's answer.
+Why: only a pod reaches the master and the nodes. It registers nothing, so that no node notices a
+new subscriber. Contract: the keys are those that rosgraph/ros1.py reads; "error" is the reason why
+the master did not answer. Every request has a deadline: a node that hangs costs ANSWER seconds and
+no other node's answer.
 """
 
 import json
@@ -24,7 +24,7 @@ MOST_THREADS = 100
 
 
 def look(uri):
-    """Return the graph of the master at this URI; raise CallFailed where it does not answer."""
+    """Return the graph of the master at this URI; raise CallFailed if it does not answer."""
     master = rosrpc.Api(uri, time.time() + MASTER)
     publishers, subscribers, services = ask(master, "getSystemState")
     types = dict(ask(master, "getTopicTypes"))
@@ -40,7 +40,7 @@ def look(uri):
 
 
 def ask(api, method, *arguments):
-    """Return a method's value; raise CallFailed where it refuses."""
+    """Return a method's value; raise CallFailed if it refuses."""
     answer = api.call(method, *arguments)
     if isinstance(answer[0], list):
         return answer  # roscpp answers getBusStats without a code
@@ -51,7 +51,7 @@ def ask(api, method, *arguments):
 
 
 def find_node(master, name):
-    """Return a node's URI, "" where the master has none."""
+    """Return a node's URI, "" if the master does not have it."""
     try:
         return ask(master, "lookupNode", name)
     except rosrpc.CallFailed:
@@ -59,7 +59,7 @@ def find_node(master, name):
 
 
 def ask_nodes(places):
-    """Return what each node says, many asked at the same time."""
+    """Return each node's answers, many requested at the same time."""
     found = [{"name": name, "uri": uri} for name, uri in places]
     left, lock = list(found), threading.Lock()
 
@@ -81,7 +81,7 @@ def ask_nodes(places):
 
 
 def ask_node(node):
-    """Add what a node says; what it did not come to say stays out."""
+    """Add a node's answers; those that did not arrive in time are left out."""
     try:
         node["address"] = address_of(node["uri"])
         api = rosrpc.Api(node["uri"], time.time() + ANSWER)
@@ -101,7 +101,7 @@ def ask_node(node):
 
 
 def address_of(uri):
-    """Return the address of a URI's host, "" where its name has none here."""
+    """Return the address of a URI's host, "" if its name has none here."""
     try:
         return socket.gethostbyname(rosrpc.split(uri)[0])
     except (EnvironmentError, UnicodeError):

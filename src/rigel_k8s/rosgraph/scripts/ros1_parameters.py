@@ -3,8 +3,8 @@
     ros1_parameters.py [NAME]
 
 Contract: without a name "names" has those of all parameters. With one "value" is its value, in the
-types that XML-RPC has; it is missing where there is no such parameter. "error" says why the master
-could not be asked.
+types that XML-RPC has; it is missing if the parameter does not exist. "error" is the reason why the
+master did not answer.
 """
 
 import json
@@ -22,7 +22,7 @@ ANSWER = 5.0  # seconds
 
 
 def look(uri, name):
-    """Return what the master at this URI knows."""
+    """Return the parameters of the master at this URI."""
     master = client.ServerProxy(uri)
     if name is None:
         return {"names": sorted(master.getParamNames(CALLER)[2])}

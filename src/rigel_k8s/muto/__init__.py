@@ -1,8 +1,8 @@
 """Stacks of Eclipse Muto as nodes of a release.
 
-A stack is JSON that names ROS programs, parameters and remappings. Here it is read with the places
-of its values and translated into the options of `nodes`. Nothing here knows Kubernetes or those
-options' classes: what comes out is a tree of values that a Rigelfile could have, too.
+A stack is JSON that names ROS programs, parameters and remappings. This package reads it with the
+places of its values and translates it into the options of `nodes`. It is independent of Kubernetes
+and of those options' classes: the result is a tree of values that a Rigelfile could contain, too.
 
 expansion, converting   what others call: the option `muto` of a job, and a whole Rigelfile
 translation, nodes      from stacks to nodes
@@ -11,6 +11,6 @@ gathering               a stack with those that it names
 opening, library, twin  where stacks are found: in files, and in a Ditto
 arguments               `$(arg x)`, and what only a container can resolve
 parameters, types       parameters of a node or a stack; what a text means as a value
-formats, stack          the forms of stacks, told apart by their keys; the model
-reading, remarks        text with places; what there is to say about a value
+formats, stack          the forms of stacks, recognized by their keys; the model
+reading, remarks        text with places; what to report about a value
 """

@@ -1,7 +1,7 @@
 """A stack that is an archive with sources: its files, and the one node that launches them.
 
-Muto builds such a stack on the device when it starts it. Here an image is built of it, so that the
-same programs run on each machine and after each restart.
+Muto builds such a stack on the device when it starts it. Here an image is built from it, so that
+the same programs run on each machine and after each restart.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rigel_k8s.muto.unpacking import BadArchive, check_tree, enter, flatten, mak
 from rigel_k8s.rigelfile.source import YamlNode, node_of
 from rigel_k8s.system.trees import File, Tree
 
-#: What an archive says that has a meaning here, and what only Muto needs.
+#: The keys of an archive that have a meaning here, and those that only Muto needs.
 CARRIED = ("data", "launch_file", "launch_args", "flatten", "subdir", "checksum", "algorithm")
 UNNEEDED = ("command", "filename", "url", "headers", "timeout")
 ROS_ARGS = "`ros_args` is not carried over: set the node's `env` or `launch.args` instead"
@@ -39,7 +39,7 @@ def unpack_archive(archive: Archive) -> Tree:
     """Return the files of an archive, as Muto lays them out.
 
     Raises:
-        Unreadable: they cannot be had, or are not what they should be.
+        Unreadable: they are not available, or are not what they should be.
     """
     data = archive.values.get("data")
     if data is None or is_empty(data):
@@ -59,7 +59,7 @@ def unpack_archive(archive: Archive) -> Tree:
 def _check_sum(archive: Archive, content: bytes) -> None:
     """Refuse content that does not have the checksum: its own, or that of its base64.
 
-    Muto's composer asks for the first, Muto's script that packs archives writes the second.
+    Muto's composer expects the first, Muto's script that packs archives writes the second.
     """
     expected = archive.values.get("checksum")
     if expected is None or is_empty(expected):

@@ -38,7 +38,7 @@ class ContainerValue:
         unknown = [call for call in self.calls if not is_substituted(call)]
         if unknown:
             return f"{', '.join(unknown)} is none of {FORMS}"
-        return f"only the image knows {', '.join(self.calls)}"
+        return f"only the image has {', '.join(self.calls)}"
 
 
 @attrs.define
@@ -53,7 +53,7 @@ class Arguments:
 
     Args:
         declared: the entries of its section `arg`.
-        given: values that win over the declared ones; names that it lacks are passed over.
+        given: values that override the declared ones; names that it does not have are ignored.
         allowance: shared by all stacks that are deployed together.
     """
 

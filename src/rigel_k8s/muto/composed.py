@@ -19,9 +19,9 @@ COMPONENTS = "components"
 OPTIONS = ("package", "plugin", "parameters", "remappings")
 #: Options with parameters that a component does not have.
 FILES, COMMANDS = "parameter_files", "parameter_commands"
-#: Of the node that loads: what its components have is completed where its own options are.
+#: Options of the loading node: its components' values are completed where its own options are.
 SUBSTITUTION = "substitution_args"
-#: The program that loads nodelets, and what it runs by itself.
+#: The program that loads nodelets, and the program that it runs.
 NODELET = ("nodelet", "nodelet")
 
 
@@ -55,7 +55,7 @@ def translate_container(entry: YamlNode, arguments: Arguments) -> Translated:
         remarks += component.remarks
         if component.options is not None:
             if component.key in components:
-                message = f'the component "{component.key}" is there already: this one replaces it'
+                message = f'the component "{component.key}" already exists: this one replaces it'
                 remarks.append(note(one, message, "duplicate-node"))
             components[component.key] = component.options
     options = add_components(made.options, components)
@@ -63,7 +63,7 @@ def translate_container(entry: YamlNode, arguments: Arguments) -> Translated:
 
 
 def list_composables(entry: YamlNode, remarks: list[Remark]) -> Iterator[YamlNode]:
-    """Yield the mappings in a container's `node`; remark on what is none."""
+    """Yield the mappings in a container's `node`; remark on other values."""
     section = entry.value.get("node")
     if section is None or is_empty(section):
         return
@@ -156,7 +156,7 @@ def find_loader(key: str, options: YamlNode) -> Loader | None:
 
 
 def list_words(options: YamlNode) -> list[str]:
-    """Return what `nodelet` is told to do, nothing for another program."""
+    """Return the arguments of `nodelet`, nothing for another program."""
     program = tuple(text_at(options.value, key) for key in ("package", "executable"))
     if program != NODELET:
         return []

@@ -1,4 +1,4 @@
-"""A whole Rigelfile for a stack, as text; what could not be carried over stands in comments."""
+"""A whole Rigelfile for a stack, as text; comments list what could not be carried over."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from rigel_k8s.objects.naming import object_name
 from rigel_k8s.rigelfile.source import strip_places
 from rigel_k8s.yaml_text import document
 
-#: Where no image is given; the user writes the right one over it.
+#: Used if no image is given; the user replaces it with the right one.
 PLACEHOLDER = "registry.example/robot:1"
-#: What is taken for the ROS of a stack whose form does not say it.
+#: The ROS distribution for a stack whose form does not name it.
 DISTROS: Mapping[bool, str] = {False: "noetic", True: "jazzy"}
 WIDTH = 100
 IMAGE = "Write the image with the programs of the stack here."
 DEPLOY: Mapping[str, Any] = {"plugin": "rigel_k8s.OrchestrationPlugin"}
 #: Beside a Rigelfile that builds: the directory with the sources of an archive.
 SOURCES = "sources"
-#: The jobs that build an image of them. Its name stands in one place.
+#: The jobs that build an image from them. Its name is in one place.
 BUILD_JOBS: Mapping[str, Any] = {
     "dockerfile": {"plugin": "rigel_k8s.DockerfilePlugin"},
     "build": {
@@ -41,7 +41,7 @@ LITERAL = '{{ "{{" }}'
 
 @attrs.frozen
 class Target:
-    """What the Rigelfile says beside the stack; None: see PLACEHOLDER and DISTROS."""
+    """What the Rigelfile sets beside the stack; None: see PLACEHOLDER and DISTROS."""
 
     image: str | None = None
     distro: str | None = None
@@ -94,7 +94,7 @@ def write_building_rigelfile(name: str, stack: Stack, made: Translation, target:
         f"# Made from {name} by `rigel muto convert`.",
         "# `rigel run sequence deploy` builds an image of its sources and deploys it.",
         *_indent({"application": {"distro": target.choose_distro(stack), "dir": SOURCES}}, 0),
-        *([] if target.image else ["# Write here what the image is to be called."]),
+        *([] if target.image else ["# Write the name of the image here."]),
         *_indent(image, 0),
         *_indent({"jobs": {**BUILD_JOBS, "deploy": DEPLOY}}, 0),
         "    with:",
@@ -106,7 +106,7 @@ def write_building_rigelfile(name: str, stack: Stack, made: Translation, target:
 
 
 def _list_nodes(made: Translation) -> Iterator[str]:
-    """Yield global parameters and `nodes`, each with what is not carried over of it."""
+    """Yield global parameters and `nodes`, each with what is not carried over."""
     yield from _list_comments(made.remarks, None, 6)
     for key, option in made.options.items():
         yield from _indent(_escape_templates({key: strip_places(option)}), 6)

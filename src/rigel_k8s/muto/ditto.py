@@ -1,4 +1,4 @@
-"""Requests to a Ditto: over HTTP, with a secret that goes nowhere else."""
+"""Requests to a Ditto: over HTTP, with a secret that is sent nowhere else."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _read_secret(name: str, environ: Mapping[str, str]) -> str:
 
 @attrs.frozen
 class Answer:
-    """What Ditto answered, other than that it refuses the credentials."""
+    """Ditto's answer, unless it refuses the credentials."""
 
     status: int
     content: bytes
@@ -73,7 +73,7 @@ class Ditto:
     """One Ditto.
 
     Attributes:
-        url: what stands before /api/2/things.
+        url: the part before /api/2/things.
     """
 
     url: str
@@ -90,7 +90,7 @@ class Ditto:
         """Send a request and return the answer.
 
         Raises:
-            UserError: the variable of a secret is not set, or the secret would go unencrypted.
+            UserError: the variable of a secret is not set, or the secret would be sent unencrypted.
             RigelK8sError: Ditto cannot be reached, or refuses the credentials.
         """
         import urllib3
@@ -136,7 +136,7 @@ def _read_answer(answer: urllib3.BaseHTTPResponse, url: str) -> Answer:
 
 
 def _refuse_plain(url: str) -> None:
-    """Refuse to send a secret that others can read on its way."""
+    """Refuse to send a secret that others could read on its way."""
     parts = urlsplit(url)
     host = parts.hostname or ""
     if parts.scheme != "https" and not (host == "localhost" or is_loopback(host)):
@@ -146,7 +146,7 @@ def _refuse_plain(url: str) -> None:
 
 
 def _pool(url: str, environ: Mapping[str, str]) -> urllib3.PoolManager:
-    """Return connections that go through the environment's proxy, if it has one for the URL."""
+    """Return connections through the environment's proxy, if it has one for the URL."""
     import urllib3
 
     from rigel_k8s.system.tls import trust

@@ -23,18 +23,18 @@ from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.system.trust import Untrusted, require_trust
 
 KEY, NODES = "muto", "nodes"
-#: Options one of which makes an entry of `nodes` a node of its own.
+#: Options with which an entry of `nodes` is a node of its own.
 PROGRAMS = frozenset(("package", "launch", "args", "command", "image"))
 
 
 class NotAsked(Exception):
-    """A stack is at another machine, which is not to be asked now."""
+    """A stack is at another machine, which must not be queried now."""
 
 
 def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
     """Return a job's options with the stack's nodes in place of `muto`.
 
-    What is wrong with the form of `muto` itself is left to the reader of all options.
+    A wrong form of `muto` itself is left to the reader of all options.
     """
     written = node.value.get(KEY)
     if written is None or written.value is None:
@@ -64,7 +64,7 @@ def expand(node: YamlNode, surroundings: Surroundings) -> Expanded:
 def _translate(
     options: Muto, written: YamlNode, own: Mapping[str, YamlNode], surroundings: Surroundings
 ) -> Translation | Finding:
-    """Return the stack's nodes, or why there are none; with nodes of its own a job needs none."""
+    """Return the stack's nodes, or why it has none; with nodes of its own a job needs none."""
     assert surroundings.directory is not None, "asked before"
     given = {name: text_of(value) for name, value in options.args.items()}
     at = locate(written, ("stack",))
@@ -74,7 +74,9 @@ def _translate(
         made = translate(stack, given, find)
         return made if own else require_nodes(stack, made)
     except NotAsked:
-        message = f"{options.base_url} is not asked for the stack: only render, diff and run do so"
+        message = (
+            f"{options.base_url} is not queried for the stack: only render, diff and run do that"
+        )
         return note(at, message, "not-fetched").finding
     except Unreadable as fault:
         return fault.remark.finding
@@ -87,7 +89,7 @@ def _translate(
 
 
 def _choose_twin(options: Muto, surroundings: Surroundings) -> Find | None:
-    """Return what finds the stacks of the Ditto that the options name, None where they do not."""
+    """Return what finds the stacks of the Ditto that the options name, None if they name none."""
     url, access = options.base_url, options.access
     if url is None:
         return None

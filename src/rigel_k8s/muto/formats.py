@@ -1,4 +1,4 @@
-"""The forms in which stacks come, told apart by their keys.
+"""The forms of stacks, recognized by their keys.
 
 bare stack        node, composable, stack, arg or param
 Ditto thing       features.stack.properties is a bare stack; `items` is a list of things
@@ -25,7 +25,7 @@ from rigel_k8s.muto.stack import (
 )
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
-#: What runs a device's own files, and what to do instead: a pod has only those of its image.
+#: Keys that run a device's own files, and what to do instead: a pod has only those of its image.
 ON_DEVICE = {
     "on_start": "deploy a node with `args: [bash, FILE]` and an image that has the script",
     "on_kill": "let the node's program do that work when it gets SIGINT",
@@ -44,14 +44,14 @@ def list_stacks(root: YamlNode) -> tuple[Stack, ...]:
     """Return the stacks of a document, at least one.
 
     Raises:
-        Unreadable: it is none, or runs files of a device.
+        Unreadable: it is not a stack, or runs files of a device.
     """
     if isinstance(root.value, dict) and "items" in root.value:
         root = root.value["items"]
     if not isinstance(root.value, list):
         return (read_stack(root),)
     if not root.value:
-        raise Unreadable(error(root, "there is no stack in this list", "not-a-stack"))
+        raise Unreadable(error(root, "this list contains no stack", "not-a-stack"))
     return tuple(read_stack(item) for item in root.value)
 
 
@@ -161,7 +161,7 @@ def _read_component(item: YamlNode) -> Iterator[Stack]:
 
 
 def _descend(root: YamlNode, *keys: str) -> YamlNode:
-    """Return the mapping below some keys. Raises Unreadable where there is none."""
+    """Return the mapping below some keys. Raises Unreadable without one."""
     node = root
     for key in keys:
         below = node.value.get(key)

@@ -1,4 +1,4 @@
-"""Where stacks are found by their ids: in the JSON files of one directory."""
+"""Finds stacks by their ids: in the JSON files of one directory."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ SUFFIXES = (".json", ".yaml", ".yml")
 
 
 class NotFound(Exception):
-    """There is no such stack; the text says so."""
+    """The stack does not exist; the text says so."""
 
 
 class Ambiguous(NotFound):
-    """There are several stacks of that name, or too many to look at all."""
+    """There are several stacks of that name, or too many to search all."""
 
 
 class Library:
     """The stacks in the files of a directory.
 
     Args:
-        home: the directory that files must not lie outside of, unless it is trusted.
+        home: the directory that files must be in, unless they are in a trusted one.
     """
 
     def __init__(self, directory: Path, home: Path) -> None:
@@ -45,7 +45,7 @@ class Library:
         """Return the stacks of a file.
 
         Raises:
-            Unreadable: there is something wrong with its content.
+            Unreadable: its content is wrong.
             UserError: it may not be read.
             OSError, UnicodeDecodeError: it cannot be read.
         """
@@ -70,14 +70,14 @@ class Library:
         if not found:
             raise NotFound(f'no stack "{identifier}" in {place}')
         files = " and ".join(dict.fromkeys(file for file, _ in found))
-        raise Ambiguous(f'the stack "{identifier}" is there more than once in {place}: in {files}')
+        raise Ambiguous(f'the stack "{identifier}" exists more than once in {place}: in {files}')
 
     def _open_text(self, name: str) -> str:
         return read_text(self._directory / name, self._home, MOST_BYTES, what="a stack")
 
     @cached_property
     def _texts(self) -> dict[str, str]:
-        """The texts of the files; what cannot or may not be read is passed over.
+        """The texts of the files; unreadable and forbidden ones are left out.
 
         Raises:
             Ambiguous: there is too much to search.
@@ -93,7 +93,7 @@ class Library:
         return texts
 
     def _list_stacks(self, name: str) -> tuple[Stack, ...]:
-        """Return the stacks of a file, each the same whenever it is asked for."""
+        """Return the stacks of a file, the same ones at each call."""
         if name not in self._read:
             try:
                 self._read[name] = _parse(self._directory / name, self._texts[name])

@@ -17,7 +17,7 @@ TRANSITIONS = ("configure", "activate", "deactivate", "cleanup", "shutdown")
 
 
 def read_lifecycle(section: YamlNode) -> YamlNode:
-    """Return the option `lifecycle`. Raises Unreadable where it has something else in a list."""
+    """Return the option `lifecycle`. Raises Unreadable if it has something else in a list."""
     if not isinstance(section.value, dict):
         message = f'"lifecycle" must be a mapping, got {kind_of(section.value)}'
         raise Unreadable(error(section, message, "wrong-type"))
@@ -41,7 +41,7 @@ def list_transitions(value: YamlNode) -> Iterator[YamlNode]:
 
 
 def list_losses(section: YamlNode, node: str) -> Iterator[Remark]:
-    """Yield what of a node's `lifecycle` has no counterpart."""
+    """Yield the parts of a node's `lifecycle` that have no counterpart."""
     for key, value in section.value.items():
         if key not in TIMES and not is_empty(value):
             yield loss(value, describe_unknown(key, "a lifecycle", TIMES), node=node)

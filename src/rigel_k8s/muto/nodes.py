@@ -35,7 +35,7 @@ _CONDITIONS = {"true": True, "1": True, "false": False, "0": False}
 
 @attrs.frozen
 class Translated:
-    """What became of a node; `options` is None where it is left out."""
+    """The result for a node; `options` is None if it is left out."""
 
     key: str
     options: YamlNode | None
@@ -46,7 +46,7 @@ def translate_node(entry: YamlNode, arguments: Arguments, above: Path = ()) -> T
     """Return a node of a stack as an entry of `nodes`.
 
     Args:
-        above: the path in `nodes` of a mapping that it is an entry of instead.
+        above: the path in `nodes` of a mapping that contains it instead.
     """
     work = _Node(entry, arguments, above)
     try:
@@ -57,7 +57,7 @@ def translate_node(entry: YamlNode, arguments: Arguments, above: Path = ()) -> T
 
 
 class _Node:
-    """One node on its way."""
+    """One node during its translation."""
 
     def __init__(self, entry: YamlNode, arguments: Arguments, above: Path) -> None:
         self.remarks: list[Remark] = []
@@ -70,7 +70,7 @@ class _Node:
         self._substitutes = False
 
     def translate(self) -> YamlNode | None:
-        """Return the options; None where a condition leaves the node out."""
+        """Return the options; None if a condition leaves the node out."""
         name = self._need("name")
         self.key = self._make_key(name)
         if self._is_left_out():
@@ -94,7 +94,7 @@ class _Node:
         return "/".join(filter(None, (above.strip("/"), text_of(name.value).strip("/"))))
 
     def _need(self, key: str) -> YamlNode:
-        """Return a text that a node must have, and that only the stack can say."""
+        """Return a text that a node must have, and that only the stack can give."""
         value = self._content.get(key)
         if value is None:
             message = f'the key "{key}" is missing'
@@ -102,7 +102,7 @@ class _Node:
         return self._know(key, value)
 
     def _know(self, key: str, value: YamlNode) -> YamlNode:
-        """Return a scalar without expressions. Raises Unreadable where a container is needed."""
+        """Return a scalar without expressions. Raises Unreadable if a container is needed."""
         resolved = self._arguments.resolve(value)
         if isinstance(resolved, ContainerValue):
             message = f'"{key}" must be known before the node runs: {resolved.explain()}'
@@ -138,7 +138,7 @@ class _Node:
             self._put(option, known)
 
     def _resolve(self, what: str, option: Path, value: YamlNode) -> YamlNode | None:
-        """Return a value, None with a remark where only a container could resolve it."""
+        """Return a value, None with a remark if only a container could resolve it."""
         resolved = self._arguments.resolve(value)
         if not isinstance(resolved, ContainerValue):
             return resolved
@@ -222,7 +222,7 @@ class _Node:
             self.remarks += list_losses(section, str((*self._above, self.key)[0]))
 
     def _remark_on_rest(self) -> None:
-        """Remark on what the node says beside its options."""
+        """Remark on the node's keys that are not options."""
         for key, value in self._content.items():
             if key in LOST:
                 message = f"`{key}` is not carried over: {LOST[key]}"

@@ -28,13 +28,13 @@ def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tupl
 
     Args:
         name: a file in or below the directory, an id, or a data URL. Ids are looked for in the
-            files of the directory (of the file, where there is one), then by `ask`.
-        home: the directory that files must not lie outside of, unless it is trusted.
-        ask: finds stacks elsewhere; None: there is no such place.
+            files of the directory (of the file, if there is one), then by `ask`.
+        home: the directory that files must be in, unless they are in a trusted one.
+        ask: finds stacks elsewhere; None: nowhere else.
 
     Raises:
-        NotFound: there is no such stack, or no such file.
-        Unreadable: there is something wrong with its content.
+        NotFound: the stack or the file does not exist.
+        Unreadable: its content is wrong.
         UserError: it may not be read.
     """
     if name.startswith(DATA):
@@ -59,7 +59,7 @@ def open_stack(name: str, directory: Path, home: Path, ask: Find | None) -> tupl
 
 
 def write_data(text: str) -> str:
-    """Return a stack's text as a data URL: no template in it is seen as one."""
+    """Return a stack's text as a data URL, in which no template is recognized."""
     return DATA + base64.b64encode(text.encode()).decode()
 
 
@@ -85,9 +85,9 @@ def _look_in_both(library: Library, ask: Find | None) -> Find:
 
 
 def split_url(stack: str) -> tuple[str, str] | None:
-    """Return what of a thing's URL stands before /api/2/things, and the thing's id.
+    """Return the part of a thing's URL before /api/2/things, and the thing's id.
 
-    None: it is no URL.
+    None: it is not a URL.
 
     Raises:
         ValueError: it is a URL, but not one of a thing.
@@ -102,7 +102,7 @@ def split_url(stack: str) -> tuple[str, str] | None:
 
 
 def check_url(url: str) -> None:
-    """Raise ValueError where a URL has no host, or a secret in it."""
+    """Raise ValueError if a URL has no host, or a secret in it."""
     parts = urlsplit(url)
     if not url.startswith(SCHEMES) or not parts.hostname:
         raise ValueError(f'"{url}" is not a URL such as https://ditto.example')

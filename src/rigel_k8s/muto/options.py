@@ -45,7 +45,7 @@ class Muto:
         if self.token and self.user:
             raise ValueError("a token, or a user and a password: leave one out")
         if (self.token or self.user) and not (split or self.twin_url):
-            raise ValueError("there is no twin_url that these credentials are for")
+            raise ValueError("token, user and password need twin_url")
 
     @property
     def name(self) -> str:
@@ -55,7 +55,7 @@ class Muto:
 
     @property
     def base_url(self) -> str | None:
-        """The Ditto that may be asked; None for none."""
+        """The Ditto that may be queried; None for none."""
         split = split_url(self.stack)
         return split[0] if split else self.twin_url
 

@@ -26,8 +26,8 @@ class Parameters:
         substitutes: whether a container replaces something in them.
 
     Args:
-        whole: they are those of a stack: global, and each may have a namespace. Muto passes over
-            the namespace of a single value of a node.
+        whole: they are those of a stack: global, and each may have a namespace. Muto ignores the
+            namespace of a single value of a node.
     """
 
     def __init__(self, arguments: Arguments, lose: Lose, *, whole: bool = False) -> None:
@@ -40,7 +40,7 @@ class Parameters:
         self.substitutes = False
 
     def add(self, entry: YamlNode) -> None:
-        """Add an entry of `param`. Raises Unreadable where nothing can be made of it."""
+        """Add an entry of `param`. Raises Unreadable if it cannot be used."""
         for key, value in entry.value.items():
             if key not in KEYS and not is_empty(value):
                 message = describe_unknown(key, "a parameter", KEYS)
@@ -93,7 +93,7 @@ class Parameters:
             self._commands[name] = _keyed(_text(line, "command"), entry.value["name"])
 
     def _complete(self, what: str, option: Path, value: YamlNode) -> YamlNode | None:
-        """Return a value; None with a remark where not even a container could resolve it."""
+        """Return a value; None with a remark if not even a container could resolve it."""
         resolved = self._arguments.resolve(value)
         if not isinstance(resolved, ContainerValue):
             return resolved
@@ -116,7 +116,7 @@ class Parameters:
         return self._know(entry, "namespace").strip("/") if _says(entry, "namespace") else ""
 
     def _know(self, entry: YamlNode, key: str) -> str:
-        """Return a text that must be known here. Raises Unreadable where it is not."""
+        """Return a text that must be known here. Raises Unreadable if it is not."""
         resolved = self._arguments.resolve(entry.value[key])
         if isinstance(resolved, ContainerValue):
             message = f'"{key}" must be known before the node runs: {resolved.explain()}'
@@ -143,12 +143,12 @@ def _says(entry: YamlNode, key: str) -> bool:
 
 
 def _keyed(node: YamlNode, key: YamlNode) -> YamlNode:
-    """Return a value whose key stands where the stack has a word for it."""
+    """Return a value whose key has the place of the stack's key."""
     return attrs.evolve(node, key_span=key.span)
 
 
 def _text(node: YamlNode, key: str) -> YamlNode:
-    """Return a value that must be text. Raises Unreadable where it is not."""
+    """Return a value that must be text. Raises Unreadable if it is not."""
     if not isinstance(node.value, str):
         message = f'"{key}" must be text, got {kind_of(node.value)}'
         raise Unreadable(error(node, message, "wrong-type"))

@@ -1,4 +1,4 @@
-"""Text of stacks to values with places. JSON is YAML, but for the forms of its numbers."""
+"""Text of stacks to values with places. JSON is YAML, except for the forms of its numbers."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def _join_pair(pair: re.Match[str]) -> str:
 
 
 def _attach(node: YamlNode, source: Source) -> YamlNode:
-    """Return a value that knows its text, with numbers as JSON has them."""
+    """Return a value with its source, and with numbers as JSON has them."""
     value = node.value
     if isinstance(value, dict):
         value = {key: _attach(child, source) for key, child in value.items()}
     elif isinstance(value, list):
         value = [_attach(child, source) for child in value]
     elif isinstance(value, str) and _JSON_NUMBER.fullmatch(value) and not _is_quoted(node, source):
-        value = json.loads(value)  # YAML 1.1 takes 1e3 for text
+        value = json.loads(value)  # YAML 1.1 reads 1e3 as text
     return attrs.evolve(node, value=value, source=source)
 
 
@@ -83,7 +83,7 @@ def decode(data: YamlNode, what: str) -> Source:
 
 
 def decode_base64(data: YamlNode) -> bytes:
-    """Return what stands in a value as base64. Raises Unreadable where it is not base64."""
+    """Return the content of a value in base64. Raises Unreadable if it is not base64."""
     try:
         return base64.b64decode("".join(str(data.value).split()), validate=True)
     except (binascii.Error, ValueError) as fault:

@@ -1,4 +1,4 @@
-"""What there is to say about a value of a stack, at its place."""
+"""Reports about a value of a stack, at its place."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Remark:
 
 
 class Unreadable(Exception):
-    """A value that nothing can be made of; the remark says why."""
+    """A value that cannot be used; the remark has the reason."""
 
     def __init__(self, remark: Remark) -> None:
         super().__init__(remark.finding.message)
@@ -36,12 +36,12 @@ class Unreadable(Exception):
 
 
 def error(at: YamlNode, message: str, kind: str, *, key: bool = False) -> Remark:
-    """Return what keeps the stack from being deployed."""
+    """Return a reason why the stack cannot be deployed."""
     return Remark(make_finding(at, message, kind, key=key))
 
 
 def note(at: YamlNode, message: str, kind: str, *, key: bool = False) -> Remark:
-    """Return what works otherwise than it looks."""
+    """Return a note on something that works differently from how it looks."""
     finding = make_finding(at, message, kind, key=key)
     return Remark(attrs.evolve(finding, severity="warning"))
 
@@ -60,7 +60,7 @@ def loss(
 
 
 def describe_unknown(key: str, what: str, known: Iterable[str]) -> str:
-    """Return what to say about a key that has no meaning; `what` has it: "a node"."""
+    """Return the message about a key without a meaning; `what` has it: "a node"."""
     near = find_nearest(key, known)
     meant = f', did you mean "{near}"?' if near else ""
     return f'unknown key "{key}" of {what} is not carried over{meant}'
@@ -78,7 +78,7 @@ def list_findings(remarks: Iterable[Remark], *, strict: bool) -> Iterator[Findin
 def leave_out_replaced(
     remarks: Iterable[Remark], job: YamlNode, nodes: Mapping[str, YamlNode]
 ) -> Iterator[Remark]:
-    """Yield the remarks without losses that the Rigelfile makes good: the job, or its `nodes`."""
+    """Yield the remarks without losses that the Rigelfile replaces: in the job, or its `nodes`."""
     for remark in remarks:
         own = job if remark.node is None else nodes.get(remark.node)
         if not (remark.lost and remark.option and own and has_path(own, remark.option)):

@@ -19,7 +19,7 @@ class Archive:
     """Sources that a stack consists of, in place of nodes.
 
     Attributes:
-        place: the mapping that they stand in.
+        place: the mapping that contains them.
         values: what it says of them: `data` or `url`, `launch_file`, `checksum` and so on.
     """
 
@@ -34,12 +34,12 @@ class Stack:
     Attributes:
         ids: the names by which others refer to it: stackId, thingId.
         name: what people call it; "" where it has no name.
-        place: the mapping that it stands in.
+        place: the mapping that contains it.
         arguments, parameters, nodes, containers, references: the entries of its sections.
         parts: stacks that it consists of: the components of a Symphony solution.
         archive: the sources that it consists of; it has no sections then.
         remarks: what is wrong with its form.
-        ros2: its form is known to ROS 2 only.
+        ros2: its form exists for ROS 2 only.
     """
 
     ids: tuple[str, ...]
@@ -90,14 +90,14 @@ def read_sections(place: YamlNode, *, ids: Iterable[str] = (), ros2: bool = Fals
 
 
 def has_lifecycle(node: YamlNode) -> bool:
-    """Return whether a node has transitions, which only ROS 2 knows."""
+    """Return whether a node has transitions, which exist only in ROS 2."""
     return "lifecycle" in node.value and not is_empty(node.value["lifecycle"])
 
 
 def _list_entries(
     content: Mapping[str, YamlNode], key: str, remarks: list[Remark]
 ) -> tuple[YamlNode, ...]:
-    """Return the mappings in a list; remark on what is none."""
+    """Return the mappings in a list; remark on other values."""
     section = content.get(key)
     if section is None or is_empty(section):
         return ()
@@ -113,11 +113,11 @@ def _list_entries(
 
 
 def is_empty(node: YamlNode) -> bool:
-    """Return whether a value says nothing: Muto writes every key of its model."""
+    """Return whether a value is empty: Muto writes every key of its model."""
     return node.value is None or node.value in ("", [], {})
 
 
 def text_at(content: Mapping[str, YamlNode], key: str) -> str:
-    """Return the text of a key, "" where there is none."""
+    """Return the text of a key, "" without the key."""
     node = content.get(key)
     return node.value if node is not None and isinstance(node.value, str) else ""

@@ -43,7 +43,7 @@ NO_RESPAWN = (
 
 @attrs.frozen
 class Translation:
-    """Nodes of a job, by key, and what there is to say about them.
+    """Nodes of a job, by key, and the remarks about them.
 
     Attributes:
         options: the job's options beside `nodes`: global parameters.
@@ -62,7 +62,7 @@ def translate(
     Args:
         given: values of arguments; each must be declared by one of the stacks.
         find: returns the stack of an id, or raises NotFound or Unreadable.
-        ros2: they are for ROS 2, also where their forms do not say it.
+        ros2: they are for ROS 2, even if their forms do not show it.
     """
     gathering = Gathering(find)
     gathering.add(stack)
@@ -75,7 +75,7 @@ def translate(
 
 
 def require_nodes(stack: Stack, made: Translation) -> Translation:
-    """Return a translation with an error in it where it has no nodes, and no error says why."""
+    """Return a translation, with an error in it if it has no nodes and no error says why."""
     if made.nodes or any(remark.finding.severity == "error" for remark in made.remarks):
         return made
     missing = error(stack.place, "this stack has no node that can be run", "no-node")
@@ -94,11 +94,11 @@ class _Work:
         self._given = given
         self._allowance = Allowance()
         self._declared: set[str] = set()
-        self._told_respawn = False
+        self._reported_respawn = False
         self._sources: dict[str, tuple[YamlNode, Arguments]] = {}
 
     def add(self, stack: Stack) -> None:
-        """Lay a stack's nodes over those that are there."""
+        """Lay a stack's nodes over the existing ones."""
         arguments = Arguments(stack.arguments, self._given, self._allowance)
         self._remarks += arguments.remarks
         self._declared |= arguments.names
@@ -138,7 +138,7 @@ class _Work:
             self._remarks += translated.remarks
             return
         if translated.key in self.nodes:
-            message = f'the node "{translated.key}" is there already: this one replaces it'
+            message = f'the node "{translated.key}" already exists: this one replaces it'
             self._remarks.append(note(entry, message, "duplicate-node"))
         self.nodes[translated.key] = translated.options
         self._of_nodes[translated.key] = translated.remarks
@@ -146,14 +146,14 @@ class _Work:
 
     def _remark_on_respawn(self, entry: YamlNode) -> None:
         respawn = entry.value.get("respawn")
-        if respawn is None or is_empty(respawn) or self._told_respawn:
+        if respawn is None or is_empty(respawn) or self._reported_respawn:
             return
         if respawn.value is False or text_at(entry.value, "respawn").lower() in ("false", "0"):
-            self._told_respawn = True
+            self._reported_respawn = True
             self._remarks.append(loss(respawn, NO_RESPAWN))
 
     def join_nodelets(self) -> None:
-        """Make nodelets of the nodes that only load one components of their managers."""
+        """Turn nodes that only load a nodelet into components of their managers."""
         for key, options in list(self.nodes.items()):
             loader = find_loader(key, options)
             if loader is None:
@@ -174,7 +174,7 @@ class _Work:
                 self.nodes[key] = simplify_manager(options)
 
     def list_remarks(self) -> Iterator[Remark]:
-        """Yield what there is to say; nothing about nodes that others have replaced."""
+        """Yield the remarks; none about nodes that others have replaced."""
         yield from self._remarks
         for remarks in self._of_nodes.values():
             yield from remarks

@@ -1,4 +1,4 @@
-"""Stacks that are Ditto things: asked for over HTTP, by their ids."""
+"""Stacks that are Ditto things: fetched over HTTP, by their ids."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Twin:
     """The things of one Ditto.
 
     Args:
-        url: what stands before /api/2/things.
+        url: the part before /api/2/things.
         fetched: texts that were fetched before, by their URLs; what is fetched is added.
     """
 
@@ -33,12 +33,12 @@ class Twin:
         self._stacks: dict[str, Stack] = {}
 
     def find(self, identifier: str) -> Stack:
-        """Return the stack of an id, the same whenever it is asked for.
+        """Return the stack of an id, the same one at each call.
 
         Raises:
-            NotFound: there is no such thing.
+            NotFound: the thing does not exist.
             Unreadable: it is not a stack.
-            UserError: the variable of a secret is not set, or the secret would go unencrypted.
+            UserError: the variable of a secret is not set, or the secret would be sent unencrypted.
             RigelK8sError: Ditto cannot be reached, or refuses.
         """
         if identifier not in self._stacks:
@@ -49,7 +49,7 @@ class Twin:
         return self._stacks[identifier]
 
     def _fetch(self, url: str) -> str:
-        """Return what Ditto has at a URL."""
+        """Return Ditto's content of a URL."""
         answer = self._ditto.request("GET", url)
         if answer.status == 404:
             raise NotFound(f"there is no thing {url}")

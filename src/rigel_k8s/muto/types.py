@@ -14,7 +14,7 @@ _TRUTHS = {"true": True, "false": False}
 
 
 def give_type(node: YamlNode) -> YamlNode:
-    """Return a text that is written as a number or truth as one: "2" is 2; others as they are."""
+    """Return a text that is written as a number or boolean as one: "2" is 2; others unchanged."""
     text: Any = node.value
     if not isinstance(text, str):
         return node

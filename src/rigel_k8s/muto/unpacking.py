@@ -1,7 +1,7 @@
 """The files of an archive, unpacked in memory.
 
-An archive comes from someone else. So there are limits, each path stays below the directory that
-it is unpacked into, and nothing is accepted but files, directories and links to these.
+An archive comes from another person. So it has limits, each path stays below the directory that it
+is unpacked into, and only files, directories and links to these are accepted.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MOST_UNPACKED = 64 * 2**20
 MOST_ENTRIES = 10_000
 #: Directories in each other, and bytes of a name; Linux has 255.
 DEEPEST_PATH, LONGEST_NAME = 50, 255
-#: What Python's readers raise where an archive is damaged.
+#: What Python's readers raise if an archive is damaged.
 _DAMAGED = (
     *(tarfile.TarError, zipfile.BadZipFile, zlib.error, lzma.LZMAError),
     *(OSError, EOFError, ValueError, ArithmeticError, RuntimeError),
@@ -33,7 +33,7 @@ _ZIP = (b"PK\x03\x04", b"PK\x05\x06")
 
 
 class BadArchive(Exception):
-    """An archive that is not unpacked; the text says why."""
+    """An archive that is not unpacked; the text has the reason."""
 
 
 def unpack(content: bytes) -> Tree:
@@ -52,7 +52,7 @@ def enter(tree: Tree, directory: str) -> Tree:
     """Return a tree with the content of one of its directories moved to the top.
 
     Raises:
-        BadArchive: there is no such directory, or the top has an entry of the same name.
+        BadArchive: the directory does not exist, or the top has an entry of the same name.
     """
     inside = make_path(directory)
     if not inside:
@@ -68,7 +68,7 @@ def enter(tree: Tree, directory: str) -> Tree:
 
 
 def flatten(tree: Tree) -> Tree:
-    """Return a tree without its top directory, where all of it is in that one."""
+    """Return a tree without its top directory, if all of it is in that one."""
     tops = {path.partition("/")[0] for path in tree}
     if len(tops) != 1 or not any("/" in path for path in tree):
         return tree
@@ -101,7 +101,7 @@ def make_path(name: str) -> str:
     """Return a name of an archive as a path of a tree; "" for the top.
 
     Raises:
-        BadArchive: it leads out, or is nothing that a file should be called.
+        BadArchive: it leads out, or is not a valid name of a file.
     """
     parts = [part for part in name.split("/") if part not in ("", ".")]
     if name.startswith("/") or ".." in parts:
@@ -182,7 +182,7 @@ def _read_zip(content: bytes) -> Iterator[tuple[str, Entry]]:
 
 
 def _make_zip_entry(info: zipfile.ZipInfo, mode: int, content: bytes) -> Entry:
-    """Return an entry of a zip; its mode is 0 where it was not packed on Unix."""
+    """Return an entry of a zip; its mode is 0 if it was not packed on Unix."""
     if info.is_dir():
         return Directory()
     kind = stat.S_IFMT(mode)

@@ -290,7 +290,7 @@ def test_a_directory_that_is_there_is_kept(convert: Convert) -> None:
     assert convert(make_stack(pack(WORKSPACE)))[0] == 0
     before = list_files(Path("out"))
     code, errors = convert(make_stack(pack({"a.launch": "x"}), launch_file="a.launch"))
-    assert (code, "out is there already, and is not an empty directory" in errors) == (2, True)
+    assert (code, "out already exists, and is not an empty directory" in errors) == (2, True)
     assert list_files(Path("out")) == before
     Path("empty").mkdir()
     Path("link").symlink_to("empty")

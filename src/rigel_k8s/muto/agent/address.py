@@ -26,7 +26,7 @@ class Address:
 
     @property
     def is_readable_by_others(self) -> bool:
-        """Whether others can read what goes there: unencrypted, to another machine."""
+        """Whether others can read what is sent there: unencrypted, to another machine."""
         return not self.tls and self.host != "localhost" and not is_loopback(self.host)
 
     def __str__(self) -> str:
@@ -50,7 +50,7 @@ def read_address(text: str) -> Address:
     if parts.username is not None or parts.password is not None:
         raise UserError(
             "the address of the broker has a user or a password in it",
-            hint="set the user by itself, and name a variable or a file with the password",
+            hint="set the user separately, and name a variable or a file with the password",
         )
     if parts.scheme not in PORTS or not host or port == 0 or parts.path.strip("/") or parts.query:
         raise UserError(f'"{text}" is not the address of a broker', hint=hint)
@@ -85,7 +85,7 @@ class Login:
             raise UserError("a client's certificate and its key belong together: set both")
 
     def read_password(self, environ: Mapping[str, str]) -> str | None:
-        """Return the password, None where there is none.
+        """Return the password, None without one.
 
         Raises:
             UserError: its variable is not set, or its file cannot be read.
@@ -109,7 +109,7 @@ class Login:
         """
         authorities = ""
         if self.authorities:
-            # Empty text would stand for the authorities of this machine.
+            # An empty text would stand for the authorities of this machine.
             authorities = _read_text(self.authorities, "the broker's authority") or "\n"
         try:
             context = trust(authorities, protocols=())

@@ -21,8 +21,8 @@ class Allowance:
     Attributes:
         stacks: patterns of the ids that a command may name.
         images: patterns of the images that a deploy may use.
-        whole_stacks: a command may bring its stack with it. Its id is then only the sender's claim,
-            so that `stacks` does not apply.
+        whole_stacks: a command may contain its stack. Its id is then only the sender's claim, so
+            that `stacks` does not apply.
     """
 
     stacks: tuple[str, ...] = ("*",)

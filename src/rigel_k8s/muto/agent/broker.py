@@ -1,7 +1,7 @@
-"""The connection to an MQTT broker; the one place that knows paho-mqtt.
+"""The connection to an MQTT broker; the only module that uses paho-mqtt.
 
-The session outlasts the connection: what is sent with QoS 1 while the agent is away comes later. A
-message is acknowledged only once it was carried out, so one that was not comes again.
+The session outlasts the connection: what is sent with QoS 1 while the agent is disconnected arrives
+later. A message is acknowledged only after it was carried out; otherwise the broker sends it again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
     from paho.mqtt.reasoncodes import ReasonCode
 
-#: Seconds that the broker keeps messages for an agent that is away.
+#: Seconds that the broker keeps messages for a disconnected agent.
 KEPT = 24 * 3600
 #: Seconds between two signs of life on a connection, and that connecting may take.
 KEEPALIVE, PATIENCE = 30, 10
@@ -33,7 +33,7 @@ KEEPALIVE, PATIENCE = 30, 10
 FIRST, LONGEST = 0.5, 30.0
 #: Messages that the broker may send before one is acknowledged, and the bytes of one.
 MOST_AT_ONCE, MOST_BYTES = 50, 4 * 2**20
-#: Answers that wait for the broker to come back, and messages of QoS 0 that wait for their turn.
+#: Answers that wait for the broker to return, and messages of QoS 0 that wait for their turn.
 MOST_ANSWERS = MOST_WAITING = 1000
 
 
@@ -102,7 +102,7 @@ class Broker:
 
     def __enter__(self) -> Broker:
         """Begin to connect, without waiting for it."""
-        self._prepare()  # what is missing is an error at once; later it may be there again
+        self._prepare()  # a missing file is an error at once; later it may exist again
         if self._login.user and self._address.is_readable_by_others:
             self._reporter.warn(
                 f"the password for {self._address} is sent without encryption: use mqtts://"
@@ -121,11 +121,11 @@ class Broker:
 
     @property
     def is_ready(self) -> bool:
-        """Whether messages come in."""
+        """Whether messages arrive."""
         return self._ready.is_set()
 
     def next(self, seconds: float) -> Delivery | None:
-        """Return the next message that is new, None if there is none for so many seconds."""
+        """Return the next new message, None if none arrives within so many seconds."""
         try:
             delivery = self._deliveries.get(timeout=seconds)
         except queue.Empty:
@@ -143,7 +143,7 @@ class Broker:
                 self._client.ack(delivery.number, 1)
 
     def publish(self, message: Message) -> None:
-        """Send a message, now or when the broker is back."""
+        """Send a message, now or when the broker has returned."""
         from paho.mqtt.packettypes import PacketTypes
         from paho.mqtt.properties import Properties
 
@@ -153,7 +153,7 @@ class Broker:
         self._client.publish(message.topic, message.payload, qos=1, properties=properties)
 
     def _prepare(self) -> None:
-        """Read what may have changed since the last connection from files and the environment."""
+        """Read from files and the environment what may have changed since the last connection."""
         self._client.username_pw_set(self._login.user, self._login.read_password(self._environ))
         if self._context:
             self._login.load_certificate(self._context)
@@ -172,7 +172,7 @@ class Broker:
                         self._client.disconnect()
             except RigelK8sError as error:
                 self._cause = error.message
-            except Exception as error:  # whatever it is, the next attempt may be better
+            except Exception as error:  # whatever it is, the next attempt may succeed
                 self._cause = str(error) or type(error).__name__
             self._close()
             self._report(self._cause or "it has ended")
@@ -210,7 +210,7 @@ class Broker:
             self._is_open = True
             self._connection += 1
             self._session += not flags.session_present
-        # Own answers must not come back, and a command that was retained is an old one.
+        # Own answers must not be received, and a retained command is an old one.
         options = SubscribeOptions(
             qos=1, noLocal=True, retainHandling=SubscribeOptions.RETAIN_DO_NOT_SEND
         )
@@ -230,7 +230,7 @@ class Broker:
 
     def _take(self, _client: Client, _data: Any, message: MQTTMessage) -> None:
         if message.qos == 0 and self._deliveries.qsize() >= MOST_WAITING:
-            return  # QoS 0 promises nothing; who sends faster must not fill the memory
+            return  # QoS 0 promises nothing; a fast sender must not fill the memory
         properties = message.properties
         arrival = Arrival(
             topic=message.topic,
@@ -260,7 +260,7 @@ class Broker:
         self._ready.clear()
 
     def _report(self, trouble: str) -> None:
-        """Say once, until it is ready again, what keeps the agent from its broker."""
+        """Report once, until it is ready again, why the agent has no connection to its broker."""
         if trouble not in self._troubles and not self._ending.is_set():
             self._reporter.warn(f"no connection to {self._address}: {trouble}; trying again")
             self._troubles.add(trouble)

@@ -1,7 +1,7 @@
-"""What others ask of the agent, and what it answers: the words between MQTT and the cluster.
+"""The agent's commands and its answers: the values between MQTT and the cluster.
 
-The protocols make these values out of messages, and messages out of the answers; an Executor
-carries the commands out. Neither side knows how the other one works.
+The protocols make these values from messages, and messages from the answers; an Executor carries
+the commands out. Neither side depends on the other.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Deployment:
     come alone.
 
     Attributes:
-        identity: tells duplicates: of two commands with one identity the second has no effect.
+        identity: finds duplicates: of two commands with one identity the second has no effect.
             "" if the sender gave none: such a command has no duplicates.
         stack: the text of a stack, in any form that muto/formats.py reads.
         stack_id: the id of the stack; a Ditto or the agent's own files have it if `stack` is None.
@@ -65,7 +65,7 @@ class Kill:
 
     Attributes:
         identity: as that of a Deployment.
-        stack_id: the id of the stack to remove, "" for whichever runs.
+        stack_id: the id of the stack to remove, "" for any that runs.
         components: names of Symphony's components: only these are removed. Empty: all.
     """
 
@@ -79,7 +79,7 @@ class Query:
     """A question about the ROS graph.
 
     Attributes:
-        arguments: the question's own values, such as `topic`; not where to send the answer.
+        arguments: the question's own values, such as `topic`; not the place for the answer.
     """
 
     kind: QueryKind
@@ -88,14 +88,14 @@ class Query:
 
 @attrs.frozen
 class Inventory:
-    """Symphony's question which of its components are there, by their names."""
+    """Symphony's question which of its components exist, by their names."""
 
     components: tuple[str, ...]
 
 
 @attrs.frozen
 class Refusal:
-    """What is wrong with a message. Nothing is deployed, and the sender gets the message.
+    """Why a message is refused. Nothing is deployed, and the sender receives the text.
 
     Attributes:
         kind: a word for programs: malformed, too-large, not-a-stack, unknown-command,
@@ -113,7 +113,7 @@ class Stage(Enum):
     """How far a command has come."""
 
     ACCEPTED = "accepted"  # its objects are stored; readiness is still waited for
-    DONE = "done"  # what it deploys is ready, or what it removes is gone
+    DONE = "done"  # what it deploys is ready, or what it removes no longer exists
     FAILED = "failed"
     SUPERSEDED = "superseded"  # a newer command has taken its place
     REFUSED = "refused"  # not allowed, or not a stack: nothing has changed
@@ -121,14 +121,14 @@ class Stage(Enum):
 
 @attrs.frozen
 class Outcome:
-    """What has become of a command; `text` is the cause or a sentence for the sender."""
+    """The result of a command; `text` is the cause or a sentence for the sender."""
 
     stage: Stage
     text: str = ""
 
     @property
     def succeeded(self) -> bool:
-        """Whether the sender need not do anything about it."""
+        """Whether the sender need not do anything."""
         return self.stage in (Stage.ACCEPTED, Stage.DONE)
 
 
@@ -137,7 +137,7 @@ class ComponentState:
     """The state of one of Symphony's components.
 
     Attributes:
-        stack: the text that it was deployed from; None where there is no such component.
+        stack: the text that it was deployed from; None if the component does not exist.
         ready: all its nodes are ready.
         text: why it is not ready, if the cause is known.
     """
@@ -162,7 +162,7 @@ class Executor(Protocol):
     """
 
     def submit(self, command: Command) -> Outcome:
-        """Return as soon as the command is stored or refused; the long part goes on by itself.
+        """Return as soon as the command is stored or refused; the long part continues.
 
         When this returns, the message is acknowledged: a command that is accepted must survive
         the end of the agent.

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 
 def join(components: Mapping[str, str]) -> str:
-    """Return the text of a Symphony solution that has the texts of stacks, by name, in it."""
+    """Return the text of a Symphony solution that contains the texts of stacks, by name."""
     listed = [
         {
             "name": name,

@@ -25,7 +25,7 @@ _NAME = "the message"
 
 
 def identify(correlation: str, topic: str, payload: bytes) -> str:
-    """Return what tells duplicates of a message, "" where its sender gave no correlation.
+    """Return what identifies a message, "" if its sender gave no correlation.
 
     The message itself is part of it, because some senders use one correlation for all of theirs.
     """
@@ -36,13 +36,13 @@ def identify(correlation: str, topic: str, payload: bytes) -> str:
 
 
 def read_command(method: str, content: Mapping[str, Any], identity: str) -> Command:
-    """Return what the method of a stack asks for.
+    """Return the command that the method of a stack is.
 
     Args:
         content: a stack, or an object that names one by `stackId`.
 
     Raises:
-        Malformed: the method is unknown, or there is no stack.
+        Malformed: the method is unknown, or the stack is missing.
     """
     if method == "kill":
         return Kill(identity=identity, stack_id=text_at(content, "stackId"))
@@ -84,7 +84,7 @@ def read_component(component: Mapping[str, Any]) -> str:
 
 
 def _list_ids(text: str) -> tuple[str, ...]:
-    """Return the ids of the one stack in a text. Raises Malformed where there is not one."""
+    """Return the ids of the one stack in a text. Raises Malformed unless it is exactly one."""
     try:
         stacks = list_stacks(read(Source(_NAME, text)))
     except Unreadable as error:

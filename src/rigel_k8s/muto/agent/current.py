@@ -1,6 +1,6 @@
-"""What the device's twin in Ditto says of it: `current`, the stack and its state.
+"""What the device's twin in Ditto reports: `current`, the stack and its state.
 
-Ditto may be away: only the newest state is kept, and written when Ditto is back.
+Ditto may be unreachable: only the newest state is kept, and written when Ditto answers again.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rigel_k8s.report import Reporter
 
 CURRENT = "/features/stack/properties/current"
 MERGE = "application/merge-patch+json"
-#: What a device's thing has; what it has of these already stays.
+#: What a device's thing has; existing parts of these stay.
 THING: Mapping[str, Any] = {
     "features": {name: {"properties": {}} for name in ("context", "stack", "telemetry")}
 }
@@ -25,13 +25,13 @@ AGAIN = 5.0
 
 
 def describe_current(record: Record) -> dict[str, str]:
-    """Return what the twin says: the stack, its state, and why it failed."""
+    """Return what the twin reports: the stack, its state, and why it failed."""
     said = {"stackId": record.label, "state": record.state}
     return {**said, "cause": record.cause} if record.cause else said
 
 
 class Announcer:
-    """A thread that keeps `current` of a thing as it was set last."""
+    """A thread that keeps `current` of a thing as it was last set."""
 
     def __init__(self, ditto: Ditto, thing: str, report: Reporter) -> None:
         self._ditto = ditto
@@ -79,7 +79,7 @@ class Announcer:
                     self._changed.wait(AGAIN)
 
     def _try(self, current: Mapping[str, str]) -> bool:
-        """Write; return whether it worked, and report only that this has changed."""
+        """Write; return whether it worked, and report only a change of that."""
         try:
             if not self._known:
                 self._register()
@@ -97,7 +97,7 @@ class Announcer:
         return True
 
     def _register(self) -> None:
-        """Have the thing in Ditto."""
+        """Create the thing in Ditto."""
         url = self._ditto.url_of(self._thing)
         if self._ditto.request("PATCH", url, THING, MERGE).status in (400, 404):
             self._send("PUT", "", THING)

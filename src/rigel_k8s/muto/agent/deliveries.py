@@ -1,4 +1,4 @@
-"""Which messages were carried out although the broker may not know it yet.
+"""Which messages were carried out, perhaps without the broker having noticed it.
 
 A broker sends a message of QoS 1 again if the connection ended before it was acknowledged. Such a
 copy has the number of the first one, and a mark.
@@ -24,7 +24,7 @@ class Delivery:
         number: MQTT's packet identifier; 0 for QoS 0.
         kept: the broker keeps it until it is acknowledged (QoS 1).
         again: the broker marks it as a copy.
-        connection: the number of the connection that it came by; only there it is acknowledged.
+        connection: the number of the connection that it came by; only there it can be acknowledged.
         session: the number of the broker's session, which may outlast connections.
     """
 

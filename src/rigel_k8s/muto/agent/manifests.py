@@ -15,7 +15,7 @@ from rigel_k8s.objects.workloads import ReleaseContext, config_map, deployment
 
 #: What `rigel image muto-agent` builds.
 AGENT_IMAGE = f"ghcr.io/rigel-k8s/muto-agent:{__version__}"
-#: Where the pod has its Rigelfile, and what the broker wants. The Rigelfile is mounted by itself,
+#: Where the pod has its Rigelfile, and the files for the broker. The Rigelfile is mounted alone,
 #: since all users may write into the directory of a ConfigMap: no such directory is trusted.
 DIRECTORY, CREDENTIALS = "/etc/rigel-k8s", "/etc/rigel-k8s-broker"
 FILE = "Rigelfile"
@@ -40,7 +40,7 @@ def agent_objects(
 
     Args:
         rigelfile: the text of a Rigelfile with the job that commands deploy.
-        rules: what it takes to deploy that into the agent's namespace.
+        rules: the rights to deploy that into the agent's namespace.
     """
     name = around.release
     meta = around.metadata(name)
@@ -110,7 +110,7 @@ def _make_container(around: ReleaseContext, options: MutoAgent) -> Object:
 
 
 def _choose_resources(said: Resources) -> Object:
-    """Return requests and limits, the defaults below what the user says."""
+    """Return requests and limits, the defaults below the user's values."""
     asked = {"requests": said.requests, "limits": said.limits}
     return {
         kind: {**RESOURCES[kind], **{str(name): str(value) for name, value in values.items()}}

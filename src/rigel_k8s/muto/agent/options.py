@@ -13,13 +13,13 @@ from rigel_k8s.objects.scalars import ImageRef, ObjectName
 
 @attrs.frozen(kw_only=True)
 class MutoAgent:
-    """An agent that takes commands of Eclipse Muto for one device."""
+    """An agent that carries out commands of Eclipse Muto for one device."""
 
     thing: str = required_field("the device's id, NAMESPACE:NAME")
     broker: str = required_field("the MQTT broker: mqtt://HOST:PORT, or mqtts://HOST:PORT for TLS")
     job: str = required_field(
-        "the orchestration job of this Rigelfile that commands deploy: it says images, network and"
-        " placement, and a command says the stack"
+        "the orchestration job of this Rigelfile that commands deploy: it sets images, network and"
+        " placement, and a command names the stack"
     )
     namespace: ObjectName | None = option(
         "the Kubernetes namespace of the agent and of what it deploys"
@@ -30,10 +30,12 @@ class MutoAgent:
         "a Secret with username, password, ca.crt, tls.crt and tls.key for the broker; each may be"
         " missing"
     )
-    prefix: str = option("what topics of Muto's ROS 2 generation and Symphony's begin with", "muto")
+    prefix: str = option(
+        "the beginning of the topics of Muto's ROS 2 generation and Symphony", "muto"
+    )
     target: str | None = option("the device's name in Symphony (default: the NAME of `thing`)")
     twin_url: str | None = option(
-        "the Ditto that has stacks, and is told what runs: what stands before /api/2/things"
+        "the Ditto that has stacks, and that the agent reports to: the part before /api/2/things"
     )
     twin_user: str | None = option("a user of it")
     twin_secret: ObjectName | None = option(
@@ -42,9 +44,7 @@ class MutoAgent:
     stacks: list[str] | None = option(
         "the ids of stacks that commands may name, `*` for any text (default: all)"
     )
-    whole_stacks: bool = option(
-        "commands may bring a stack with them, as Symphony's do", default=False
-    )
+    whole_stacks: bool = option("commands may contain a stack, as Symphony's do", default=False)
     images: list[str] | None = option(
         "the images that commands may deploy, `*` for any text (default: all of the job)"
     )
@@ -59,4 +59,4 @@ class MutoAgent:
         if self.twin_user and not self.twin_secret:
             raise ValueError("twin_user needs twin_secret, which has the password")
         if self.twin_secret and not self.twin_url:
-            raise ValueError("there is no twin_url that twin_secret is for")
+            raise ValueError("twin_secret needs twin_url")

@@ -17,7 +17,7 @@ SHOWN = 100
 
 
 class Malformed(Exception):
-    """A message that nothing can be made of; the refusal says why."""
+    """A message that cannot be used; the refusal has the reason."""
 
     def __init__(self, message: str, kind: str = "malformed") -> None:
         super().__init__(message)
@@ -70,12 +70,12 @@ def check_object(value: Any, what: str) -> Mapping[str, Any]:
 
 
 def object_at(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """Return the object of a key, empty where there is none. Raises Malformed."""
+    """Return the object of a key, empty without the key. Raises Malformed."""
     return check_object(content.get(key), f'"{key}"')
 
 
 def text_at(content: Mapping[str, Any], key: str) -> str:
-    """Return the text of a key, "" where there is none. Raises Malformed for another type."""
+    """Return the text of a key, "" without the key. Raises Malformed for another type."""
     value = content.get(key)
     if value is None:
         return ""
@@ -92,7 +92,7 @@ def write_json(value: Any) -> str:
 
 
 def is_topic(text: str) -> bool:
-    """Return whether an answer can go there: no wildcards, and not one of the broker's own."""
+    """Return whether an answer can be sent there: no wildcards, and not one of the broker's own."""
     if not _is_encodable(text) or text.startswith("$") or set(text) & set("+#\0"):
         return False
     return 0 < len(text.encode("utf-8")) <= LONGEST_TOPIC

@@ -22,7 +22,7 @@ from rigel_k8s.muto.agent.deliveries import Delivery
 from rigel_k8s.muto.agent.protocols.exchange import Asks, Dialect, Reply, Result, States
 from rigel_k8s.report import Reporter
 
-#: Seconds between two looks at whether the agent must end.
+#: Seconds between two checks whether the agent must end.
 POLL = 0.5
 #: Seconds before a command that could not be stored is submitted again: at first, and at most.
 FIRST, LONGEST = 0.5, 30.0
@@ -37,8 +37,8 @@ def serve(
 ) -> None:
     """Carry out what the broker delivers until `ending` is set.
 
-    A message is acknowledged after its answers are published, so an agent that is killed before
-    receives it again.
+    A message is acknowledged after its answers are published: if the agent is killed earlier, it
+    receives the message again.
     """
     while not ending.is_set():
         delivery = broker.next(POLL)
@@ -75,9 +75,9 @@ def _insist(
 def answer(
     delivery: Delivery, dialects: Sequence[Dialect], executor: Executor, reporter: Reporter
 ) -> tuple[Message, ...]:
-    """Return the answers to a message after doing what it asks.
+    """Return the answers to a message after doing what it requests.
 
-    Whatever is wrong with one message is reported, to its sender too, and does not end the agent.
+    A failure of one message is reported, to its sender too, and does not end the agent.
 
     Raises:
         Unavailable: a command that the broker keeps cannot be stored now.
@@ -98,7 +98,7 @@ def answer(
 
 
 def _try(asks: Asks, executor: Executor, reporter: Reporter, *, kept: bool) -> Reply:
-    """Return what has become of a request; an error is a failure of this request."""
+    """Return the result of a request; an error is a failure of this request."""
     try:
         return _carry_out(asks, executor)
     except Interrupted:

@@ -18,7 +18,7 @@ class Work(Protocol):
 
 
 class Turns:
-    """A thread that does the newest piece of work, and looks around while there is none.
+    """A thread that does the newest piece of work, and calls `idle` while it has none.
 
     Args:
         idle: called about every `interval` seconds while no work is done; raises nothing.
@@ -38,13 +38,13 @@ class Turns:
         self._thread.start()
 
     def put(self, work: Work) -> None:
-        """Do this next: stop what runs, and forget what waits."""
+        """Do this next: stop the present work, and forget the waiting one."""
         with self._changed:
             self._next = work
             self._stop_running()
 
     def close(self, patience: float) -> None:
-        """Stop what runs, and wait for its end for some seconds."""
+        """Stop the present work, and wait for its end for some seconds."""
         with self._changed:
             self._closed = True
             self._stop_running()

@@ -1,4 +1,4 @@
-"""What must run after a command, and what is known of it; pure.
+"""What must run after a command, and its present state; pure.
 
 The record is a contract with later versions of the agent: its format has a number.
 """
@@ -18,11 +18,11 @@ from rigel_k8s.muto.agent.commands import Command, Kill
 from rigel_k8s.muto.agent.components import join
 
 #: starting, stopping: a command is being carried out. failed: what must run is not ready, or could
-#: not be deployed. active is said of nothing that is not ready.
+#: not be deployed. active is only used if all is ready.
 State = Literal["idle", "starting", "active", "failed", "stopping", "killed"]
 
 FORMAT = 1
-#: Identities of commands that are remembered, to know a duplicate by.
+#: Identities of commands that are remembered, to recognize duplicates.
 MOST_IDENTITIES = 200
 #: Bytes of a record: a Secret holds a mebibyte, a third more in base64.
 LARGEST = 700_000
@@ -57,14 +57,14 @@ NOTHING = Wanted()
 
 @attrs.frozen(kw_only=True)
 class Record:
-    """The last command that was accepted, and what has become of it.
+    """The last command that was accepted, and its result.
 
     Attributes:
         number: how many commands were accepted before and with it.
         identity: its own; identities: those of the accepted commands, the newest last.
-        label: the id by which the twin knows the stack; after a kill, the one that ran.
-        is_there: it runs, or may still become ready: the cluster is looked at from time to time.
-        revision: the release's revision that it is; 0 as long as that is unknown.
+        label: the id under which the twin has the stack; after a kill, the one that ran.
+        is_there: it runs, or may still become ready: the cluster is checked from time to time.
+        revision: the release's revision that it is; 0 while that is unknown.
         cause: why it failed.
     """
 
@@ -111,7 +111,7 @@ def apply_command(command: Command, now: Wanted) -> Wanted:
 
 
 def encode(record: Record) -> str:
-    """Return a record as a Secret holds it.
+    """Return a record as a Secret contains it.
 
     Raises:
         UserError: it is too large.
@@ -121,13 +121,13 @@ def encode(record: Record) -> str:
     if len(packed) > LARGEST:
         raise UserError(
             f"this stack has {len(packed)} bytes after compression, and a Secret keeps {LARGEST}",
-            hint="divide it, or put it into the Ditto and send its id",
+            hint="split it, or put it into the Ditto and send its id",
         )
     return base64.b64encode(packed).decode()
 
 
 def decode(data: str) -> Record:
-    """Return the record that a Secret holds.
+    """Return the record of a Secret's data.
 
     Raises:
         UserError: another version of this tool wrote it.

@@ -82,7 +82,7 @@ def test_the_pod_passes_the_level_restricted(case: str) -> None:
         ({"twin_url": "ditto"}, "is not a URL"),
         ({"twin_url": "https://me:secret@ditto"}, "no password"),
         ({"twin_url": "https://ditto", "twin_user": "me"}, "twin_user needs twin_secret"),
-        ({"twin_secret": "ditto"}, "no twin_url"),
+        ({"twin_secret": "ditto"}, "twin_secret needs twin_url"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(change: dict[str, str], words: str) -> None:

@@ -1,8 +1,8 @@
 """Commands of Muto's ROS 2 generation: live messages in Ditto's protocol, on one MQTT topic.
 
 The topic in the message is NAMESPACE/NAME/things/live/messages/SUBJECT, where SUBJECT is
-stack/commands/METHOD or agent/commands/QUERY. Answers go to the header `reply-to`, as the same
-message with /outbox in its path. What is wrong is reported as an error of Ditto.
+stack/commands/METHOD or agent/commands/QUERY. Answers are sent to the header `reply-to`, as the
+same message with /outbox in its path. A failure is reported as an error of Ditto.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Ditto:
 
     @property
     def channel(self) -> str:
-        """What the topics inside of the device's messages begin with."""
+        """How the topics inside the device's messages begin."""
         return f"{self.thing.replace(':', '/', 1)}/things/"
 
     def hears(self, topic: str) -> bool:
@@ -59,7 +59,7 @@ class Ditto:
         return topic == self.topic
 
     def read(self, arrival: Arrival) -> DittoRequest | None:
-        """Return what a message asks; None for answers and errors, which no one must answer."""
+        """Return a message's request; None for answers and errors, which no one must answer."""
         envelope: Mapping[str, Any] = {}
         try:
             envelope = read_object(arrival.payload)
@@ -113,7 +113,7 @@ class DittoRequest:
     """A message on the device's topic.
 
     Attributes:
-        envelope: the message as it came; empty where it is not JSON.
+        envelope: the message as it came; empty if it is not JSON.
     """
 
     asks: Asks
@@ -141,7 +141,7 @@ class DittoRequest:
         return {"result": "success", "state": reply.stage.value, "message": reply.text}
 
     def _fail(self, outcome: Outcome) -> Message:
-        """Return the error: where answers go, or on the device's own topic, as Muto does."""
+        """Return the error: to the place for answers, or on the device's topic, as Muto does."""
         kind = self.asks.kind if isinstance(self.asks, Refusal) else ""
         status = 400 if outcome.stage is Stage.REFUSED else 500
         value = {
@@ -170,13 +170,13 @@ class DittoRequest:
 
     @property
     def _reply_to(self) -> str:
-        """The topic for answers, "" where there is none that can be used."""
+        """The topic for answers, "" if no usable one is given."""
         topic = self._headers.get("reply-to")
         return topic if isinstance(topic, str) and is_topic(topic) else ""
 
     @property
     def _correlation(self) -> str:
-        """The header, "" where it is not text."""
+        """The header, "" if it is not text."""
         try:
             return text_at(self._headers, "correlation-id")
         except Malformed:

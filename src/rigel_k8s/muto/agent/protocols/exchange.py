@@ -47,7 +47,7 @@ Reply: TypeAlias = Outcome | Result | States
 
 
 class Request(Protocol):
-    """A message that was understood, or refused; it knows where its answers go."""
+    """A message that was understood, or refused; it has the place for its answers."""
 
     @property
     def asks(self) -> Asks:
@@ -55,7 +55,7 @@ class Request(Protocol):
         ...
 
     def answer(self, reply: Reply) -> tuple[Message, ...]:
-        """Return what to publish once it is done; nothing where no one waits for it."""
+        """Return what to publish after it is done; nothing if no one waits for it."""
         ...
 
 

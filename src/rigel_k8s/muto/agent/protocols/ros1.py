@@ -1,10 +1,10 @@
-"""Commands of Muto's ROS 1 generation: the MQTT topic says what to do.
+"""Commands of Muto's ROS 1 generation: the MQTT topic names the command.
 
 THING/stack/commands/METHOD   start, apply or kill; the payload is a stack or names one
 THING/agent/commands/QUERY    a question about the ROS graph
 
-Answers go to MQTT 5's ResponseTopic. The result of a query goes to `target.topic` in the payload,
-if there is one, after a first answer "Started".
+Answers are sent to MQTT 5's ResponseTopic. The result of a query is sent to `target.topic` in the
+payload, if it has one, after a first answer "Started".
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ NO_COMMAND = Refusal("unknown-command", "None")
 
 @attrs.frozen
 class Place:
-    """Where an answer goes."""
+    """Where to send an answer."""
 
     topic: str
     correlation: bytes | None
@@ -68,7 +68,7 @@ class Ros1:
         return topic.startswith(f"{self.thing}/")
 
     def read(self, arrival: Arrival) -> Ros1Request:
-        """Return what a message asks."""
+        """Return the request in a message."""
         place = _find_place(arrival)
         area, _, rest = arrival.topic.removeprefix(f"{self.thing}/").partition("/commands/")
         if area not in ("stack", "agent"):
@@ -94,7 +94,7 @@ def _find_place(arrival: Arrival) -> Place | None:
 
 
 def _read_target(content: Mapping[str, Any]) -> Place | None:
-    """Return where the payload itself wants the answer. Raises Malformed."""
+    """Return the place that the payload itself gives for the answer. Raises Malformed."""
     target = object_at(content, "target")
     topic, correlation = text_at(target, "topic"), text_at(target, "correlation")
     if not topic:
@@ -114,8 +114,8 @@ class Ros1Request:
     """A message on one of the device's topics.
 
     Attributes:
-        place: where MQTT's properties want the answer.
-        target: where the payload wants it.
+        place: where MQTT's properties request the answer.
+        target: where the payload requests it.
     """
 
     asks: Asks

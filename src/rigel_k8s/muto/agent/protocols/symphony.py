@@ -1,8 +1,8 @@
 """Requests of Eclipse Symphony's provider for targets behind MQTT.
 
 All targets of one prefix share two topics, so requests name their target. Symphony waits for an
-answer for 8 s: it says what is stored. Whether that is ready Symphony learns by GET, which lists
-only components that are ready and as Symphony wants them.
+answer for 8 s: it reports what is stored. Symphony finds out by GET whether that is ready; GET
+lists only components that are ready and as Symphony needs them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from rigel_k8s.muto.formats import MOST_COMPONENTS
 
 #: Symphony's codes for components.
 UPDATED, DELETED = 8004, 8005
-#: Its codes for requests. What is not OK it reports with the body as the reason.
+#: Its codes for requests. If a code is not OK, Symphony reports the body as the reason.
 OK, REFUSED, FAILED = 200, 400, 500
 
 
@@ -72,7 +72,7 @@ class Symphony:
         return topic == self.topic
 
     def read(self, arrival: Arrival) -> SymphonyRequest | None:
-        """Return what a message asks; None for other targets, and where no one can be answered."""
+        """Return a message's request; None for other targets, and if no answer is possible."""
         try:
             request = read_object(arrival.payload)
             metadata = object_at(request, "metadata")
@@ -172,11 +172,11 @@ def _read_method(
 
 
 def _check_action(component: Mapping[str, Any]) -> None:
-    """Refuse components that ask for something else than to be deployed."""
+    """Refuse components that request another action than to be deployed."""
     properties = object_at(component, "properties")
     action = text_at(properties, "method") or text_at(properties, "action")
     if action not in ("", "start", "apply"):
-        message = f'the component "{component["name"]}" asks for "{action[:100]}": expected apply'
+        message = f'the component "{component["name"]}" requests "{action[:100]}": expected apply'
         raise Malformed(message, "unsupported")
 
 

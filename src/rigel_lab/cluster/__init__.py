@@ -1,7 +1,7 @@
 """A real, unmodified Kubernetes on this machine, for people without a cluster and for our tests.
 
 Each machine of it (the control plane, every node) is a set of Linux namespaces; all are on one
-Ethernet segment of their own. It knows nothing of Rigelfiles or jobs.
+Ethernet segment of their own. It is independent of Rigelfiles and jobs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a local cluster runs besides Kubernetes: DNS, a default StorageClass, their images."""
+"""What a local cluster runs beside Kubernetes: DNS, a default StorageClass, their images."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ DNS_NAME = "coredns"
 STORAGE_NAME = "local-path-provisioner"
 STORAGE_NAMESPACE = "local-path-storage"
 STORAGE_DIRECTORY = "/opt/local-path-provisioner"
-#: The provisioner looks for its configuration by this name.
+#: The provisioner looks for its configuration under this name.
 STORAGE_CONFIG = "local-path-config"
 
-#: (namespace, name) of what must be there before a cluster is ready.
+#: (namespace, name) of what must be ready before a cluster is.
 DEPLOYMENTS = (("kube-system", DNS_NAME), (STORAGE_NAMESPACE, STORAGE_NAME))
 
 Object = dict[str, Any]
@@ -197,7 +197,7 @@ def storage(layout: Layout) -> list[Object]:
 
 
 def registry_note(layout: Layout) -> Object:
-    """Return the ConfigMap that tells tools of the cluster's registry (KEP-1755)."""
+    """Return the ConfigMap that names the cluster's registry for tools (KEP-1755)."""
     text = json.dumps({"host": layout.registry, "hostFromClusterNetwork": layout.registry})
     data = {"localRegistryHosting.v1": text}
     return make_object("v1", "ConfigMap", "local-registry-hosting", "kube-public", data=data)

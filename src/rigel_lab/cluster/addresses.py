@@ -68,7 +68,7 @@ def choose(taken: Iterable[str] = ()) -> Addresses:
     """Return ranges that no route, address or name server of this machine is in.
 
     Args:
-        taken: blocks of other clusters, whose pods and services no route tells of.
+        taken: blocks of other clusters, whose pods and services have no route.
 
     Raises:
         LocalClusterError: every private range is in use.
@@ -77,7 +77,7 @@ def choose(taken: Iterable[str] = ()) -> Addresses:
 
 
 def find_free_block(used: Iterable[Network]) -> Addresses:
-    """Return the first /14 of the candidates that overlaps none."""
+    """Return the first /14 of the candidates that overlaps with none."""
     avoid = list(used)
     ranges = map(Network, CANDIDATES)
     for block in chain.from_iterable(each.subnets(new_prefix=14) for each in ranges):
@@ -85,7 +85,7 @@ def find_free_block(used: Iterable[Network]) -> Addresses:
             return Addresses(str(block))
     raise LocalClusterError(
         "no free address range: the routes of this machine cover every private network",
-        hint="end a VPN or another cluster first; `ip route show table all` tells which",
+        hint="end a VPN or another cluster first; `ip route show table all` lists the routes",
     )
 
 

@@ -1,4 +1,4 @@
-"""A cluster's API server, asked as its administrator."""
+"""Requests to a cluster's API server, as its administrator."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def is_ready(layout: Layout) -> bool:
 
 
 def wait_until_ready(layout: Layout, seconds: float = 90) -> None:
-    """Wait until the API server says that it is ready.
+    """Wait until the API server reports that it is ready.
 
     Raises:
-        LocalClusterError: it does not within the time; the details are its last log lines.
+        LocalClusterError: it is not within the time; the details are its last log lines.
     """
     deadline = time.monotonic() + seconds
     while not is_ready(layout):
@@ -42,7 +42,7 @@ def wait_until_ready(layout: Layout, seconds: float = 90) -> None:
             raise LocalClusterError(
                 f"the API server was not ready after {seconds:.0f} s",
                 details=log.read_text().splitlines()[-10:] if log.exists() else (),
-                hint=f"its log: {log}; `rigel cluster down --name {layout.name}` begins anew",
+                hint=f"its log: {log}; start over with `rigel cluster down --name {layout.name}`",
             )
         time.sleep(0.1)
 
@@ -79,19 +79,19 @@ def create_nodes(layout: Layout, nodes: Sequence[str]) -> None:
     """Create the Node objects with their pod ranges; the kubelets find and fill them."""
     with connect(layout) as cluster:
         for node in nodes:
-            with suppress(ConflictError):  # where the control plane was started again
+            with suppress(ConflictError):  # if the control plane was started again
                 cluster.create(node_object(layout, node))
 
 
 def apply(layout: Layout, manifests: Iterable[Manifest]) -> None:
-    """Apply manifests in their order; what others have changed in them is set back."""
+    """Apply manifests in their order; what others have changed in them is reset."""
     with connect(layout) as cluster:
         for manifest in manifests:
             cluster.apply(manifest, force=True)
 
 
 def node_object(layout: Layout, name: str) -> dict[str, Any]:
-    """Return a Node before its kubelet comes; k3s says of itself what it was started with."""
+    """Return a Node before its kubelet starts; k3s records the arguments it was started with."""
     meta: dict[str, Any] = {"name": name, "labels": {"kubernetes.io/hostname": name}}
     if data_dir := layout.nodes.data_dir:
         server = name == SERVER
@@ -103,24 +103,24 @@ def node_object(layout: Layout, name: str) -> dict[str, Any]:
 
 
 def mark_lost(layout: Layout, node: str) -> None:
-    """Tell the cluster that a node has ended, which it would believe Ready for a while."""
+    """Mark a node that has ended as not Ready; the cluster itself would notice it later."""
     condition = {"type": "Ready", "status": "Unknown", "reason": "MachineEnded"}
     patch = {"status": {"conditions": [condition]}}
     ref = ObjectRef("v1", "Node", "", node)
-    # The node is started again in any case; someone may have deleted its object.
+    # The node is started again in any case, even if its object was deleted.
     with connect(layout) as cluster, suppress(ClusterError):
         cluster.patch(ref, patch, style="strategic", subresource="status")
 
 
 def find_ready_nodes(layout: Layout) -> set[str]:
-    """Return the names of the nodes that the cluster calls Ready."""
+    """Return the names of the nodes that the cluster reports as Ready."""
     with connect(layout) as cluster:
         nodes = cluster.nodes()
     return {node["metadata"]["name"] for node in nodes if conditions(node).get("Ready") == "True"}
 
 
 def wait_for_deployment(layout: Layout, namespace: str, name: str, seconds: float = 120) -> None:
-    """Wait until the pods of a Deployment's present template are there and ready.
+    """Wait until the pods of a Deployment's present template are ready.
 
     Raises:
         LocalClusterError: they are not within the time; the details are the Deployment's reasons.

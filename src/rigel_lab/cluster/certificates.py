@@ -1,4 +1,4 @@
-"""Keys and certificates of a cluster, made with the openssl program; it knows no process."""
+"""Keys and certificates of a cluster, made with the openssl program; independent of processes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Authority:
         organization: str | None = None,
         alternatives: Sequence[str] = (),
     ) -> tuple[Path, Path]:
-        """Return (certificate, key) files of a client, or of a server where it has alternatives.
+        """Return (certificate, key) files of a client, or of a server if it has alternatives.
 
         alternatives: subject alternative names as openssl writes them, `DNS:x` or `IP:y`.
         """

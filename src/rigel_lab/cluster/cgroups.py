@@ -1,4 +1,4 @@
-"""The cgroups of a cluster's nodes, on cgroup v1 and v2; it knows no process."""
+"""The cgroups of a cluster's nodes, on cgroup v1 and v2; independent of processes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ROOT = Path("/sys/fs/cgroup")
 
 
 def roots() -> list[Path]:
-    """Return where a cgroup of every controller is made: many on v1, one on v2."""
+    """Return the places for the cgroups of all controllers: many on v1, one on v2."""
     if (ROOT / "cgroup.controllers").exists():
         return [ROOT]
     return [p for p in ROOT.iterdir() if p.is_dir() and not p.is_symlink() and p.name != "unified"]
@@ -32,7 +32,7 @@ def create(cluster: str, node: str) -> str:
             except OSError as error:
                 raise LocalClusterError(
                     f"cannot make the cgroup {path}: {error.strerror}",
-                    hint="it needs writable cgroups; in a container run it privileged",
+                    hint="make cgroups writable; run a container privileged",
                 ) from error
     return f"/rigel-{cluster}/{node}"
 
@@ -52,7 +52,7 @@ def remove(cluster: str, node: str = "", *, seconds: float = 15) -> None:
     """Remove the cgroups of a cluster, or of one node of it, whose processes have ended.
 
     Raises:
-        LocalClusterError: one has processes still.
+        LocalClusterError: one still has processes.
     """
     deadline = time.monotonic() + seconds
     # containerd makes cgroups in the v2 hierarchy beside v1 too.
@@ -64,7 +64,7 @@ def remove(cluster: str, node: str = "", *, seconds: float = 15) -> None:
                     path.rmdir()
         if time.monotonic() > deadline:
             raise LocalClusterError(
-                f"cannot remove the cgroup {left[0]}: it has processes still",
+                f"cannot remove the cgroup {left[0]}: it still has processes",
                 hint=f"find them in {left[0]}/**/cgroup.procs",
             )
         time.sleep(0.02)

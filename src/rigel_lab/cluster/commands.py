@@ -1,4 +1,4 @@
-"""Programs of this machine, the administrator's too; it knows no cluster."""
+"""Programs of this machine, the administrator's too; independent of clusters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rigel_k8s.system import process
 
-#: Takes one line about what is being done.
+#: Called with one line about the present step.
 Report = Callable[[str], None]
 
 #: Where ip, nft and iptables are; `su` leaves it out of $PATH.
@@ -36,7 +36,7 @@ def run(
 
 
 def succeeds(command: Sequence[str]) -> bool:
-    """Return whether a program ends with exit code 0; what it prints does not matter."""
+    """Return whether a program ends with exit code 0; its output does not matter."""
     return process.succeeds(command, env=_environment(None))
 
 

@@ -1,9 +1,9 @@
-"""The programs of a local cluster: which there are, and how they get into the cache.
+"""The programs of a local cluster, and how they get into the cache.
 
-Go programs are downloaded where their projects release them, and compiled where that cannot be
-reached; the rest comes from Debian packages that are downloaded and unpacked, never installed:
-installing them would start services and could displace Docker's containerd. It knows nothing of
-clusters.
+Go programs are downloaded if their projects release them, and compiled if that server is
+unreachable; the rest comes from Debian packages that are downloaded and unpacked, never installed:
+installing them would start services and could displace Docker's containerd. This module is
+independent of clusters.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ KUBERNETES = GoBuild(
     minutes=8,
     release=Release(f"https://dl.k8s.io/release/v{KUBERNETES_VERSION}/bin/linux/{{arch}}"),
 )
-#: A cluster does without it; people, tests and benchmarks may want one of the same version.
+#: A cluster works without it; people, tests and benchmarks may want one of the same version.
 KUBECTL = attrs.evolve(
     KUBERNETES,
     packages=("k8s.io/kubernetes/cmd/kubectl",),
@@ -141,7 +141,7 @@ PLUGINS = GoBuild(
         "cni-plugins-linux-{arch}-v1.9.1.tgz",
     ),
 )
-#: The kubelet of nodes laid out as k3s does: the same program, which says "+k3s1" of itself.
+#: The kubelet of nodes laid out as k3s does: the same program, which reports "+k3s1".
 K3S_KUBELET = attrs.evolve(
     KUBERNETES,
     packages=("k8s.io/kubernetes/cmd/kubelet",),
@@ -150,7 +150,7 @@ K3S_KUBELET = attrs.evolve(
     minutes=5,
     release=None,
 )
-#: What is needed on request alone, by name; a program takes the place of one of the same name.
+#: Needed only on request, by name; a program replaces one of the same name.
 ON_REQUEST = {
     "kubectl": (KUBECTL,),
     "multus": (MULTUS, WHEREABOUTS, PLUGINS),
@@ -189,11 +189,11 @@ class Components:
 
     @property
     def complete(self) -> bool:
-        """Whether the Go programs are there still; who clears the cache takes all of it."""
+        """Whether the Go programs still exist; a user who clears the cache removes all of it."""
         return all(Path(program).exists() for program in self.go.values())
 
     def replace_missing(self, others: Components) -> Components:
-        """Return these programs, with others in the place of those that are no longer there."""
+        """Return these programs, with others in the place of those that no longer exist."""
         there = {name: path for name, path in self.go.items() if Path(path).exists()}
         return attrs.evolve(self, go=others.go | there)
 
@@ -201,7 +201,7 @@ class Components:
         """Return the path of a program by its name.
 
         Raises:
-            LocalClusterError: no package brought it.
+            LocalClusterError: no package contains it.
         """
         if name in self.go:
             return self.go[name]
@@ -214,7 +214,7 @@ class Components:
 
 
 def names(requested: Iterable[str]) -> set[str]:
-    """Return what the programs and files of some names of ON_REQUEST are called."""
+    """Return the names of the programs and files of some names of ON_REQUEST."""
     builds = [build for name in requested for build in ON_REQUEST[name]]
     return {name for build in builds for name in build.in_release}
 
@@ -222,12 +222,12 @@ def names(requested: Iterable[str]) -> set[str]:
 def obtain(
     report: Report, requested: Iterable[str] = (), upstream: Upstream | None = None
 ) -> Components:
-    """Return all programs; what the cache lacks is downloaded, or compiled.
+    """Return all programs; missing ones are downloaded into the cache, or compiled.
 
     Args:
-        report: takes one line for each step.
-        requested: names of ON_REQUEST, whose programs are wanted as well.
-        upstream: from where; None leaves it to the environment.
+        report: called with one line for each step.
+        requested: names of ON_REQUEST, whose programs are added.
+        upstream: from where; None: as the environment sets it.
 
     Raises:
         LocalClusterError, CommandFailed: a build or a download failed.
@@ -246,7 +246,7 @@ def obtain(
 def provide(builds: Sequence[GoBuild], upstream: Upstream, report: Report) -> None:
     """Put programs and Debian packages into the cache.
 
-    What must be compiled in any case is, while the network brings the rest.
+    Programs that must be compiled anyway are compiled while the network delivers the rest.
     """
     with ThreadPoolExecutor(max_workers=1) as beside:
         compiled = beside.submit(compile_all, [(b, "") for b in builds if not b.release], report)
@@ -263,19 +263,19 @@ def provide(builds: Sequence[GoBuild], upstream: Upstream, report: Report) -> No
 
 
 def compile_all(builds: Iterable[tuple[GoBuild, str]], report: Report) -> None:
-    """Compile programs, one after the other: each build uses all cores; with why, where known."""
+    """Compile programs, one after the other: each build uses all cores; report why, if known."""
     for build, why in builds:
         build.build(report, why)
 
 
 def find_missing_packages() -> list[str]:
-    """Return the Debian packages that the cache lacks."""
+    """Return the Debian packages that the cache does not have."""
     done = cache_dir() / "debian" / ".packages"
     return [package for package in DEBIAN_PACKAGES if not (done / package).exists()]
 
 
 def unpack(report: Report) -> None:
-    """Download and unpack the Debian packages that the cache lacks."""
+    """Download and unpack the missing Debian packages."""
     if not (missing := find_missing_packages()):
         return
     require_apt()
@@ -299,7 +299,7 @@ def require_apt() -> None:
         raise LocalClusterError(
             "the local cluster takes etcd, containerd and runc from Debian's or Ubuntu's packages,"
             " and this machine has no apt-get",
-            hint="use kind, minikube or k3s here; rigel works with any cluster of your kubeconfig",
+            hint="use kind, minikube or k3s; rigel works with any cluster of your kubeconfig",
         )
 
 

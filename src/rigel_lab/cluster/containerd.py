@@ -1,7 +1,7 @@
 """containerd's configuration, and from where it takes images.
 
-Every registry is tried here first: an image that was pushed as REGISTRY/library/ros is what pods
-call `ros`. What the local registry lacks comes from where its name says.
+Every registry is looked up here first: an image that was pushed as REGISTRY/library/ros is what
+pods name `ros`. What the local registry does not have comes from the registry in the image's name.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ state = "{PurePosixPath(nodes.socket).parent}"
 
 
 def may_raise_limits() -> bool:
-    """Return whether we have CAP_SYS_RESOURCE, without which sandboxes cannot be kept from OOM."""
+    """Return whether we have CAP_SYS_RESOURCE, which protecting sandboxes from OOM needs."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("CapEff:"):
             return bool(int(line.split()[1], 16) >> CAP_SYS_RESOURCE & 1)

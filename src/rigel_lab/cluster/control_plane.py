@@ -31,7 +31,7 @@ def control_plane(layout: Layout) -> Machine:
 
 
 def etcd(layout: Layout, directory: Path) -> list[str]:
-    """Return etcd's command line: on loopback of its own namespace, where nobody else is."""
+    """Return etcd's command line: on loopback of its own namespace, which no one else shares."""
     return [
         layout.program("etcd"),
         f"--data-dir={directory / 'etcd'}",
@@ -85,8 +85,8 @@ def apiserver(layout: Layout) -> list[str]:
         f"--proxy-client-cert-file={proxy}",
         f"--proxy-client-key-file={proxy_key}",
         "--enable-aggregator-routing=true",
-        # Debian's etcd cannot tell how far a watch is (3.4.25 and later can): with this feature, a
-        # watch from no or from any version (of KWOK, of scripts) would end with an error.
+        # Debian's etcd cannot report a watch's progress (3.4.25 and later can): with this feature,
+        # a watch from no or from any version (of KWOK, of scripts) would end with an error.
         "--feature-gates=WatchList=false",
     ]
 

@@ -1,6 +1,6 @@
-"""Files from a web server: each is either whole and what its published checksum says, or not there.
+"""Files from a web server: each is complete and matches its published checksum, or is not there.
 
-It knows neither which files these are nor what happens where they cannot be reached.
+It is independent of which files these are and of what happens if they are unreachable.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from rigel_k8s.system.tls import trust
 
 REDIRECTIONS = 5
 
-#: Lists of checksums and manifests of images are short; of what is longer the rest is left out.
+#: Lists of checksums and manifests of images are short; longer ones are cut off.
 LONGEST = 1 << 20
 CHUNK = 1 << 18
 SHA256 = re.compile(r"[0-9a-fA-F]{64}")
 
-#: Takes how many bytes have arrived, and how many there are (0 where the server does not say).
+#: Called with the bytes that have arrived, and their total (0 if the server does not report it).
 Progress = Callable[[int, int], None]
 
 
 class Unavailable(Exception):
-    """A file cannot be downloaded; the text says why.
+    """A file cannot be downloaded; the text has the reason.
 
     Attributes:
-        server: whether the whole server cannot be reached, so that nothing else is asked of it.
+        server: whether the whole server is unreachable, so that nothing else is requested from it.
     """
 
     def __init__(self, reason: str, *, server: bool = False) -> None:
@@ -71,7 +71,7 @@ class Server:
         """Return a short file.
 
         Args:
-            accept: the media types that are understood.
+            accept: the media types that are supported.
 
         Raises:
             Unavailable: it cannot be read.
@@ -90,11 +90,11 @@ class Server:
         raise Unavailable(f"{url} has no SHA-256 sum of {file}")
 
     def save(self, url: str, path: Path, expected: str, progress: Progress) -> None:
-        """Download a file; it is at `path` only after its sum was checked.
+        """Download a file; it appears at `path` only after its sum was checked.
 
         Raises:
-            Unavailable: it did not come, or not whole.
-            LocalClusterError: it is not what its sum says.
+            Unavailable: it did not arrive, or not completely.
+            LocalClusterError: it does not match its sum.
         """
         part = path.with_name(f"{path.name}.part")
         digest, done = hashlib.sha256(), 0
@@ -114,10 +114,10 @@ class Server:
 
     @contextmanager
     def open(self, url: str, accept: str = "*/*") -> Iterator[urllib3.BaseHTTPResponse]:
-        """Ask for a file and give its answer, whose body is still to be read.
+        """Request a file and give its answer, whose body is still to be read.
 
         Raises:
-            Unavailable: there is none, or it breaks off while it is read.
+            Unavailable: it does not exist, or the connection breaks while it is read.
         """
         try:
             with self.follow(url, {"Accept": accept}) as answer:
@@ -126,7 +126,7 @@ class Server:
             silence = f"{urlsplit(url).netloc} sent nothing for {self.patience.silence:g} s"
             raise Unavailable(silence, server=True) from error
         except urllib3.exceptions.ProtocolError as error:
-            raise Unavailable(f"{url} broke off") from error
+            raise Unavailable(f"the connection to {url} broke") from error
         except urllib3.exceptions.HTTPError as error:
             raise Unavailable(f"{url}: {error}") from error
 
@@ -144,24 +144,22 @@ class Server:
                 if location := answer.get_redirect_location():
                     before, place = place, urljoin(place, location)
                     if before.startswith("https:") and not place.startswith("https:"):
-                        raise Unavailable(f"{url} leads away from TLS, to {place}")
+                        raise Unavailable(f"{url} redirects from TLS to {place}")
                     continue
                 if answer.status != 200:
                     raise Unavailable(f"{url}: HTTP {answer.status}")
                 yield answer
                 return
-        raise Unavailable(f"{url} leads from one place to another without end")
+        raise Unavailable(f"{url} redirects without end")
 
     def anonymous_token(self, challenge: str) -> str:
-        """Return what an image registry wants to see of those who are not logged in."""
+        """Return an image registry's token for anonymous users."""
         words = dict(re.findall(r'(\w+)="([^"]*)"', challenge))
         answer = self.read(f"{words.pop('realm', '')}?{urlencode(words)}")
         try:
             return str(json.loads(answer)["token"])
         except (ValueError, KeyError, TypeError) as error:
-            raise Unavailable(
-                "the registry gives no token to those who are not logged in"
-            ) from error
+            raise Unavailable("the registry gives no token to anonymous users") from error
 
     @contextmanager
     def ask(self, url: str, headers: Mapping[str, str]) -> Iterator[urllib3.BaseHTTPResponse]:
@@ -188,7 +186,7 @@ class Server:
 
 
 def connect(place: SplitResult, seconds: float) -> None:
-    """Try whether a server accepts connections.
+    """Check whether a server accepts connections.
 
     Resolving a name has no time-out of its own, hence the thread.
 
@@ -209,11 +207,11 @@ def connect(place: SplitResult, seconds: float) -> None:
     thread.start()
     thread.join(seconds)
     if reason := result[0]:
-        raise Unavailable(f"{host} cannot be reached ({reason})", server=True)
+        raise Unavailable(f"cannot reach {host} ({reason})", server=True)
 
 
 def pool_manager(proxy: SplitResult | None) -> urllib3.PoolManager:
-    """Return what sends requests."""
+    """Return the object that sends requests."""
     if proxy is None:
         return urllib3.PoolManager(ssl_context=certificate_authorities())
     login = f"{proxy.username}:{proxy.password or ''}" if proxy.username else None
@@ -225,12 +223,12 @@ def pool_manager(proxy: SplitResult | None) -> urllib3.PoolManager:
 
 @cache
 def certificate_authorities() -> ssl.SSLContext:
-    """Return those that this machine trusts, which takes a while to read."""
+    """Return the authorities that this machine trusts, which take a while to read."""
     return trust()
 
 
 def find_sum(text: str, file: str) -> str:
-    """Return a file's sum from a list of them, "" where there is none.
+    """Return a file's sum from a list of them, "" if it is not in it.
 
     A list has lines of a sum and a file, which may stand behind a directory or a `*`; a list of
     one file may be its sum alone.
@@ -244,10 +242,10 @@ def find_sum(text: str, file: str) -> str:
 
 
 def wrong_sum(url: str, expected: str, received: str) -> LocalClusterError:
-    """Return the error of a file that is not what its sum says."""
+    """Return the error for a file that does not match its sum."""
     return LocalClusterError(
-        f"{url} is not what its published checksum says",
+        f"{url} does not match its published checksum",
         details=[f"expected  sha256 {expected}", f"received  sha256 {received}"],
-        hint="nothing of it was kept: try again later, or `rigel cluster up --from-source` compiles"
+        hint="nothing was kept: try again later, or `rigel cluster up --from-source` compiles"
         " the programs",
     )

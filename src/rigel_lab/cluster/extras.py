@@ -1,8 +1,8 @@
 """What a cluster offers on request: images under their upstream names, for nodes to pull.
 
-Nothing of it is installed here. An image has the programs, paths and start of upstream's image of
-that name, so that upstream's manifests run unchanged; its shell and tools are busybox. The images
-of an observability stack stand in `observability_images`.
+None of it is installed here. An image has the programs, paths and start of upstream's image of that
+name, so that upstream's manifests run unchanged; its shell and tools are busybox. The images of an
+observability stack are in `observability_images`.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ PLUGINS_IMAGE = f"docker.io/rancher/hardened-cni-plugins:v{PLUGINS.version}-buil
 
 
 def list_offered(extras: Iterable[str]) -> list[str]:
-    """Return the names under which nodes pull what was asked for."""
+    """Return the names under which nodes pull the requested images."""
     return [name for extra in extras for name in EXTRAS[extra]]
 
 
 def extra_images(components: Components, extras: Iterable[str]) -> list[Image]:
-    """Return the images of what was asked for."""
+    """Return the requested images."""
     return [make(components) for extra in extras for make in EXTRAS[extra].values()]
 
 
@@ -74,10 +74,10 @@ def plugins(components: Components) -> Image:
 def image(
     components: Components, name: str, files: Mapping[str, Path | str], **start: Sequence[str]
 ) -> Image:
-    """Return an image with a shell and its tools, that is pulled by a name of upstream's."""
+    """Return an image with a shell and its tools, for a name of upstream's."""
     return Image(
         shorten_name(name),
-        # Without its user Multus' daemon ends in a nil pointer.
+        # Without its user Multus' daemon ends with a nil pointer.
         {**users(), **shell(components), **files},
         start.get("entrypoint", ()),
         # The network namespaces of a node are in /var/run for some, in /run for others.
@@ -86,7 +86,7 @@ def image(
     )
 
 
-#: What can be asked for (`--with`): what nodes pull -> what makes it. A kubectl is for people.
+#: What `--with` can request: what nodes pull -> what makes it. A kubectl is for people.
 EXTRAS: Mapping[str, Mapping[str, Callable[[Components], Image]]] = {
     "kubectl": {},
     "multus": {

@@ -1,7 +1,7 @@
-"""Rules that let a bridge's traffic through where this machine drops what it forwards.
+"""Rules that let a bridge's traffic through if this machine drops what it forwards.
 
-Docker sets that policy, and where br_netfilter is loaded it meets frames between two nodes as well.
-No rule is made, and no table, where nothing is dropped.
+Docker sets that policy, and if br_netfilter is loaded, it affects frames between two nodes as well.
+If nothing is dropped, neither a rule nor a table is made.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def rules(bridge: str) -> list[list[str]]:
 
 
 def allow(bridge: str) -> None:
-    """Accept what a bridge forwards, before everything else, where it would be dropped."""
+    """Accept what a bridge forwards, before everything else, if it would be dropped."""
     for tool in filter(drops, tools()):
         for rule in rules(bridge):
             if not succeeds([tool, "-w", "-C", *rule]):

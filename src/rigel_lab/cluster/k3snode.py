@@ -1,6 +1,6 @@
-"""What makes a node one of k3s besides its paths: its programs, its kubeconfig, its server's port.
+"""What a node of k3s has apart from its paths: its programs, its kubeconfig, its server's port.
 
-The first node plays the server: what is sent to its port of the API reaches the control plane, so
+The first node acts as the server: what is sent to its port of the API reaches the control plane, so
 that a laptop finds a cluster where it would find a robot's.
 """
 
@@ -28,7 +28,7 @@ def furnish(layout: Layout, directory: Path, data_dir: str) -> None:
 
 
 def setup(layout: Layout, name: str) -> list[str]:
-    """Return the shell lines that lead from the server's port to the control plane."""
+    """Return the shell lines that forward the server's port to the control plane."""
     if not layout.nodes.data_dir or name != SERVER:
         return []
     own = f"-p tcp --dport {API_PORT}"

@@ -1,4 +1,4 @@
-"""The user's kubeconfig: a context is merged in, and taken out again; everything else stays."""
+"""The user's kubeconfig: a context is merged in, and removed again; everything else stays."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SECTIONS = ("clusters", "users", "contexts")
 
 
 class Loader(yaml.SafeLoader):
-    """Reads as kubectl does: a time stays the text that it is."""
+    """Reads as kubectl does: a time stays text."""
 
 
 Loader.yaml_implicit_resolvers = {
@@ -57,19 +57,21 @@ def encode(path: Path) -> str:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Return a kubeconfig file's content, empty where there is none.
+    """Return a kubeconfig file's content, empty if it does not exist.
 
     Raises:
-        UserError: it is no kubeconfig; changing it could destroy something.
+        UserError: it is not a kubeconfig; changing it could destroy something.
     """
     try:
         content = yaml.load(path.read_text(), Loader) if path.exists() else {}  # a SafeLoader
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} is not YAML: {error}", hint="mend or move it first") from error
+        raise UserError(f"{path} is not YAML: {error}", hint="correct or move it first") from error
     except OSError as error:
-        raise UserError(f"{path}: {error.strerror}", hint="name another with KUBECONFIG") from error
+        raise UserError(
+            f"{path}: {error.strerror}", hint="name another file with KUBECONFIG"
+        ) from error
     if not isinstance(content or {}, dict) or not all(map(is_section, sections(content or {}))):
-        raise UserError(f"{path} is not a kubeconfig", hint="mend or move it first")
+        raise UserError(f"{path} is not a kubeconfig", hint="correct or move it first")
     return content or {}
 
 
@@ -96,9 +98,9 @@ def merge(path: Path, context: str, new: Mapping[str, Any]) -> str | None:
 
 
 def remove(path: Path, context: str, previous: str | None) -> None:
-    """Take a context out; where it was current, the one before becomes current again.
+    """Remove a context; if it was current, the one before becomes current again.
 
-    A file that holds nothing else is removed, and ~/.kube where nothing else is in it.
+    A file with no other content is removed, and ~/.kube if it is empty.
     """
     if not path.exists():
         return
@@ -118,7 +120,7 @@ def remove(path: Path, context: str, previous: str | None) -> None:
 
 
 def save(path: Path, content: Mapping[str, Any]) -> None:
-    """Write the file, all or nothing; its owner and mode stay, a new one is its owner's alone."""
+    """Write the file, all or nothing; its owner and mode stay, a new one is private."""
     path = path.resolve()
     made = [parent for parent in path.parents if not parent.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)

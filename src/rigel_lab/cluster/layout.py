@@ -18,7 +18,7 @@ from rigel_lab.cluster.nodepaths import NodePaths, plain_paths
 API_PORT = 6443
 REGISTRY_PORT = 5000
 CONTROL_PLANE = "control-plane"
-#: The node that plays the server where nodes are like k3s'.
+#: The node that acts as the server if nodes are like k3s'.
 SERVER = "node1"
 
 #: Each machine's number is the last part of its address.
@@ -91,7 +91,7 @@ class Layout:
         return self.components.program(name)
 
     def environment(self, given: Mapping[str, str] = os.environ) -> dict[str, str]:
-        """Return the variables of machines: none of the user's but those that lead to the Internet.
+        """Return the variables of machines: none of the user's except those for the Internet.
 
         The cluster's own addresses are reached without a proxy.
         """

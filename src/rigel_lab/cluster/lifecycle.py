@@ -1,4 +1,4 @@
-"""The life of a local cluster: up and down; each may be said again at any time."""
+"""The life of a local cluster: up and down; each may be repeated at any time."""
 
 from __future__ import annotations
 
@@ -50,25 +50,25 @@ def up(
     mirror: str | None = None,
     report: Report = lambda _: None,
 ) -> ClusterStatus:
-    """Start a cluster, or what of it does not run, and return it.
+    """Start a cluster, or those parts of it that do not run, and return it.
 
-    A cluster of an earlier boot is made anew as it was: its etcd does not sync to disk.
+    A cluster of an earlier boot is recreated as it was: its etcd does not sync to disk.
 
     Args:
         name: of the cluster; its context is rigel-NAME.
-        nodes: how many; None leaves it to the cluster that is there, else two.
-        extras: what its registry offers besides ("multus"); a running cluster gains them.
+        nodes: how many; None: as the existing cluster, else two.
+        extras: what its registry offers in addition ("multus"); a running cluster gains them.
         layout: "plain" or "k3s": where its nodes have CNI and containerd; None as with `nodes`.
         data_dir: k3s' data directory.
-        made: images that others make for extras; asked for only where the extra is.
-        mirror: the URL that stands for upstream's servers, "none" to compile everything; None is
-            what the environment says.
-        report: takes one line for each step.
+        made: images that others make for extras; used only with the extra.
+        mirror: the URL that replaces upstream's servers, "none" to compile everything; None: the
+            environment's.
+        report: called with one line for each step.
 
     Raises:
-        UserError: this machine cannot, or a running cluster is another.
-        LocalClusterError, CommandFailed: a part did not start; what was started stays for a look
-            at its logs and is removed by `down`.
+        UserError: this machine is not suitable, or a running cluster differs.
+        LocalClusterError, CommandFailed: a part did not start; what was started stays, so that its
+            logs can be read, and is removed by `down`.
     """
     require_host()
     check_name(name)
@@ -76,18 +76,18 @@ def up(
     wish.check()
     upstream = Upstream.of(mirror)
     file = kubeconfig.user_kubeconfig().absolute()
-    kubeconfig.load(file)  # one that cannot be changed is told before anything is started
+    kubeconfig.load(file)  # fails before anything is started
     with working_on(name):
         state = load_or_create(name, wish, upstream, report)
         shared.acquire(name, state.node_paths.binds)
         started = start_machines(state, report)
-        # Those of a cluster that was made anew, or whose `up` was broken off, are missing.
+        # Those of a recreated cluster, or of an interrupted `up`, are missing.
         asked = wish.extras or (() if state.offers else state.extras)
         offer(state, asked, made, upstream, report)
         if started or not state.furnished:
             furnish(state, report)
         else:
-            report(f"Cluster {name} is running already")
+            report(f"Cluster {name} is already running")
         merge_kubeconfig(state, file)
         return status_of(state)
 
@@ -113,13 +113,13 @@ def working_on(name: str) -> Iterator[None]:
 
 
 def load_or_create(name: str, wish: Wish, upstream: Upstream, report: Report) -> State:
-    """Return the state of a cluster that can go on, or of a new one."""
+    """Return the state of a cluster that can continue, or of a new one."""
     state = State.load(name)
     if not state:
         return create(name, wish, upstream, report)
     state.require_known()
     if state.boot != paths.boot_id():
-        report(f"Cluster {name} was lost when this machine restarted; making it anew")
+        report(f"Cluster {name} was lost when this machine restarted; recreating it")
         removal.remove(state, report)
         return create(name, wish.complete_from(state), upstream, report)
     wish.compare(state)
@@ -131,7 +131,7 @@ def load_or_create(name: str, wish: Wish, upstream: Upstream, report: Report) ->
 
 
 def create(name: str, wish: Wish, upstream: Upstream, report: Report) -> State:
-    """Return the state of a cluster to be, with address ranges that nobody uses."""
+    """Return the state of a new cluster, with unused address ranges."""
     parts = components.obtain(report, wish.builds, upstream)
     with shared.exclusive():
         others = [State.load(other) for other in paths.names()]
@@ -174,9 +174,9 @@ def start_machines(state: State, report: Report) -> bool:
 
 
 def start(state: State, layout: Layout, name: str) -> None:
-    """Start one machine, in a namespace of its own that is plugged into the segment."""
+    """Start one machine, in a namespace of its own that is connected to the segment."""
     machine.end(state.directory / name, layout.namespace(name))
-    if name != CONTROL_PLANE:  # a kubelet takes 3 s for each cgroup of a container that is no more
+    if name != CONTROL_PLANE:  # a kubelet takes 3 s for each cgroup of a container that has ended
         cgroups.remove(state.name, name)
     network.wire(layout, name)
     network.route(layout, name, state.node_names)
@@ -184,7 +184,7 @@ def start(state: State, layout: Layout, name: str) -> None:
 
 
 def make_machine(layout: Layout, name: str) -> Machine:
-    """Return what a machine is."""
+    """Return a machine's definition."""
     if name == CONTROL_PLANE:
         return control_plane(layout)
     return node(layout, name, cgroup=cgroups.create(layout.name, name), mtu=network.mtu())

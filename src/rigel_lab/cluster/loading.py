@@ -19,7 +19,7 @@ def load(images: Sequence[str], name: str, *, report: Report = lambda _: None) -
     """Put images of podman or docker, or of tar files, onto every node.
 
     Raises:
-        UserError: no such cluster, file or image.
+        UserError: the cluster, the file or the image does not exist.
         LocalClusterError: a node does not run.
         CommandFailed: a node refused the image.
     """
@@ -51,7 +51,7 @@ def archive(image: str) -> Iterator[Path]:
     """Give an image as a tar file: the named file itself, or what podman or docker saves.
 
     Raises:
-        UserError: there is neither such a file nor such an image.
+        UserError: neither the file nor the image exists.
     """
     if Path(image).is_file():
         yield Path(image)
@@ -74,14 +74,14 @@ def save(image: str, path: Path) -> None:
             reasons += [f"{' '.join(engine)}: {line}" for line in error.details[-1:]]
     if not engines:
         raise UserError(
-            f"no file {image}, and neither podman nor docker is installed to ask for an image",
+            f"no file {image}, and neither podman nor docker is installed to save an image",
             hint="name a tar file that `docker save` or `podman save` wrote",
         )
     raise UserError(f"no file and no image {image}", details=reasons, hint="build or pull it first")
 
 
 def engine_commands() -> Iterator[list[str]]:
-    """Yield each engine's command; under sudo its user's own podman has images of its own."""
+    """Yield each engine's command; under sudo its user's own podman has its own images."""
     user = os.environ.get("SUDO_USER")
     if user and user != "root" and shutil.which("podman"):
         yield ["runuser", "-u", user, "--", "podman"]

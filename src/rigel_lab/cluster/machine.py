@@ -1,6 +1,6 @@
-"""One machine of a local cluster: a set of namespaces whose first process takes all others with it.
+"""One machine of a local cluster: a set of namespaces whose first process ends all others with it.
 
-It knows how a machine is started, recognised and ended, not what runs on it.
+It starts, recognizes and ends a machine, independent of what runs on it.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ RECORD = "process"
 
 @attrs.frozen
 class Process:
-    """A process that cannot be taken for another: its id and when it started (clock ticks)."""
+    """A process that cannot be mistaken for another: its id and when it started (clock ticks)."""
 
     pid: int
     start: int
 
     @classmethod
     def parse(cls, stat: str) -> Process | None:
-        """Return the process of a line of /proc/PID/stat, None where it has ended."""
+        """Return the process of a line of /proc/PID/stat, None if it has ended."""
         head, _, tail = stat.rpartition(")")
         fields = tail.split()
         return (
@@ -59,10 +59,10 @@ class Process:
         return []
 
     def kill(self, seconds: float = 20) -> None:
-        """End it with SIGKILL and wait until it is gone.
+        """End it with SIGKILL and wait until it has ended.
 
         Raises:
-            LocalClusterError: it is there still (uninterruptible sleep).
+            LocalClusterError: it still exists (uninterruptible sleep).
         """
         deadline = time.monotonic() + seconds
         while self.alive:
@@ -85,7 +85,7 @@ def read_process(directory: Path) -> Process | None:
 def first_processes(namespace: str) -> Iterator[Process]:
     """Yield each process that is the first of a PID namespace and lives in a network namespace.
 
-    So is a machine whose record was lost; a `nsenter` of somebody else into it is not.
+    A machine whose record was lost is one too; another user's `nsenter` into it is not.
     """
     with suppress(OSError):
         wanted = Path("/run/netns", namespace).stat().st_ino
@@ -105,7 +105,7 @@ def is_first(entry: Path) -> bool:
 
 
 def end(directory: Path, namespace: str) -> None:
-    """End a machine, in whatever condition it is; every process of it is gone then."""
+    """End a machine, in whatever state it is; all its processes have ended then."""
     process = read_process(directory)
     started = [process, *process.children()] if process and process.alive else []
     for each in [*started, *first_processes(namespace)]:
@@ -115,13 +115,13 @@ def end(directory: Path, namespace: str) -> None:
 
 @attrs.frozen
 class Machine:
-    """What a machine is and runs.
+    """The definition of a machine.
 
     Attributes:
         namespace: the named network namespace it lives in.
         directory: its own directory on the host; logs go to `logs` in it.
         binds: directory of the host -> path inside that it is bound over.
-        services: name -> command line; each is started again where it ends.
+        services: name -> command line; each is started again when it ends.
         setup: shell lines before the services.
         environment: all variables that the services get.
         init: the program that becomes process 1 after the start and reaps (catatonit).
@@ -155,7 +155,7 @@ class Machine:
         launch.write_text(self.launch_script())
         (self.directory / RECORD).unlink(missing_ok=True)
         log = shlex.quote(str(self.logs / "machine.log"))
-        # In the background of a shell that ends: a machine is nobody's child.
+        # In the background of a shell that ends: a machine has no parent process.
         run(
             [
                 "/bin/sh",
@@ -183,7 +183,7 @@ class Machine:
         variables = [f"{key}={value}" for key, value in self.environment.items()]
         command = ["env", "-i", *variables]
         command += ["nsenter", f"--net=/run/netns/{self.namespace}"]
-        # Mounts of the host come in and go again (slave): nothing that it unmounts is held here.
+        # Mounts of the host appear and disappear (slave): nothing that it unmounts is held here.
         command += ["unshare", "--mount", "--uts", "--pid", "--ipc", "--fork", "--kill-child"]
         command += ["--mount-proc", "--propagation", "slave"]
         command += ["/bin/sh", str(self.directory / "init.sh")]

@@ -16,7 +16,7 @@ from rigel_lab.cluster.layout import Layout, number
 
 
 def prefix(cluster: str) -> str:
-    """Return how a cluster's interfaces begin; their names have 15 characters at most."""
+    """Return the prefix of a cluster's interfaces; their names have 15 characters at most."""
     return f"rk{hashlib.sha256(cluster.encode()).hexdigest()[:6]}"
 
 
@@ -36,7 +36,7 @@ def table_name(cluster: str) -> str:
 
 
 def mtu() -> int:
-    """Return the largest packet that leaves this machine whole, at most Ethernet's."""
+    """Return the size of the largest packet that leaves this machine whole, at most Ethernet's."""
     routes = json.loads(run(["ip", "-j", "-4", "route", "show", "default"]) or "[]")
     ways_out = {route["dev"] for route in routes if "dev" in route}
     links = json.loads(run(["ip", "-j", "link", "show"]))
@@ -44,7 +44,7 @@ def mtu() -> int:
 
 
 def exists(link: str) -> bool:
-    """Return whether there is an interface; /sys may show another namespace's."""
+    """Return whether an interface exists; /sys may show another namespace's."""
     return succeeds(["ip", "link", "show", "dev", link])
 
 
@@ -63,8 +63,8 @@ def create(cluster: str, addresses: Addresses) -> None:
 def masquerade(cluster: str, block: str) -> None:
     """Hide the cluster behind the machine for what leaves both.
 
-    Where br_netfilter is at work the rule meets frames between two nodes as well: their multicast
-    would come from the machine, and no node would know the sender.
+    If br_netfilter is active, the rule affects frames between two nodes as well: their multicast
+    would come from the machine, and no node would recognize the sender.
     """
     table = f"table ip {table_name(cluster)}"
     run(
@@ -76,7 +76,7 @@ def masquerade(cluster: str, block: str) -> None:
 
 
 def wire(layout: Layout, machine: str) -> None:
-    """Make a machine's network namespace anew and plug its eth0 into the segment."""
+    """Recreate a machine's network namespace and connect its eth0 to the segment."""
     unwire(layout, machine)
     namespace, link = layout.namespace(machine), link_name(layout.name, machine)
     run(["ip", "netns", "add", namespace])
@@ -98,8 +98,8 @@ def wire(layout: Layout, machine: str) -> None:
 def hardware_address(address: str) -> str:
     """Return the MAC address that belongs to an IP address.
 
-    A machine that is started again keeps it; with a new one the others would go on sending to the
-    old one, until their neighbour tables forget it.
+    A machine that is started again keeps it; with a new one the others would continue to send to
+    the old one, until their neighbour tables forget it.
     """
     return "02:52:" + ":".join(f"{int(part):02x}" for part in address.split("."))
 
@@ -124,7 +124,7 @@ def unwire(layout: Layout, machine: str) -> None:
 
 
 def remove(layout: Layout, machines: Iterable[str]) -> None:
-    """Remove a cluster's namespaces, bridge, table and rules; what is not there is no error."""
+    """Remove a cluster's namespaces, bridge, table and rules, as far as they exist."""
     for machine in machines:
         unwire(layout, machine)
     bridge = bridge_name(layout.name)

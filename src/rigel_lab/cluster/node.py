@@ -17,7 +17,7 @@ def node(layout: Layout, name: str, *, cgroup: str, mtu: int) -> Machine:
 
     Args:
         layout: what the machines of the cluster share.
-        name: which node.
+        name: its name.
         cgroup: the node's cgroup from the root; pods go below it.
         mtu: of the pods' interfaces.
     """
@@ -49,8 +49,8 @@ def node(layout: Layout, name: str, *, cgroup: str, mtu: int) -> Machine:
 def setup(layout: Layout, directory: Path) -> list[str]:
     """Return the shell lines before the services: forwarding, a way out, name servers.
 
-    Pods are hidden behind their node for what leaves the cluster, and only for that. Where the
-    machine's resolv.conf was in /run, there is nothing now; else it is covered.
+    Pods are hidden behind their node for what leaves the cluster, and only for that. If the
+    machine's resolv.conf was in /run, it does not exist now; else it is covered.
     """
     block = layout.addresses.block
     rule = f"POSTROUTING -s {block} ! -d {block} -j MASQUERADE"
@@ -144,7 +144,7 @@ def resolv_conf(
 
 def configure_cni(layout: Layout, directory: Path, mtu: int) -> None:
     """Write the CNI configuration."""
-    # ptp, not bridge: Services on the same node need no br_netfilter, and pods hear no multicast
+    # ptp, not bridge: Services on the same node need no br_netfilter, and pods receive no multicast
     # of each other, as on most real clusters.
     link = {
         "type": "ptp",

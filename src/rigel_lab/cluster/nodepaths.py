@@ -1,6 +1,6 @@
 """Where a node has what other programs look for: plain Kubernetes' places, or those of k3s.
 
-It knows paths alone, and nothing of what is put there.
+It handles paths only, independent of what is put there.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.system.cache import cache_dir
 
-#: Where k3s keeps its data unless told otherwise.
+#: k3s' default data directory.
 K3S_DATA = "/var/lib/rancher/k3s"
 
 #: Paths of every node -> the directory of the node that is bound over each.
@@ -57,7 +57,7 @@ class NodePaths:
     data_dir: str | None = None
 
     def locate(self, directory: Path, inside: str) -> Path:
-        """Return where the machine has what a node has at a path.
+        """Return the machine's path of a path inside a node.
 
         Args:
             directory: the node's directory.
@@ -81,7 +81,7 @@ def plain_paths() -> NodePaths:
 
 
 def k3s_paths(data_dir: str) -> NodePaths:
-    """Return the places of a node of k3s; its /etc/cni and /opt/cni are there and empty."""
+    """Return the places of a node of k3s; its /etc/cni and /opt/cni exist and are empty."""
     return NodePaths(
         cni_config=f"{data_dir}/agent/etc/cni/net.d",
         cni_programs=f"{data_dir}/data/cni",
@@ -93,7 +93,7 @@ def k3s_paths(data_dir: str) -> NodePaths:
 
 
 def describe(data_dir: str | None) -> str:
-    """Return the layout of nodes in words, by k3s' data directory or None."""
+    """Return the layout of nodes as text, from k3s' data directory or None."""
     return f"k3s ({data_dir})" if data_dir else "plain"
 
 
@@ -101,12 +101,12 @@ def check_data_dir(data_dir: str) -> None:
     """Refuse a data directory that cannot be bound over in a node.
 
     Raises:
-        UserError: it is no absolute path, or would cover what nodes need of the machine.
+        UserError: it is not an absolute path, or would cover what nodes need of the machine.
     """
     path = PurePosixPath(data_dir)
     hint = f"for example {K3S_DATA} or /data"
     if not path.is_absolute() or str(path) != data_dir or ".." in path.parts:
-        raise UserError(f'the data directory "{data_dir}" is no plain absolute path', hint=hint)
+        raise UserError(f'the data directory "{data_dir}" is not a plain absolute path', hint=hint)
     for other in map(PurePosixPath, (*OF_THE_MACHINE, str(cache_dir()))):
         if other.is_relative_to(path) or path.is_relative_to(other):
             raise UserError(f"the data directory {data_dir} would cover {other}", hint=hint)

@@ -1,9 +1,9 @@
 """The programs that watch a cluster, as `--with observability` downloads or builds them.
 
-What they are put into is another matter (`observability_images`). All are built as upstream builds
-them but without C libraries: Promtail reads no systemd journal, Prometheus has no pages of its own.
-Loki's releases lack the configuration and licence of its image, kube-state-metrics is released as
-an image only: these are always built.
+`observability_images` puts them into images. All are built as upstream builds them but without C
+libraries: Promtail reads no systemd journal, Prometheus has no pages of its own. Loki's releases do
+not contain the configuration and licence of its image, and kube-state-metrics is released only as
+an image: these are always built.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ LOKI = GoBuild(
     module=LOKI_MODULE,
     minutes=4,
 )
-#: The newest of the last line that has Promtail.
+#: The newest of the last line that contains Promtail.
 PROMTAIL = GoBuild(
     "promtail",
     "3.6.15",
@@ -78,7 +78,7 @@ KUBE_STATE_METRICS = GoBuild(
     files={"kube-state-metrics-license": "LICENSE"},
 )
 OPERATOR_MODULE = "github.com/prometheus-operator/prometheus-operator"
-#: Of many clusters Prometheus is this program's; it is offered for trying that out.
+#: Prometheus by this program is optional; it is offered to try that.
 OPERATOR = GoBuild(
     "prometheus-operator",
     "0.92.1",

@@ -1,7 +1,7 @@
-"""The images of what watches a cluster: users, paths and start are those of upstream's images.
+"""The images that watch a cluster: users, paths and start are those of upstream's images.
 
-Where upstream's has a shell there is busybox; where it has none there is none, so that what works
-here works there. Certificate authorities and time zones are left out of all.
+If upstream's image has a shell, this one has busybox; otherwise it has no shell either, so that
+what works here works there. Certificate authorities and time zones are left out of all.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rigel_lab.cluster.oci import Image
 from rigel_lab.cluster.upstream import find_program, shell, shorten_name, text, tools, users
 
 LOKI_IMAGE = f"docker.io/grafana/loki:{LOKI.version}"
-#: Upstream's last one. The module of its version cannot be had; that of a later one is in it.
+#: Upstream's last one. The module of its version is not available; a later one contains it.
 PROMTAIL_IMAGE = "docker.io/grafana/promtail:3.6.11"
 PROMETHEUS_IMAGE = f"docker.io/prom/prometheus:v{PROMETHEUS.version}"
 KUBE_STATE_METRICS_IMAGE = (
@@ -30,8 +30,8 @@ NODE_EXPORTER_IMAGE = f"quay.io/prometheus/node-exporter:v{NODE_EXPORTER.version
 OPERATOR_IMAGE = f"quay.io/prometheus-operator/prometheus-operator:v{OPERATOR.version}"
 RELOADER_IMAGE = f"quay.io/prometheus-operator/prometheus-config-reloader:v{OPERATOR.version}"
 
-#: Who runs what needs no rights, in all images that have a name for them.
-NOBODY = 65534
+#: The account of programs that need no rights, in all images that have a name for it.
+USER, USER_NUMBER = "nobody", 65534
 #: Loki's own user.
 LOKI_USER = 10001
 
@@ -41,7 +41,7 @@ def loki(components: Components) -> Image:
     return Image(
         shorten_name(LOKI_IMAGE),
         {
-            **users(nobody=NOBODY, loki=LOKI_USER),
+            **users(**{USER: USER_NUMBER}, loki=LOKI_USER),
             "usr/bin/loki": find_program(components, "loki"),
             "etc/loki/local-config.yaml": text(components, "loki.yaml"),
             "LICENSE": text(components, "loki-license"),
@@ -58,7 +58,7 @@ def promtail(components: Components) -> Image:
     return Image(
         shorten_name(PROMTAIL_IMAGE),
         {
-            **users(nobody=NOBODY),
+            **users(**{USER: USER_NUMBER}),
             **shell(components),
             "usr/bin/promtail": find_program(components, "promtail"),
             "etc/promtail/config.yml": text(components, "promtail.yaml"),
@@ -75,7 +75,7 @@ def prometheus(components: Components) -> Image:
     return Image(
         shorten_name(PROMETHEUS_IMAGE),
         {
-            **users(nobody=NOBODY),
+            **users(**{USER: USER_NUMBER}),
             **shell(components),
             "bin/prometheus": find_program(components, "prometheus"),
             "bin/promtool": find_program(components, "promtool"),
@@ -86,8 +86,8 @@ def prometheus(components: Components) -> Image:
         ["/bin/prometheus"],
         links=tools(components),
         command=["--config.file=/etc/prometheus/prometheus.yml", "--storage.tsdb.path=/prometheus"],
-        user="nobody",
-        owned={"etc/prometheus": NOBODY, "prometheus": NOBODY},
+        user=USER,
+        owned={"etc/prometheus": USER_NUMBER, "prometheus": USER_NUMBER},
         volume="/prometheus",
     )
 
@@ -97,32 +97,30 @@ def kube_state_metrics(components: Components) -> Image:
     return Image(
         shorten_name(KUBE_STATE_METRICS_IMAGE),
         {
-            **users(nobody=NOBODY),
+            **users(**{USER: USER_NUMBER}),
             "kube-state-metrics": find_program(components, "kube-state-metrics"),
             "LICENSE": text(components, "kube-state-metrics-license"),
         },
         ["/kube-state-metrics", "--port=8080", "--telemetry-port=8081"],
-        user="nobody",
+        user=USER,
     )
 
 
 def node_exporter(components: Components) -> Image:
     """Return node_exporter's image."""
-    names = {"program": "node_exporter", "user": "nobody", "texts": "node-exporter"}
+    names = {"program": "node_exporter", "user": USER, "texts": "node-exporter"}
     return make_image(components, NODE_EXPORTER_IMAGE, **names)
 
 
 def operator(components: Components) -> Image:
     """Return the image of the Prometheus operator."""
-    names = {"program": "prometheus-operator", "inside": "operator", "user": str(NOBODY)}
+    names = {"program": "prometheus-operator", "inside": "operator", "user": str(USER_NUMBER)}
     return make_image(components, OPERATOR_IMAGE, **names)
 
 
 def reloader(components: Components) -> Image:
-    """Return the image of what tells the operator's Prometheus of a changed configuration."""
-    return make_image(
-        components, RELOADER_IMAGE, program="prometheus-config-reloader", user="nobody"
-    )
+    """Return the image of the program that reloads Prometheus after a change of configuration."""
+    return make_image(components, RELOADER_IMAGE, program="prometheus-config-reloader", user=USER)
 
 
 def make_image(
@@ -143,7 +141,7 @@ def make_image(
     }
     return Image(
         shorten_name(name),
-        {**users(nobody=NOBODY), **shell(components), **files},
+        {**users(**{USER: USER_NUMBER}), **shell(components), **files},
         [f"/{path}"],
         links=tools(components),
         user=user,

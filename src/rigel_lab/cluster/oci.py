@@ -19,14 +19,14 @@ PATH = "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 @attrs.frozen
 class Image:
-    """An image to be: files by their path inside, links by their path, and what it starts.
+    """A new image: files by their path inside, links by their path, and what it starts.
 
     Attributes:
         files: path inside (no leading slash) -> a program on this machine, or text.
         links: path inside -> target.
-        command: what it starts, or the arguments of the entrypoint, where nothing else is said.
-        user: as whom, by name or number; root where nothing is said.
-        owned: directory inside -> the number of the user and group to whom it belongs.
+        command: what it starts, or the arguments of the entrypoint, by default.
+        user: the user, by name or number; root by default.
+        owned: directory inside -> the number of the user and group that own it.
         volume: the one of these that is a volume of its own, and where it starts.
     """
 
@@ -41,7 +41,7 @@ class Image:
 
     @property
     def config(self) -> dict[str, object]:
-        """What the image says of its start; what it does not say is left out."""
+        """The image's configuration of its start; what is not set is left out."""
         said = {
             "Entrypoint": list(self.entrypoint),
             "Cmd": list(self.command),
@@ -56,7 +56,7 @@ class Image:
         return oci.layer(self._entries(), mtime=0)
 
     def parts(self) -> oci.Image:
-        """Return what a registry takes."""
+        """Return the parts for a registry."""
         # Uncompressed: between this machine and its own nodes, gzip takes longer than it saves.
         return oci.assemble(self.config, [oci.blob(oci.UNCOMPRESSED, self.layer())])
 
@@ -91,7 +91,7 @@ def push_archive(path: Path, name: str, registry: str) -> bool:
     """Push the image of an archive, as it is, to `registry` (HOST:PORT, plain HTTP) as `name`.
 
     Returns:
-        Whether anything was to be pushed: not so where that very image has the name there.
+        Whether anything was pushed: not if that very image already has the name there.
 
     Raises:
         LocalClusterError: the registry refused a part.
@@ -136,7 +136,7 @@ class _Repository:
         _refuse(answer, self.name)
 
     def put_blob(self, blob: oci.Blob) -> None:
-        """Upload a part where the registry lacks it, without holding all of it in memory."""
+        """Upload a part if the registry does not have it, without holding all of it in memory."""
         if self.http.request("HEAD", f"{self.base}/blobs/{blob.digest}").status == 200:
             return
         start = self.http.request("POST", f"{self.base}/blobs/uploads/")
@@ -150,6 +150,6 @@ class _Repository:
 
 
 def _refuse(answer: urllib3.BaseHTTPResponse, what: str) -> None:
-    """Raise where the registry did not accept."""
+    """Raise if the registry did not accept it."""
     if answer.status >= 300:
         raise LocalClusterError(f"the local registry refused {what}: HTTP {answer.status}")

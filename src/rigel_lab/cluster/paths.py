@@ -1,10 +1,10 @@
-"""Where clusters keep what they know."""
+"""Where clusters keep their state."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-#: One directory a cluster in `clusters`, and what several clusters share.
+#: One directory for each cluster in `clusters`, and what several clusters share.
 STATE = Path("/var/lib/rigel-k8s")
 LOCKS = Path("/run/rigel-k8s")
 
@@ -21,5 +21,5 @@ def names() -> list[str]:
 
 
 def boot_id() -> str:
-    """Return what changes with every boot of this machine."""
+    """Return an id that changes with every boot of this machine."""
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()

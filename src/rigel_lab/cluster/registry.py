@@ -1,4 +1,4 @@
-"""What is put into a running cluster's registry: images of its own, and those asked for."""
+"""What is put into a running cluster's registry: images of its own, and requested ones."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def offer(
     offers = list_offered(extras)
     if not components.names(extras) <= state.components.go.keys():
         parts = components.obtain(report, extras, upstream).go
-        # The programs of a running cluster stay what they are, also for a newer rigel.
+        # The programs of a running cluster stay as they are, also for a newer rigel.
         state.components = attrs.evolve(state.components, go=parts | state.components.go)
         remember(state, extras, ())
     if not set(offers) <= set(state.offers):
@@ -42,7 +42,7 @@ def offer(
 
 
 def offer_made(state: State, made: Mapping[str, Callable[[], Path]], report: Report) -> None:
-    """Put in what others make; it may change without its name."""
+    """Add what others make; it may change without its name."""
     for name, archive in made.items():
         if oci.push_archive(archive(), shorten_name(name), state.layout.registry):
             report(f"Adding {name} to the registry")

@@ -1,7 +1,7 @@
-"""Programs that their projects release, as far as they are what a cluster needs.
+"""Programs that their projects release and that a cluster needs.
 
-It knows how a project lays out its releases and which server or mirror has them. What cannot be
-reached is compiled, which is another matter (`gobuild`).
+This module defines how a project lays out its releases and which server or mirror has them. What is
+unreachable is compiled (`gobuild`).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from rigel_lab.cluster.download import Server, Unavailable
 
 #: The variable that names a mirror.
 MIRROR = "RIGEL_CLUSTER_MIRROR"
-#: What it says where nothing is to be downloaded.
+#: Its value if nothing is to be downloaded.
 NO_MIRROR = "none"
-#: What an image's manifest may be, for one machine or for several.
+#: The media types of an image's manifest, for one machine or for several.
 MANIFESTS = ", ".join(
     (
         "application/vnd.oci.image.index.v1+json",
@@ -48,7 +48,7 @@ class Release:
 
     Attributes:
         directory: the URL of the directory, without a slash at its end.
-        archive: the tar file that has them all; "" where each is a file of its own.
+        archive: the tar file that has them all; "" if each is a separate file.
         sums: the list of SHA-256 sums; `{file}` is the file that is downloaded.
     """
 
@@ -62,7 +62,7 @@ class Release:
         return self.directory
 
     def files(self, wanted: Mapping[str, str]) -> list[str]:
-        """Return what is downloaded, for names there."""
+        """Return the files to download, for names there."""
         if self.archive:
             return [self.archive.format(arch=architecture())]
         return list(wanted.values())
@@ -74,7 +74,7 @@ class Release:
     def bring(
         self, wanted: Mapping[str, str], into: Path, upstream: Upstream, progress: Progress
     ) -> None:
-        """Download and check what is wanted."""
+        """Download and check the wanted files."""
         for file in self.files(wanted):
             sums = upstream.locate(self.url(self.sums.format(file=file)))
             expected = upstream.server.read_sum(sums, file)
@@ -87,11 +87,11 @@ class Release:
 
 @attrs.frozen
 class ReleasedImage:
-    """An image that a project publishes instead of programs; they are taken out of it.
+    """An image that a project publishes instead of programs; they are extracted from it.
 
-    Its upper layers are looked at first, and the lower ones, which are some distribution's, are
-    left alone once everything is found. What the tag stands for is as trusted as its registry's
-    TLS certificate; from there on everything has its digest.
+    Its upper layers are searched first; the lower ones, which belong to a distribution, are left
+    alone once everything is found. The tag is trusted as much as its registry's TLS certificate;
+    from there on everything has its digest.
     """
 
     registry: str
@@ -106,7 +106,7 @@ class ReleasedImage:
     def bring(
         self, wanted: Mapping[str, str], into: Path, upstream: Upstream, progress: Progress
     ) -> None:
-        """Download and check what is wanted."""
+        """Download and check the wanted files."""
         missing = dict(wanted)
         for layer in reversed(self.layers(upstream)):
             algorithm, _, digest = str(layer["digest"]).partition(":")
@@ -129,7 +129,7 @@ class ReleasedImage:
                 if own.items() <= each["platform"].items():
                     text = self.manifest(each["digest"], upstream)
                     if f"sha256:{hashlib.sha256(text).hexdigest()}" != each["digest"]:
-                        raise Unavailable(f"{self.repository}:{self.tag} is not what it says")
+                        raise Unavailable(f"{self.repository}:{self.tag} does not match its digest")
                     index = json.loads(text)
                     break
             return list(index["layers"])
@@ -156,13 +156,13 @@ def place_of(release: Published, name: str, version: str, wanted: Mapping[str, s
 
 @attrs.define
 class Upstream:
-    """The servers of releases in one run, or a mirror that stands for all of them.
+    """The servers of releases in one run, or a mirror that replaces all of them.
 
     Attributes:
-        mirror: the URL below which HOST/PATH is what https://HOST/PATH is; "" for upstream's own
+        mirror: the URL below which HOST/PATH replaces https://HOST/PATH; "" for upstream's own
             servers, NO_MIRROR for none.
-        server: what downloads.
-        unreachable: server -> why nothing more is asked of it.
+        server: the object that downloads.
+        unreachable: server -> why nothing more is requested from it.
     """
 
     mirror: str = ""
@@ -171,7 +171,7 @@ class Upstream:
 
     @classmethod
     def of(cls, mirror: str | None, environ: Mapping[str, str] = os.environ) -> Upstream:
-        """Return the servers that a user wants; None leaves it to the environment.
+        """Return the servers to use; None: as the environment sets them.
 
         Raises:
             UserError: the mirror is not a URL.
@@ -194,11 +194,11 @@ class Upstream:
         return self.mirror != NO_MIRROR
 
     def locate(self, url: str) -> str:
-        """Return where a file of upstream's is downloaded from."""
+        """Return the URL from which a file of upstream's is downloaded."""
         return f"{self.mirror}/{url.removeprefix('https://')}" if self.mirror else url
 
     def host(self, release: Published) -> str:
-        """Return the server that is asked for a release."""
+        """Return the server of a release."""
         return urlsplit(self.locate(release.origin)).netloc
 
     def fetch(
@@ -215,11 +215,11 @@ class Upstream:
         Args:
             wanted: our name of each file -> its name there.
             place: the directory.
-            title: what it is, for people.
+            title: its name, for people.
 
         Raises:
             Unavailable: it cannot be downloaded now.
-            LocalClusterError: something else came than was published.
+            LocalClusterError: the file differs from what was published.
         """
         host = self.host(release)
         if host in self.unreachable:
@@ -242,7 +242,7 @@ class Upstream:
 
 @attrs.define
 class Progress:
-    """Reports when the first bytes arrive, and now and then how much of a file has."""
+    """Reports when the first bytes arrive, and from time to time how much of a file has."""
 
     title: str
     host: str
@@ -252,7 +252,7 @@ class Progress:
     reported: float = attrs.field(factory=time.monotonic)
 
     def count(self, done: int, total: int) -> None:
-        """Take how many bytes have arrived, and of how many (0 is unknown)."""
+        """Note how many bytes have arrived, and of how many (0: unknown)."""
         if not self.begun:
             self.begun = True
             self.report(f"Downloading {self.title} from {self.host}")
@@ -263,10 +263,10 @@ class Progress:
 
 
 def unpack(archive: Path, wanted: Mapping[str, str], into: Path) -> dict[str, str]:
-    """Replace an archive by the files in it that are wanted, whatever directory they are in there.
+    """Replace an archive by the wanted files in it, whatever directory they are in there.
 
     Returns:
-        What of the wanted is not in it.
+        The wanted files that are not in it.
 
     Raises:
         Unavailable: it is not an archive.

@@ -1,4 +1,4 @@
-"""The end of a cluster: all that it made is taken away, in whatever condition it is."""
+"""The end of a cluster: all that it made is removed, in whatever state it is."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ MOUNTS = Path("/proc/self/mountinfo")
 
 
 def remove(state: State, report: Report) -> None:
-    """End a cluster's processes and take away what it made.
+    """End a cluster's processes and remove what it made.
 
-    What stands in the way is told, and a second `remove` goes on: the state goes last.
+    An obstacle is reported, and a second `remove` continues: the state is removed last.
     """
     layout = state.layout
     if state.boot == boot_id():
@@ -37,7 +37,7 @@ def remove(state: State, report: Report) -> None:
 
 
 def hand_over(context: str, file: str, before: str | None) -> None:
-    """Let clusters that came after a context go back to the one before it."""
+    """Let clusters that started after a context go back to the one before it."""
     for other in filter(None, map(State.load, names())):
         if other.kubeconfigs.get(file) == context:
             other.kubeconfigs[file] = before
@@ -52,7 +52,7 @@ def remove_tree(path: Path) -> None:
     """
     mounts = [line.split()[4] for line in MOUNTS.read_text().splitlines()]
     if inside := [mount for mount in mounts if Path(mount).is_relative_to(path)]:
-        raise LocalClusterError(f"{inside[0]} is mounted still", hint=f"umount {inside[0]}")
+        raise LocalClusterError(f"{inside[0]} is still mounted", hint=f"umount {inside[0]}")
     for part in sorted(path.iterdir(), key=lambda part: part.name == "cluster.json"):
         if part.is_dir():
             shutil.rmtree(part)

@@ -14,7 +14,7 @@ from rigel_lab.cluster.paths import STATE
 
 ELSEWHERE = "or use kind, minikube or k3s: rigel works with any cluster of your kubeconfig"
 
-#: Each program that is used, and the Debian package that brings it.
+#: Each program that is used, and the Debian package that contains it.
 PROGRAMS = {
     "hostname": "hostname",
     "ip": "iproute2",
@@ -31,7 +31,7 @@ def check_name(name: str) -> None:
     """Refuse a name that cannot be part of a context, a cgroup or a path."""
     if not re.fullmatch(r"[a-z](-?[a-z0-9])*", name) or len(name) > 30:
         raise UserError(
-            f'"{name}" is no name for a local cluster',
+            f'"{name}" is not a name for a local cluster',
             hint='at most 30 of a-z, 0-9 and "-", beginning with a letter',
         )
 

@@ -1,7 +1,7 @@
-"""What all clusters of this machine share, and how it is put back.
+"""What all clusters of this machine share, and how it is restored.
 
-The first cluster records what the machine was like, the last one that goes restores it; between
-them nobody does. What was recorded in an earlier boot is no longer true and is forgotten.
+The first cluster records the machine's state, the last one restores it when it ends; the others do
+not. What was recorded in an earlier boot is no longer true and is forgotten.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ NETNS = Path("/run/netns")
 FORWARDING = "net/ipv4/ip_forward"
 NEIGHBOURS = "net/ipv4/neigh/default"
 
-#: Settings of the whole machine that nodes need at least so high (None: that a kubelet changes).
-#: They are restored in this order: ip_forward changes accept_redirects with it.
+#: Settings of the whole machine that nodes need at least that high (None: one that a kubelet
+#: changes). They are restored in this order: ip_forward changes accept_redirects with it.
 SYSCTLS = {
     FORWARDING: "1",
     "net/ipv4/conf/all/accept_redirects": None,
     "fs/inotify/max_user_instances": "8192",
     "fs/inotify/max_user_watches": "524288",
-    # The kernel has one table for all namespaces. 50 pods of a second network who all know each
-    # other overflowed its usual 1024 entries, and nobody on this machine reached anybody new.
+    # The kernel has one table for all namespaces. 50 pods of a second network that all exchange
+    # packets overflowed its usual 1024 entries, and this machine could reach no new neighbour.
     f"{NEIGHBOURS}/gc_thresh1": "1024",
     f"{NEIGHBOURS}/gc_thresh2": "8192",
     f"{NEIGHBOURS}/gc_thresh3": "16384",
@@ -46,7 +46,7 @@ SYSCTLS = {
 
 @attrs.define
 class Record:
-    """What clusters share, and what the machine was before the first of them.
+    """What clusters share, and the machine's state before the first of them.
 
     Attributes:
         clusters: those that need it now.
@@ -66,14 +66,14 @@ class Record:
 
 @contextmanager
 def exclusive() -> Iterator[None]:
-    """Keep every other rigel from what clusters share."""
+    """Keep every other rigel process from what clusters share."""
     with locked(paths.LOCKS / "shared.lock"):
         yield
 
 
 @contextmanager
 def changing() -> Iterator[Record]:
-    """Hold the record; it is written back at the end, or removed where no cluster is left."""
+    """Hold the record; it is written back at the end, or removed if no cluster is left."""
     path = paths.STATE / "shared.json"
     with exclusive():
         record = read(path)
@@ -89,7 +89,7 @@ def changing() -> Iterator[Record]:
 
 
 def read(path: Path) -> Record:
-    """Return the record; of one of an earlier boot only the directories are true still."""
+    """Return the record; of one of an earlier boot only the directories are still true."""
     if not path.exists():
         return Record()
     record = Record(**json.loads(path.read_text()))
@@ -97,11 +97,11 @@ def read(path: Path) -> Record:
 
 
 def acquire(name: str, mount_points: Iterable[str]) -> None:
-    """Set what nodes need of the machine, and remember what it was.
+    """Set what nodes need of the machine, and record what it was.
 
     Args:
         name: the cluster that needs it.
-        mount_points: paths that its nodes are to have.
+        mount_points: paths that its nodes will have.
     """
     with changing() as record:
         remember(record)
@@ -114,7 +114,7 @@ def acquire(name: str, mount_points: Iterable[str]) -> None:
 
 
 def remember(record: Record) -> None:
-    """Note what the machine is like before the first cluster, or what an older rigel left out."""
+    """Note the machine's state before the first cluster, or what an older rigel left out."""
     values = {key: read_sysctl(key) for key in SYSCTLS}
     present = {key: value for key, value in values.items() if value is not None}
     record.sysctls = present | record.sysctls
@@ -125,11 +125,11 @@ def remember(record: Record) -> None:
 
 
 def release(name: str, report: Report, needed: Collection[str] = ()) -> None:
-    """Put the machine's settings back where no other cluster is left.
+    """Restore the machine's settings if no other cluster is left.
 
     Args:
-        name: the cluster that has gone.
-        report: takes what is told.
+        name: the cluster that has ended.
+        report: called with each line of output.
         needed: the mount points of other clusters, which stay.
     """
     with changing() as record:
@@ -144,14 +144,12 @@ def release(name: str, report: Report, needed: Collection[str] = ()) -> None:
 
 
 def restore_sysctls(record: Record, report: Report) -> None:
-    """Write back what differs, but do not take forwarding from somebody who came after us."""
+    """Write back what differs, but leave forwarding on if a later program may need it."""
     values = dict(record.sysctls)
     others = sorted(set(bridges()) - set(record.bridges))
     if others and values.get(FORWARDING) == "0":
         del values[FORWARDING]
-        report(
-            f"Leaving net.ipv4.ip_forward on: {', '.join(others)} came meanwhile and may need it"
-        )
+        report(f"Leaving net.ipv4.ip_forward on: {', '.join(others)} came later and may need it")
     for key, value in values.items():
         if read_sysctl(key) != value:
             (PROC_SYS / key).write_text(value)
@@ -164,21 +162,21 @@ def bridges() -> list[str]:
 
 
 def read_sysctl(key: str) -> str | None:
-    """Return a setting, None where this kernel has it not."""
+    """Return a setting, None if this kernel does not have it."""
     with suppress(OSError):
         return (PROC_SYS / key).read_text().strip()
     return None
 
 
 def raise_sysctl(key: str, value: str) -> None:
-    """Set a numeric setting where it is lower."""
+    """Set a numeric setting if it is lower."""
     present = read_sysctl(key)
     if present is not None and int(present) < int(value):
         (PROC_SYS / key).write_text(value)
 
 
 def make_directories(wanted: Iterable[Path]) -> list[str]:
-    """Make the mount points that the machine lacks; return those made, parents first."""
+    """Make the missing mount points of the machine; return those made, parents first."""
     made = []
     for path in wanted:
         for directory in [*reversed(path.parents), path]:
@@ -189,22 +187,22 @@ def make_directories(wanted: Iterable[Path]) -> list[str]:
 
 
 def remove_directories(made: Sequence[str], needed: Collection[str]) -> list[str]:
-    """Remove the mount points that nobody needs any more; return those that stay."""
+    """Remove the mount points that are no longer needed; return those that stay."""
     kept = [path for path in made if any(Path(n).is_relative_to(path) for n in needed)]
     for path in reversed(made):
         if path not in kept:
-            with suppress(OSError):  # somebody else has put something there
+            with suppress(OSError):  # another program has put something there
                 Path(path).rmdir()
     return kept
 
 
 def is_mount(path: Path) -> bool:
-    """Return whether something is mounted on a path; also where both are one file system."""
+    """Return whether something is mounted on a path; also if both are one file system."""
     return path.exists() and succeeds(["mountpoint", "-q", str(path)])
 
 
 def release_netns() -> None:
-    """Undo what `ip netns add` did to /run/netns, where nobody has a namespace in it."""
+    """Undo what `ip netns add` did to /run/netns, if no namespace is in it."""
     if NETNS.exists() and not any(NETNS.iterdir()):
         while is_mount(NETNS):
             run(["umount", str(NETNS)])

@@ -1,4 +1,4 @@
-"""What is remembered of a cluster between two commands: one JSON file."""
+"""The stored state of a cluster between two commands: one JSON file."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from rigel_lab.cluster.paths import directory_of, names
 
 @attrs.define
 class State:
-    """What is remembered of a cluster.
+    """The stored state of a cluster.
 
     Attributes:
         block: its address ranges.
         boot: the boot of this machine in which it was made.
         components: the programs it was made with; a newer rigel does not mix versions.
         kubeconfigs: each file that has its context -> the context that was current there before.
-        furnished: whether all that belongs to a new cluster is in it.
-        extras: what was asked for besides (`--with`).
+        furnished: whether everything of a new cluster is in it.
+        extras: what was requested in addition (`--with`).
         offers: the images that its registry has for it, as nodes name them.
         data_dir: of nodes laid out as k3s does; None where they are plain.
-        newer: what a newer rigel remembers of it and this one knows nothing of.
+        newer: what a newer rigel has stored and this one does not support.
     """
 
     name: str
@@ -84,7 +84,7 @@ class State:
         return [*self.extras, *(["k3s"] if self.data_dir else [])]
 
     def process(self, machine: str) -> Process | None:
-        """Return a machine's process where it still runs."""
+        """Return a machine's process if it still runs."""
         process = read_process(self.directory / machine)
         return process if process and process.alive else None
 
@@ -100,7 +100,7 @@ class State:
 
     @classmethod
     def load(cls, name: str) -> State | None:
-        """Return what is remembered of a cluster, None where there is none."""
+        """Return the stored state of a cluster, None if it has none."""
         path = directory_of(name) / "cluster.json"
         if not path.exists():
             return None
@@ -110,24 +110,24 @@ class State:
         return cls(**content, newer=newer)
 
     def require_known(self) -> None:
-        """Refuse to start or remove what this rigel knows in part only.
+        """Refuse to start or remove a cluster whose state is only partly known.
 
         Raises:
             LocalClusterError: a newer rigel made the cluster.
         """
         if self.newer:
             raise LocalClusterError(
-                f"cluster {self.name} was made by a newer rigel-k8s, which notes of it also"
+                f"cluster {self.name} was made by a newer rigel-k8s, which also stored"
                 f" {', '.join(sorted(self.newer))}",
-                hint="use that one to start it or to take it down",
+                hint="use that version to start it or to remove it",
             )
 
 
 def find(name: str) -> State:
-    """Return a cluster that is there.
+    """Return an existing cluster.
 
     Raises:
-        UserError: there is none of that name.
+        UserError: no cluster has that name.
     """
     if state := State.load(name):
         return state

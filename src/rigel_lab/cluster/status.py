@@ -1,4 +1,4 @@
-"""What a local cluster is now, without changing it."""
+"""The present state of a local cluster, without changing it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rigel_lab.cluster.state import State, find
 
 @attrs.frozen
 class NodeStatus:
-    """A node: its name, its address on the segment, whether the cluster calls it Ready."""
+    """A node: its name, its address on the segment, whether the cluster reports it as Ready."""
 
     name: str
     address: str
@@ -24,7 +24,7 @@ class NodeStatus:
 
 @attrs.frozen
 class ClusterStatus:
-    """A local cluster as it is now.
+    """The present state of a local cluster.
 
     Attributes:
         running: whether all its machines run and the API server answers.
@@ -33,7 +33,7 @@ class ClusterStatus:
         kubectl: the path of a kubectl of the same version; "" without `--with kubectl`.
         logs: the directory below which every component's log is.
         problems: what does not run, one line each.
-        layout: how its nodes are laid out, as `plain` or `k3s (/var/lib/rancher/k3s)`.
+        layout: the layout of its nodes, as `plain` or `k3s (/var/lib/rancher/k3s)`.
         extras: what it offers on request (`--with`).
         offers: the images of those, by the names under which nodes pull them.
     """
@@ -54,17 +54,17 @@ class ClusterStatus:
 
 
 def status(name: str) -> ClusterStatus:
-    """Return a cluster as it is now.
+    """Return the present state of a cluster.
 
     Raises:
-        UserError: there is none of that name.
+        UserError: no cluster has that name.
     """
     require_root()
     return status_of(find(name))
 
 
 def status_of(state: State) -> ClusterStatus:
-    """Return a remembered cluster as it is now."""
+    """Return the present state of a stored cluster."""
     layout = state.layout
     problems = tuple(find_troubles(state))
     return ClusterStatus(
@@ -96,7 +96,7 @@ def find_troubles(state: State) -> Iterator[str]:
 
 
 def node_statuses(state: State, *, ask: bool) -> Iterator[NodeStatus]:
-    """Yield each node's status; where the API server cannot be asked, none is ready."""
+    """Yield each node's status; if the API server does not answer, none is ready."""
     ready = api.find_ready_nodes(state.layout) if ask else set()
     for name in state.node_names:
         yield NodeStatus(name, state.layout.address(name), name in ready)

@@ -1,4 +1,4 @@
-"""What images under upstream's names are made of, whatever their programs are for."""
+"""What images under upstream's names are made of, independent of their programs' purpose."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def users(**numbers: int) -> dict[str, Path | str]:
 
 
 def find_program(components: Components, name: str) -> Path:
-    """Return where a program is."""
+    """Return a program's path."""
     return Path(components.program(name))
 
 
 def text(components: Components, name: str) -> str:
-    """Return a text that goes with the programs."""
+    """Return a text that belongs to the programs."""
     return find_program(components, name).read_text()

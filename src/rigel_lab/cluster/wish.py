@@ -1,6 +1,6 @@
-"""What is asked of `up`, checked before anything is started.
+"""The request to `up`, checked before anything is started.
 
-It compares a wish with a cluster that is there; it starts nothing.
+It compares a request with an existing cluster; it starts nothing.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ LAYOUTS = ("plain", "k3s")
 
 @attrs.frozen
 class Wish:
-    """What is asked of `up`; None leaves it to the cluster that is there, else to the default.
+    """The request to `up`; None: as the existing cluster, else the default.
 
     Attributes:
         nodes: how many.
-        extras: what the registry offers besides; a running cluster gains them.
+        extras: what the registry offers in addition; a running cluster gains them.
         layout: where nodes have what other programs look for, one of LAYOUTS.
         data_dir: k3s' data directory.
     """
@@ -47,19 +47,21 @@ class Wish:
             )
         if unknown := sorted(set(self.extras) - set(EXTRAS)):
             raise UserError(
-                f"a cluster cannot be had with {', '.join(unknown)}",
-                hint=f"there is: {', '.join(EXTRAS)}",
+                f"unknown extra {', '.join(unknown)}",
+                hint=f"choose from {', '.join(EXTRAS)}",
             )
         if self.layout not in (None, *LAYOUTS):
-            raise UserError(f"no layout {self.layout}", hint=f"there is: {', '.join(LAYOUTS)}")
+            raise UserError(
+                f"unknown layout {self.layout}", hint=f"choose from {', '.join(LAYOUTS)}"
+            )
         self.check_data_dir()
 
     def check_data_dir(self) -> None:
-        """Refuse a data directory that cannot be, or without the layout that has one."""
+        """Refuse an impossible data directory, or one without the layout that has it."""
         if self.data_dir is None:
             return
         if self.layout != "k3s":
-            raise UserError("only nodes of k3s have a data directory", hint="say --layout k3s too")
+            raise UserError("only nodes of k3s have a data directory", hint="add --layout k3s")
         check_data_dir(self.data_dir)
 
     @property
@@ -69,11 +71,11 @@ class Wish:
 
     @property
     def builds(self) -> list[str]:
-        """What is to be built for it besides what every cluster needs."""
+        """What to build in addition to what every cluster needs."""
         return [*self.extras, *(["k3s"] if self.layout == "k3s" else [])]
 
     def complete_from(self, state: State) -> Wish:
-        """Return a wish for a cluster like one that was, but for what is asked for."""
+        """Return a request for a cluster like an earlier one, apart from what is requested."""
         layout = ("k3s", state.data_dir) if state.data_dir else (None, None)
         return Wish(
             self.nodes or state.nodes,
@@ -82,7 +84,7 @@ class Wish:
         )
 
     def compare(self, state: State) -> None:
-        """Refuse to change what a cluster is for its life.
+        """Refuse to change what is fixed for a cluster's life.
 
         Raises:
             UserError: it has another number of nodes or another layout.

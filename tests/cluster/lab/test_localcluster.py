@@ -59,7 +59,7 @@ def test_ranges_in_use_are_left_alone(host: Any, one: str) -> None:
 def test_up_again_changes_nothing(host: Any, one: str) -> None:
     """A second up finds everything and starts nothing."""
     before = components_of(host)
-    assert "is running already" in host.rigel("up", "--name", one)
+    assert "is already running" in host.rigel("up", "--name", one)
     assert before == components_of(host)
     assert len(before) == 5 + 2 * 3
 

@@ -1,4 +1,4 @@
-"""What the images that the project builds have in common; knows none of them.
+"""What the images that the project builds have in common; independent of each of them.
 
 bootstrap.py  mmdebstrap: packages to a root file system
 layer.py      what the images of both ROS have: their entrypoint and configuration

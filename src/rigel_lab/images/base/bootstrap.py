@@ -1,4 +1,4 @@
-"""Debian packages to a root file system, by mmdebstrap; knows nothing of ROS or of images."""
+"""Debian packages to a root file system, by mmdebstrap; independent of ROS and of images."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rigel_k8s.errors import CommandFailed, RigelK8sError
 from rigel_k8s.report import Reporter
 from rigel_k8s.system.process import run, stream
 
-#: Debian's essential packages and apt beside what is asked for.
+#: Debian's essential packages and apt, in addition to the requested ones.
 MINBASE = "minbase"
 
-#: Unpacks packages and what they depend on, and sets nothing up: no shell, no apt.
+#: Unpacks packages and their dependencies, and sets nothing up: no shell, no apt.
 EXTRACT = "extract"
 
 _KEY = "root file system"
-#: Seconds that mmdebstrap has to take its mounts and its scratch directory away.
+#: Seconds that mmdebstrap has to remove its mounts and its scratch directory.
 _GRACE = 60.0
 
 #: Manuals and translations: 80 MB that no container reads.
@@ -51,11 +51,11 @@ def bootstrap(
 
     Args:
         suite: the Debian release.
-        packages: their dependencies come along, recommended ones do not.
+        packages: their dependencies are added, recommended ones are not.
         target: the tar to write.
-        report: where to tell what happens.
+        report: shows the progress.
         mtime: seconds since 1970, the latest time that a file gets.
-        hooks: options of mmdebstrap that change the root file system when its packages are in.
+        hooks: options of mmdebstrap that change the root file system after its packages are in.
         variant: mmdebstrap's, MINBASE or EXTRACT.
 
     Raises:
@@ -84,7 +84,7 @@ def bootstrap(
 
 
 def ensure_mmdebstrap(report: Reporter) -> None:
-    """Install Debian's mmdebstrap where it is missing.
+    """Install Debian's mmdebstrap if it is missing.
 
     Raises:
         RigelK8sError: it is missing and cannot be installed here.

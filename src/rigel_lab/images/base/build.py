@@ -1,4 +1,4 @@
-"""The way from a recipe to a base image's archive, and the cache that spares it."""
+"""From a recipe to a base image's archive, and the cache that saves the build."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def _nothing(_: Path, __: Reporter) -> tuple[str, ...]:
 
 @attrs.frozen
 class Recipe:
-    """All that a base image is made of.
+    """The parts of a base image.
 
     Attributes:
-        title: what the image is, for people: `ROS 1 base image`.
+        title: its name, for people: `ROS 1 base image`.
         family: the directory in the cache.
         name: the archive's name there, before its digest.
         reference: the name that podman and docker give the image when they load it.
@@ -38,9 +38,9 @@ class Recipe:
         config: the `config` of an OCI image configuration.
         overlay: the upper layer, an uncompressed tar.
         locked: what else decides about the content: versions and digests.
-        prepare: gets a scratch directory, fetches there what is no Debian package, and returns
+        prepare: gets a scratch directory, fetches there what is not a Debian package, and returns
             mmdebstrap's hooks that put it in.
-        variant: mmdebstrap's, as bootstrap says.
+        variant: mmdebstrap's, as in bootstrap.
     """
 
     title: str
@@ -72,11 +72,11 @@ class BaseImage:
 
 
 def build(recipe: Recipe, report: Reporter, *, force: bool = False) -> BaseImage:
-    """Return the recipe's archive; build it where the cache lacks it.
+    """Return the recipe's archive; build it if the cache does not have it.
 
     Args:
         recipe: what it is made of.
-        report: where to tell what happens.
+        report: shows the progress.
         force: build again, to get Debian's latest security updates.
 
     Raises:
@@ -84,7 +84,7 @@ def build(recipe: Recipe, report: Reporter, *, force: bool = False) -> BaseImage
         CommandFailed: mmdebstrap, or a program that fetches, failed.
     """
     target = cache_dir() / recipe.family / f"{recipe.name}-{_key(recipe)}.tar"
-    with locked(target.with_suffix(".lock")):  # others that want it wait for the one who builds it
+    with locked(target.with_suffix(".lock")):  # other processes wait for the one that builds it
         if built := force or not target.exists():
             _build(recipe, target, report)
         else:
@@ -117,7 +117,7 @@ def _build(recipe: Recipe, target: Path, report: Reporter) -> None:
 
 
 def _key(recipe: Recipe) -> str:
-    """What the archive is made of, as a short digest: another recipe is another file."""
+    """The parts of the archive, as a short digest: another recipe is another file."""
     lines = [oci.FORMAT, oci.architecture(), recipe.suite, *recipe.packages]
     lines.append(json.dumps(recipe.config))
     if recipe.variant != MINBASE:

@@ -1,4 +1,4 @@
-"""The archive into podman or docker, whichever is here, and from there into a registry."""
+"""The archive into podman or docker, whichever is installed, and from there into a registry."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def load(image: BaseImage, report: Reporter, *, engine: str | None = None) -> st
 
     Args:
         image: what to load.
-        report: where to tell what happens.
+        report: shows the progress.
         engine: `podman` or `docker`; None takes the first that is installed, podman before docker.
 
     Raises:
@@ -41,7 +41,7 @@ def push(
     Args:
         image: what to push.
         reference: registry, path and tag.
-        report: where to tell what happens.
+        report: shows the progress.
         engine: as in `load`.
 
     Raises:
@@ -56,9 +56,9 @@ def push(
 
 
 def forget(reference: str) -> None:
-    """Take a name from the engines' images, so that what is built FROM it pulls what it means now.
+    """Remove a name from the engines' images, so that a build FROM it pulls its present image.
 
-    The images stay, and an engine that does not have the name is left alone.
+    The images stay, and an engine without the name is left alone.
     """
     for program, words in (("podman", ["untag", reference]), ("docker", ["rmi", reference])):
         if shutil.which(program):

@@ -1,4 +1,4 @@
-"""Wheels of a lock file, downloaded with pip; knows nothing of what is in them."""
+"""Wheels of a lock file, downloaded with pip; independent of their content."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def fetch(
     python: str,
     platforms: Sequence[str],
 ) -> list[Path]:
-    """Download the wheels of a requirements file with digests, from where pip is set up to look.
+    """Download the wheels of a requirements file with digests, from the index that pip uses.
 
     Args:
-        what: whose wheels they are, for people.
+        what: the wheels' purpose, for people.
         python: the version of the Python that they are for.
         platforms: those whose wheels run there, as pip names them.
 
     Raises:
-        RigelK8sError: there is no pip here.
-        CommandFailed: pip failed, or a wheel is not what the digests say.
+        RigelK8sError: pip is not installed.
+        CommandFailed: pip failed, or a wheel does not match its digest.
     """
     directory.mkdir(parents=True, exist_ok=True)
     requirements = directory / "requirements.txt"

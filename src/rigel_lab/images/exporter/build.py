@@ -11,7 +11,7 @@ from rigel_lab.images.base.build import build as build_recipe
 from rigel_lab.images.exporter.program import PREFIX, entries
 
 SUITE = "bookworm"
-#: The name that podman and docker give it when they load it, and the one that pods ask for.
+#: The name that podman and docker give it when they load it, and the one that pods use.
 REFERENCE = f"localhost/rigel-k8s/ros-exporter:{__version__}"
 UPSTREAM = f"ghcr.io/rigel-k8s/ros-exporter:{__version__}"
 
@@ -32,10 +32,10 @@ CONFIG = {
 
 
 def build(report: Reporter, *, force: bool = False) -> BaseImage:
-    """Return the image's archive; build it where the cache lacks it.
+    """Return the image's archive; build it if the cache does not have it.
 
     Args:
-        report: where to tell what happens.
+        report: shows the progress.
         force: build again, to get Debian's latest security updates.
 
     Raises:

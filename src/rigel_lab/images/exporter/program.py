@@ -1,4 +1,4 @@
-"""The exporter's files as they lie in its image, and the few of /etc that Debian's setup makes."""
+"""The exporter's files as they are in its image, and the few of /etc that Debian's setup makes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ PREFIX = "opt/rigel-k8s"
 #: In-pod scripts that the exporter imports.
 _SCRIPTS = ("__init__.py", "interfaces.py", "rosrpc.py", "rtps.py", "spdp.py")
 
-#: For programs that ask who they are; nobody logs in.
+#: For programs that look up their user; no one logs in.
 _ETC = (
     Entry("etc/group", b"root:x:0:\nnonroot:x:65532:\n"),
     Entry("etc/nsswitch.conf", b"hosts: files dns\n"),

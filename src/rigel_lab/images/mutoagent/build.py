@@ -18,12 +18,12 @@ SUITE = "bookworm"
 PYTHON = "3.11"
 #: The processors of images, as wheels name them.
 MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
-#: The name that podman and docker give it when they load it, and the one that pods ask for.
+#: The name that podman and docker give it when they load it, and the one that pods use.
 REFERENCE = f"localhost/rigel-k8s/muto-agent:{__version__}"
 UPSTREAM = f"ghcr.io/rigel-k8s/muto-agent:{__version__}"
 
 PACKAGES = ("ca-certificates", "python3")
-#: Nothing sets the packages up: one file of all authorities, where OpenSSL looks for it.
+#: The packages are not set up: one file of all authorities, where OpenSSL looks for it.
 AUTHORITIES = (
     'mkdir -p "$1/etc/ssl/certs"; cat "$1"/usr/share/ca-certificates/mozilla/*.crt'
     ' > "$1/etc/ssl/certs/ca-certificates.crt"'
@@ -45,10 +45,10 @@ CONFIG = {
 
 
 def build(report: Reporter, *, force: bool = False) -> BaseImage:
-    """Return the image's archive; build it where the cache lacks it.
+    """Return the image's archive; build it if the cache does not have it.
 
     Args:
-        report: where to tell what happens.
+        report: shows the progress.
         force: build again, to get Debian's latest security updates.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The agent's files as they lie in its image."""
+"""The agent's files as they are in its image."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rigel_k8s.system.oci import Entry
 #: Where Python finds them.
 PREFIX = "opt/rigel-k8s"
 
-#: For programs that ask who they are; nobody logs in.
+#: For programs that look up their user; no one logs in.
 _ETC = (
     Entry("etc/group", b"root:x:0:\nnonroot:x:65532:\n"),
     Entry("etc/nsswitch.conf", b"hosts: files dns\n"),

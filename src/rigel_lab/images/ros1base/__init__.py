@@ -1,12 +1,12 @@
 """A ROS 1 base image for machines that cannot pull `ros:noetic`, from Debian's ROS packages.
 
-It exists because ROS 1 ended and its images and packages vanish from more and more mirrors, while
-Debian ships ROS 1 in its own archive. The image is used exactly as the official one is: the same
-entry point, /opt/ros/noetic/setup.bash, ROS_DISTRO, `python`, the same commands. It knows nothing
-of Kubernetes, Rigelfiles or what is built on it.
+It exists because ROS 1 has ended and its images and packages disappear from more and more mirrors,
+while Debian ships ROS 1 in its own archive. The image is used exactly like the official one: the
+same entry point, /opt/ros/noetic/setup.bash, ROS_DISTRO, `python`, the same commands. It is
+independent of Kubernetes, Rigelfiles and the images that are built on it.
 
 packages.py   which Debian packages make a ROS 1
-overlay.py    what Debian's file layout lacks to look like the official image
+overlay.py    what Debian's file layout is missing to look like the official image
 build.py      both as a recipe; images/base does the rest
 """
 

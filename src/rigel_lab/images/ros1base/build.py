@@ -10,10 +10,10 @@ from rigel_lab.images.ros1base.packages import PACKAGES, REFERENCES, SUITE, Vari
 
 
 def build(report: Reporter, *, variant: Variant = "core", force: bool = False) -> BaseImage:
-    """Return the base image's archive; build it where the cache lacks it.
+    """Return the base image's archive; build it if the cache does not have it.
 
     Args:
-        report: where to tell what happens.
+        report: shows the progress.
         variant: `core` runs ROS 1 nodes, `devel` also compiles C++ workspaces.
         force: build again, to get Debian's latest security updates.
 

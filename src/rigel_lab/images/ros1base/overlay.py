@@ -1,7 +1,7 @@
-"""What Debian's file layout lacks to look like the official ROS image: one small layer, pure.
+"""What Debian's file layout is missing to look like the official ROS image: one small layer, pure.
 
 Debian has ROS in /usr; the official image has it in /opt/ros/noetic. Links make both true, so that
-Dockerfiles, launch files and Rigelfiles which name the official paths work.
+Dockerfiles, launch files and Rigelfiles with the official paths work.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def layer(variant: Variant, *, mtime: int) -> bytes:
 def _scripts() -> tuple[Entry, ...]:
     own = files("rigel_lab.images.ros1base") / "files"
     return (
-        # Debian's own say that the distribution is "Debian"; catkin_make runs them and stumbles.
+        # Debian's own set the distribution "Debian"; catkin_make runs them and fails.
         Entry(f"{_HOOKS}/1.ros_distro.sh", b"export ROS_DISTRO=noetic\n"),
         Entry(f"{_HOOKS}/1.ros_etc_dir.sh", b"export ROS_ETC_DIR=/opt/ros/noetic/etc/ros\n"),
         ENTRYPOINT,

@@ -82,7 +82,7 @@ PACKAGES: Mapping[Variant, tuple[str, ...]] = MappingProxyType(
     {"core": _CORE, "devel": tuple(sorted((*_CORE, *_DEVEL)))}
 )
 
-#: ROS packages whose package.xml Debian ships with their headers only, and what it says they are.
+#: ROS packages whose package.xml Debian ships only with their headers, and its description.
 #: Without that file rospack, rosmsg, rosrun and roslaunch do not find them.
 UNDESCRIBED: Mapping[str, str] = MappingProxyType(
     {

@@ -2,8 +2,8 @@
 
 It exists because ROS 2's binary packages come from one archive and its images from one registry,
 and machines behind a proxy often reach neither, while they reach Debian and PyPI. The image is used
-as the official one is: the same entry point, /opt/ros/jazzy/setup.bash, ROS_DISTRO, `fastdds`. It
-knows nothing of Kubernetes, Rigelfiles or what is built on it.
+like the official one: the same entry point, /opt/ros/jazzy/setup.bash, ROS_DISTRO, `fastdds`. It is
+independent of Kubernetes, Rigelfiles and the images that are built on it.
 
 packages.py   which Debian packages and wheels make a ROS 2
 wheels.py     wheels to the tree that the official image has in /opt/ros/DISTRO

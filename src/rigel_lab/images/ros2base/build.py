@@ -16,21 +16,21 @@ from rigel_lab.images.ros2base.packages import PACKAGES, PLATFORM, REFERENCES, S
 
 
 def build(report: Reporter, *, distro: Distro = "jazzy", force: bool = False) -> BaseImage:
-    """Return the base image's archive; build it where the cache lacks it.
+    """Return the base image's archive; build it if the cache does not have it.
 
     Args:
-        report: where to tell what happens.
+        report: shows the progress.
         distro: the ROS 2 distribution.
         force: build again, to get Debian's latest security updates.
 
     Raises:
-        RigelK8sError: mmdebstrap or pip is missing, or there are no wheels for this processor.
+        RigelK8sError: mmdebstrap or pip is missing, or no wheels exist for this processor.
         CommandFailed: mmdebstrap or pip failed.
     """
     if architecture() != "amd64":
         raise RigelK8sError(
-            f"there are no wheels of ROS 2 for {architecture()} ({PLATFORM} is all there is)",
-            hint="build the image on an amd64 machine, or use the official one where it is reached",
+            f"there are no wheels of ROS 2 for {architecture()}, only for {PLATFORM}",
+            hint="build the image on an amd64 machine, or use the official one if you can reach it",
         )
     return build_recipe(_recipe(distro), report, force=force)
 

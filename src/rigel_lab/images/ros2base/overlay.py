@@ -1,4 +1,4 @@
-"""What neither Debian nor the wheels have of the official ROS 2 image: one small layer, pure."""
+"""What Debian and the wheels do not have of the official ROS 2 image: one small layer, pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SETUP = ("setup.bash", "setup.sh", "setup.zsh")
 
 
 def prefix(distro: Distro) -> str:
-    """Return where ROS is, relative to the root."""
+    """Return the place of ROS, relative to the root."""
     return f"opt/ros/{distro}"
 
 

@@ -7,10 +7,10 @@ from importlib.resources import files
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
-#: The distributions that PyPI has wheels of.
+#: The distributions for which PyPI has wheels.
 Distro: TypeAlias = Literal["jazzy", "kilted"]
 
-#: Its Python is one that there are wheels for; the ROS 1 image stands on it, too.
+#: There are wheels for its Python; the ROS 1 image is based on it, too.
 SUITE = "bookworm"
 PYTHON = "3.11"
 #: There are none for another processor.
@@ -30,7 +30,7 @@ PACKAGES = (
     "python-is-python3",
     "python3",
     "python3-numpy",
-    # fastdds of kilted asks for it.
+    # fastdds of kilted needs it.
     "python3-psutil",
     "python3-typing-extensions",
     "python3-yaml",

@@ -1,6 +1,7 @@
 """ROS 2's wheels to the tree that the official image has in /opt/ros/DISTRO.
 
-The wheels hold what a ROS installation holds, below `NAME.data/data`. So they are unpacked, not
+The wheels contain what a ROS installation contains, below `NAME.data/data`. So they are unpacked,
+not
 installed: pip's own place for them needs each program started twice, with an LD_LIBRARY_PATH of a
 dozen directories. What only compilers read is left out.
 """
@@ -24,7 +25,7 @@ from rigel_lab.images.ros2base.packages import PLATFORM, PYTHON
 #: Where Python looks below the prefix.
 SITE = f"lib/python{PYTHON}/site-packages"
 
-#: Where wheels keep the libraries of others that they need; their names end in a digest.
+#: Where wheels keep the bundled libraries that they need; their names end in a digest.
 _BUNDLED = re.compile(r"ros_\w+\.libs/(?P<name>.+)")
 _DATA = re.compile(r"[^/]+\.data/data/(?P<path>.+)")
 _LEFT_OUT = re.compile(r"(^|/)include/|(^|/)cmake/|\.a$|(^|/)_dummy\.[^/]+\.so$|^bin/nodesize_dbg$")
@@ -33,7 +34,7 @@ _LIBRARY = re.compile(r"lib/lib[^/]+\.so[.0-9]*")
 
 @attrs.frozen
 class _Part:
-    """One file of the tree; `link` is the name beside it that holds the same."""
+    """One file of the tree; `link` is the name beside it with the same content."""
 
     wheel: Path
     member: str
@@ -74,13 +75,13 @@ def _parts(wheels: Iterable[Path]) -> dict[str, _Part]:
         if (other.crc, other.size) != (part.crc, part.size):
             raise RigelK8sError(
                 f"{part.wheel.name} and {other.wheel.name} have different files {path}",
-                hint="the wheels' versions do not belong together: renew the lock file",
+                hint="the wheels' versions do not match: renew the lock file",
             )
     return found
 
 
 def _members(wheel: Path) -> Iterator[tuple[str, _Part]]:
-    """Yield where each file of a wheel goes below the prefix."""
+    """Yield the places of a wheel's files below the prefix."""
     with zipfile.ZipFile(wheel) as opened:
         for info in opened.infolist():
             path = _place(info.filename)
@@ -98,7 +99,7 @@ def _place(member: str) -> str:
 
 
 def _add_links(parts: Mapping[str, _Part]) -> dict[str, _Part]:
-    """Return the parts with a library's shorter names as links, which wheels cannot hold."""
+    """Return the parts with a library's shorter names as links, which wheels cannot contain."""
     longest: dict[tuple[int, int], str] = {}
     for path in sorted(filter(_LIBRARY.fullmatch, parts), key=len):
         longest[parts[path].crc, parts[path].size] = path

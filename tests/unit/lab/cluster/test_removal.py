@@ -43,7 +43,7 @@ def test_a_mount_is_not_crossed(cluster: State, monkeypatch: pytest.MonkeyPatch)
         f"36 35 98:0 / /elsewhere rw - ext4 /dev/a rw\n36 35 98:0 / {disk} rw - x y\n"
     )
     monkeypatch.setattr(removal, "MOUNTS", mounts)
-    with pytest.raises(LocalClusterError, match=f"{disk} is mounted still") as caught:
+    with pytest.raises(LocalClusterError, match=f"{disk} is still mounted") as caught:
         removal.remove(cluster, quiet)
     assert caught.value.hint == f"umount {disk}"
     assert (disk / "map").read_text() == "valuable"

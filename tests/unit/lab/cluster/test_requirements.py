@@ -69,5 +69,5 @@ def test_good_names(name: str) -> None:
 @pytest.mark.parametrize("name", ["", "A", "1a", "-a", "a-", "a--b", "a_b", "a/b", "é", "x" * 31])
 def test_bad_names(name: str) -> None:
     """What cannot be a context, a cgroup or a path is refused."""
-    with pytest.raises(UserError, match="is no name for a local cluster"):
+    with pytest.raises(UserError, match="is not a name for a local cluster"):
         check_name(name)

@@ -22,8 +22,8 @@ def state(**rest: object) -> State:
     ("wish", "told"),
     [
         (Wish(nodes=0), "a cluster of 0 nodes"),
-        (Wish(extras=("moon",)), "cannot be had with moon"),
-        (Wish(layout="k9s"), "no layout k9s"),
+        (Wish(extras=("moon",)), "unknown extra moon"),
+        (Wish(layout="k9s"), "unknown layout k9s"),
         (Wish(data_dir="/data"), "only nodes of k3s"),
         (Wish(layout="plain", data_dir="/data"), "only nodes of k3s"),
         (Wish(layout="k3s", data_dir="/etc"), "would cover /etc"),

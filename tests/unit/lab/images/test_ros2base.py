@@ -265,7 +265,7 @@ def test_ros2_run_becomes_the_program(package: dict[str, str]) -> None:
         (("run", "nope", "x"), "Package 'nope' not found"),
         (("run", "demo", "x"), "No executable found: 'x' of package 'demo' (it has: count.sh)"),
         (("run", "demo"), "usage: ros2 run PACKAGE EXECUTABLE"),
-        (("launch", "nope.xml"), "nope.xml: there is no such file"),
+        (("launch", "nope.xml"), "nope.xml: the file does not exist"),
         (("launch", "demo", "x.xml"), "package 'demo' has no file named 'x.xml'"),
     ],
 )
@@ -329,10 +329,10 @@ def test_ros2_launch_asks_its_nodes_to_stop(
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ('<launch><arg name="x"/></launch>', "the argument x has no default: say x:=VALUE"),
-        ("<launch><timer/></launch>", "does not know <timer>"),
-        ('<launch><node pkg="demo"/></launch>', "<node> lacks exec="),
-        ('<launch><executable cmd="$(nope)"/></launch>', "$(nope) is not known here"),
+        ('<launch><arg name="x"/></launch>', "the argument x has no default: add x:=VALUE"),
+        ("<launch><timer/></launch>", "does not support <timer>"),
+        ('<launch><node pkg="demo"/></launch>', "<node> has no exec="),
+        ('<launch><executable cmd="$(nope)"/></launch>', "$(nope) is not supported here"),
     ],
 )
 def test_ros2_launch_passes_nothing_over(

@@ -1,8 +1,8 @@
 """A small `ros2` for images without ros2cli, which PyPI does not have.
 
 It is rigel-k8s's own, written on rclpy: the commands that people type to look into a running graph,
-with upstream's words and output where they have one. There is no daemon: each command discovers the
-graph anew, for --spin-time seconds. Runs inside the image only.
+with upstream's words and output if upstream has the command. It has no daemon: each command
+discovers the graph again, for --spin-time seconds. Runs inside the image only.
 """
 
 import argparse
@@ -29,8 +29,8 @@ def parser():
     top = argparse.ArgumentParser(prog="ros2", description=ABOUT)
     groups = top.add_subparsers(metavar="COMMAND")
     for name, about, verbs in (
-        ("topic", "list, look at, hear and publish topics", topic_verbs),
-        ("node", "list and look at nodes", node_verbs),
+        ("topic", "list, show, echo and publish topics", topic_verbs),
+        ("node", "list and show nodes", node_verbs),
         ("param", "list, get and set parameters", param_verbs),
         ("service", "list services", service_verbs),
     ):
@@ -47,15 +47,15 @@ def topic_verbs(verbs):
     found.add_argument("-c", "--count-topics", action="store_true")
     found.add_argument("--include-hidden-topics", action="store_true")
     verb(verbs, "type", "graph.topic_type_of", "a topic's type").add_argument("topic")
-    found = verb(verbs, "info", "graph.topic_info", "who publishes and subscribes")
+    found = verb(verbs, "info", "graph.topic_info", "its publishers and subscribers")
     found.add_argument("topic")
     found.add_argument("-v", "--verbose", action="store_true")
-    found = verb(verbs, "echo", "topics.echo", "what is published")
+    found = verb(verbs, "echo", "topics.echo", "print its messages")
     found.add_argument("topic")
     found.add_argument("type", nargs="?")
     found.add_argument("--once", action="store_true")
     found.add_argument("--field", help="one field, as in header.stamp")
-    found = verb(verbs, "hz", "topics.hz", "how often something is published")
+    found = verb(verbs, "hz", "topics.hz", "print how often messages arrive")
     found.add_argument("topic")
     found.add_argument("-w", "--window", type=int, default=10000)
     found = verb(verbs, "pub", "topics.pub", "publish: pub /chatter std_msgs/msg/String 'data: hi'")
@@ -70,9 +70,9 @@ def topic_verbs(verbs):
 
 def node_verbs(verbs):
     found = verb(verbs, "list", "graph.nodes", "all nodes")
-    found.add_argument("-a", "--all", action="store_true", help="hidden ones, too")
+    found.add_argument("-a", "--all", action="store_true", help="also hidden ones")
     found.add_argument("-c", "--count-nodes", action="store_true")
-    verb(verbs, "info", "graph.node_info", "what a node publishes and so on").add_argument("node")
+    verb(verbs, "info", "graph.node_info", "a node's topics and services").add_argument("node")
 
 
 def param_verbs(verbs):
@@ -96,7 +96,7 @@ def service_verbs(verbs):
 def verb(verbs, name, call, about):
     found = verbs.add_parser(name, help=about, description=about)
     found.add_argument("--spin-time", type=float, default=3.0, help="seconds to discover the graph")
-    found.add_argument("--no-daemon", action="store_true", help="there is none")
+    found.add_argument("--no-daemon", action="store_true", help="accepted, without effect")
     found.set_defaults(call=call.split("."))
     return found
 

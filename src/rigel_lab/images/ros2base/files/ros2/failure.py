@@ -1,5 +1,5 @@
-"""What goes wrong in a way that the user can mend."""
+"""A failure that the user can correct."""
 
 
 class Failure(Exception):
-    """What the user reads; the exit code is 1."""
+    """The message for the user; the exit code is 1."""

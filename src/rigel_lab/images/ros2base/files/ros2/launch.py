@@ -1,8 +1,8 @@
-"""XML launch files: what most of them use of it, and no Python ones.
+"""XML launch files: the parts that most of them use, and no Python ones.
 
 Known: arg, let, set_env, group (with push_ros_namespace), include, node (with param, remap, env),
 executable; `if` and `unless`; $(var), $(env), $(find-pkg-share), $(dirname). Anything else is an
-error, not passed over.
+error, not ignored.
 """
 
 import os
@@ -20,7 +20,7 @@ _FUNCTION = re.compile(r"\$\(([a-z-]+)((?:\s[^()]*)?)\)")
 
 
 def launch(words):
-    """Start what a launch file says and stay until all of it has ended."""
+    """Start what a launch file describes and stay until all of it has ended."""
     places = [word for word in words if ":=" not in word and not word.startswith("-")]
     if len(places) not in (1, 2):
         raise Failure("usage: ros2 launch [PACKAGE] FILE [ARG:=VALUE ...]")
@@ -29,7 +29,7 @@ def launch(words):
 
 
 class Description:
-    """One launch file being read, in what surrounds it."""
+    """One launch file that is being read, with its surroundings."""
 
     def __init__(self, given, namespace="", env=None):
         self.given = given
@@ -50,7 +50,7 @@ class Description:
             if self._wanted(child):
                 reader = getattr(self, "_" + child.tag.replace("-", "_"), None)
                 if reader is None or child.tag.startswith("_"):
-                    raise Failure(f"{self.file}: this ros2 does not know <{child.tag}>")
+                    raise Failure(f"{self.file}: this ros2 does not support <{child.tag}>")
                 found += reader(child) or []
         return found
 
@@ -58,7 +58,7 @@ class Description:
         name = self._get(element, "name")
         default = self._get(element, "default", None)
         if name not in self.given and default is None:
-            raise Failure(f"{self.file}: the argument {name} has no default: say {name}:=VALUE")
+            raise Failure(f"{self.file}: the argument {name} has no default: add {name}:=VALUE")
         self.known[name] = self.given.get(name, default)
 
     def _let(self, element):
@@ -122,7 +122,7 @@ class Description:
         """Return an attribute with its $(...) filled in."""
         text = element.get(name, default)
         if text is ...:
-            raise Failure(f"{self.file}: <{element.tag}> lacks {name}=")
+            raise Failure(f"{self.file}: <{element.tag}> has no {name}=")
         return _FUNCTION.sub(self._filled, text) if text else text
 
     def _filled(self, found):
@@ -135,14 +135,14 @@ class Description:
             return self.env.get(words[0], words[-1])
         if name == "find-pkg-share" and words:
             return str(prefix(words[0]) / "share" / words[0])
-        raise Failure(f"{self.file}: {found[0]} is not known here")
+        raise Failure(f"{self.file}: {found[0]} is not supported here")
 
 
 def _file(*words):
     """Return a launch file by its path, or by its package and name."""
     if len(words) == 1:
         if not Path(words[0]).is_file():
-            raise Failure(f"{words[0]}: there is no such file")
+            raise Failure(f"{words[0]}: the file does not exist")
         return Path(words[0])
     package, name = words
     found = sorted((prefix(package) / "share" / package).rglob(name))

@@ -1,4 +1,4 @@
-"""ROS messages and plain data: what YAML can say."""
+"""ROS messages and plain data, as YAML has it."""
 
 import array
 import importlib

@@ -1,4 +1,4 @@
-"""A node's parameters, asked of and told to the node itself."""
+"""A node's parameters, read from and set at the node itself."""
 
 from failure import Failure
 from rcl_interfaces.msg import ParameterType
@@ -52,7 +52,7 @@ def _ask(options, question):
     """Return the node's answer.
 
     Raises:
-        Failure: there is no such node, or it does not answer.
+        Failure: the node does not exist, or does not answer.
     """
     name = full(options.node)
     with session(options, wait=False) as node:

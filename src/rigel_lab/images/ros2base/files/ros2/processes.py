@@ -1,4 +1,4 @@
-"""Processes that are started together and asked to stop together."""
+"""Processes that are started together and stopped together."""
 
 import signal
 import subprocess
@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 
-#: Seconds until one that was asked to stop is told to, and then killed, as upstream does it.
+#: Seconds between SIGINT, SIGTERM and SIGKILL, as upstream does it.
 PATIENCE = 5.0
 _STEPS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 
@@ -30,10 +30,10 @@ class Process:
             start_new_session=True,  # a terminal's ^C comes from us, once
         )
         say(f"[INFO] [{self.label}]: process started with pid [{self.popen.pid}]")
-        self.reader = threading.Thread(target=self._tell, daemon=True)
+        self.reader = threading.Thread(target=self._print, daemon=True)
         self.reader.start()
 
-    def _tell(self):
+    def _print(self):
         for line in self.popen.stdout:
             say(f"[{self.label}] {line.rstrip()}")
 
@@ -42,7 +42,7 @@ class Process:
 
 
 def supervise(processes):
-    """Start all, stop all when asked to; returns the exit code: 1 where one of them failed."""
+    """Start all, stop all on a signal; returns the exit code: 1 if one of them failed."""
     asked = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: asked.append(time.monotonic()))

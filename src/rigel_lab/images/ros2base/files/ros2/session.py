@@ -11,7 +11,7 @@ from rclpy.signals import SignalHandlerOptions
 
 @contextmanager
 def session(options, *, wait=True):
-    """Yield a node; with `wait`, once it had the time to hear of all others."""
+    """Yield a node; with `wait`, after it had the time to discover all others."""
     # Without handlers of rclpy's own: its shutdown and ours would meet (jazzy: RCLError).
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     name = f"_ros2cli_{os.getpid()}"
@@ -46,10 +46,10 @@ def hidden(name):
 
 
 def topic_type(node, topic, seconds):
-    """Return the type of a topic that somebody else has.
+    """Return the type of a topic that another node has.
 
     Raises:
-        Failure: nobody has it.
+        Failure: no node has it.
     """
     topic = full(topic)
     types = []
@@ -59,5 +59,5 @@ def topic_type(node, topic, seconds):
         return bool(types)
 
     if not spin(node, known, seconds):
-        raise Failure(f"topic [{topic}] is not published and not subscribed; `ros2 topic list`?")
+        raise Failure(f"topic [{topic}] is not published and not subscribed; see `ros2 topic list`")
     return types[0]

@@ -1,4 +1,4 @@
-"""Hearing and publishing a topic."""
+"""Receiving and publishing a topic."""
 
 import statistics
 import time
@@ -57,7 +57,7 @@ def pub(options):
 
 
 def _subscribe(node, topic, kind, callback):
-    """Subscribe as the publishers can serve."""
+    """Subscribe with a QoS that the publishers can serve."""
     qos = QoSProfile(depth=10)
     offered = [end.qos_profile for end in node.get_publishers_info_by_topic(full(topic))]
     if any(o.reliability == ReliabilityPolicy.BEST_EFFORT for o in offered):
@@ -71,7 +71,7 @@ def _text(message, field):
     found = message
     for name in field.split(".") if field else ():
         if not hasattr(found, name):
-            raise Failure(f"Invalid field '{field}': there is no '{name}'")
+            raise Failure(f"Invalid field '{field}': it has no '{name}'")
         found = getattr(found, name)
     found = plain(found)
     if not isinstance(found, (dict, list)):

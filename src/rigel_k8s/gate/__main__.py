@@ -60,7 +60,7 @@ class Keeper:
         found = self._journal.read()
         if found is None and self._place is not None:
             found = await self._read_cluster(self._place)
-        elif found:  # the cluster may lack the last of it
+        elif found:  # the cluster may not have the last of it
             self._changed.set()
         self.state = found or self.state
         with self._reporting(FILE):

@@ -20,7 +20,7 @@ class Context:
     Attributes:
         state: what the gate has noted; what a later gate needs too is changed by `note` alone.
         links: the ways to the master and to nodes, and a clock.
-        log: takes a line that a person may want to read.
+        log: called with a line for people to read.
         turn: held while the master changes and until the state has the change too. Changes take
             turns, so that the holder finds in the state what the master has.
         removals: what nodes unregister at this moment. They have forgotten it already, and the

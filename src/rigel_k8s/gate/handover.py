@@ -1,4 +1,4 @@
-"""Which registration waits for a name, and who gets the name next; pure."""
+"""Which registration waits for a name, and which one gets the name next; pure."""
 
 from __future__ import annotations
 

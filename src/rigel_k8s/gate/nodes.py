@@ -110,7 +110,7 @@ class Nodes:
     def send_again(self) -> None:
         """Call nodes that were silent, while they are known."""
         for target, due in list(self._unsent.items()):
-            if not self._state.knows(target[0]):
+            if not self._state.has_node(target[0]):
                 del self._unsent[target]
             elif due <= self._context.links.now():
                 self._send(target)

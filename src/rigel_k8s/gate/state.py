@@ -112,7 +112,7 @@ class State:
         """Return the newcomers at an address."""
         return [one for one in self.newcomers.values() if one.host == host]
 
-    def knows(self, api: str) -> bool:
+    def has_node(self, api: str) -> bool:
         """Return whether a node at this URI has a name, or waits for one."""
         named = {one.api for one in self.registry.nodes.values()}
         return api in named or api in {one.api for one in self.newcomers.values()}

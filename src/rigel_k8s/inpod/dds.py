@@ -83,7 +83,7 @@ class Look(object):
         self.domain = self._domain()
         self.standin = StandIn(self.domain, {n: a for n, a in usable.items() if a})
         ports = [rtps.participant_port(self.domain, i) for i in range(FIRST_PORTS)]
-        self.targets = [(a, p) for a in map(resolved, arguments.ask) if a for p in ports]
+        self.targets = [(a, p) for a in map(resolve, arguments.ask) if a for p in ports]
         self.servers = {word: address_of(word) for word in arguments.server}
 
     def _domain(self):
@@ -172,11 +172,11 @@ def of_process(process):
 def address_of(server):
     """Return (address, port) of a discovery server's HOST:PORT, None if the host has no address."""
     name, _, port = server.partition(":")
-    address = resolved(name)
+    address = resolve(name)
     return (address, int(port or SERVER)) if address else None
 
 
-def resolved(name):
+def resolve(name):
     """Return a name's first IPv4 address, None if it has none."""
     try:
         return socket.gethostbyname(name)

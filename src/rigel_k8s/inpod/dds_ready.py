@@ -26,7 +26,7 @@ import interfaces
 import rtps
 
 try:
-    import _socket as socket  # half of `import socket` goes to classes that are not needed here
+    import _socket as socket  # half of `import socket` is for classes that are not needed here
 except ImportError:  # not CPython
     import socket
 

@@ -8,7 +8,7 @@ import fcntl
 from struct import pack, unpack_from
 
 try:
-    import _socket as socket  # half of `import socket` goes to classes that are not needed here
+    import _socket as socket  # half of `import socket` is for classes that are not needed here
 except ImportError:  # not CPython
     import socket
 
@@ -25,13 +25,13 @@ def addresses():
 
 def address_of(name):
     """Return an interface's IPv4 address, None if it has none or does not exist."""
-    answer = _asked(SIOCGIFADDR, name)
+    answer = _query(SIOCGIFADDR, name)
     return socket.inet_ntoa(answer[20:24]) if answer else None
 
 
 def is_up(name):
     """Whether an interface is up and has a link."""
-    answer = _asked(SIOCGIFFLAGS, name)
+    answer = _query(SIOCGIFFLAGS, name)
     return bool(answer) and unpack_from("H", answer, 16)[0] & UP_AND_RUNNING == UP_AND_RUNNING
 
 
@@ -40,7 +40,7 @@ def membership(group, name):
     return socket.inet_aton(group) + pack("=4si", b"", socket.if_nametoindex(name))
 
 
-def _asked(request, name):
+def _query(request, name):
     """Return the answer of an interface's ioctl, None if it fails."""
     asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:

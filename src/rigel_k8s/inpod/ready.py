@@ -120,7 +120,7 @@ class Look(object):
 
     def _confirm(self, known):
         """Return those of the known nodes that continue: registered from here, process alive."""
-        found = [self._confirmed(node) for node in known.values()]
+        found = [self._confirm_node(node) for node in known.values()]
         nodes = {node.name: node for node in found if node}
         run = self._ask("getParam", "/run_id") if nodes else None
         if nodes and (run or "") != self.memory.run:
@@ -128,13 +128,13 @@ class Look(object):
             self.memory.run = run or ""
         return nodes
 
-    def _confirmed(self, node):
+    def _confirm_node(self, node):
         """Return the node as it is now, None if it has ended in order."""
         uri, alive = self._ask("lookupNode", node.name), self._here(node.uri)
         if uri == node.uri and not alive:
             if not self._is_listed(node.name):  # it has unregistered, as after `rosnode kill`
                 return None
-            raise NotReady("%s has crashed: it is registered, but its process is gone" % node)
+            raise NotReady("%s has crashed: it is registered, but its process has ended" % node)
         if uri and self._here(uri):  # the same, or started again by a shell or by roslaunch
             return self._node(node.name, uri)
         if alive and uri:

@@ -6,7 +6,7 @@ independent of probes. Python 2.7 and 3.
 """
 
 try:
-    import _socket as socket  # half of `import socket` goes to classes that are not needed here
+    import _socket as socket  # half of `import socket` is for classes that are not needed here
 except ImportError:  # not CPython
     import socket
 import time
@@ -64,7 +64,7 @@ class Api(object):
         except CallFailed:
             self.close()
             raise
-        except Exception as error:  # socket.error is no OSError in Python 2
+        except Exception as error:  # socket.error is not an OSError in Python 2
             self.close()
             raise CallFailed(reason(error))
 

@@ -163,7 +163,7 @@ class Client:
 
 
 def is_dry_run(url: str) -> bool:
-    """Whether a request asks the API server to store nothing."""
+    """Whether a request makes the API server store nothing."""
     return "dryRun=All" in url
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 
 import attrs
 
-RETRIES = 5  # of requests that the server wants again
+RETRIES = 5  # of requests that the server asks us to send again
 RETRY_BUDGET = 30.0  # seconds that one request may spend waiting to be sent again
 AWAY = 120.0  # seconds that long work waits for an unreachable server
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 5.0

@@ -156,7 +156,7 @@ def _read_arguments(archive: Archive) -> dict[str, YamlNode]:
 
 
 def _remark_on_rest(archive: Archive) -> Iterator[Remark]:
-    """Yield what an archive says beside its sources and its launch file."""
+    """Yield the keys of an archive beside its sources and its launch file."""
     for name, value in archive.values.items():
         if is_empty(value) or name in (*CARRIED, *UNNEEDED):
             continue

@@ -20,7 +20,7 @@ class Archive:
 
     Attributes:
         place: the mapping that contains them.
-        values: what it says of them: `data` or `url`, `launch_file`, `checksum` and so on.
+        values: its keys: `data` or `url`, `launch_file`, `checksum` and so on.
     """
 
     place: YamlNode

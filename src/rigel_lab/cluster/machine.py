@@ -138,7 +138,7 @@ class Machine:
 
     @property
     def logs(self) -> Path:
-        """Where each service's output goes."""
+        """The directory of the services' logs."""
         return self.directory / "logs"
 
     def start(self) -> None:

@@ -162,7 +162,7 @@ class Story:
     def is_known(self, node: SimNode) -> bool:
         """Whether a node has a name or waits for one, or has not come so far."""
         gate = self.world.gate
-        return gate is None or not node.registered or gate.state.knows(node.api)
+        return gate is None or not node.registered or gate.state.has_node(node.api)
 
     def was_displaced(self, node: SimNode) -> bool:
         """Whether another node had its name while its machine was away: it is an orphan then.

@@ -128,7 +128,7 @@ def ended(code: int, reason: str = "Error", message: str = "") -> dict[str, Any]
         (container(ended(3)), "crash", "exited with code 3"),
         (container(ended(3, message="no package\nnav\n")), "crash", "code 3 (no package nav)"),
         (container(ended(139)), "crash", "killed by signal 11"),
-        (container(ended(137, "OOMKilled")), "crash", "lack of memory"),
+        (container(ended(137, "OOMKilled")), "crash", "ran out of memory"),
         (
             container(waiting("CrashLoopBackOff"), lastState=ended(0, "Completed"), restartCount=4),
             "crash",

@@ -89,11 +89,11 @@ def look_for_missing(
 
 def explain_missing(desired: Desired, missing: Sequence[Right]) -> Forbidden:
     """Return the error for missing rights, with the known way out for a kind of object."""
-    lacking = {(right.group, right.resource) for right in missing}
+    kinds = {(right.group, right.resource) for right in missing}
     known = [
         desired.remedies[manifest["kind"]]
         for manifest in desired.objects
-        if manifest["kind"] in desired.remedies and lacks(manifest, lacking)
+        if manifest["kind"] in desired.remedies and is_missing(manifest, kinds)
     ]
     where = desired.release.namespace
     grant = f"`rigel -n {where} rbac deployer --user YOU | kubectl apply -f -`"
@@ -102,11 +102,11 @@ def explain_missing(desired: Desired, missing: Sequence[Right]) -> Forbidden:
     return missing_error(missing, f"deploy {desired.release.name} to {where}", hint)
 
 
-def lacks(manifest: Manifest, lacking: set[tuple[str, str]]) -> bool:
+def is_missing(manifest: Manifest, kinds: set[tuple[str, str]]) -> bool:
     """Whether a right for an object's kind is among those that are missing."""
     resource = find_resource(manifest["apiVersion"], manifest["kind"])
     group = str(manifest["apiVersion"]).rpartition("/")[0]
-    return resource is not None and (group, resource.plural) in lacking
+    return resource is not None and (group, resource.plural) in kinds
 
 
 @contextmanager

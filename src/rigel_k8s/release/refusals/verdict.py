@@ -56,7 +56,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
     Raises:
         Forbidden: rights are missing; all of them are listed.
         Refused: immutable fields, objects of another release, pods that the cluster would refuse.
-        ConflictError: objects or fields of another manager, which are not to be adopted.
+        ConflictError: objects or fields of another manager, which must not be adopted.
     """
     if survey.foreseen.missing:
         raise explain_missing(survey.desired, survey.foreseen.missing)

@@ -218,9 +218,7 @@ def exit_words(ended: Mapping[str, Any]) -> str:
     """Return how a container ended, as a phrase."""
     code = ended.get("exitCode")
     if ended.get("reason") == "OOMKilled":
-        return (
-            f"was killed for lack of memory (OOMKilled, exit code {code}): raise its memory limit"
-        )
+        return f"ran out of memory (OOMKilled, exit code {code}): raise its memory limit"
     if ended.get("reason") == "StartError":
         return f"could not be started: {ended.get('message', '')}"
     signal = f", killed by signal {code - 128}" if code and code > 128 else ""

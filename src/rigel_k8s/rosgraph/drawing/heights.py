@@ -109,7 +109,7 @@ def fit(
         wishes: the height that each should have, and its weight.
         top, lowest: between these the stack begins where it stands close together.
     """
-    blocks: list[tuple[float, float, int]] = []  # where it wants to begin, how much, how many
+    blocks: list[tuple[float, float, int]] = []  # its wished beginning, weight, number of places
     for offset, (target, weight) in zip(offsets, wishes, strict=True):
         block = (target - offset, weight, 1)
         while blocks and blocks[-1][0] > block[0]:

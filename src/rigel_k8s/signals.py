@@ -42,7 +42,12 @@ def leave_early(number: int, _: FrameType | None) -> None:
 
 
 def raise_interrupt(number: int, _: FrameType | None) -> None:
-    """Interrupt the main thread, which has no work yet that could end in good order."""
+    """Interrupt the main thread, which has no work yet that could end in good order.
+
+    A second signal ends the process. It would interrupt the clean-up after the first, and could
+    leave a lock behind that a thread waits for.
+    """
+    is_second = bool(_received)
     note(number)
     if is_second:
         end_at_once("interrupted twice")

@@ -43,7 +43,7 @@ MAKERS: Mapping[str, Sequence[Maker]] = {
     "make_finding": [Maker(PROBLEM, 2)],
     "problem_at": [Maker(PROBLEM, None, "network")],
     "make_problem": [Maker(PROBLEM, 3, "release/refusals")],
-    "tell": [Maker(PROBLEM, 2, "rigelfile/grammar.py")],
+    "report": [Maker(PROBLEM, 2, "rigelfile/grammar.py")],
     "_refuse": [Maker(PROBLEM, 2, "rigelfile/parse.py")],
     "_report": [Maker(PROBLEM, 2, "rigelfile/structure.py")],
     "Mismatch": [Maker(PROBLEM, 1, "rigelfile")],

@@ -65,12 +65,12 @@ class Domain:
         self._resolver = Resolver(list(self._servers) if self._servers else peers)
         self._sockets: Sockets | None = None
         self._found: dict[str, str] = {}
-        told = Announcement(
+        announcement = Announcement(
             os.urandom(12), domain=domain, name=name, lease=LEASE, endpoints=ENDPOINTS
         )
         if mode == "discovery-server":
-            told = told._replace(vendor=rtps.FAST_DDS, properties=SUPER_CLIENT)
-        self._participant = Participant(told, self._send)
+            announcement = announcement._replace(vendor=rtps.FAST_DDS, properties=SUPER_CLIENT)
+        self._participant = Participant(announcement, self._send)
         self._lock, self._end = threading.Lock(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="dds", daemon=True)
 

@@ -88,17 +88,17 @@ class Participant:
                 self._ask(peer)
             for writer, incoming in peer.incoming.items():
                 if not incoming.is_known:
-                    self._tell_of(peer, writer, incoming.answer(writer, final=False))
+                    self._answer_writer(peer, writer, incoming.answer(writer, final=False))
 
     def _ask(self, peer: Peer) -> None:
         """Ask a participant for an answer."""
         if peer.is_direct:
-            self._tell(peer, [self._outgoing.beat()])
+            self._send_to(peer, [self._outgoing.beat()])
             return
         for writer, incoming in peer.incoming.items():
-            self._tell_of(peer, writer, incoming.answer(writer, final=False))
+            self._answer_writer(peer, writer, incoming.answer(writer, final=False))
 
-    def _tell(self, peer: Peer, submessages: Sequence[bytes]) -> None:
+    def _send_to(self, peer: Peer, submessages: Sequence[bytes]) -> None:
         own, to = self.own, peer.announced.prefix
         self._send(wire.message(own.prefix, own.vendor, to, submessages), peer.places)
 
@@ -153,20 +153,20 @@ class Participant:
             return
         self._apply(guid, incoming.heartbeat(item), now)
         if incoming.list_missing() or not item.final:
-            self._tell_of(peer, item.writer, incoming.answer(item.writer))
+            self._answer_writer(peer, item.writer, incoming.answer(item.writer))
 
     def _take_acknack(self, peer: Peer, item: wire.Acknack) -> None:
         if item.writer == self._outgoing.writer:
             missing = self._outgoing.answer(item)
             peer.is_behind = self._outgoing.is_behind(item) and not missing
             if missing:
-                self._tell(peer, [*missing, self._outgoing.beat(final=True)])
+                self._send_to(peer, [*missing, self._outgoing.beat(final=True)])
         elif item.writer == rtps.SPDP_WRITER and self._is_client:
             self._beats += 1
             ends = rtps.SPDP_READER, rtps.SPDP_WRITER
-            self._tell(peer, [wire.heartbeat(*ends, 1, 1, self._beats, final=True)])
+            self._send_to(peer, [wire.heartbeat(*ends, 1, 1, self._beats, final=True)])
 
-    def _tell_of(self, peer: Peer, writer: bytes, answer: bytes) -> None:
+    def _answer_writer(self, peer: Peer, writer: bytes, answer: bytes) -> None:
         """Answer a writer where it listens: built-in ones elsewhere than others."""
         own, to = self.own, peer.announced.prefix
         is_built_in = writer[3] & 0xC0 == 0xC0
@@ -178,33 +178,40 @@ class Participant:
         if change.status:
             self._forget(_guid(change)[:12])
             return
-        told = spdp.participant(change.payload)
-        if told.domain not in (None, self.own.domain) or told.prefix == self.own.prefix:
+        announcement = spdp.participant(change.payload)
+        if (
+            announcement.domain not in (None, self.own.domain)
+            or announcement.prefix == self.own.prefix
+        ):
             return
-        peer = self.peers.get(told.prefix)
+        peer = self.peers.get(announcement.prefix)
         if peer is None:
             if len(self.peers) < _MOST_PEERS:
-                self._meet(told, source, now, is_direct=by == told.prefix)
+                self._meet(announcement, source, now, is_direct=by == announcement.prefix)
             return
-        peer.take(told)
+        peer.take(announcement)
         peer.sources.update([source] if source else [])
 
-    def _meet(self, told: Announcement, source: str, now: float, *, is_direct: bool) -> None:
-        """Get to know a participant: it is told of us at once, and asked for what it has."""
-        peer = self.peers[told.prefix] = Peer(told, now, is_direct=is_direct)
+    def _meet(
+        self, announcement: Announcement, source: str, now: float, *, is_direct: bool
+    ) -> None:
+        """Add a participant: announce ourselves to it at once, and request its endpoints."""
+        peer = self.peers[announcement.prefix] = Peer(announcement, now, is_direct=is_direct)
         peer.sources.update([source] if source else [])
         if is_direct:
             self._send(self.announcement(), peer.places)
             asked = [i.answer(writer, final=False) for writer, i in peer.incoming.items()]
-            self._tell(peer, [*asked, self._outgoing.beat()])
-        for writer in [w for w in self.writers.values() if w.guid[:12] == told.prefix]:
+            self._send_to(peer, [*asked, self._outgoing.beat()])
+        for writer in [w for w in self.writers.values() if w.guid[:12] == announcement.prefix]:
             self._match(writer)  # a server may announce endpoints first
 
     def _greet(self, prefix: bytes, now: float) -> None:
-        """Get to know a discovery server that speaks before it has told who it is."""
-        told = Announcement(prefix, rtps.FAST_DDS, meta=tuple(self.servers), properties=SERVER)
+        """Add a discovery server that sends before it has announced itself."""
+        announcement = Announcement(
+            prefix, rtps.FAST_DDS, meta=tuple(self.servers), properties=SERVER
+        )
         if len(self.peers) < _MOST_PEERS:
-            self._meet(told, "", now, is_direct=True)
+            self._meet(announcement, "", now, is_direct=True)
 
     def _forget(self, prefix: bytes) -> None:
         if self.peers.pop(prefix, None) is None:
@@ -326,7 +333,7 @@ class Participant:
         number = self._outgoing.add(inline, payload, is_key=is_gone)
         sent = [self._outgoing.sample(number), self._outgoing.beat()]
         for peer in self.peers.values():
-            self._tell(peer, sent)
+            self._send_to(peer, sent)
         return number
 
 

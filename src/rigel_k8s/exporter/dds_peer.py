@@ -55,24 +55,24 @@ class Peer:
         is_behind: it has not acknowledged everything that we sent.
     """
 
-    def __init__(self, told: Announcement, now: float, *, is_direct: bool = True) -> None:
-        self.announced, self.heard, self.is_direct = told, now, is_direct
+    def __init__(self, announcement: Announcement, now: float, *, is_direct: bool = True) -> None:
+        self.announced, self.heard, self.is_direct = announcement, now, is_direct
         self.is_behind = False
         self.sources: set[str] = set()
         self.nodes: dict[str, frozenset[bytes]] = {}
         self.incoming: dict[bytes, Incoming] = {}
         self._asked, self._unanswered = now, 0
-        self.take(told)
+        self.take(announcement)
 
-    def take(self, told: Announcement) -> None:
-        """Take in what it announces, or announces anew."""
-        self.announced = told
+    def take(self, announcement: Announcement) -> None:
+        """Take in what it announces, again or for the first time."""
+        self.announced = announcement
         if not self.is_direct:
             return
         if self.is_server:
             self.incoming.setdefault(rtps.SPDP_WRITER, Incoming(rtps.SPDP_READER))
         for bit, writer, reader in _BUILT_IN:
-            if told.endpoints & bit:
+            if announcement.endpoints & bit:
                 self.incoming.setdefault(writer, Incoming(reader))
 
     @property
@@ -118,7 +118,7 @@ class Peer:
 
     @property
     def is_ros(self) -> bool:
-        """Whether ROS' middleware made it: its nodes tell their names, or will."""
+        """Whether ROS' middleware made it: its nodes announce their names, perhaps later."""
         return self.announced.user_data.startswith("enclave=")
 
     @property

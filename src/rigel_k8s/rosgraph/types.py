@@ -92,7 +92,7 @@ class GraphProblem:
     """Something that is wrong in a graph.
 
     Attributes:
-        kind: a slug for scripts; docs/rosgraph.md lists them.
+        kind: a slug for scripts; kinds.py explains them.
         nodes, topic: what it is about.
         error: the graph does not work as the release describes it; otherwise it may be on purpose.
     """

@@ -10,10 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
 #: Made from the words of the code.
-OTHERS = {
-    "reference.md",
-    "metrics.md",
-}
+OTHERS = {}
 PAGES = [
     *(page for page in sorted(DOCS.rglob("*.md")) if page.name not in OTHERS),
     *(

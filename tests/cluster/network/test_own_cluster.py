@@ -332,7 +332,7 @@ def test_others_multus_is_used_as_it_is(own: Any, own_lab: Any, said: Any) -> No
     own.cluster.create(theirs)
     done = install(own.cluster, Install(), said)
     assert not done.ours
-    assert f"Multus is there already ({own_lab.namespace}/kube-multus-ds" in said.lines[0]
+    assert f"Multus is already installed ({own_lab.namespace}/kube-multus-ds" in said.lines[0]
     names = [s["metadata"]["name"] for s in own.cluster.list("apps/v1", "DaemonSet")]
     assert sorted(names) == ["kube-multus-ds", "rigel-whereabouts"]
     assert [w for w in said.warnings if "came up without its second network" in w] != []

@@ -64,9 +64,9 @@ def test_what_was_there_before_is_asked_where_it_is_a_service(
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"url": "https://logs.example.org"}, "no Service"),
-        ({"url": "http://logs.example.org"}, "no Service"),
-        ({"url": "http://loki.logging:3100", "tenant": "lab"}, "wants a tenant"),
+        ({"url": "https://logs.example.org"}, "not a Service"),
+        ({"url": "http://logs.example.org"}, "not a Service"),
+        ({"url": "http://loki.logging:3100", "tenant": "lab"}, "needs a tenant"),
     ],
 )
 def test_what_the_api_server_cannot_pass_on_is_told(more: dict[str, str], words: str) -> None:

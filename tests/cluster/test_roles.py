@@ -121,7 +121,7 @@ def look_as_viewer(robot: Robot, view: Callable[..., Any]) -> None:
     """See what runs and what it writes; what takes more says which right."""
     seen = view("status")
     assert "talker" in seen.stdout
-    assert "its revision cannot be seen (the right to list secrets)" in seen.stdout
+    assert "its revision cannot be read (the right to list secrets is missing)" in seen.stdout
     assert "(the right `create pods/exec` is missing)" in seen.stdout + seen.stderr
     assert view("status", "--no-graph").returncode == 0
     assert "hello" in view("logs", "talker").stdout

@@ -144,10 +144,10 @@ def test_a_missing_directory_is_told(tmp_path: Path) -> None:
     [
         ({"command": "echo 'a"}, ("command",), "no closing quotation"),
         ({"ros_image": "ros:noetic:x"}, ("ros_image",), "invalid image reference"),
-        ({"username": "Robot One"}, ("username",), "no user name"),
-        ({"apt": ["good", "a b"]}, ("apt", 1), '"a b" is no Debian package'),
-        ({"apt": ["x; reboot"]}, ("apt", 0), "no Debian package"),
-        ({"env": [DockerfileVariable("A-B")]}, ("env", 0, "name"), '"A-B" is no name'),
+        ({"username": "Robot One"}, ("username",), "invalid user name"),
+        ({"apt": ["good", "a b"]}, ("apt", 1), 'invalid Debian package "a b"'),
+        ({"apt": ["x; reboot"]}, ("apt", 0), "invalid Debian package"),
+        ({"env": [DockerfileVariable("A-B")]}, ("env", 0, "name"), '"A-B" is not a name'),
         ({"env": [DockerfileVariable("A", "x\ny")]}, ("env", 0, "value"), "several lines"),
     ],
 )

@@ -101,7 +101,7 @@ def alive(pid: int) -> bool:
     """Whether a process runs (one that is only not reaped yet does not)."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return False
 
 

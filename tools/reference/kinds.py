@@ -21,7 +21,9 @@ one sort. This page is generated from the code.
 
 ```
 Rigelfile:15:24: unknown key "apart_form", did you mean "apart_from"? [unknown-key]
-```"""
+```
+
+`rigel explain unknown-key` prints the same in a terminal."""
 
 EXITS = """Some commands differ. `status`, `graph` and `doctor` also exit with 1 if they report
 that something is wrong. `diff --exit-code` exits with 0 if nothing would change, with 1 if

@@ -13,7 +13,7 @@ import attrs
 from rigel_k8s.muto.remarks import Remark, Unreadable, error
 from rigel_k8s.rigelfile.limits import MOST_BYTES
 from rigel_k8s.rigelfile.parse import parse
-from rigel_k8s.rigelfile.source import Source, Span, YamlNode
+from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of
 
 _JSON_NUMBER = re.compile(r"-?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?")
 #: Two escapes that JSON writes for one character beyond 16 bits; YAML has one for it.
@@ -84,8 +84,11 @@ def decode(data: YamlNode, what: str) -> Source:
 
 def decode_base64(data: YamlNode) -> bytes:
     """Return the content of a value in base64. Raises Unreadable if it is not base64."""
+    if not isinstance(data.value, str):
+        message = f"expected text in base64, got {kind_of(data.value)}"
+        raise Unreadable(error(data, message, "bad-data"))
     try:
-        return base64.b64decode("".join(str(data.value).split()), validate=True)
+        return base64.b64decode("".join(data.value.split()), validate=True)
     except (binascii.Error, ValueError) as fault:
         raise Unreadable(error(data, f"this is not base64: {fault}", "bad-data")) from fault
 

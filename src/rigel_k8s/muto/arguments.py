@@ -10,10 +10,14 @@ import attrs
 from rigel_k8s.muto.remarks import Remark, Unreadable, error
 from rigel_k8s.muto.stack import text_at
 from rigel_k8s.option_text import text_of
+from rigel_k8s.problems import Path
 from rigel_k8s.rigelfile.findings import suggest
 from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, LONGEST_TEXT, MOST_TEXT
 from rigel_k8s.rigelfile.source import YamlNode
 from rigel_k8s.substitution_args import EXPRESSION, FORMS, is_substituted
+
+#: Remarks on what is lost: the value, the message, the option that would replace it, the kind.
+Lose = Callable[[YamlNode, str, Path, str], None]
 
 
 @attrs.frozen
@@ -138,6 +142,40 @@ class Arguments:
             message = f'the argument "{name}" has no value: give it one in `args`, or as --arg'
             raise Unreadable(error(entry, message, "missing-argument"))
         return self._fill(text_of(value.value), value)
+
+
+class Completion:
+    """Values of one node, or of a whole stack, as far as they are known here.
+
+    Attributes:
+        lose: remarks on a value that cannot be carried over.
+        substitutes: whether a container replaces something in the values so far.
+    """
+
+    def __init__(self, arguments: Arguments, lose: Lose) -> None:
+        self.lose = lose
+        self.substitutes = False
+        self._arguments = arguments
+
+    def complete(self, what: str, option: Path, value: YamlNode) -> YamlNode | None:
+        """Return a value; None with a remark where not even a container could resolve it."""
+        resolved = self._arguments.resolve(value)
+        if not isinstance(resolved, ContainerValue):
+            return resolved
+        if resolved.is_substituted:
+            self.substitutes = True
+            return resolved.node
+        message = f"{what} cannot be carried over: {resolved.explain()}"
+        self.lose(resolved.node, message, option, "needs-container")
+        return None
+
+    def know(self, key: str, value: YamlNode) -> YamlNode:
+        """Return the value of a key. Raises Unreadable where only a container can resolve it."""
+        resolved = self._arguments.resolve(value)
+        if isinstance(resolved, ContainerValue):
+            message = f'"{key}" must be known before the node runs: {resolved.explain()}'
+            raise Unreadable(error(resolved.node, message, "needs-container"))
+        return resolved
 
 
 def _map_texts(node: YamlNode, change: Callable[[str, YamlNode], str]) -> YamlNode:

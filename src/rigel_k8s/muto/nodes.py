@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import attrs
 
-from rigel_k8s.muto.arguments import Arguments, ContainerValue
+from rigel_k8s.muto.arguments import Arguments, Completion
 from rigel_k8s.muto.lifecycle import list_losses, read_lifecycle
 from rigel_k8s.muto.parameters import Parameters
 from rigel_k8s.muto.remarks import Remark, Unreadable, describe_unknown, error, loss, note
@@ -65,9 +65,8 @@ class _Node:
         self.key = text_at(entry.value, "name")
         self._entry = entry
         self._content = {k: v for k, v in entry.value.items() if not is_empty(v)}
-        self._arguments = arguments
+        self._completion = Completion(arguments, self._lose_with_advice)
         self._options: dict[str, YamlNode] = {}
-        self._substitutes = False
 
     def translate(self) -> YamlNode | None:
         """Return the options; None if a condition leaves the node out."""
@@ -82,7 +81,7 @@ class _Node:
         self._carry_remappings()
         self._carry_environment()
         self._carry_lifecycle()
-        if self._substitutes:
+        if self._completion.substitutes:
             self._put("substitution_args", node_of(True, self._entry))
         self._remark_on_rest()
         return attrs.evolve(self._entry, value=self._options, raw=None, key_span=name.span)
@@ -103,10 +102,7 @@ class _Node:
 
     def _know(self, key: str, value: YamlNode) -> YamlNode:
         """Return a scalar without expressions. Raises Unreadable if a container is needed."""
-        resolved = self._arguments.resolve(value)
-        if isinstance(resolved, ContainerValue):
-            message = f'"{key}" must be known before the node runs: {resolved.explain()}'
-            raise Unreadable(error(resolved.node, message, "needs-container"))
+        resolved = self._completion.know(key, value)
         if isinstance(resolved.value, dict | list):
             message = f'"{key}" must be text, got {kind_of(resolved.value)}'
             raise Unreadable(error(resolved, message, "wrong-type"))
@@ -134,24 +130,17 @@ class _Node:
 
     def _carry(self, key: str, option: str) -> None:
         value = self._content.get(key)
-        if value is not None and (known := self._resolve(f"`{key}`", (option,), value)) is not None:
+        if value is None:
+            return
+        known = self._completion.complete(f"`{key}`", (option,), value)
+        if known is not None:
             self._put(option, known)
 
-    def _resolve(self, what: str, option: Path, value: YamlNode) -> YamlNode | None:
-        """Return a value, None with a remark if only a container could resolve it."""
-        resolved = self._arguments.resolve(value)
-        if not isinstance(resolved, ContainerValue):
-            return resolved
-        if resolved.is_substituted:
-            self._substitutes = True
-            return resolved.node
-        message = f"{what} cannot be carried over: {resolved.explain()}; {self._suggest(option)}"
-        self._lose(resolved.node, message, option, kind="needs-container")
-        return None
-
-    def _suggest(self, option: Path) -> str:
-        path = (*self._above, self.key, *option)
-        return f"set nodes.{'.'.join(map(str, path))} in the Rigelfile"
+    def _lose_with_advice(self, at: YamlNode, message: str, option: Path, kind: str) -> None:
+        """Remark on what is lost, and on the option that would replace it, if there is one."""
+        path = ".".join(map(str, (*self._above, self.key, *option)))
+        advice = f"; set nodes.{path} in the Rigelfile" if option else ""
+        self._lose(at, message + advice, option, kind)
 
     def _lose(
         self, at: YamlNode, message: str, option: Path = (), kind: str = "not-carried"
@@ -184,16 +173,11 @@ class _Node:
             self._put(option, attrs.evolve(self._content[section], value=found, raw=None))
 
     def _carry_parameters(self) -> None:
-        parameters = Parameters(self._arguments, self._lose_parameter)
+        parameters = Parameters(self._completion)
         for entry in self._list("param"):
             parameters.add(entry)
         section = self._content.get("param", self._entry)
         self._options.update(parameters.options(section))
-        self._substitutes |= parameters.substitutes
-
-    def _lose_parameter(self, at: YamlNode, message: str, option: Path, kind: str) -> None:
-        advice = f"; {self._suggest(option)}" if option else ""
-        self._lose(at, message + advice, option, kind)
 
     def _carry_remappings(self) -> None:
         found: dict[str, YamlNode] = {}
@@ -208,7 +192,7 @@ class _Node:
         for entry in self._list("env"):
             name = self._text(entry, "name")
             value = entry.value.get("value", attrs.evolve(entry, value="", raw=""))
-            known = self._resolve(f'the variable "{name}"', ("env", name), value)
+            known = self._completion.complete(f'the variable "{name}"', ("env", name), value)
             if known is not None:
                 found[name] = attrs.evolve(known, key_span=entry.value["name"].span)
         self._gather("env", "env", found)

@@ -2,49 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import attrs
 
-from rigel_k8s.muto.arguments import Arguments, ContainerValue
+from rigel_k8s.muto.arguments import Completion
 from rigel_k8s.muto.remarks import Unreadable, describe_unknown, error
 from rigel_k8s.muto.stack import is_empty
 from rigel_k8s.muto.types import give_type
 from rigel_k8s.option_text import text_of
-from rigel_k8s.problems import Path
 from rigel_k8s.rigelfile.source import YamlNode, kind_of, node_of
 
 KEYS = ("name", "value", "from", "command", "namespace", "sep")
-#: Remarks on what is lost: the value, the message, the option that would replace it, the kind.
-Lose = Callable[[YamlNode, str, Path, str], None]
 
 
 class Parameters:
     """Parameters on their way into options.
-
-    Attributes:
-        substitutes: whether a container replaces something in them.
 
     Args:
         whole: they are those of a stack: global, and each may have a namespace. Muto ignores the
             namespace of a single value of a node.
     """
 
-    def __init__(self, arguments: Arguments, lose: Lose, *, whole: bool = False) -> None:
-        self._arguments = arguments
-        self._lose = lose
+    def __init__(self, completion: Completion, *, whole: bool = False) -> None:
+        self._completion = completion
         self._whole = whole
         self._values: dict[str, YamlNode] = {}
         self._files: list[YamlNode] = []
         self._commands: dict[str, YamlNode] = {}
-        self.substitutes = False
 
     def add(self, entry: YamlNode) -> None:
         """Add an entry of `param`. Raises Unreadable if it cannot be used."""
         for key, value in entry.value.items():
             if key not in KEYS and not is_empty(value):
                 message = describe_unknown(key, "a parameter", KEYS)
-                self._lose(value, message, (), "not-carried")
+                self._completion.lose(value, message, (), "not-carried")
         if _says(entry, "from"):
             self._add_file(entry)
         elif _says(entry, "command"):
@@ -71,12 +63,13 @@ class Parameters:
         value = entry.value.get("value")
         if value is None or value.value is None:
             raise Unreadable(error(entry, f'the parameter "{name}" has no value', "missing-key"))
-        resolved = self._complete(f'the parameter "{name}"', ("parameters", name), value)
+        what = f'the parameter "{name}"'
+        resolved = self._completion.complete(what, ("parameters", name), value)
         if resolved is not None:
             self._values[name] = _keyed(give_type(resolved), entry.value["name"])
 
     def _add_file(self, entry: YamlNode) -> None:
-        path = self._complete("the file", ("parameter_files",), entry.value["from"])
+        path = self._completion.complete("the file", ("parameter_files",), entry.value["from"])
         if path is None:
             return
         file = {"image_file": _keyed(_text(path, "from"), entry.value["from"])}
@@ -88,21 +81,10 @@ class Parameters:
     def _add_command(self, entry: YamlNode) -> None:
         name = self._name(entry)
         what = f'the command of the parameter "{name}"'
-        line = self._complete(what, ("parameter_commands", name), entry.value["command"])
+        option = ("parameter_commands", name)
+        line = self._completion.complete(what, option, entry.value["command"])
         if line is not None:
             self._commands[name] = _keyed(_text(line, "command"), entry.value["name"])
-
-    def _complete(self, what: str, option: Path, value: YamlNode) -> YamlNode | None:
-        """Return a value; None with a remark if not even a container could resolve it."""
-        resolved = self._arguments.resolve(value)
-        if not isinstance(resolved, ContainerValue):
-            return resolved
-        if resolved.is_substituted:
-            self.substitutes = True
-            return resolved.node
-        message = f"{what} cannot be carried over: {resolved.explain()}"
-        self._lose(resolved.node, message, option, "needs-container")
-        return None
 
     def _name(self, entry: YamlNode) -> str:
         """Return the name that an entry must have, below its namespace."""
@@ -117,11 +99,7 @@ class Parameters:
 
     def _know(self, entry: YamlNode, key: str) -> str:
         """Return a text that must be known here. Raises Unreadable if it is not."""
-        resolved = self._arguments.resolve(entry.value[key])
-        if isinstance(resolved, ContainerValue):
-            message = f'"{key}" must be known before the node runs: {resolved.explain()}'
-            raise Unreadable(error(resolved.node, message, "needs-container"))
-        return text_of(_text(resolved, key).value)
+        return text_of(_text(self._completion.know(key, entry.value[key]), key).value)
 
 
 def merge(base: Mapping[str, YamlNode], more: Mapping[str, YamlNode]) -> dict[str, YamlNode]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import attrs
 
-from rigel_k8s.muto.arguments import Allowance, Arguments
+from rigel_k8s.muto.arguments import Allowance, Arguments, Completion
 from rigel_k8s.muto.composed import (
     COMPONENTS,
     add_components,
@@ -121,7 +121,8 @@ class _Work:
             advice = f"; set {'.'.join(map(str, option))} in the Rigelfile" if option else ""
             self._remarks.append(loss(at, message + advice, kind=kind, option=option))
 
-        parameters = Parameters(arguments, lose, whole=True)
+        completion = Completion(arguments, lose)
+        parameters = Parameters(completion, whole=True)
         for entry in stack.parameters:
             try:
                 parameters.add(entry)
@@ -130,7 +131,7 @@ class _Work:
         if stack.parameters:
             at = stack.parameters[0]
             self.options = merge(self.options, parameters.options(at))
-            if parameters.substitutes:
+            if completion.substitutes:
                 self.options["substitution_args"] = node_of(True, at)
 
     def _add(self, entry: YamlNode, translated: Translated) -> None:

@@ -20,7 +20,8 @@ from rigel_lab.images.base.bootstrap import MINBASE, RECORD, bootstrap
 EPOCH = 1704067200
 
 
-def _nothing(_: Path, __: Reporter) -> tuple[str, ...]:
+def prepare_nothing(_: Path, __: Reporter) -> tuple[str, ...]:
+    """Return no hooks, for an image with Debian's packages alone."""
     return ()
 
 
@@ -52,7 +53,7 @@ class Recipe:
     config: Mapping[str, str | Sequence[str]]
     overlay: bytes
     locked: bytes = b""
-    prepare: Callable[[Path, Reporter], Sequence[str]] = _nothing
+    prepare: Callable[[Path, Reporter], Sequence[str]] = prepare_nothing
     variant: str = MINBASE
 
 

@@ -5,22 +5,10 @@ from __future__ import annotations
 from importlib.resources import files
 
 from rigel_k8s.system.oci import Entry
-
-#: Where Python finds them.
-PREFIX = "opt/rigel-k8s"
+from rigel_lab.images.base.program import ETC, PREFIX
 
 #: In-pod scripts that the exporter imports.
 _SCRIPTS = ("__init__.py", "interfaces.py", "rosrpc.py", "rtps.py", "spdp.py")
-
-#: For programs that look up their user; no one logs in.
-_ETC = (
-    Entry("etc/group", b"root:x:0:\nnonroot:x:65532:\n"),
-    Entry("etc/nsswitch.conf", b"hosts: files dns\n"),
-    Entry(
-        "etc/passwd",
-        b"root:x:0:0:root:/:/sbin/nologin\nnonroot:x:65532:65532:nonroot:/tmp:/sbin/nologin\n",
-    ),
-)
 
 
 def entries() -> tuple[Entry, ...]:
@@ -32,4 +20,4 @@ def entries() -> tuple[Entry, ...]:
         Entry(f"{PREFIX}/rigel_k8s/{part}", own.joinpath(*part.split("/")).read_bytes())
         for part in sorted(parts)
     )
-    return (*_ETC, *program)
+    return (*ETC, *program)

@@ -5,43 +5,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from rigel_k8s import __version__
 from rigel_k8s.report import Reporter
 from rigel_k8s.system.oci import architecture, layer
 from rigel_lab.images.base import wheels
-from rigel_lab.images.base.bootstrap import EXTRACT
-from rigel_lab.images.base.build import EPOCH, BaseImage, Recipe
+from rigel_lab.images.base.build import EPOCH, BaseImage
 from rigel_lab.images.base.build import build as build_recipe
-from rigel_lab.images.mutoagent.program import PREFIX, list_package, list_wheels, read_lock
+from rigel_lab.images.base.program import ProgramImage
+from rigel_lab.images.mutoagent.program import list_package, list_wheels, read_lock
 
-SUITE = "bookworm"
 PYTHON = "3.11"
 #: The processors of images, as wheels name them.
 MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
-#: The name that podman and docker give it when they load it, and the one that pods use.
-REFERENCE = f"localhost/rigel-k8s/muto-agent:{__version__}"
-UPSTREAM = f"ghcr.io/rigel-k8s/muto-agent:{__version__}"
-
-PACKAGES = ("ca-certificates", "python3")
 #: The packages are not set up: one file of all authorities, where OpenSSL looks for it.
 AUTHORITIES = (
     'mkdir -p "$1/etc/ssl/certs"; cat "$1"/usr/share/ca-certificates/mozilla/*.crt'
     ' > "$1/etc/ssl/certs/ca-certificates.crt"'
 )
 
-CONFIG = {
-    "Entrypoint": ["/usr/bin/python3", "-m", "rigel_k8s"],
-    "Cmd": ["--help"],
-    "Env": [
-        "PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin",
-        "LANG=C.UTF-8",
-        "SSL_CERT_FILE=/etc/ssl/certs/ca-certificates.crt",
-        f"PYTHONPATH=/{PREFIX}",
-        "PYTHONDONTWRITEBYTECODE=1",
-        "PYTHONUNBUFFERED=1",
-    ],
-    "User": "65532:65532",
-}
+IMAGE = ProgramImage(
+    name="muto-agent",
+    title="image of Muto's agent",
+    module="rigel_k8s",
+    arguments=["--help"],
+    environment=["SSL_CERT_FILE=/etc/ssl/certs/ca-certificates.crt"],
+    packages=["ca-certificates"],
+)
+REFERENCE, UPSTREAM = IMAGE.reference, IMAGE.upstream
 
 
 def build(report: Reporter, *, force: bool = False) -> BaseImage:
@@ -55,19 +44,8 @@ def build(report: Reporter, *, force: bool = False) -> BaseImage:
         RigelK8sError: mmdebstrap or pip is missing and cannot be installed here.
         CommandFailed: mmdebstrap or pip failed.
     """
-    recipe = Recipe(
-        title="image of Muto's agent",
-        family="muto-agent",
-        name="python",
-        reference=REFERENCE,
-        suite=SUITE,
-        packages=PACKAGES,
-        config=CONFIG,
-        overlay=layer(list_package(), mtime=EPOCH),
-        locked=read_lock().encode(),
-        prepare=_prepare,
-        variant=EXTRACT,
-    )
+    locked = read_lock().encode()
+    recipe = IMAGE.make_recipe(list_package(), locked=locked, prepare=_prepare)
     return build_recipe(recipe, report, force=force)
 
 

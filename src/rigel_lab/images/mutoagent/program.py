@@ -9,19 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rigel_k8s.system.oci import Entry
-
-#: Where Python finds them.
-PREFIX = "opt/rigel-k8s"
-
-#: For programs that look up their user; no one logs in.
-_ETC = (
-    Entry("etc/group", b"root:x:0:\nnonroot:x:65532:\n"),
-    Entry("etc/nsswitch.conf", b"hosts: files dns\n"),
-    Entry(
-        "etc/passwd",
-        b"root:x:0:0:root:/:/sbin/nologin\nnonroot:x:65532:65532:nonroot:/tmp:/sbin/nologin\n",
-    ),
-)
+from rigel_lab.images.base.program import ETC, PREFIX
 
 
 def read_lock() -> str:
@@ -33,7 +21,7 @@ def read_lock() -> str:
 def list_package() -> tuple[Entry, ...]:
     """Return this package's files, sorted by path, and the few of /etc."""
     found = _walk(files("rigel_k8s"), f"{PREFIX}/rigel_k8s")
-    return (*_ETC, *sorted(found, key=lambda entry: entry.path))
+    return (*ETC, *sorted(found, key=lambda entry: entry.path))
 
 
 def list_wheels(wheels: Iterable[Path]) -> Iterator[Entry]:

@@ -11,8 +11,9 @@ from pathlib import Path
 
 from rigel_k8s import __version__
 from rigel_k8s.muto.agent.manifests import AGENT_IMAGE
+from rigel_lab.images.base.program import PREFIX
 from rigel_lab.images.mutoagent import UPSTREAM, list_package, read_lock
-from rigel_lab.images.mutoagent.program import PREFIX, list_wheels
+from rigel_lab.images.mutoagent.program import list_wheels
 
 ROOT = Path(__file__).parents[4]
 

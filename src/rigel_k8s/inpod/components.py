@@ -12,12 +12,11 @@ loaded (loading.py). It runs in the node's own environment, with its rclpy and
 composition_interfaces, which every image with rclcpp_components has.
 """
 
-import json
 import os
 import sys
 import time
 
-from loading import NotYet, Refused, load_all
+from loading import NotYet, Refused, load_file
 
 ANSWER = 2.0  # seconds that the container has to list what it has loaded
 SLICE = 0.2  # seconds between two chances for a signal to be handled
@@ -91,13 +90,5 @@ class Container(object):
         return future.result()
 
 
-def main(words):
-    """Run the script and return its exit code."""
-    with open(words[0]) as file:
-        plan = json.load(file)
-    load_all(plan, Container(plan["node"]))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    load_file(sys.argv[1], Container)

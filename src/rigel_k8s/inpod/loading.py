@@ -5,6 +5,7 @@ not be loaded yet, since its device was not there, must start without a user's h
 (ROS 1) and components.py (ROS 2) do the loading itself. Python 2.7 and 3.
 """
 
+import json
 import os
 import signal
 import time
@@ -21,6 +22,13 @@ class NotYet(Exception):
 
 class Refused(Exception):
     """The node has not loaded a component; the message is the node's, perhaps empty."""
+
+
+def load_file(path, make_loader):
+    """Return when all components of a JSON file are loaded; make_loader gets the node's name."""
+    with open(path) as file:
+        plan = json.load(file)
+    load_all(plan, make_loader(plan["node"]))
 
 
 def load_all(plan, loader):

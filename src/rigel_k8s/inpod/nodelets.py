@@ -13,7 +13,6 @@ container: while a pod is replaced, the master may have the old pod's under this
 ROS_MASTER_URI, ROS_IP, ROS_HOSTNAME. Python 2.7 and 3, nothing but the standard library.
 """
 
-import json
 import os
 import socket
 import struct
@@ -26,7 +25,7 @@ except ImportError:  # Python 2
     from xmlrpclib import ServerProxy
 
 from container import Listeners
-from loading import NotYet, Refused, load_all
+from loading import NotYet, Refused, load_file
 from rosrpc import Api, CallFailed, split
 
 CALLER = "/rigel_nodelet_loader"
@@ -139,13 +138,5 @@ def receive(connection, count):
     return data
 
 
-def main(words):
-    """Run the script and return its exit code."""
-    with open(words[0]) as file:
-        plan = json.load(file)
-    load_all(plan, Manager(plan["node"]))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    load_file(sys.argv[1], Manager)

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -104,7 +105,10 @@ def load(nodelets: ModuleType, manager: Manager, *components: dict[str, Any]) ->
         setParam=lambda caller, name, value: found.append((name, value))
     )
     plan = {"node": "/manager", "components": components or (COMPONENT,)}
-    nodelets.load_all(plan, asked)
+    with NamedTemporaryFile("w") as file:
+        json.dump(plan, file)
+        file.flush()
+        nodelets.load_file(file.name, {"/manager": asked}.__getitem__)
     return found
 
 

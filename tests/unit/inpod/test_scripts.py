@@ -52,11 +52,11 @@ ROS2 = {"rclpy", "rclpy.executors", "rclpy.signals", "lifecycle_msgs.msg", "life
 #: What a script needs besides, which its image has: `lifecycle.py` runs beside a lifecycle node.
 #: What runs once, beside a node, may load slowly.
 MORE = {
-    "components.py": {"json", "rclpy", "rclpy.parameter", "composition_interfaces.srv"},
+    "components.py": {"rclpy", "rclpy.parameter", "composition_interfaces.srv"},
     "globalparameters.py": {"hashlib", "json", "signal"},
     "lifecycle.py": ROS2 | {"signal"},
-    "loading.py": {"signal"},
-    "nodelets.py": {"json", "xmlrpc.client", "xmlrpclib"},
+    "loading.py": {"json", "signal"},
+    "nodelets.py": {"xmlrpc.client", "xmlrpclib"},
     "roscore.py": {"roslaunch.launch", "runpy"},
     "start.py": {"json", "shlex", "subprocess", "tempfile"},
     "substitution.py": {"subprocess"},

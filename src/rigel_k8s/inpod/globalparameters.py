@@ -15,6 +15,7 @@ import sys
 import time
 
 import rosparameters
+from substitution import Failure
 
 #: What the readiness probe looks at.
 STATE = "/tmp/rigel-k8s-global-parameters"
@@ -49,8 +50,7 @@ def keep(name, trees):
         if state != before:
             if state != "set":
                 log(state)
-            with open(STATE, "w") as file:
-                file.write(state + "\n")
+            write(state)
             before = state
         time.sleep(PERIOD)
 
@@ -67,6 +67,15 @@ def set_again(master, name, mark, values):
         master.setParam(full, value)
     master.setParam(name, mark)
     return True
+
+
+def write(state):
+    """Write for the readiness probe; raise Failure if this container cannot."""
+    try:
+        with open(STATE, "w") as file:
+            file.write(state + "\n")
+    except EnvironmentError as error:
+        raise Failure("cannot write %s: %s; mount a volume at /tmp" % (STATE, error.strerror))
 
 
 def log(text):

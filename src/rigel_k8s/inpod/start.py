@@ -39,6 +39,8 @@ OPTIONS = {
 }
 ANY_NODE = "/**"
 TERMINATION = "/dev/termination-log"
+#: Where a container can write, even if its file system is read-only and has no volume at /tmp.
+SHARED_MEMORY = "/dev/shm"
 
 
 class Start(object):
@@ -127,10 +129,28 @@ def write_file(trees):
 
 
 def write_json(value, suffix=".json"):
-    """Return the path of a new file with plain data."""
-    descriptor, path = tempfile.mkstemp(prefix="rigel-k8s-", suffix=suffix)
-    with os.fdopen(descriptor, "w") as file:
-        json.dump(value, file)
+    """Return the path of a new file with plain data, where this container can write."""
+    text = json.dumps(value)
+    for directory in (None, SHARED_MEMORY):
+        try:
+            return write_text(text, suffix, directory)
+        except EnvironmentError as error:
+            cause = error.strerror or str(error)
+    raise Failure(
+        "no file can be written in $TMPDIR, /tmp or %s: %s; mount a volume at /tmp"
+        % (SHARED_MEMORY, cause)
+    )
+
+
+def write_text(text, suffix, directory):
+    """Return the path of a new file, in the first directory for such files if none is named."""
+    descriptor, path = tempfile.mkstemp(suffix, "rigel-k8s-", directory)
+    try:
+        with os.fdopen(descriptor, "w") as file:
+            file.write(text)
+    except EnvironmentError:
+        os.remove(path)
+        raise
     return path
 
 

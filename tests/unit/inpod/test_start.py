@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -24,6 +24,8 @@ ROSPACK = (
 )
 #: A program that prints its arguments, one a line, and a variable.
 SHOW = ["/bin/sh", "-c", 'printf "%s\\n" "$@" "$MAP"', "sh"]
+#: Runs what follows where no file can have any content.
+NO_FILES = ("/bin/sh", "-c", 'ulimit -f 0; exec "$@"', "sh")
 
 
 @pytest.fixture(params=["2.7", "3"])
@@ -38,9 +40,11 @@ def start(request: pytest.FixtureRequest, tmp_path: Path) -> Run:
     index.mkdir(parents=True)
     (index / "nav").touch()
 
-    def run(*words: str, **env: str) -> subprocess.CompletedProcess[str]:
+    def run(
+        *words: str, before: Sequence[str] = (), **env: str
+    ) -> subprocess.CompletedProcess[str]:
         own = {"PATH": f"{tmp_path}:/bin", "AMENT_PREFIX_PATH": f"/nowhere:{tmp_path}", **env}
-        line = ["/bin/sh", str(START), *words]
+        line = [*before, "/bin/sh", str(START), *words]
         return subprocess.run(line, env=own, capture_output=True, text=True, cwd=tmp_path)
 
     return run
@@ -173,6 +177,43 @@ def test_parameters_of_ros2_get_into_a_file_at_the_end(start: Run, tmp_path: Pat
             }
         }
     }
+
+
+@pytest.mark.parametrize(
+    "words", [("--values", "values.json", "/**"), ("--complete", "values.json")]
+)
+def test_a_container_that_cannot_write_is_reported(start: Run, tmp_path: Path, words: list[str]):
+    """Also if there is a directory, but the file system is full; nothing is left there."""
+    (tmp_path / "values.json").write_text('{"a": 1}')
+    before = set(Path("/dev/shm").glob("rigel-k8s-*"))
+    done = start("ros2", "--substitute", *words, "--", "true", before=NO_FILES)
+    assert (done.returncode, done.stderr) == (
+        1,
+        "rigel: no file can be written in $TMPDIR, /tmp or /dev/shm: File too large;"
+        " mount a volume at /tmp\n",
+    )
+    assert set(Path("/dev/shm").glob("rigel-k8s-*")) == before
+
+
+def test_a_container_without_a_writable_tmp_uses_its_shared_memory(
+    script: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """As one with a read-only file system and no volume at /tmp."""
+    start = script("start")
+    monkeypatch.setattr(start.tempfile, "tempdir", str(tmp_path / "missing"))
+    monkeypatch.setattr(start, "SHARED_MEMORY", str(tmp_path))
+    path = Path(start.write_json({"a": 1}))
+    assert (path.parent, json.loads(path.read_text())) == (tmp_path, {"a": 1})
+
+
+def test_global_parameters_of_a_container_that_cannot_write(
+    script: Callable[[str], ModuleType], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The readiness probe reads a file, so its absence is the cause."""
+    parameters = script("globalparameters")
+    monkeypatch.setattr(parameters, "STATE", str(tmp_path / "missing/state"))
+    with pytest.raises(script("substitution").Failure, match="state cannot be written: No such"):
+        parameters.write("set")
 
 
 def test_it_becomes_the_program(start: Run):

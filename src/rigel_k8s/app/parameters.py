@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from rigel_k8s.app.options import ParameterFile
 from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.option_text import Scalar
+from rigel_k8s.substitution_args import has_substitution
 
 #: Where parameter files are mounted.
 PARAMETERS_PATH = "/rigel-k8s-parameters"
@@ -68,6 +69,21 @@ def flat(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield from flat(value, f"{full}/")
         else:
             yield full, value
+
+
+def unify_lists(value: Any) -> Any:
+    """Return parameters as plain data that ROS 2 accepts: a list with a float has only floats."""
+    if isinstance(value, Mapping):
+        return {str(key): unify_lists(inner) for key, inner in value.items()}
+    if isinstance(value, list) and {float} < {type(one) for one in value} <= {int, float}:
+        return [float(one) for one in value]
+    return simplify(value)
+
+
+def is_list_of_one_type(values: Sequence[Any]) -> bool:
+    """Return whether ROS 2 may have a type for a list; only a container knows some of its texts."""
+    known = {type(one) for one in unify_lists(values) if not has_substitution(one)}
+    return len(known) <= 1 and known <= {bool, int, float, str}
 
 
 def tree(parameters: Mapping[str, Any]) -> dict[str, Any]:

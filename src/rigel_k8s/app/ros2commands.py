@@ -15,7 +15,7 @@ import yaml
 
 from rigel_k8s.app.commands import NO_ROS_ARGUMENTS, Command, assignments, full_name
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.parameters import PARAMETERS_PATH, list_local, list_paths
+from rigel_k8s.app.parameters import PARAMETERS_PATH, list_local, list_paths, unify_lists
 from rigel_k8s.app.starting import (
     begin,
     list_run_steps,
@@ -24,7 +24,6 @@ from rigel_k8s.app.starting import (
     split,
     write_values,
 )
-from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.substitution_args import has_substitution
 from rigel_k8s.yaml_text import Dumper, Loader
 
@@ -125,10 +124,10 @@ def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
     }
     now = {name: value for name, value in node.parameters.items() if name not in later}
     if now:
-        own = {ANY_NODE: {PARAMETERS: simplify(now)}}
+        own = {ANY_NODE: {PARAMETERS: unify_lists(now)}}
         found[OWN_FILE] = yaml.dump(own, Dumper=Dumper, sort_keys=True, width=2**20)
     if later:
-        found |= write_values(simplify(later))
+        found |= write_values(unify_lists(later))
     return found
 
 

@@ -75,7 +75,7 @@ class Start(object):
         copies = {}
         for (path,) in self.values("--complete"):
             with open(path) as file:
-                copies[path] = write_json(substitute_all(json.load(file), self._find))
+                copies[path] = write_json(self._substitute(json.load(file)))
         return [copies.get(word) or self.complete(word) for word in self.program]
 
     def read_parameters(self):
@@ -96,7 +96,10 @@ class Start(object):
     def _values(self, path, namespace):
         with open(path) as file:
             tree = json.load(file)
-        return [(namespace, substitute_all(tree, self._find) if self._substitutes else tree)]
+        return [(namespace, self._substitute(tree) if self._substitutes else tree)]
+
+    def _substitute(self, tree):
+        return substitute_all(tree, self._find, one_type=self.ros2)
 
     def _run(self, name, command):
         words = [self.complete(word) for word in shlex.split(command)]

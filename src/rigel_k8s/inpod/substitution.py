@@ -42,16 +42,42 @@ def evaluate(words, find):
     return " ".join(words[2:]) if value is None else value
 
 
-def substitute_all(value, find):
-    """Return plain data with its texts replaced; a text that becomes a number or boolean is one."""
+def substitute_all(value, find, one_type):
+    """Return plain data with its texts replaced; a text that becomes a number or boolean is one.
+
+    With one_type, as in ROS 2, this holds for a list as a whole: its values have one type.
+    """
     if isinstance(value, dict):
-        return {key: substitute_all(inner, find) for key, inner in value.items()}
+        return {key: substitute_all(inner, find, one_type) for key, inner in value.items()}
     if isinstance(value, list):
-        return [substitute_all(inner, find) for inner in value]
+        found = [substitute_all(inner, find, one_type) for inner in value]
+        return found if found == value or not one_type else level(found, value, find)
     if not hasattr(value, "partition"):  # neither str nor Python 2's unicode
         return value
     text = substitute(value, find)
     return text if text == value else give_type(text)
+
+
+def level(found, written, find):
+    """Return the values of a list with one type: numbers, or what is written as texts as texts."""
+    kinds = set(map(name_kind, found))
+    if kinds == {"number"} and any(isinstance(value, float) for value in found):
+        return [float(value) for value in found]
+    if len(kinds) > 1 and set(map(name_kind, written)) == {"text"}:
+        return [substitute(text, find) for text in written]
+    if len(kinds) > 1:
+        line = ", ".join(map(str, found))
+        raise Failure("the values of the list [%s] must have one type in ROS 2" % line)
+    return found
+
+
+def name_kind(value):
+    """Return the kind of a value: all numbers are of one, and so are all texts."""
+    if isinstance(value, bool):
+        return "truth"
+    if isinstance(value, (dict, list)):
+        return "tree"
+    return "text" if hasattr(value, "partition") else "number"
 
 
 def give_type(text):

@@ -284,6 +284,22 @@ WRONG2 = [
         " {c: {package: a, plugin: b, parameters: {a: [1, x]}}}}}}",
     ),
     (
+        "bad-parameter",
+        "nodes.n.components.c.parameters.a",
+        "{image: a, nodes: {n: {components:"
+        " {c: {package: a, plugin: b, parameters: {a: [true, 1.5]}}}}}}",
+    ),
+    (
+        "bad-parameter",
+        "nodes.n.parameters.a",
+        "{image: a, nodes: {n: {args: x, parameters: {a: {b: [1, x]}}}}}",
+    ),
+    (
+        "bad-parameter",
+        "nodes.n.parameters.a",
+        "{image: a, nodes: {n: {args: x, parameters: {a: [[1], [2]]}}}}",
+    ),
+    (
         "name-taken",
         "nodes.b",
         "{image: a, nodes: {a: {components: {c: {package: a, plugin: b}}}, b: {args: x, name: c}}}",
@@ -300,6 +316,13 @@ WRONG2 = [
 def test_what_ros2_or_dds_would_not_do_is_told(kind: str, path: str, text: str) -> None:
     """Each at its place."""
     assert (kind, path) in told(text, "error", "jazzy")
+
+
+@pytest.mark.parametrize("value", ["[1, 2.5]", "[]", "['$(env A)', 1]", "[a, '$(env A)']"])
+def test_lists_that_ros2_accepts(value: str) -> None:
+    """Only a container knows what becomes of a text with an expression."""
+    node = f"{{args: x, substitution_args: true, parameters: {{a: {value}}}}}"
+    assert told(f"{{image: a, {NET}, nodes: {{n: {node}}}}}", "error", "jazzy") == set()
 
 
 def test_ros2_needs_no_master() -> None:

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -156,7 +157,7 @@ def test_what_is_missing_is_reported_in_one_line(start: Run, words: list[str], l
 
 def test_parameters_of_ros2_get_into_a_file_at_the_end(start: Run, tmp_path: Path):
     """Which rcl reads as YAML; a text that becomes a number or truth is one."""
-    values = {"map": "$(find nav)/a", "rate": "$(env RATE)", "on": ["$(env ON)", 1.5], "text": "7"}
+    values = {"map": "$(find nav)/a", "rate": "$(env RATE)", "on": ["$(env ON)", True], "text": "7"}
     (tmp_path / "values.json").write_text(json.dumps(values))
     words = ["--substitute", "--values", "values.json", "/**", "--run", "urdf", "cat '$(env FILE)'"]
     (tmp_path / "robot.urdf").write_text('<robot name="é"/>\n')
@@ -171,12 +172,42 @@ def test_parameters_of_ros2_get_into_a_file_at_the_end(start: Run, tmp_path: Pat
             "ros__parameters": {
                 "map": f"{tmp_path}/share/nav/a",
                 "rate": 2,
-                "on": [True, 1.5],
+                "on": [True, True],
                 "text": "7",
                 "urdf": '<robot name="é"/>\n',
             }
         }
     }
+
+
+@pytest.mark.parametrize(
+    ("written", "ros1", "ros2"),
+    [
+        (["$(env TWO)", 3], [2, 3], [2, 3]),
+        (["$(env TWO)", 1.5], [2, 1.5], [2.0, 1.5]),
+        (["$(env TWO)", "$(env NAME)"], [2, "r7"], ["2", "r7"]),
+        (["$(env TWO)", "$(env TRUE)"], [2, True], ["2", "True"]),
+        (["$(env TRUE)", False], [True, False], [True, False]),
+        ({"a": [["$(env TWO)", "x"]]}, {"a": [[2, "x"]]}, {"a": [["2", "x"]]}),
+        ([1, "$(env NAME)"], [1, "r7"], None),
+        ([1.5, "$(env TRUE)"], [1.5, True], None),
+    ],
+)
+def test_a_list_of_ros2_has_one_type(
+    start: Run, tmp_path: Path, written: Any, ros1: Any, ros2: Any
+):
+    """ROS 2 refuses all others, and what the texts of a list become is known here alone."""
+    (tmp_path / "plan.json").write_text(json.dumps(written))
+    words = ("--substitute", "--complete", "plan.json", "--", *SHOW, "plan.json")
+    variables = {"TWO": "2", "NAME": "r7", "TRUE": "True", "TMPDIR": str(tmp_path)}
+    for ros, expected in (("ros1", ros1), ("ros2", ros2)):
+        done = start(ros, *words, **variables)
+        if expected is None:
+            assert done.returncode == 1
+            assert "must have one type in ROS 2\n" in done.stderr
+        else:
+            found = json.loads(Path(shown(done)[0]).read_text())
+            assert json.dumps(found) == json.dumps(expected)
 
 
 @pytest.mark.parametrize(

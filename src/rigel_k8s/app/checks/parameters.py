@@ -13,7 +13,7 @@ import attrs
 from rigel_k8s.app.checks.lines import check_line
 from rigel_k8s.app.globalparameters import list_keys
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
-from rigel_k8s.app.parameters import ParameterOptions, file_of, flat
+from rigel_k8s.app.parameters import ParameterOptions, file_of, flat, is_list_of_one_type
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
@@ -57,7 +57,13 @@ def check_global_parameters(options: OrchestrationOptions, ros: Ros) -> Iterator
 
 
 def check_parameters(options: ParameterOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield names that are not ROS names, files without a path, and commands without a word."""
+    """Yield names that are not ROS names, lists that ROS 2 refuses, files without a path, and
+    commands without a word.
+    """
+    for key, name, value in flat_values(options.parameters) if ros == "2" else ():
+        if isinstance(value, list) and not is_list_of_one_type(value):
+            message = f'the list "{name}" must have values of one type'
+            yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
     for key, name in flat_keys(options.parameters) if ros == "1" else ():
         yield from check_name(("parameters", key), name)
     for index, entry in enumerate(map(file_of, options.parameter_files)):
@@ -88,9 +94,15 @@ def check_name(path: tuple[str, ...], name: str) -> Iterator[Problem]:
 
 def flat_keys(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield each parameter's first key and full name."""
+    for key, name, _ in flat_values(parameters):
+        yield key, name
+
+
+def flat_values(parameters: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+    """Yield each parameter's first key, full name and value."""
     for key, value in parameters.items():
-        for name, _ in flat({key: value}):
-            yield str(key), name
+        for name, inner in flat({key: value}):
+            yield str(key), name, inner
 
 
 def as_data(value: Any) -> Any:

@@ -9,14 +9,12 @@ from rigel_k8s.app.commands import full_name
 from rigel_k8s.app.components.options import Component
 from rigel_k8s.app.components.running import dotted
 from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.parameters import is_list_of_one_type
 from rigel_k8s.app.programs import find_program, takes_ros_arguments
 from rigel_k8s.app.updating import is_rolling
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Path, Problem
-
-#: Types that a list of ROS 2 parameters can have.
-ITEMS = (bool, int, float, str)
 
 
 def check_components(key: str, node: NodeOptions, ros: Ros) -> Iterator[Problem]:
@@ -79,12 +77,6 @@ def explain_unfit(parameters: dict[str, Any], ros: Ros) -> str | None:
     for name, value in dotted(parameters):
         if value is None:
             return f'the parameter "{name}" has no value'
-        if ros == "2" and isinstance(value, list) and not is_list_of_one_type(value):
+        if ros == "2" and isinstance(value, list) and not (value and is_list_of_one_type(value)):
             return f'the list "{name}" must have values of one type, and at least one'
     return None
-
-
-def is_list_of_one_type(values: list[Any]) -> bool:
-    """Return whether ROS 2 has a type for a list."""
-    kinds = {type(one) for one in values}
-    return len(kinds) == 1 and kinds <= set(ITEMS)

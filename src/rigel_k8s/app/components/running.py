@@ -14,11 +14,10 @@ import attrs
 from rigel_k8s.app.commands import Command, full_name
 from rigel_k8s.app.components.options import Component
 from rigel_k8s.app.options import NodeOptions
-from rigel_k8s.app.parameters import PARAMETERS_PATH, tree
+from rigel_k8s.app.parameters import PARAMETERS_PATH, tree, unify_lists
 from rigel_k8s.app.programs import run_beside
 from rigel_k8s.app.starting import complete_file
 from rigel_k8s.objects.naming import Ros
-from rigel_k8s.objects.overlay import simplify
 from rigel_k8s.substitution_args import has_substitution
 
 FILE = "components.json"
@@ -78,11 +77,9 @@ def describe_component(key: str, component: Component) -> dict[str, Any]:
 
 
 def dotted(parameters: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield ROS 2's names and values of nested parameters; a list with a float has only floats."""
+    """Yield ROS 2's names and values of nested parameters."""
     for name, value in parameters.items():
         if isinstance(value, Mapping):
             yield from dotted(value, f"{prefix}{name}.")
-        elif isinstance(value, list) and any(isinstance(one, float) for one in value):
-            yield f"{prefix}{name}", [float(one) for one in value]
         else:
-            yield f"{prefix}{name}", simplify(value)
+            yield f"{prefix}{name}", unify_lists(value)

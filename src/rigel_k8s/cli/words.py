@@ -117,6 +117,13 @@ def complete_job(ctx: click.Context, param: click.Parameter, incomplete: str) ->
     return offer_names(ctx, incomplete, targets.names)
 
 
+def complete_release(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Return the Rigelfile's jobs that have a release."""
+    from rigel_k8s.commands import targets
+
+    return offer_names(ctx, incomplete, targets.list_named)
+
+
 def complete_node(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Return the nodes of the release."""
     from rigel_k8s.commands import targets
@@ -146,7 +153,7 @@ lock_timeout_option = click.option(
 )
 job_argument = click.argument("job", required=False, shell_complete=complete_job)
 release_argument = click.argument(
-    "job", required=False, metavar="[JOB|RELEASE]", shell_complete=complete_job
+    "job", required=False, metavar="[JOB|RELEASE]", shell_complete=complete_release
 )
 release_option = click.option(
     "--job",
@@ -154,7 +161,7 @@ release_option = click.option(
     "job",
     metavar="NAME",
     help="Use the release of this job, or the release with this name.",
-    shell_complete=complete_job,
+    shell_complete=complete_release,
 )
 namespace_option = click.option(
     "-n",

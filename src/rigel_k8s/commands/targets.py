@@ -19,8 +19,10 @@ from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.jobs import registry
+from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.muto.agent.options import MutoAgent
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.pods import MASTER_NAME
 from rigel_k8s.option_text import has_template
@@ -118,6 +120,11 @@ def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = 
             )
         return name_release(connect(settings), settings, name)
     rigelfile = load(settings, patient=True)
+    agent = rigelfile.jobs.get(name or "")
+    if agent is not None and is_agent(agent):
+        options = names_of(rigelfile, agent, MutoAgent)
+        cluster = connect(settings)
+        return Release(cluster, release_of(options, settings, cluster))
     try:
         options = names_of(rigelfile, choose_job(rigelfile, settings, name, nodes))
     except NoSuchJob as error:
@@ -155,6 +162,13 @@ def find_other(unknown: NoSuchJob, settings: Settings) -> Release:
 def names(settings: Settings) -> list[str]:
     """Return the names of all orchestration jobs."""
     return [spec.name for spec in candidates(load(settings, patient=True), settings)]
+
+
+def list_named(settings: Settings) -> list[str]:
+    """Return the names of all jobs that `release` finds a release by."""
+    rigelfile = load(settings, patient=True)
+    ours = {spec.name for spec in candidates(rigelfile, settings)}
+    return [name for name, spec in rigelfile.jobs.items() if name in ours or is_agent(spec)]
 
 
 def node_names(settings: Settings, job: str | None = None) -> list[str]:
@@ -240,22 +254,32 @@ def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
     return isinstance(found, OrchestrationJob)
 
 
+def is_agent(spec: ComponentSpec) -> bool:
+    """Return whether a job deploys Muto's agent, which is a release of its own."""
+    return spec.plugin in index_by_name("job")["muto-agent"].names
+
+
 def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
     """Return a job's `with` as far as it is in the file."""
     plain: dict[str, Any] = grammar.strip_places(spec.options)
     return plain
 
 
-def names_of(rigelfile: Rigelfile, spec: ComponentSpec) -> Any:
+def names_of(
+    rigelfile: Rigelfile, spec: ComponentSpec, kind: type[Any] = OrchestrationJob.options
+) -> Any:
     """Return a job's options as far as they are known without a run, and the release's names.
+
+    Args:
+        kind: the class of its options.
 
     Raises:
         ProblemsError: something is wrong with them, or a name waits for data of another job.
     """
-    seen = grammar.preview(rigelfile, spec, None, {}, OrchestrationJob.options)
+    seen = grammar.preview(rigelfile, spec, None, {}, kind)
     if any(finding.severity == "error" for finding in seen.findings):
         raise grammar.problems_error(rigelfile.source, seen.findings)
     options = seen.options if seen.options is not None else seen.draft
     if any(has_template(str(name)) for name in (options.namespace, options.deployment_name)):
-        grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
+        grammar.realise(rigelfile, spec, None, {}, kind)
     return options

@@ -215,3 +215,22 @@ def test_a_release_beside_a_rigelfile_is_found_by_its_name(
     assert release(words, "arm").id == ReleaseId("lab", "arm")
     with pytest.raises(UserError, match='unknown job "amr"'):
         release(words, "amr")
+
+
+AGENT = """
+  agent:
+    plugin: rigel_k8s.MutoAgentPlugin
+    with: {namespace: own, thing: "a:b", broker: "mqtt://broker", job: deploy}
+"""
+
+
+def test_the_agent_of_muto_is_a_release(tmp_path: Path, kubeconfig: Path) -> None:
+    """By its job's name, and never by itself: without a name the application is meant."""
+    found = settings(tmp_path, AGENT, DEPLOY, BUILD)
+    assert release(found, "agent").id == ReleaseId("own", "muto-agent")
+    assert release(found).id.name == "rigel-k8s-application"
+    assert targets.list_named(found) == ["agent", "deploy"]
+    with pytest.raises(UserError, match='the job "build" deploys nothing'):
+        release(found, "build")
+    with pytest.raises(ProblemsError):
+        release(settings(tmp_path, AGENT.replace('"a:b"', "3"), DEPLOY), "agent")

@@ -58,6 +58,16 @@ class Mosquitto:
             self._process.send_signal(signal.SIGKILL)
             self._process.wait()
 
+    def freeze(self) -> None:
+        """Let it do nothing at all: its connections stay open, as behind a cut cable."""
+        assert self._process
+        self._process.send_signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Let it go on."""
+        assert self._process
+        self._process.send_signal(signal.SIGCONT)
+
     def save(self, text: bytes) -> None:
         """Let it write what it has to disk, with this text in it."""
         stored = self.directory / "mosquitto.db"
@@ -102,7 +112,8 @@ class Peer:
     """A client that sends commands and keeps what it receives.
 
     Args:
-        options: how it connects: username, password, context.
+        options: how it connects: username, password, context; `session` is the name of one that
+            the broker keeps for it.
         version: MQTT's; Symphony's provider speaks 3.1.1.
     """
 
@@ -110,7 +121,9 @@ class Peer:
         self, port: int, *topics: str, version: MQTTProtocolVersion = MQTTv5, **options: Any
     ) -> None:
         self.received: queue.SimpleQueue[MQTTMessage] = queue.SimpleQueue()
-        self._client = Client(CallbackAPIVersion.VERSION2, protocol=version)
+        session = options.get("session", "")
+        self._client = Client(CallbackAPIVersion.VERSION2, session, protocol=version)
+        self._client.reconnect_delay_set(max_delay=1)
         received = self.received  # a cycle would keep the client's sockets open
         self._client.on_message = lambda _client, _data, message: received.put(message)
         if "username" in options:
@@ -128,9 +141,18 @@ class Peer:
 
         self._client.on_connect = begin
         self._client.on_subscribe = lambda *_: subscribed.set()
-        self._client.connect("127.0.0.1", port)
+        self._client.connect("127.0.0.1", port, **(_keep_session() if session else {}))
         self._client.loop_start()
         assert subscribed.wait(30), f"no broker at port {port}"
+
+    @property
+    def is_connected(self) -> bool:
+        return self._client.is_connected()
+
+    def send_later(self, topic: str, payload: bytes, **properties: Any) -> None:
+        """Publish when the broker is back."""
+        assert not self._client.is_connected()
+        self._client.publish(topic, payload, qos=1, properties=_make_properties(**properties))
 
     def send(
         self,
@@ -144,11 +166,7 @@ class Peer:
         wait: bool = True,
     ) -> None:
         """Publish, and wait until the broker has it."""
-        properties = Properties(PacketTypes.PUBLISH)
-        if response_topic is not None:
-            properties.ResponseTopic = response_topic
-        if correlation is not None:
-            properties.CorrelationData = correlation
+        properties = _make_properties(response_topic, correlation)
         extra = {"properties": properties} if self._client.protocol == MQTTv5 else {}
         until(self._client.is_connected, "connection to the broker", every=0.02)
         sent = self._client.publish(topic, payload, qos=qos, retain=retain, **extra)
@@ -168,3 +186,21 @@ class Peer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _keep_session() -> dict[str, Any]:
+    """Return how to connect to a session that outlasts the connection."""
+    properties = Properties(PacketTypes.CONNECT)
+    properties.SessionExpiryInterval = 3600
+    return {"clean_start": False, "properties": properties}
+
+
+def _make_properties(
+    response_topic: str | None = None, correlation: bytes | None = None
+) -> Properties:
+    properties = Properties(PacketTypes.PUBLISH)
+    if response_topic is not None:
+        properties.ResponseTopic = response_topic
+    if correlation is not None:
+        properties.CorrelationData = correlation
+    return properties

@@ -6,8 +6,10 @@ import base64
 import json
 import subprocess
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from paho.mqtt.client import MQTTv311
@@ -124,6 +126,53 @@ def list_rest(mosquitto: Mosquitto) -> list[str]:
         assert delivery
         broker.acknowledge(delivery)
         return found
+
+
+@pytest.mark.parametrize("end", ["killed", "frozen"])
+@pytest.mark.parametrize("seconds", [2, pytest.param(60, marks=pytest.mark.slow)])
+def test_a_broker_that_is_away_for_long_loses_and_repeats_nothing(
+    mosquitto: Mosquitto, end: str, seconds: float
+) -> None:
+    """Commands from before that are carried out meanwhile and later ones; each has one answer."""
+    go_on = threading.Event()
+
+    def wait(_: Command) -> Outcome:
+        go_on.wait(30)
+        return Outcome(Stage.ACCEPTED)
+
+    def ask(number: int) -> dict[str, Any]:
+        return {"response_topic": "answers", "correlation": str(number).encode()}
+
+    with (
+        agent(mosquitto.port, Remembering(wait)) as running_agent,
+        Peer(mosquitto.port, "answers", session="peer") as peer,
+        Peer(mosquitto.port) as other,
+    ):
+        for number in range(20):
+            peer.send(START, name(number), **ask(number))
+        mosquitto.save(name(19))
+        began = time.monotonic()
+        mosquitto.freeze() if end == "frozen" else mosquitto.kill()
+        go_on.set()
+        assert running_agent.wait_for(20) == names(20), "the broker is not needed for them"
+        if end == "killed":
+            until(lambda: not other.is_connected, "end of the connection", every=0.02)
+            for number in range(20, 40):
+                other.send_later(START, name(number), **ask(number))
+        time.sleep(max(0.0, began + seconds - time.monotonic()))
+        mosquitto.thaw() if end == "frozen" else mosquitto.start()
+        wait_until_ready(running_agent.broker, running_agent.reporter)
+        count = 40 if end == "killed" else 20
+        peer.send(START, name(count), **ask(count))
+        assert sorted(running_agent.wait_for(count + 1)) == sorted(names(count + 1))
+        answered = [peer.receive().properties.CorrelationData for _ in range(count + 1)]  # type: ignore[union-attr]
+        assert sorted(answered) == sorted(str(number).encode() for number in range(count + 1))
+        settle(peer)
+        assert len(running_agent.executor.commands) == count + 1
+        assert peer.received.empty()
+        warnings = running_agent.reporter.warnings
+        assert len(warnings) == len(set(warnings)) <= 3, warnings
+    assert list_rest(mosquitto) == []
 
 
 def test_a_connection_that_ends_during_a_command_does_not_repeat_it(mosquitto: Mosquitto) -> None:

@@ -20,6 +20,7 @@ from rigel_k8s.muto.stack import (
     Archive,
     Stack,
     is_empty,
+    name_at,
     read_sections,
     text_at,
 )
@@ -77,7 +78,7 @@ def read_stack(root: YamlNode) -> Stack:
 def _read_thing(root: YamlNode) -> Stack:
     properties = _descend(root, "features", "stack", "properties")
     stack = read_stack(properties)
-    ids = dict.fromkeys(filter(None, (*stack.ids, text_at(root.value, "thingId"))))
+    ids = dict.fromkeys(filter(None, (*stack.ids, name_at(root.value, "thingId"))))
     return attrs.evolve(stack, ids=tuple(ids))
 
 
@@ -85,7 +86,7 @@ def _read_described(root: YamlNode) -> Stack:
     """Return a stack with `metadata` and `launch`, the form of Muto's ROS 2 generation."""
     metadata, launch = _descend(root, "metadata"), _descend(root, "launch")
     form = text_at(metadata.value, "content_type")
-    name = text_at(metadata.value, "name")
+    name = name_at(metadata.value, "name")
     if form == "stack/archive":
         properties = launch.value.get("properties")
         more = properties.value if properties and isinstance(properties.value, dict) else {}
@@ -111,12 +112,12 @@ def _read_legacy(root: YamlNode) -> Stack:
     launch_file = root.value.get("launch_description_source")
     more = {} if launch_file is None else {"launch_file": launch_file}
     values = {key: value for key, value in artifact.value.items() if key != "type"}
-    return _make_archive(text_at(root.value, "name"), root, Archive(artifact, {**values, **more}))
+    return _make_archive(name_at(root.value, "name"), root, Archive(artifact, {**values, **more}))
 
 
 def _make_archive(name: str, root: YamlNode, archive: Archive) -> Stack:
     """Return a stack of sources; both forms of them are ROS 2's."""
-    ids = tuple(filter(None, (text_at(root.value, "stackId"), name)))
+    ids = tuple(filter(None, (name_at(root.value, "stackId"), name)))
     return Stack(ids, name, root, archive=archive, ros2=True)
 
 
@@ -132,9 +133,8 @@ def _read_solution(root: YamlNode) -> Stack:
     if not parts:
         message = "no component of this solution is a stack: expected properties.type: stack"
         raise Unreadable(error(components, message, "not-a-stack", key=True))
-    metadata = root.value.get("metadata")
-    named = metadata.value if metadata is not None and isinstance(metadata.value, dict) else {}
-    name = text_at(named, "name")
+    named = _descend(root, "metadata").value if _has(root, "metadata") else {}
+    name = name_at(named, "name")
     return Stack(
         tuple(filter(None, [name])), name, root, parts=parts, ros2=any(p.ros2 for p in parts)
     )
@@ -149,7 +149,7 @@ def _read_component(item: YamlNode) -> Iterator[Stack]:
     if text_at(properties.value, "type") != "stack":
         return
     data = properties.value.get("data")
-    name = text_at(content, "name")
+    name = name_at(content, "name")
     if data is None:
         message = f'the component "{name}" has no data'
         raise Unreadable(error(properties, message, "not-a-stack", key=True))
@@ -158,6 +158,10 @@ def _read_component(item: YamlNode) -> Iterator[Stack]:
         message = "a component of a solution cannot be a solution"
         raise Unreadable(error(inner.value["spec"], message, "not-a-stack", key=True))
     yield from list_stacks(inner)
+
+
+def _has(root: YamlNode, key: str) -> bool:
+    return key in root.value and not is_empty(root.value[key])
 
 
 def _descend(root: YamlNode, *keys: str) -> YamlNode:

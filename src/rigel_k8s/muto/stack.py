@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import attrs
 
-from rigel_k8s.muto.remarks import Remark, describe_unknown, error, loss
+from rigel_k8s.muto.remarks import Remark, Unreadable, describe_unknown, error, loss
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 
 #: Keys of a stack that have a meaning here, and those that only Muto needs.
@@ -74,10 +74,10 @@ def read_sections(place: YamlNode, *, ids: Iterable[str] = (), ros2: bool = Fals
     for key, value in place.value.items():
         if key not in known and not is_empty(value):
             remarks.append(loss(value, describe_unknown(key, "a stack", known)))
-    names = (text_at(place.value, "stackId"), *ids)
+    names = (name_at(place.value, "stackId"), *ids)
     return Stack(
         ids=tuple(dict.fromkeys(filter(None, names))),
-        name=text_at(place.value, "name"),
+        name=name_at(place.value, "name"),
         place=place,
         arguments=found["arg"],
         parameters=found["param"],
@@ -121,3 +121,14 @@ def text_at(content: Mapping[str, YamlNode], key: str) -> str:
     """Return the text of a key, "" without the key."""
     node = content.get(key)
     return node.value if node is not None and isinstance(node.value, str) else ""
+
+
+def name_at(content: Mapping[str, YamlNode], key: str) -> str:
+    """Return a name or an id, "" where there is none. Raises Unreadable for another type."""
+    node = content.get(key)
+    if node is None or is_empty(node):
+        return ""
+    if not isinstance(node.value, str):
+        message = f'"{key}" must be text, got {kind_of(node.value)}'
+        raise Unreadable(error(node, message, "wrong-type"))
+    return node.value

@@ -86,6 +86,18 @@ def text_at(content: Mapping[str, Any], key: str) -> str:
     return value
 
 
+def flag_at(content: Mapping[str, Any], key: str, *, default: bool) -> bool:
+    """Return the truth of a key, also as the text that headers have. Raises Malformed."""
+    value = content.get(key)
+    if value is None:
+        return default
+    if isinstance(value, bool):
+        return value
+    if value == "true" or value == "false":
+        return bool(value == "true")
+    raise Malformed(f'"{key}" must be true or false, got {_shorten(value)}')
+
+
 def write_json(value: Any) -> str:
     """Return a value as JSON in ASCII."""
     return json.dumps(value, allow_nan=False)

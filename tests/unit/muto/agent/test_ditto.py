@@ -176,6 +176,7 @@ START = "stack/commands/start"
             '"correlation-id" must',
             "answers",
         ),
+        (write(START, STACK, headers_response_required="no"), MALFORMED, "true or", "answers"),
         (write(START), UNSUPPORTED, "not a stack", "answers"),
         (write(START, "text"), MALFORMED, '"value" must be an object', "answers"),
         (write(START, {"stackId": 1}), MALFORMED, '"stackId" must', "answers"),

@@ -17,6 +17,7 @@ from rigel_k8s.muto.agent.contents import identify, read_command, read_query
 from rigel_k8s.muto.agent.payloads import (
     Malformed,
     check_object,
+    flag_at,
     is_topic,
     object_at,
     read_object,
@@ -27,6 +28,8 @@ from rigel_k8s.muto.agent.protocols.exchange import Arrival, Asks, Reply, Result
 
 LIVE = "live/messages/"
 ERRORS = "twin/errors"
+#: The header of messages whose senders want errors only.
+REQUIRED = "response-required"
 #: Ditto's names of errors, by our kinds of refusals; all others are UNSUPPORTED.
 NAMES = {"malformed": "things:topic.malformed", "too-large": "things:topic.malformed"}
 UNSUPPORTED = "things:ditto.unsupported"
@@ -76,6 +79,7 @@ class Ditto:
         if reply_to and not is_topic(reply_to):
             raise Malformed(f'no answer can be published on the topic "{reply_to[:100]}"')
         correlation = text_at(headers, "correlation-id")
+        flag_at(headers, REQUIRED, default=True)
         area, kind = self._read_subject(envelope)
         if area == "agent" and kind == "ping":
             return Query("ping")  # its value is sent back as it is
@@ -126,8 +130,7 @@ class DittoRequest:
             raise TypeError("Ditto's protocol has no inventory")
         if isinstance(reply, Outcome) and not reply.succeeded:
             return (self._fail(reply),)
-        headers = self._headers
-        if not self._reply_to or headers.get("response-required") in (False, "false"):
+        if not self._reply_to or not flag_at(self._headers, REQUIRED, default=True):
             return ()
         path = self.envelope["path"].replace("/inbox", "/outbox", 1)
         answer = {**self.envelope, "path": path, "value": self._choose_value(reply)}

@@ -27,6 +27,7 @@ from rigel_k8s.muto.agent.contents import read_component
 from rigel_k8s.muto.agent.payloads import (
     Malformed,
     check_object,
+    flag_at,
     object_at,
     read_json,
     read_object,
@@ -117,7 +118,8 @@ def _read_body(request: Mapping[str, Any]) -> Any:
 def _list_stacks(deployment: Mapping[str, Any]) -> tuple[Mapping[str, Any], ...]:
     """Return the components of a deployment that are stacks and that this request is about."""
     solution = object_at(deployment, "solutionversion") or object_at(deployment, "solution")
-    listed = object_at(solution, "spec").get("components") or []
+    listed = object_at(solution, "spec").get("components")
+    listed = [] if listed is None else listed  # Go's nil
     if not isinstance(listed, list):
         raise Malformed('"components" must be a list')
     start, end = (_read_index(deployment, f"component{edge}Index") for edge in ("Start", "End"))
@@ -159,7 +161,7 @@ def _read_method(
         raise Malformed(
             f'unknown method "{method[:100]}": expected GET, POST or DELETE', "unsupported"
         )
-    if deployment.get("isDryRun"):
+    if flag_at(deployment, "isDryRun", default=False):
         raise Malformed("dry runs are not supported", "unsupported")
     if not components:
         raise Malformed("no component of this solution is a stack", "not-a-stack")
@@ -174,10 +176,11 @@ def _read_method(
 def _check_action(component: Mapping[str, Any]) -> None:
     """Refuse components that request another action than to be deployed."""
     properties = object_at(component, "properties")
-    action = text_at(properties, "method") or text_at(properties, "action")
-    if action not in ("", "start", "apply"):
-        message = f'the component "{component["name"]}" requests "{action[:100]}": expected apply'
-        raise Malformed(message, "unsupported")
+    for action in (text_at(properties, "method"), text_at(properties, "action")):
+        if action not in ("", "start", "apply"):
+            name = component["name"]
+            message = f'the component "{name}" requests "{action[:100]}": expected apply'
+            raise Malformed(message, "unsupported")
 
 
 @attrs.frozen

@@ -15,8 +15,13 @@ from rigel_k8s.settings import Settings
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "muto-itself.md").read_text("utf-8")
 EXAMPLE = ROOT / "examples" / "muto-itself"
+AGENT_PAGE = (ROOT / "docs" / "muto-agent.md").read_text("utf-8")
 #: The rows that compare Muto's behaviour with ours.
-COMPARED = re.findall(r"^\| .* \|$", PAGE.partition("| shown by |\n")[2], re.M)
+COMPARED = [
+    row
+    for page in (PAGE, AGENT_PAGE)
+    for row in re.findall(r"^\| .* \|$", page.partition("| shown by |\n")[2], re.M)
+]
 #: Muto reads its parameters below these names.
 FIXED = {"muto_agent", "muto_composer", "composer_plugin", "launch_plugin"}
 
@@ -67,7 +72,8 @@ def test_ros_2_launches_what_its_image_has() -> None:
 def test_each_promise_names_a_test(row: str) -> None:
     """That test exists."""
     shown = row.split("|")[-2].strip()
-    tests = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", shown)
+    tests = re.findall(r"`([\w/]+\.py)::(\w+)`", shown)
     assert tests
-    for file, name in tests:
+    for path, name in tests:
+        file = path if "/" in path else f"tests/unit/muto/agent/{path}"
         assert f"def {name}(" in (ROOT / file).read_text("utf-8")

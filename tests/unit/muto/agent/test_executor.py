@@ -64,6 +64,32 @@ def test_kill_takes_the_stack_away(agent: Agent) -> None:
     until(lambda: agent.states[-1][1] == "killed" and len(agent.states) > 5, "the second kill")
 
 
+def test_after_a_kill_only_the_named_stack_runs(agent: Agent) -> None:
+    executor = agent.run()
+    executor.submit(Start(stack_id="org:a"))
+    agent.until("org:a", "active")
+    executor.submit(Kill())
+    agent.until("org:a", "killed")
+    executor.submit(Start(stack_id="org:b"))
+    agent.until("org:b", "active")
+    assert agent.nodes == {"b", "both"}
+
+
+def test_a_stack_without_an_id_is_remembered(agent: Agent) -> None:
+    """An agent that starts again has it, and can end it."""
+    text = stack("", "c")
+    executor = agent.run()
+    executor.submit(Start(stack=text))
+    agent.until("", "active")
+    settle(executor)
+    executor.close()
+    again = agent.run()
+    assert again.record.wanted.stack == text
+    again.submit(Kill())
+    agent.until("", "killed")
+    assert agent.nodes == set()
+
+
 def test_components_of_symphony_come_and_go_by_themselves(agent: Agent) -> None:
     executor = agent.run()
     executor.submit(Apply(components={"one": stack("org:1", "a")}))

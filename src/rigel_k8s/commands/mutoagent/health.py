@@ -1,4 +1,4 @@
-"""Whether the agent is connected to its broker, for Kubernetes' probe."""
+"""Whether the agent is connected to its broker, and why not, for Kubernetes' probe."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 class _Handler(BaseHTTPRequestHandler):
     timeout = 10
 
-    def __init__(self, is_well: Callable[[], bool], *arguments: object) -> None:
-        self._is_well = is_well
+    def __init__(self, find_trouble: Callable[[], str], *arguments: object) -> None:
+        self._find_trouble = find_trouble
         super().__init__(*arguments)  # type: ignore[arg-type]  # what the server passes
 
     def do_GET(self) -> None:
-        well = self._is_well()
-        body = b"connected to the broker\n" if well else b"not connected to the broker\n"
-        self.send_response(200 if well else 503)
+        trouble = self._find_trouble()
+        body = f"{trouble or 'connected to the broker'}\n".encode()
+        self.send_response(503 if trouble else 200)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         self.wfile.write(body)
@@ -29,12 +29,12 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def serve_health(port: int | None, is_well: Callable[[], bool]) -> Iterator[None]:
-    """Answer 200 or 503 on a port meanwhile; None for no port."""
+def serve_health(port: int | None, find_trouble: Callable[[], str]) -> Iterator[None]:
+    """Answer 200, or 503 with the trouble, on a port meanwhile; None for no port."""
     if port is None:
         yield
         return
-    with ThreadingHTTPServer(("", port), partial(_Handler, is_well)) as server:
+    with ThreadingHTTPServer(("", port), partial(_Handler, find_trouble)) as server:
         thread = threading.Thread(target=server.serve_forever, name="health", daemon=True)
         thread.start()
         try:

@@ -97,7 +97,7 @@ def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
         memory = Memory(cluster, application.find_release(cluster))
         executor = Executor(application, memory, agent.allowance, announce)
         broker = Broker(address, login, f"rigel-{agent.thing}", topics, report)
-        with broker, serve_health(agent.health, lambda: broker.is_ready):
+        with broker, serve_health(agent.health, lambda: broker.trouble):
             if announcer is not None:
                 announcer.start()
             executor.start()

@@ -12,6 +12,7 @@ turns               one command at a time; the newest wins
 allowance           what commands may use
 current             the twin's `current` in Ditto
 options, manifests  the agent as a Deployment
+probe               why its pod is not ready
 
 An Executor, in commands/mutoagent/, carries commands out. Only broker, memory and current do I/O.
 """

@@ -107,23 +107,34 @@ class Login:
         Raises:
             UserError: a file cannot be read, or has no certificates in it.
         """
-        authorities = ""
-        if self.authorities:
-            # An empty text would stand for the authorities of this machine.
-            authorities = _read_text(self.authorities, "the broker's authority") or "\n"
+        # An empty text would stand for the authorities of this machine.
+        authorities = (self._read_authorities() or "\n") if self.authorities else ""
         try:
             context = trust(authorities, protocols=())
         except (ssl.SSLError, ValueError) as error:
             raise UserError(f"{self.authorities} has no certificates in it: {error}") from error
-        self.load_certificate(context)
+        self._load_certificate(context)
         return context
 
-    def load_certificate(self, context: ssl.SSLContext) -> None:
-        """Put the client's certificate into settings of TLS, in place of an older one.
+    def load_files(self, context: ssl.SSLContext) -> None:
+        """Put what the files have now into settings of TLS: an authority beside those before it.
 
         Raises:
-            UserError: the certificate or its key cannot be used.
+            UserError: a file cannot be read or used.
         """
+        if self.authorities:
+            try:
+                context.load_verify_locations(cadata=self._read_authorities())
+            except (ssl.SSLError, ValueError) as error:
+                message = f"{self.authorities} has no certificates in it: {error}"
+                raise UserError(message) from error
+        self._load_certificate(context)
+
+    def _read_authorities(self) -> str:
+        assert self.authorities is not None, "asked before"
+        return _read_text(self.authorities, "the broker's authority")
+
+    def _load_certificate(self, context: ssl.SSLContext) -> None:
         if self.certificate is None or self.key is None:
             return
         try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import queue
+import ssl
 import threading
 import time
 from collections.abc import Iterable, Mapping
@@ -65,6 +66,7 @@ class Broker:
         self._connection = self._session = 0
         self._is_open = False
         self._cause = ""
+        self._trouble = f"connecting to {address}"
         self._troubles: set[str] = set()
         self._ready = threading.Event()
         self._ending = threading.Event()
@@ -124,6 +126,11 @@ class Broker:
         """Whether messages arrive."""
         return self._ready.is_set()
 
+    @property
+    def trouble(self) -> str:
+        """Why no messages come in; "" while they do."""
+        return "" if self.is_ready else self._trouble
+
     def next(self, seconds: float) -> Delivery | None:
         """Return the next new message, None if none arrives within so many seconds."""
         try:
@@ -156,7 +163,7 @@ class Broker:
         """Read from files and the environment what may have changed since the last connection."""
         self._client.username_pw_set(self._login.user, self._login.read_password(self._environ))
         if self._context:
-            self._login.load_certificate(self._context)
+            self._login.load_files(self._context)
 
     def _stay_connected(self) -> None:
         """Connect, and connect again whenever the connection ends."""
@@ -172,6 +179,8 @@ class Broker:
                         self._client.disconnect()
             except RigelK8sError as error:
                 self._cause = error.message
+            except ssl.SSLCertVerificationError as error:
+                self._cause = f"its certificate is not trusted: {error.verify_message}"
             except Exception as error:  # whatever it is, the next attempt may succeed
                 self._cause = str(error) or type(error).__name__
             self._close()
@@ -204,7 +213,10 @@ class Broker:
         from paho.mqtt.subscribeoptions import SubscribeOptions
 
         if reason.is_failure:
-            self._cause = f"the broker refuses it: {reason}"
+            user = (
+                f'the user "{self._login.user}"' if self._login.user else "a client without a user"
+            )
+            self._cause = f"the broker refuses {user}: {reason}"
             return
         with self._lock:
             self._is_open = True
@@ -261,6 +273,7 @@ class Broker:
 
     def _report(self, trouble: str) -> None:
         """Report once, until it is ready again, why the agent has no connection to its broker."""
+        self._trouble = f"no connection to {self._address}: {trouble}"
         if trouble not in self._troubles and not self._ending.is_set():
-            self._reporter.warn(f"no connection to {self._address}: {trouble}; trying again")
+            self._reporter.warn(f"{self._trouble}; trying again")
             self._troubles.add(trouble)

@@ -22,6 +22,8 @@ FILE = "Rigelfile"
 #: The variable with the Ditto's token or password.
 SECRET = "DITTO_SECRET"
 PORT = 8080
+#: Prints why the agent is not ready; of a probe over HTTP Kubernetes keeps only the status.
+PROBE = ("python3", "-m", "rigel_k8s.muto.agent.probe")
 USER = 65532
 RESOURCES: dict[str, Any] = {
     "requests": {"cpu": "20m", "memory": "96Mi"},
@@ -80,7 +82,7 @@ def _make_pod(around: ReleaseContext, options: MutoAgent) -> Object:
 
 
 def _make_container(around: ReleaseContext, options: MutoAgent) -> Object:
-    look = {"httpGet": {"path": "/healthz", "port": "health"}, "timeoutSeconds": 5}
+    look = {"exec": {"command": [*PROBE, str(PORT)]}, "timeoutSeconds": 10}
     file = {"name": "rigelfile", "mountPath": f"{DIRECTORY}/{FILE}", "subPath": FILE}
     mounts: list[Object] = [{**file, "readOnly": True}, {"name": "tmp", "mountPath": "/tmp"}]
     if options.broker_secret:

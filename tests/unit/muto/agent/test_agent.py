@@ -5,13 +5,13 @@ from __future__ import annotations
 import base64
 import itertools
 import json
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
-from urllib.error import HTTPError
-from urllib.request import urlopen
 
 import pytest
 from paho.mqtt.client import MQTTv311
@@ -22,6 +22,7 @@ from rigel_k8s.commands.mutoagent.serving import read_login
 from rigel_k8s.errors import UserError
 from rigel_k8s.muto.agent.address import Login
 from rigel_k8s.muto.agent.allowance import Allowance
+from rigel_k8s.muto.agent.manifests import PROBE
 from rigel_k8s.settings import Settings
 from tests.support.controllers import running as running_pod
 from tests.support.controllers import unready
@@ -180,15 +181,24 @@ def test_a_broker_that_goes_away_and_comes_back_is_heard_again(
             assert receive(peer)["result"] == "success"
 
 
-def test_kubernetes_learns_whether_the_broker_is_heard() -> None:
-    heard = False
-    port = find_port()
-    with serve_health(port, lambda: heard):
-        with pytest.raises(HTTPError, match="503"):
-            urlopen(f"http://127.0.0.1:{port}/healthz", timeout=5)
-        heard = True
-        with urlopen(f"http://127.0.0.1:{port}/healthz", timeout=5) as answer:
-            assert answer.status == 200
+def test_kubernetes_learns_why_the_broker_is_not_heard() -> None:
+    """From what a probe prints, as its pod runs it."""
+    trouble, port = "no connection to mqtt://broker:1883: Not authorized", find_port()
+
+    def probe() -> tuple[int, str]:
+        words = [sys.executable, *PROBE[1:], str(port)]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=30)
+        assert done.stderr == ""
+        return done.returncode, done.stdout
+
+    assert probe() == (
+        1,
+        f"the agent does not answer at port {port}: [Errno 111] Connection refused\n",
+    )
+    with serve_health(port, lambda: trouble):
+        assert probe() == (1, f"{trouble}\n")
+        trouble = ""
+        assert probe() == (0, "connected to the broker\n")
 
 
 def test_the_brokers_secret_has_the_names_that_kubernetes_uses(tmp_path: Path) -> None:

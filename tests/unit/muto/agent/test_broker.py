@@ -355,9 +355,15 @@ def test_tls_certificates_and_a_password(tmp_path: Path) -> None:
         agent(mosquitto.port, login=login, tls=True, waiting=False) as running_agent,
     ):
         until(lambda: running_agent.reporter.warnings, "refusal", every=0.02)
-        assert "Not authorized" in running_agent.reporter.warnings[0]
+        [warning] = running_agent.reporter.warnings
+        assert warning.endswith(
+            ': the broker refuses the user "robot": Not authorized; trying again'
+        )
+        trouble = warning.removesuffix("; trying again")
+        assert running_agent.broker.trouble == trouble
         password.write_text("right\n")
         wait_until_ready(running_agent.broker, running_agent.reporter)
+        assert running_agent.broker.trouble == ""
         context = login.make_context()
         with Peer(mosquitto.port, username="robot", password="right", context=context) as peer:
             peer.send(START, name(0))
@@ -396,6 +402,28 @@ def test_a_connection_that_is_not_trusted_does_not_happen(tmp_path: Path, missin
     ):
         until(lambda: running_agent.reporter.warnings, "warning", every=0.02)
         assert not running_agent.broker.is_ready
+
+
+# As above.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_authority_is_read_again(tmp_path: Path) -> None:
+    """Kubernetes changes the files of a Secret while the agent runs."""
+    authority = Authority(tmp_path)
+    root, server = authority.make("root", AUTHORITY), authority.make("server", SERVER, "root")
+    trusted = tmp_path / "ca.crt"
+    trusted.write_text(authority.make("other", AUTHORITY).read_text())
+    lines = (f"certfile {server}", f"keyfile {server.with_suffix('.key')}")
+    with (
+        running(tmp_path, *lines) as mosquitto,
+        agent(
+            mosquitto.port, login=Login(authorities=trusted), tls=True, waiting=False
+        ) as running_agent,
+    ):
+        until(lambda: running_agent.reporter.warnings, "refusal", every=0.02)
+        assert "its certificate is not trusted: " in running_agent.reporter.warnings[0]
+        trusted.write_text(root.read_text())
+        wait_until_ready(running_agent.broker, running_agent.reporter)
+        assert len(running_agent.reporter.warnings) == 1
 
 
 def test_what_the_user_must_change_is_an_error_at_once() -> None:

@@ -11,7 +11,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,11 @@ import pytest
 from paho.mqtt.client import MQTTv311
 
 from rigel_k8s import __version__
+from rigel_k8s.muto.agent.address import Login
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_lab.cluster.oci import push_archive
 from tests.support import broker_image, shared
+from tests.support.certificates import AUTHORITY, Authority
 from tests.support.http_server import Exchange, HttpServer, serving
 from tests.support.mosquitto import Mosquitto, Peer, running
 from tests.support.recorder import Recorder
@@ -279,6 +282,49 @@ def mosquitto_image(registry: str) -> str:
     return f"{registry}/mosquitto:test"
 
 
+AGENT = {"thing": THING, "job": "deploy", "whole_stacks": True}
+
+
+def write_jobs(robot: Robot, image: str, agent_image: str, node: Any, **agent: Any) -> None:
+    """Write a Rigelfile with a broker and an agent beside the job `deploy`."""
+    robot.write({"a": {"readiness": "none"}}, deployment_name="robot", ros_master_uri="http://r:1")
+    rigelfile = json.loads(robot.file.read_text())
+    place = {"namespace": robot.namespace}
+    broker = {**place, "deployment_name": "broker", "ros": "none", "network": "none"}
+    rigelfile["jobs"] |= {
+        "broker": {
+            "plugin": "rigel_k8s.OrchestrationPlugin",
+            "with": {**broker, "nodes": {"mosquitto": {"ros": "none", "image": image, **node}}},
+        },
+        "agent": {
+            "plugin": "rigel_k8s.MutoAgentPlugin",
+            "with": {**place, **AGENT, "image": agent_image, **agent},
+        },
+    }
+    robot.file.write_text(json.dumps(rigelfile))
+
+
+@contextmanager
+def reach_broker(robot: Robot, cluster: Any, port: int, **options: Any) -> Iterator[Peer]:
+    """A client of the broker in the pod."""
+    [pod] = robot.pods("mosquitto")
+    with (
+        cluster.port_forward(robot.namespace, pod["metadata"]["name"], {port: 0}) as opened,
+        Peer(opened.ports[port], ANSWERS, **options) as peer,
+    ):
+        yield peer
+
+
+def start_in_pod(robot: Robot, peer: Peer) -> None:
+    """Start a stack by the agent in its pod, and wait until it is ready."""
+    stack = json.dumps({"stackId": "org:a", "node": [relay("a")]})
+    topic = f"{THING}/stack/commands/start"
+    peer.send(topic, stack.encode(), response_topic=ANSWERS, correlation=b"1")
+    answer = json.loads(peer.receive().payload)
+    assert answer["result"] == "success", answer
+    until(lambda: robot.ready("a"), "the stack", seconds=WITHIN)
+
+
 @pytest.mark.slow  # builds two images; what the agent does is shown above
 def test_the_agent_runs_in_a_pod(
     tmp_path: Path,
@@ -291,34 +337,96 @@ def test_the_agent_runs_in_a_pod(
 ) -> None:
     """With the rights of its Role alone; it is ready when it hears its broker."""
     robot = Robot(tmp_path, namespace, base_image, rigel, cluster)
-    robot.write({"a": {"readiness": "none"}}, deployment_name="robot", ros_master_uri="http://r:1")
-    rigelfile = json.loads(robot.file.read_text())
-    node = {"ros": "none", "image": mosquitto_image, "ports": [1883]}
-    place = {"namespace": namespace}
-    agent = {"thing": THING, "broker": "mqtt://mosquitto", "job": "deploy", "whole_stacks": True}
-    rigelfile["jobs"] |= {
-        "broker": {
-            "plugin": "rigel_k8s.OrchestrationPlugin",
-            "with": {**place, "deployment_name": "broker", "ros": "none", "network": "none"}
-            | {"nodes": {"mosquitto": node}},
-        },
-        "agent": {
-            "plugin": "rigel_k8s.MutoAgentPlugin",
-            "with": {**place, **agent, "image": agent_image},
-        },
-    }
-    robot.file.write_text(json.dumps(rigelfile))
+    write_jobs(robot, mosquitto_image, agent_image, {"ports": [1883]}, broker="mqtt://mosquitto")
     robot.rigel("run", "job", "broker", "--timeout", "2m")
     robot.rigel("run", "job", "agent", "--timeout", "2m")
     assert robot.ready("muto-agent")
-    [pod] = robot.pods("mosquitto")
-    with (
-        cluster.port_forward(namespace, pod["metadata"]["name"], {1883: 0}) as opened,
-        Peer(opened.ports[1883], ANSWERS) as peer,
+    with reach_broker(robot, cluster, 1883) as peer:
+        start_in_pod(robot, peer)
+
+
+#: How a broker with TLS and a password is set up; the files are a Secret's.
+SECURE = """
+listener 8883
+cafile /tls/ca.crt
+certfile /tls/tls.crt
+keyfile /tls/tls.key
+password_file /tls/passwords
+allow_anonymous false
+"""
+
+
+def make_secret(namespace: str, name: str, files: Mapping[str, str]) -> dict[str, Any]:
+    meta = {"namespace": namespace, "name": name}
+    return {"apiVersion": "v1", "kind": "Secret", "metadata": meta, "stringData": dict(files)}
+
+
+@pytest.mark.slow  # as above
+def test_an_agent_in_a_pod_logs_in_by_tls_and_a_secret(
+    tmp_path: Path,
+    namespace: str,
+    base_image: str,
+    agent_image: str,
+    mosquitto_image: str,
+    rigel: Any,
+    cluster: Any,
+) -> None:
+    """A wrong authority and a wrong password are one error each, in its log and in its status.
+
+    A Secret that is mended is used without a restart.
+    """
+    authority = Authority(tmp_path)
+    root, other = authority.make("root", AUTHORITY), authority.make("other", AUTHORITY)
+    names = "subjectAltName=DNS:mosquitto,IP:127.0.0.1\n"
+    server = authority.make("server", names, "root")
+    words = ["mosquitto_passwd", "-c", "-b", tmp_path / "passwords", "robot", "right"]
+    subprocess.run(words, check=True, timeout=30)
+    files = {
+        "ca.crt": root.read_text(),
+        "tls.crt": server.read_text(),
+        "tls.key": server.with_suffix(".key").read_text(),
+        "passwords": (tmp_path / "passwords").read_text(),
+        "mosquitto.conf": SECURE,
+    }
+    cluster.create(make_secret(namespace, "tls", files))
+    right = {"username": "robot", "password": "right", "ca.crt": root.read_text()}
+    for name, wrong in (
+        ("password", {"password": "wrong"}),
+        ("authority", {"ca.crt": other.read_text()}),
     ):
-        stack = json.dumps({"stackId": "org:a", "node": [relay("a")]})
-        topic = f"{THING}/stack/commands/start"
-        peer.send(topic, stack.encode(), response_topic=ANSWERS, correlation=b"1")
-        answer = json.loads(peer.receive().payload)
-        assert answer["result"] == "success", answer
-        until(lambda: robot.ready("a"), "the stack", seconds=WITHIN)
+        cluster.create(make_secret(namespace, f"wrong-{name}", right | wrong))
+
+    robot = Robot(tmp_path, namespace, base_image, rigel, cluster)
+    node = {
+        "command": ["/usr/sbin/mosquitto", "-c", "/tls/mosquitto.conf"],
+        "ports": [8883],
+        "volumes": [{"secret": "tls", "mount_path": "/tls"}],
+    }
+
+    def write(secret: str) -> None:
+        url = "mqtts://mosquitto"
+        write_jobs(robot, mosquitto_image, agent_image, node, broker=url, broker_secret=secret)
+
+    def fail(secret: str, cause: str) -> None:
+        """Deploy an agent with this Secret, and look where the cause is."""
+        write(secret)
+        done = robot.rigel("run", "job", "agent", "--timeout", "30s", check=False)
+        assert done.returncode != 0
+        line = f"no connection to mqtts://mosquitto:8883: {cause}"
+        assert line in done.stdout + done.stderr
+        assert line in robot.rigel("status", "agent", check=False).stdout
+        log = robot.rigel("logs", "--job", "agent").stdout
+        assert log.count("no connection to") == log.count(line) == 1, log
+
+    write("wrong-password")
+    robot.rigel("run", "job", "broker", "--timeout", "2m")
+    fail("wrong-password", 'the broker refuses the user "robot": Not authorized')
+    fail("wrong-authority", "its certificate is not trusted: ")
+
+    secret = ObjectRef("v1", "Secret", namespace, "wrong-authority")
+    cluster.apply(make_secret(namespace, secret.name, right))
+    until(lambda: robot.ready("muto-agent"), "the agent", seconds=2 * WITHIN, every=1.0)
+    trusting = Login(authorities=root).make_context()
+    options = {"username": "robot", "password": "right", "context": trusting}
+    with reach_broker(robot, cluster, 8883, **options) as peer:
+        start_in_pod(robot, peer)

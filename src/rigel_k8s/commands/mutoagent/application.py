@@ -54,9 +54,16 @@ class Application:
 
     def find_release(self, cluster: Cluster) -> ReleaseId:
         """Return the release that the job names."""
+        return release_of(self._read_names(), self.settings, cluster)
+
+    def creates_namespace(self) -> bool:
+        """Return whether a deploy creates its namespace: the job names it."""
+        named = self._read_names().namespace
+        return named is not None and self.settings.namespace in (None, named)
+
+    def _read_names(self) -> Any:
         rigelfile = load(self.settings, patient=True)
-        spec = choose_job(rigelfile, self.settings, self.job)
-        return release_of(names_of(rigelfile, spec), self.settings, cluster)
+        return names_of(rigelfile, choose_job(rigelfile, self.settings, self.job))
 
     def prepare(self, wanted: Wanted) -> tuple[Prepared, tuple[str, ...]]:
         """Return the job with a stack in it, checked, and the images that the options name.

@@ -16,7 +16,7 @@ from typing import Any
 import attrs
 
 from rigel_k8s.commands.mutoagent.application import Application, find_own_id
-from rigel_k8s.errors import ClusterError, Interrupted, RigelK8sError, RolloutFailed
+from rigel_k8s.errors import ClusterError, Interrupted, ProblemsError, RigelK8sError, RolloutFailed
 from rigel_k8s.jobs.runner import Prepared
 from rigel_k8s.jobs.scope import CancelScope
 from rigel_k8s.kube.failures import Forbidden, Missing
@@ -262,5 +262,7 @@ def describe_record(record: Record) -> Outcome:
 
 def describe(error: RigelK8sError) -> str:
     """Return an error as one text for the sender."""
+    if isinstance(error, ProblemsError):  # without the lines of the file and their marks
+        return "; ".join(text.splitlines()[0] for text in error.details[:MOST_DETAILS])
     details = [line.strip() for text in error.details for line in text.splitlines()]
     return "; ".join([error.message, *details[:MOST_DETAILS], *filter(None, [error.hint])])

@@ -20,6 +20,7 @@ from rigel_k8s.muto.agent.allowance import Allowance
 from rigel_k8s.muto.agent.broker import Broker
 from rigel_k8s.muto.agent.current import Announcer, describe_current
 from rigel_k8s.muto.agent.memory import Memory
+from rigel_k8s.muto.agent.options import check_thing
 from rigel_k8s.muto.agent.protocols.ditto import Ditto as DittoProtocol
 from rigel_k8s.muto.agent.protocols.exchange import Dialect
 from rigel_k8s.muto.agent.protocols.ros1 import Ros1
@@ -76,9 +77,13 @@ def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
     """Accept commands until Ctrl-C or SIGTERM.
 
     Raises:
-        UserError: the Rigelfile, the broker's address or a file is wrong.
+        UserError: the Rigelfile, the thing's id, the broker's address or a file is wrong.
         ClusterError: the cluster cannot be reached at the start.
     """
+    try:
+        check_thing(agent.thing)
+    except ValueError as error:
+        raise UserError(str(error), hint="an example is org.example.robots:robot-7") from error
     login = read_login(agent.credentials)
     address = read_address(agent.broker)
     application = Application(settings, report, agent.job, agent.twin)
@@ -94,7 +99,8 @@ def run(agent: Agent, settings: Settings, report: JobReporter) -> None:
             announcer.set(describe_current(record))
 
     with connect(settings) as cluster, interruptible() as ending:
-        memory = Memory(cluster, application.find_release(cluster))
+        release = application.find_release(cluster)
+        memory = Memory(cluster, release, create_namespace=application.creates_namespace())
         executor = Executor(application, memory, agent.allowance, announce)
         broker = Broker(address, login, f"rigel-{agent.thing}", topics, report)
         with broker, serve_health(agent.health, lambda: broker.trouble):

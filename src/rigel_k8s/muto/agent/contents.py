@@ -53,6 +53,9 @@ def read_command(method: str, content: Mapping[str, Any], identity: str) -> Comm
     stack_id = text_at(content, "stackId")
     if stack_id and _says_nothing_else(content):
         return kinds[method](identity=identity, stack_id=stack_id)
+    if not content:
+        message = "the message is empty and so not a stack: send a stack, or its `stackId`"
+        raise Malformed(message, "not-a-stack")
     text = write_json(content)
     ids = (stack_id, *_list_ids(text))
     return kinds[method](identity=identity, stack=text, stack_id=next(filter(None, ids), ""))

@@ -6,6 +6,7 @@ It is written before a command is acknowledged, and belongs to no release: `down
 from __future__ import annotations
 
 from rigel_k8s.kube import Cluster, ObjectRef
+from rigel_k8s.kube.failures import Missing
 from rigel_k8s.muto.agent.wanted import Record, decode, encode
 from rigel_k8s.release.types import ReleaseId
 
@@ -14,10 +15,17 @@ TYPE = "rigel-k8s/muto-agent.v1"
 
 
 class Memory:
-    """The record of the agent of one release."""
+    """The record of the agent of one release.
 
-    def __init__(self, cluster: Cluster, release: ReleaseId) -> None:
+    Args:
+        create_namespace: create the release's namespace where it is missing, as a deploy does.
+    """
+
+    def __init__(
+        self, cluster: Cluster, release: ReleaseId, *, create_namespace: bool = False
+    ) -> None:
         self._cluster = cluster
+        self._create_namespace = create_namespace
         self.ref = ObjectRef("v1", "Secret", release.namespace, f"rigel.{release.name}.muto-agent")
 
     def load(self) -> Record:
@@ -28,12 +36,18 @@ class Memory:
     def store(self, record: Record) -> None:
         """Store a record; when this returns, it survives the end of this process."""
         meta = {"name": self.ref.name, "namespace": self.ref.namespace}
-        self._cluster.apply(
-            {
-                "apiVersion": "v1",
-                "kind": "Secret",
-                "type": TYPE,
-                "metadata": meta,
-                "data": {KEY: encode(record)},
-            }
-        )
+        secret = {
+            "apiVersion": "v1",
+            "kind": "Secret",
+            "type": TYPE,
+            "metadata": meta,
+            "data": {KEY: encode(record)},
+        }
+        try:
+            self._cluster.apply(secret)
+        except Missing:
+            if not self._create_namespace:
+                raise
+            named = {"name": self.ref.namespace}
+            self._cluster.apply({"apiVersion": "v1", "kind": "Namespace", "metadata": named})
+            self._cluster.apply(secret)

@@ -52,11 +52,16 @@ class MutoAgent:
 
     def __attrs_post_init__(self) -> None:
         """Refuse options that contradict each other."""
-        if self.thing.count(":") != 1 or not all(self.thing.split(":")):
-            raise ValueError(f'thing: "{self.thing}" is not NAMESPACE:NAME')
+        check_thing(self.thing)
         if self.twin_url:
             check_url(self.twin_url)
         if self.twin_user and not self.twin_secret:
             raise ValueError("twin_user needs twin_secret, which has the password")
         if self.twin_secret and not self.twin_url:
             raise ValueError("twin_secret needs twin_url")
+
+
+def check_thing(thing: str) -> None:
+    """Raise ValueError if a text is not the id of a device in Ditto."""
+    if thing.count(":") != 1 or not all(thing.split(":")):
+        raise ValueError(f'thing: "{thing}" is not NAMESPACE:NAME')

@@ -49,9 +49,11 @@ class Agent:
 
     def run(self, allowance: Allowance = ALL, *, timeout: float = 30) -> Executor:
         settings = Settings(rigelfile=self.directory / "Rigelfile", timeout=timeout)
+        application = Application(settings, self.report)
+        named = application.creates_namespace()
         made = Executor(
-            Application(settings, self.report),
-            Memory(self.fake, RELEASE),  # type: ignore[arg-type]
+            application,
+            Memory(self.fake, RELEASE, create_namespace=named),  # type: ignore[arg-type]
             allowance,
             self.announce,
         )

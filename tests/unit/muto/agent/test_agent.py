@@ -27,6 +27,7 @@ from rigel_k8s.settings import Settings
 from tests.support.controllers import running as running_pod
 from tests.support.controllers import unready
 from tests.support.mosquitto import Mosquitto, Peer, find_port, running
+from tests.support.recorder import Recorder
 from tests.support.until import until
 
 from .conftest import Agent, stack
@@ -211,3 +212,10 @@ def test_the_brokers_secret_has_the_names_that_kubernetes_uses(tmp_path: Path) -
     assert (login.certificate, login.key) == (tmp_path / "tls.crt", tmp_path / "tls.key")
     with pytest.raises(UserError, match=r"the directory .* does not exist"):
         read_login(tmp_path / "missing")
+
+
+@pytest.mark.parametrize("thing", ["robot", "a:b:c", ":b", "a:"])
+def test_what_is_no_id_of_a_thing_is_refused_at_once(thing: str) -> None:
+    told = serving.Agent(thing=thing, broker="mqtt://localhost")
+    with pytest.raises(UserError, match="is not NAMESPACE:NAME"):
+        serving.run(told, Settings(), Recorder())

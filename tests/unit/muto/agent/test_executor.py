@@ -7,15 +7,19 @@ from typing import Any
 
 import pytest
 
+from rigel_k8s.commands.mutoagent.application import Application
 from rigel_k8s.commands.mutoagent.executor import Executor
-from rigel_k8s.errors import ClusterError
+from rigel_k8s.errors import ClusterError, NotFoundError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.muto.agent.allowance import Allowance
 from rigel_k8s.muto.agent.commands import Apply, Kill, Stage, Start, Unavailable
+from rigel_k8s.muto.agent.memory import Memory
+from rigel_k8s.muto.agent.wanted import Record
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import history
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.rollback import rollback
+from rigel_k8s.settings import Settings
 from tests.support.controllers import crash_status, running, unready
 from tests.support.until import until
 
@@ -239,7 +243,7 @@ def test_what_kubernetes_refuses_has_failed_with_the_cause(agent: Agent) -> None
         (Start(stack_id="org:nowhere"), 'no stack "org:nowhere"'),
         (Start(stack_id="../b.json"), "is not the id of a stack"),
         (Start(stack_id="https://evil/api/2/things/a"), "is not the id of a stack"),
-        (Start(stack="{"), "has 1 problem"),
+        (Start(stack="{"), "stack (its own text):2:1: this is not YAML"),
         (Start(stack='{"node": []}'), "no node"),
         (Apply(components={"one": "no stack"}), "must be a mapping"),
         (Start(stack=stack("org:a", "a", stack=[{"thingId": "org:gone"}])), "org:gone"),
@@ -255,6 +259,7 @@ def test_what_is_no_stack_is_refused(agent: Agent, command: Start | Apply, words
     outcome = executor.submit(command)
     assert outcome.stage == Stage.REFUSED
     assert words in outcome.text
+    assert " | " not in outcome.text, "no lines of a file"
     assert agent.fake.writes == []
     assert agent.states[-1] == ("org:a", "active")
 
@@ -284,6 +289,17 @@ def test_what_is_not_allowed_is_refused(
 def test_what_is_allowed_is_deployed(agent: Agent) -> None:
     allowance = Allowance(stacks=("org:*",), images=("lab/*",))
     assert agent.run(allowance).submit(Start(stack_id="org:a")).succeeded
+    agent.until("org:a", "active")
+
+
+def test_a_namespace_is_created_where_the_job_names_it(agent: Agent) -> None:
+    """With the first command, whose record comes before its deploy; not another one of `-n`."""
+    agent.fake.store.objects.pop(ObjectRef("v1", "Namespace", "", "n"))
+    elsewhere = Settings(rigelfile=agent.directory / "Rigelfile", namespace="other")
+    assert not Application(elsewhere, agent.report).creates_namespace()
+    with pytest.raises(NotFoundError):
+        Memory(agent.fake, RELEASE).store(Record())  # type: ignore[arg-type]
+    assert agent.run().submit(Start(stack_id="org:a")).succeeded
     agent.until("org:a", "active")
 
 

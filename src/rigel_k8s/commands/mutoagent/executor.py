@@ -156,7 +156,7 @@ class Executor:
         with self._lock:
             self._memory.store(record)
             self.record = record
-            self._announce(record)
+            self._tell(record)
 
     def carry_out(self, task: _Task) -> Record:
         """Deploy or remove; return the record with the result.
@@ -185,9 +185,12 @@ class Executor:
             self.record = record
             if record.state == before.state:
                 return
-            self._announce(record)
-            cause = f": {record.cause}" if record.cause else ""
-            self.report.line(f"{record.label or 'the stack'} is {record.state}{cause}")
+            self._tell(record)
+
+    def _tell(self, record: Record) -> None:
+        self._announce(record)
+        cause = f": {record.cause}" if record.cause else ""
+        self.report.line(f"{record.label or 'the stack'} is {record.state}{cause}")
 
     def _look_again(self) -> None:
         """Check whether what was deployed still runs and is ready, and announce changes."""
@@ -256,13 +259,15 @@ def describe_record(record: Record) -> Outcome:
     if record.state == "failed":
         return Outcome(Stage.FAILED, record.cause)
     if record.is_open:
-        return Outcome(Stage.ACCEPTED)
-    return Outcome(Stage.DONE)
+        return Outcome(Stage.ACCEPTED, "stored")
+    return Outcome(Stage.DONE, record.state)
 
 
 def describe(error: RigelK8sError) -> str:
     """Return an error as one text for the sender."""
     if isinstance(error, ProblemsError):  # without the lines of the file and their marks
         return "; ".join(text.splitlines()[0] for text in error.details[:MOST_DETAILS])
-    details = [line.strip() for text in error.details for line in text.splitlines()]
+    lines = [line.strip() for text in error.details for line in text.splitlines()]
+    causes = {line: line.partition(": ")[2] or line for line in lines}
+    details = [line for line, cause in causes.items() if cause not in error.message]
     return "; ".join([error.message, *details[:MOST_DETAILS], *filter(None, [error.hint])])

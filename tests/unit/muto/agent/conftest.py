@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -39,12 +40,17 @@ def stack(identifier: str, *names: str, **more: Any) -> str:
 
 @attrs.define
 class Agent:
-    """An agent without a broker; `run` starts one, as if the one before was killed."""
+    """An agent without a broker; `run` starts one, as if the one before was killed.
+
+    Attributes:
+        looking: held while an agent looks at the release, or while a test keeps it from looking.
+    """
 
     fake: FakeCluster
     report: Recorder
     directory: Path
     states: list[tuple[str, str]] = attrs.field(factory=list)
+    looking: threading.Lock = attrs.field(factory=threading.Lock)
     _running: list[Executor] = attrs.field(factory=list)
 
     def run(self, allowance: Allowance = ALL, *, timeout: float = 30) -> Executor:
@@ -85,6 +91,13 @@ def agent(
     monkeypatch.setattr(application, "connect", lambda settings: fake)
     monkeypatch.setattr(reading, "read_graph", lambda cluster, release: RosGraph())
     monkeypatch.setattr(executors, "LOOK", 0.1)
+    look = Application.look
+
+    def look_alone(self: Application) -> tuple[int, list[str]]:
+        with made.looking:
+            return look(self)
+
+    monkeypatch.setattr(Application, "look", look_alone)
     job = {
         "namespace": RELEASE.namespace,
         "deployment_name": RELEASE.name,

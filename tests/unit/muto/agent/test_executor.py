@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from rigel_k8s.commands.mutoagent.application import Application
-from rigel_k8s.commands.mutoagent.executor import Executor
-from rigel_k8s.errors import ClusterError, NotFoundError
+from rigel_k8s.commands.mutoagent.executor import Executor, describe
+from rigel_k8s.errors import ClusterError, NotFoundError, RigelK8sError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.muto.agent.allowance import Allowance
 from rigel_k8s.muto.agent.commands import Apply, Kill, Stage, Start, Unavailable
@@ -161,6 +161,16 @@ def names(pod: Any, name: str) -> bool:
     return bool(pod["metadata"]["labels"]["app.kubernetes.io/name"] == name)
 
 
+def test_a_cause_is_told_once() -> None:
+    """The details of an error repeat it with the workload's name, once for each container."""
+    cause = "image a:1 cannot be pulled"
+    details = [f"Deployment m: {cause}", f"Deployment m: {cause}", "Deployment n: no room\nnode1"]
+    error = RigelK8sError(f"m did not become ready: {cause}", details=details, hint="look at m")
+    assert describe(error) == (
+        f"m did not become ready: {cause}; Deployment n: no room; node1; look at m"
+    )
+
+
 def test_an_agent_finishes_what_the_one_before_has_begun(agent: Agent) -> None:
     """The command was stored before it was acknowledged."""
     controllers: Any = agent.fake.store.controllers
@@ -216,7 +226,8 @@ def test_what_others_deploy_is_not_the_agents(agent: Agent) -> None:
     down(agent.fake, RELEASE, volumes=False, report=agent.report)  # type: ignore[arg-type]
     executor.submit(Start(stack_id="org:a"))
     agent.until("org:a", "active")
-    down(agent.fake, RELEASE, volumes=False, report=agent.report)  # type: ignore[arg-type]
+    with agent.looking:  # in the middle of it there would be another cause
+        down(agent.fake, RELEASE, volumes=False, report=agent.report)  # type: ignore[arg-type]
     agent.until("org:a", "failed")
     assert "there is no release robot" in executor.record.cause
 

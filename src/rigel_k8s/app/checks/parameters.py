@@ -62,7 +62,8 @@ def check_parameters(options: ParameterOptions, ros: Ros) -> Iterator[Problem]:
     """
     for key, name, value in flat_values(options.parameters) if ros == "2" else ():
         if isinstance(value, list) and not is_list_of_one_type(value):
-            message = f'the list "{name}" must have values of one type'
+            dotted = name.replace("/", ".")
+            message = f'the list "{dotted}" must have values of one type'
             yield Problem(("parameters", key), message, "bad-parameter", at_key=True)
     for key, name in flat_keys(options.parameters) if ros == "1" else ():
         yield from check_name(("parameters", key), name)

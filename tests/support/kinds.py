@@ -54,6 +54,7 @@ MAKERS: Mapping[str, Sequence[Maker]] = {
     "lose": [Maker(PROBLEM, 3, "muto")],
     "_lose": [Maker(PROBLEM, 3, "muto")],
     "_lose_parameter": [Maker(PROBLEM, 3, "muto/nodes.py")],
+    "_lose_with_advice": [Maker(PROBLEM, 3, "muto/nodes.py")],
     "PreflightFinding": [Maker(PREFLIGHT, 0)],
     "_overlapping": [Maker(PREFLIGHT, 0, "network/preflight")],
     "GraphFinding": [Maker(GRAPH, 0)],

@@ -124,7 +124,7 @@ def text_at(content: Mapping[str, YamlNode], key: str) -> str:
 
 
 def name_at(content: Mapping[str, YamlNode], key: str) -> str:
-    """Return a name or an id, "" where there is none. Raises Unreadable for another type."""
+    """Return a name or an id, "" without the key. Raises Unreadable for another type."""
     node = content.get(key)
     if node is None or is_empty(node):
         return ""

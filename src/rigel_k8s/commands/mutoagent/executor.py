@@ -156,7 +156,7 @@ class Executor:
         with self._lock:
             self._memory.store(record)
             self.record = record
-            self._tell(record)
+            self._publish(record)
 
     def carry_out(self, task: _Task) -> Record:
         """Deploy or remove; return the record with the result.
@@ -183,11 +183,10 @@ class Executor:
             except RigelK8sError as error:  # after a restart it is determined again
                 self.report.warn(f"cannot store the agent's record: {error.message}")
             self.record = record
-            if record.state == before.state:
-                return
-            self._tell(record)
+            if (record.state, record.cause) != (before.state, before.cause):
+                self._publish(record)
 
-    def _tell(self, record: Record) -> None:
+    def _publish(self, record: Record) -> None:
         self._announce(record)
         cause = f": {record.cause}" if record.cause else ""
         self.report.line(f"{record.label or 'the stack'} is {record.state}{cause}")
@@ -201,11 +200,12 @@ class Executor:
             revision, faults = self._application.look()
         except RigelK8sError:
             return  # an unreachable cluster is not a change
-        if record.revision not in (0, revision) and not faults:
+        is_foreign = revision != 0 and record.revision not in (0, revision)
+        if is_foreign:
             faults = [f"revision {revision} of the release is not from this command"]
         state: State = "failed" if faults else "active"
         changed = attrs.evolve(record, state=state, revision=record.revision or revision)
-        if state != record.state:
+        if is_foreign or state != record.state:  # else the first cause says more than later ones
             changed = attrs.evolve(changed, cause="; ".join(faults))
         if changed != record:
             self.finish(changed)

@@ -50,6 +50,7 @@ class Agent:
     report: Recorder
     directory: Path
     states: list[tuple[str, str]] = attrs.field(factory=list)
+    causes: list[str] = attrs.field(factory=list)
     looking: threading.Lock = attrs.field(factory=threading.Lock)
     _running: list[Executor] = attrs.field(factory=list)
 
@@ -69,6 +70,7 @@ class Agent:
 
     def announce(self, record: Record) -> None:
         self.states.append((record.label, record.state))
+        self.causes.append(record.cause)
 
     def until(self, *state: str) -> None:
         until(lambda: self.states[-1] == state, f"{state}, now {self.states}")

@@ -234,7 +234,7 @@ def test_other_targets_and_who_cannot_be_answered_are_ignored(request_: Any) -> 
         (write("POST", deploy({"name": "a", "properties": "x"})), '"properties" must'),
         (write("POST", deploy(component(method="kill"))), 'requests "kill"'),
         (write("POST", deploy(component(action=5))), '"action" must'),
-        (write("POST", deploy(component(method="apply", action="kill"))), 'asks for "kill"'),
+        (write("POST", deploy(component(method="apply", action="kill"))), 'requests "kill"'),
         (write("POST", deploy(component(data=None))), "base64 or an object"),
         (write("POST", deploy(component(data="%%"))), "not base64"),
         (write("POST", deploy(component(data=pack(b"\x1f\x8bx")))), "ends too early"),

@@ -1,11 +1,7 @@
 # Sourced by each example's `demo`: a cluster of its own (or CONTEXT=... and REGISTRY=...), with a
-# base image that the example is built on. Sets CONTEXT, REGISTRY, BASE_IMAGE; defines say and rigel.
+# base image that the example is built on. Sets CONTEXT, REGISTRY, BASE_IMAGE; defines say, step and rigel.
 
-say() {
-  local bold="" plain=""
-  [ -t 1 ] && bold=$'\033[1m' plain=$'\033[0m'
-  printf '\n%s==> %s%s\n' "$bold" "$*" "$plain"
-}
+. "$(dirname "${BASH_SOURCE[0]}")/../tools/steps.sh"
 
 rigel() { rigel-k8s --context "$CONTEXT" "$@"; }
 
@@ -37,7 +33,8 @@ local_cluster() {
 base_image() {
   if [ "$CONTEXT" = "rigel-$cluster" ]; then
     BASE_IMAGE="$REGISTRY/ros:$2"
-    say "A base image from packages, as $BASE_IMAGE"
+    step "Building a base image from packages, as $BASE_IMAGE" \
+      tail --pid="$base_image_build" -n +1 -f "$base_image_log"
     wait "$base_image_build" || { cat "$base_image_log" >&2; exit 1; }
     rigel-k8s image "$1" --push "$BASE_IMAGE"
   fi

@@ -33,6 +33,8 @@ def test_the_tests_decide(tmp_path: Path, code: int) -> None:
         (root / name).write_text("")
     (root / ".venv/.installed-dev").write_text(f"{hashlib.sha256(b'').hexdigest()}  -\n")
     shutil.copy(RUN, root)
+    (root / "tools").mkdir()
+    shutil.copy(RUN.parent / "tools/steps.sh", root / "tools")
     done = subprocess.run(
         [root / "run", "test"],
         env={**os.environ, "CODE": str(code), "RIGEL_VENV": "", "RIGEL_TEST_CONTEXT": ""},

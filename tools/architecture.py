@@ -47,7 +47,7 @@ WORDS = {
     "system": "files, programs, connections",
 }
 
-WIDTH, BOX, HEIGHT, GAP, ROW, MARGIN = 1000, 190, 46, 30, 84, 24
+BOX, HEIGHT, GAP, ROW, MARGIN = 180, 46, 20, 84, 24
 STYLE = """
     text { font: 14px system-ui, sans-serif; fill: #1f2328; text-anchor: middle }
     .words { font-size: 11px; fill: #59636e }
@@ -110,13 +110,18 @@ def reduce_pairs(pairs: set[tuple[str, str]]) -> set[tuple[str, str]]:
     return {(a, b) for a, b in pairs if not any(b in reach(c) for c in below[a] if c != b)}
 
 
+def width_of(row: Sequence[str]) -> int:
+    """Return the width of a layer's boxes."""
+    return len(row) * BOX + (len(row) - 1) * GAP
+
+
 def places(rows: Sequence[Sequence[str]]) -> dict[str, tuple[float, float]]:
     """Return the middle of each box's upper edge."""
     found: dict[str, tuple[float, float]] = {}
+    middle = max(map(width_of, rows)) / 2 + MARGIN
     for number, row in enumerate(rows):
-        whole = len(row) * BOX + (len(row) - 1) * GAP
         for index, name in enumerate(row):
-            left = (WIDTH - whole) / 2 + index * (BOX + GAP)
+            left = middle - width_of(row) / 2 + index * (BOX + GAP)
             found[name] = (left + BOX / 2, MARGIN + number * ROW)
     return found
 
@@ -124,15 +129,16 @@ def places(rows: Sequence[Sequence[str]]) -> dict[str, tuple[float, float]]:
 def draw(rows: Sequence[Sequence[str]], pairs: set[tuple[str, str]]) -> str:
     """Return the picture as SVG."""
     at = places(rows)
+    width = 2 * MARGIN + max(map(width_of, rows))
     height = 2 * MARGIN + (len(rows) - 1) * ROW + HEIGHT
     return "\n".join(
         [
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}" role="img">',
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" role="img">',
             "  <title>The packages of rigel-k8s and their imports</title>",
             f"  <style>{STYLE}  </style>",
             '  <defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="7"'
             ' markerHeight="7" orient="auto"><path d="M0 0 L6 3 L0 6 z"/></marker></defs>',
-            *(arrow(at[a], at[b]) for a, b in sorted(pairs) if a in at and b in at),
+            *(arrow(at[a], at[b], width / 2) for a, b in sorted(pairs) if a in at and b in at),
             *(box(name, *middle) for name, middle in at.items()),
             "</svg>",
             "",
@@ -140,11 +146,11 @@ def draw(rows: Sequence[Sequence[str]], pairs: set[tuple[str, str]]) -> str:
     )
 
 
-def arrow(start: tuple[float, float], end: tuple[float, float]) -> str:
-    """Return one arrow; one over several layers bends aside."""
+def arrow(start: tuple[float, float], end: tuple[float, float], middle: float) -> str:
+    """Return one arrow; one over several layers bends aside, away from the middle."""
     (x1, y1), (x2, y2) = start, end
     y1 += HEIGHT
-    aside = 0 if y2 - y1 < ROW else (1 if x1 + x2 >= WIDTH else -1) * (y2 - y1) * 0.22
+    aside = 0 if y2 - y1 < ROW else (1 if x1 + x2 >= 2 * middle else -1) * (y2 - y1) * 0.22
     bend = f"{x1 + aside:.0f} {y1 + (y2 - y1) / 2:.0f} {x2 + aside:.0f} {y1 + (y2 - y1) / 2:.0f}"
     return f'  <path d="M{x1:.0f} {y1} C{bend} {x2:.0f} {y2}" marker-end="url(#tip)"/>'
 

@@ -2,7 +2,8 @@
 
 A page links to a file of the repository by its relative path. The site has only docs/, so such a
 link becomes one to the file on GitHub, and such a picture is copied into the site. In the code of
-a table, GitHub needs `\\|` for a bar; the site would show the backslash.
+a table, GitHub needs `\\|` for a bar; the site would show the backslash. The page of options gets a
+class, by which docs/site.css shows a table's cells below each other on a narrow screen.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ ROOT = Path(__file__).parents[1]
 GITHUB = "https://github.com/rigel-k8s/rigel-k8s/blob/main"
 LINK = re.compile(r"(!?)\[([^]]*)\]\(([^)\s]+)\)")
 PICTURES = "pictures"
+OPTIONS = "reference.md"
 ROW = re.compile(r"^\|.*", re.MULTILINE)
 CODE = re.compile(r"`[^`]*`")
 
@@ -36,6 +38,11 @@ def on_page_markdown(markdown: str, *, page: Page, config: Any, files: Files) ->
         return f"![{text}]({include(path, page, config, files)})"
 
     return ROW.sub(show_bars, LINK.sub(replace, markdown))
+
+
+def on_page_content(html: str, *, page: Page, config: Any, files: Files) -> str:
+    """Return a page's HTML, in an element with a class if its tables are those of options."""
+    return f'<div class="options">{html}</div>' if page.file.src_uri == OPTIONS else html
 
 
 def show_bars(row: re.Match[str]) -> str:

@@ -18,6 +18,16 @@ def test_the_picture_shows_the_code_as_it_is() -> None:
     assert PICTURE.read_text("utf-8") == picture()
 
 
+def test_nothing_is_cut_off_at_the_edges() -> None:
+    """Not even the widest layer."""
+    _, _, width, height = map(float, re.findall(r'svg" viewBox="([^"]*)"', picture())[0].split())
+    boxes = re.findall(r'<rect x="(\S+)" y="(\S+)" width="(\S+)" height="(\S+)"', picture())
+    assert boxes
+    for x, y, wide, high in (map(float, box) for box in boxes):
+        assert 0 < x < x + wide < width
+        assert 0 < y < y + high < height
+
+
 def test_each_package_is_in_the_picture_and_in_the_table() -> None:
     """A new package has a layer, words and a row."""
     there = {path.name for path in (ROOT / "src" / "rigel_k8s").iterdir() if path.is_dir()}

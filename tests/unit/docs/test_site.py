@@ -74,6 +74,14 @@ def test_bars_in_tables_have_no_backslash(site: Path) -> None:
     assert [page for page in site.rglob("*.html") if "\\|" in page.read_text("utf-8")] == []
 
 
+def test_only_the_tables_of_options_have_their_class(site: Path) -> None:
+    """Where a screen is narrow, their cells are below each other; others would lose their heads."""
+    css = (site / "site.css").read_text("utf-8")
+    assert ".options table" in css
+    with_class = [p for p in site.rglob("*.html") if 'class="options"' in p.read_text("utf-8")]
+    assert with_class == [site / "reference/index.html"]
+
+
 @pytest.fixture
 def small(tmp_path: Path) -> Path:
     """A project with this one's configuration and a single page."""

@@ -1,7 +1,8 @@
 """A program in a real terminal of a known size, and what is on its screen.
 
-The screen understands what our programs write: text, line ends, carriage returns, colors, and
-moves by line. Anything else fails a test, so that a new control sequence is looked at first.
+The screen understands what our programs write: text, line ends, carriage returns, colors, moves
+by line, and a second screen. Anything else fails a test, so that a new control sequence is looked
+at first.
 """
 
 from __future__ import annotations
@@ -135,6 +136,7 @@ class _Screen:
         self._columns = columns
         self.lines: list[list[str]] = [[]]
         self._row = self._column = 0
+        self._first: tuple[list[list[str]], int, int] | None = None
 
     def write(self, text: str) -> None:
         for one in text:
@@ -152,7 +154,14 @@ class _Screen:
         private, numbers, letter = sequence.groups()
         count = int(numbers) if numbers.isdigit() else 1
         line = self.lines[self._row]
-        if letter == "A":
+        if private and numbers == "1049":
+            self._switch(second=letter == "h")
+        elif self._first and not numbers and letter == "H":
+            self._row = self._column = 0
+        elif letter == "J" and not numbers:
+            del line[self._column :]
+            del self.lines[self._row + 1 :]
+        elif letter == "A":
             self._move(max(0, self._row - count))
         elif letter == "K" and numbers == "2":
             line.clear()
@@ -160,6 +169,15 @@ class _Screen:
             del line[self._column :]
         else:
             assert letter == "m" or (private and numbers in ("25", "2026")), sequence[0]
+
+    def _switch(self, *, second: bool) -> None:
+        """Begin on an empty screen, or go back to the first one."""
+        if second:
+            self._first = self.lines, self._row, self._column
+            self.lines, self._row, self._column = [[]], 0, 0
+        elif self._first:
+            self.lines, self._row, self._column = self._first
+            self._first = None
 
     def _put(self, one: str) -> None:
         if self._column == self._columns:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import attrs
 import click
 
+from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.words import is_quiet, json_option, print_json
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ def status(name: str, output: str) -> int:
     state = "running" if found.running else "not running"
     click.echo(f"Cluster {name}: {state}, Kubernetes {found.kubernetes}")
     for problem in found.problems:
-        click.secho(f"  {problem}", fg="yellow")
+        click.secho(f"  {problem}", fg=WARNING)
     click.echo(f"  context   {found.context}")
     click.echo(f"  registry  {found.registry} (plain HTTP)")
     if found.kubectl:

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import click
 
 from rigel_k8s import __version__, signals
+from rigel_k8s.cli.colors import choose_color
 from rigel_k8s.cli.width import find_width
 from rigel_k8s.errors import RigelK8sError
 
@@ -130,8 +131,7 @@ def cli(ctx: click.Context, /, **options: Any) -> None:
     """ROS applications on Kubernetes from one Rigelfile."""
     ctx.obj = {} if ctx.obj is None else ctx.obj
     ctx.obj.update(options)
-    if options["no_color"] or os.environ.get("NO_COLOR"):
-        ctx.color = False
+    ctx.color = choose_color(no_color=options["no_color"])
     if options["trust"]:
         from rigel_k8s.system.trust import trust
 
@@ -190,7 +190,7 @@ def run(words: list[str], name: str | None) -> int:
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except RigelK8sError as error:
-        color = False if options.get("no_color") or os.environ.get("NO_COLOR") else None
+        color = choose_color(no_color=bool(options.get("no_color")))
         show(error, causes=bool(options.get("verbose")), color=color)
         return error.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
@@ -200,7 +200,7 @@ def run(words: list[str], name: str | None) -> int:
         error.show()
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
-        click.echo("interrupted", err=True)
+        click.echo("\ninterrupted" if sys.stderr.isatty() else "interrupted", err=True)
         return INTERRUPTED
     except BrokenPipeError:
         # The reader of our output has ended (`| head`): this is not an error.

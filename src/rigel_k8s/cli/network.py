@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import attrs
 import click
 
+from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.words import Timeout, choose_reporter, json_option, print_json, settings
 from rigel_k8s.errors import UserError
 
@@ -193,7 +194,7 @@ def show(found: NetworkStatus) -> None:
     click.echo(f"\n{table(heads, rows)}")
     problems: list[Missing | Unkept] = [*found.missing, *found.unkept]
     for wrong in problems:
-        click.secho(f"\n{wrong}", fg="yellow", nl=False)
+        click.secho(f"\n{wrong}", fg=WARNING, nl=False)
         click.echo(f"\n  kubectl -n {wrong.namespace} delete pod {wrong.pod}")
 
 

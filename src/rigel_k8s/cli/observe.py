@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import attrs
 import click
 
+from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.words import Timeout, choose_reporter, json_option, print_json, settings
 
 if TYPE_CHECKING:
@@ -146,5 +147,5 @@ def show_status(found: ObserveStatus) -> None:
     click.echo("\n" + table(["PART", "IN ORDER", ""], rows))
     for alert in found.alerts:
         about = ", ".join(f"{name} {value}" for name, value in sorted(alert.labels.items()))
-        click.secho(f"\n{alert.name}: {alert.summary or about}", fg="yellow", nl=False)
+        click.secho(f"\n{alert.name}: {alert.summary or about}", fg=WARNING, nl=False)
         click.echo(f"\n  since {alert.since}; {about}")

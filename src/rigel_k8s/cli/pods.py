@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from rigel_k8s.cli.colors import name_style
 from rigel_k8s.cli.words import Timeout, complete_node, namespace_option, release_option, settings
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.logs.lines import LogLine
 
 LEVELS = ("debug", "info", "warn", "error", "fatal")
-COLORS = ("cyan", "green", "magenta", "yellow", "blue", "bright_cyan", "bright_green")
 
 
 @click.command()
@@ -81,14 +81,14 @@ def logs(
         level=level,
         parsed=output == "json",
     )
-    colors: dict[str, str] = {}
+    styles: dict[str, dict[str, Any]] = {}
     for line in lines_of(settings(ctx), nodes, options, job):
         if output == "json" and not line.note:
             click.echo(json.dumps(line_json(line)))
             continue
-        color = colors.setdefault(line.workload, COLORS[len(colors) % len(COLORS)])
+        style = styles.setdefault(line.workload, name_style(len(styles)))
         alone = (len(nodes) == 1 and not line.note) or not line.workload
-        prefix = "" if alone else click.style(f"[{line.workload}] ", fg=color)
+        prefix = "" if alone else click.style(f"[{line.workload}] ", **style)
         click.echo(prefix + text_of(line, timestamps=timestamps), err=line.note)
 
 

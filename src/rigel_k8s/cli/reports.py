@@ -14,6 +14,9 @@ from typing import Any
 
 import click
 
+from rigel_k8s.cli.colors import WARNING, is_dumb
+from rigel_k8s.cli.width import shorten
+
 
 class Lines:
     """One line for each report; a progress row's line only if its state changes."""
@@ -31,7 +34,7 @@ class Lines:
 
     def warn(self, text: str) -> None:
         """Print a warning, even if quiet."""
-        self._print(click.style("warning: ", fg="yellow", bold=True) + text)
+        self._print(click.style("warning: ", fg=WARNING, bold=True) + text)
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
         """Print the state of one thing if it changed."""
@@ -66,7 +69,7 @@ class Rows:
         """Print a warning above the rows."""
         from rich.text import Text
 
-        warning = Text("warning: ", style="bold yellow") + Text(self._prefix + text)
+        warning = Text("warning: ", style=f"bold {WARNING}") + Text(self._prefix + text)
         self._live.console.print(warning, soft_wrap=True)
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
@@ -106,18 +109,35 @@ class _Table:
             self._done.add(key)
             return new
 
-    def __rich__(self) -> Any:
-        from rich.table import Table
+    def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
+        """Yield a line for each row that fits: name, state as far as there is room, age.
 
-        grid = Table.grid(padding=(0, 1))
-        grid.add_column(style="cyan")
-        grid.add_column(no_wrap=True, overflow="ellipsis")
-        grid.add_column(style="dim", justify="right")
+        The ^C that the terminal writes behind the last line must not begin a line of its own.
+        """
+        from rich.text import Text
+
         with self._lock:
             now = time.monotonic()
-            for key, (state, started) in self._rows.items():
-                grid.add_row(f"  {key}", state, f"{now - started:.0f}s")
-        return grid
+            rows = [(k, " ".join(s.split()), f"{now - t:.0f}s") for k, (s, t) in self._rows.items()]
+        fit = max(1, console.size.height - 2)
+        hidden = len(rows) - fit
+        if hidden > 0:
+            rows, more = rows[:fit], f"  ... and {hidden} more"
+        width = options.max_width - len("^C")
+        names = min(width // 2, max((len(key) for key, _, _ in rows), default=0) + 2)
+        ages = max((len(age) for _, _, age in rows), default=0)
+        room = max(1, width - names - ages - 2)
+        for key, state, age in rows:
+            line = Text().append(shorten(f"  {key}", names).ljust(names), style="cyan")
+            line.append(f" {cut(state, room).ljust(room)}")
+            yield line.append(f" {age:>{ages}}", style="dim")
+        if hidden > 0:
+            yield Text(more[:width], style="dim")
+
+
+def cut(text: str, width: int) -> str:
+    """Return the beginning of a text."""
+    return text if len(text) <= width else f"{text[: width - 1]}…"
 
 
 @contextmanager
@@ -126,11 +146,13 @@ def reporter(*, quiet: bool = False, plain: bool = False) -> Iterator[Lines | Ro
 
     Both write to standard error: standard output is for results.
     """
-    if quiet or plain or not sys.stderr.isatty():
+    if quiet or plain or is_dumb() or not sys.stderr.isatty():
         yield Lines(quiet=quiet)
         return
     from rich.console import Console
     from rich.live import Live
 
-    with Live(console=Console(stderr=True), refresh_per_second=8, transient=True) as live:
+    with Live(
+        console=Console(stderr=True, force_terminal=True), refresh_per_second=8, transient=True
+    ) as live:
         yield Rows(live)

@@ -6,11 +6,14 @@ import json
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from rigel_k8s.cli.colors import is_dumb
+from rigel_k8s.cli.screen import Screen
 from rigel_k8s.cli.words import Timeout, namespace_option, release_argument, settings
 
 if TYPE_CHECKING:
@@ -21,7 +24,6 @@ FORMS = ("text", "json", "dot", "mermaid", "svg")
 #: The format by a file's suffix.
 ENDINGS = {".txt": "text", ".json": "json", ".dot": "dot", ".gv": "dot", ".mmd": "mermaid"}
 ENDINGS |= {".mermaid": "mermaid", ".svg": "svg"}
-HOME = "\x1b[H\x1b[2J\x1b[3J"  # to the top left of an empty terminal
 
 
 @click.command()
@@ -85,6 +87,23 @@ def follow(
     everything: bool,
 ) -> None:
     """Show the graph repeatedly; an error is printed and does not end it."""
+    live = to is None and form == "text" and sys.stdout.isatty() and not is_dumb()
+    screen = Screen() if live else None
+    with screen or nullcontext():
+        look(ctx, form, to, interval, job, screen, everything=everything)
+
+
+def look(
+    ctx: click.Context,
+    form: str,
+    to: Path | None,
+    interval: float,
+    job: str | None,
+    screen: Screen | None,
+    *,
+    everything: bool,
+) -> None:
+    """Show the graph on a screen, or append it, until Ctrl-C."""
     from rigel_k8s.commands import graph as actions
     from rigel_k8s.errors import ClusterError
 
@@ -97,9 +116,10 @@ def follow(
                 time.sleep(interval)
                 continue
             text = click.style(error.message, fg="red") + "\n"
-        if to is None and form == "text" and sys.stdout.isatty():
-            sys.stdout.write(HOME)  # not by click, which treats it as a colour
-        show(text, to)
+        if screen:
+            screen.show(text)
+        else:
+            show(text, to)
         time.sleep(interval)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timezone
 from typing import Any
@@ -9,8 +10,10 @@ from typing import Any
 import attrs
 import click
 
+from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.gates import gate_lines
 from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
+from rigel_k8s.cli.width import find_room, shorten
 from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
@@ -19,14 +22,51 @@ from rigel_k8s.rosgraph.gate import GateStatus
 
 #: The kind of a node that its roscore has forgotten: in ROS 1 nothing registers it again.
 ORPHAN = "orphan"
+GAP = "  "
+#: Columns that a cell keeps, however narrow the terminal is.
+LEAST = 8
+#: What a narrow terminal does without, first the first.
+OPTIONAL = ("IMAGE", "ROS NAME", "AGE", "INTERFACE")
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return rows below heads, in columns as wide as their widest cell."""
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]], optional: Sequence[str] = ()) -> str:
+    """Return rows below heads, in columns as wide as their widest cell.
+
+    In a terminal a row is no longer than a line: the widest columns are narrowed, and where that
+    is not enough, the optional ones are left out, one after the other.
+    """
     everything = [list(heads), *[list(row) for row in rows]]
-    widths = [max(len(row[i]) for row in everything) for i in range(len(heads))]
-    lines = ["  ".join(c.ljust(w) for c, w in zip(r, widths, strict=True)) for r in everything]
+    room = find_room(sys.stdout)
+    for name in (None, *optional):
+        if name in heads:
+            left_out = everything[0].index(str(name))
+            everything = [[*row[:left_out], *row[left_out + 1 :]] for row in everything]
+        whole = [max(map(len, column)) for column in zip(*everything, strict=True)]
+        least = [max(len(head), LEAST) for head in everything[0]]
+        widths = narrow(whole, least, room)
+        if room is None or line_width(widths) <= room:
+            break
+    lines = [
+        GAP.join(shorten(cell, width).ljust(width) for cell, width in zip(row, widths, strict=True))
+        for row in everything
+    ]
     return "\n".join(line.rstrip() for line in lines)
+
+
+def line_width(widths: Sequence[int]) -> int:
+    """Return the columns that a row takes."""
+    return sum(widths) + len(GAP) * (len(widths) - 1)
+
+
+def narrow(widths: Sequence[int], least: Sequence[int], room: int | None) -> list[int]:
+    """Return the widths of columns, the widest ones narrowed, but no further than needed."""
+    found = list(widths)
+    while room is not None and line_width(found) > room:
+        wide = [(width, i) for i, width in enumerate(found) if width > least[i]]
+        if not wide:
+            break
+        found[max(wide)[1]] -= 1
+    return found
 
 
 def status_text(
@@ -41,10 +81,10 @@ def status_text(
     if graph is not None:
         heads[5:5] = HEADS
     rows = [row for workload in found.workloads for row in rows_of(workload, now, graph)]
-    parts = [headline(found), table(heads, rows) if rows else "nothing runs"]
+    parts = [headline(found), table(heads, rows, OPTIONAL) if rows else "nothing runs"]
     lines = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
     lines += gate_lines(gate, found) if gate is not None else ()
-    reasons = "\n".join(click.style(reason, fg="yellow") for reason in lines)
+    reasons = "\n".join(click.style(reason, fg=WARNING) for reason in lines)
     return "\n\n".join(part for part in (*parts, reasons, way_out(found)) if part)
 
 

@@ -9,9 +9,22 @@ from typing import TextIO
 WITHOUT_TERMINAL = 160
 
 
+def find_room(stream: TextIO) -> int | None:
+    """Return the columns of a stream's terminal, None if it has no limit, as a file."""
+    return find_width(stream) if stream.isatty() else None
+
+
 def find_width(stream: TextIO) -> int:
     """Return the columns of a stream's terminal."""
     try:
         return os.get_terminal_size(stream.fileno()).columns or WITHOUT_TERMINAL
     except (OSError, ValueError):  # not a terminal, or not a file at all
         return WITHOUT_TERMINAL
+
+
+def shorten(text: str, width: int) -> str:
+    """Return a text without its middle: names differ at their ends."""
+    if len(text) <= width:
+        return text
+    begin = (width - 1) // 2
+    return f"{text[:begin]}…{text[len(text) - (width - 1 - begin) :]}"

@@ -10,7 +10,7 @@ from typing import Any
 import attrs
 import pytest
 
-from rigel_k8s.cli import main, rosgraph
+from rigel_k8s.cli import main, rosgraph, screen
 from rigel_k8s.commands import graph as actions
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, UserError
@@ -179,10 +179,18 @@ def test_a_file_that_cannot_be_written_is_the_users_error(
     assert "cannot write" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("term", ["xterm", "dumb"])
 def test_watching_redraws_a_terminal_without_colours_too(
-    found: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    term: str,
+    found: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """A failure is shown in the graph's place."""
+    """On its second screen, so that what was there before stays; the last graph is left below it.
+
+    A failure is shown in the graph's place. A terminal that cannot redraw gets one graph after the
+    other.
+    """
     found[:] = [live(RosGraph()), ClusterError("roscore does not run")]
     pauses = iter([None])
 
@@ -192,10 +200,11 @@ def test_watching_redraws_a_terminal_without_colours_too(
 
     monkeypatch.setattr(rosgraph.time, "sleep", sleep)
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", term)
     assert main.run(["--no-color", "graph", "-w"], "rigel") == 130
-    first = "release explorer in namespace robots\n"
-    told = capsys.readouterr().out
-    assert told == f"{rosgraph.HOME}{first}{rosgraph.HOME}roscore does not run\n"
+    first, last = "release explorer in namespace robots\n", "roscore does not run\n"
+    live_text = f"{screen.ENTER}{screen.TOP}{first}{screen.TOP}{last}{screen.LEAVE}{last}"
+    assert capsys.readouterr().out == (first + last if term == "dumb" else live_text)
 
 
 def test_watching_goes_on_through_failures(

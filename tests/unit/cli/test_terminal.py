@@ -1,0 +1,177 @@
+"""What is in a terminal while a command runs, and after it: widths, colors, rows, Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rigel_k8s.cli import colors
+from tests.support.terminal import Terminal, open_terminal
+
+SOURCES = Path(colors.__file__).parents[1]
+#: A status of DDS nodes: the widest table there is.
+TABLE = """
+from rigel_k8s.cli.tables import OPTIONAL, table
+heads = ["NODE", "ROS NAME", "READY", "POD", "ON", "INTERFACE", "ADDRESS", "DISCOVERED", "RESTARTS"]
+heads += ["AGE", "IMAGE"]
+row = ["talker", "/robot/front/talker", "1/1", "talker-7d8f9c6b5-x2x4z", "node2", "net1"]
+row += ["10.244.1.13", "2/2", "0", "73s", "10.0.0.2:5000/ros:noetic@sha256:f3d1c0a"]
+print(table(heads, [row], OPTIONAL))
+print(table(["REVISION", "DESCRIPTION"], [["3", "job deploy of demo " + "x" * 100 + " the end"]]))
+"""
+#: Waits with more rows than words fit into, until it is interrupted.
+WAITING = """
+import sys, time
+from rigel_k8s.cli.reports import reporter
+print("before", file=sys.stderr)
+try:
+    with reporter() as report:
+        report.line("a line that stays")
+        report.progress("Deployment listener", "1/1 ready", done=True)
+        for number in range(40):
+            report.progress(f"Deployment talker-{number}", "0/1 ready: " + "a long reason " * 20)
+        time.sleep(60)
+except KeyboardInterrupt:
+    print("interrupted", file=sys.stderr)
+    sys.exit(130)
+"""
+
+
+def python(text: str, columns: int, **environment: str) -> Terminal:
+    """Run a program in a terminal."""
+    environment = {"NO_COLOR": "", "FORCE_COLOR": "", **environment}
+    return open_terminal([sys.executable, "-c", text], environment, columns=columns)
+
+
+@pytest.mark.parametrize("columns", [64, 80, 120, 160])
+def test_a_row_of_a_table_is_a_line_of_the_terminal(columns: int) -> None:
+    """Its columns stay below their heads."""
+    terminal = python(TABLE, columns)
+    assert terminal.end() == 0
+    lines = terminal.text.splitlines()
+    assert len(lines) == 4
+    assert max(map(len, lines)) <= columns
+    assert lines[1].index("2/2") == lines[0].index("DISCOVERED")
+    assert "talk" in lines[1]
+    assert "2x4z" in lines[1], "the end of a name is what differs"
+    assert lines[3].startswith("3         job deploy")
+    assert lines[3].endswith("the end")
+
+
+def test_a_wide_terminal_and_a_pipe_have_everything() -> None:
+    """Scripts cut columns; nothing is left out where there is room."""
+    terminal = python(TABLE, 200)
+    assert terminal.end() == 0
+    done = subprocess.run(
+        [sys.executable, "-c", TABLE], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert terminal.text.replace("\r", "") == done.stdout
+    assert "…" not in done.stdout
+    assert "10.0.0.2:5000/ros:noetic@sha256:f3d1c0a" in done.stdout
+
+
+@pytest.mark.parametrize("columns", [40, 80, 160])
+def test_progress_leaves_only_lines_that_stay(columns: int) -> None:
+    """Also after Ctrl-C, in a narrow terminal, with more rows than it has."""
+    terminal = python(WAITING, columns)
+    terminal.until("talker-10")
+    terminal.press("\x03")
+    assert terminal.end() == 130
+    assert terminal.text.rfind("\x1b[?25h") > terminal.text.rfind("\x1b[?25l"), "no cursor"
+    shown = [line.removeprefix("^C") for line in terminal.screen()]
+    kept = ["before", "a line that stays", "✓ Deployment listener: 1/1 ready", "interrupted"]
+    assert [line for line in shown if line] == kept
+
+
+@pytest.mark.parametrize("term", ["dumb", ""])
+def test_a_dumb_terminal_gets_lines(term: str) -> None:
+    """It can only append, so each change is a line, without colors."""
+    terminal = python(WAITING, 80, TERM=term)
+    terminal.until("talker-39")
+    terminal.press("\x03")
+    assert terminal.end() == 130
+    assert "\x1b" not in terminal.text
+    assert "  Deployment talker-0: 0/1 ready" in terminal.text
+
+
+@pytest.mark.parametrize(
+    ("variables", "colored"),
+    [
+        ({}, False),
+        ({"FORCE_COLOR": "1"}, True),
+        ({"FORCE_COLOR": "1", "NO_COLOR": "1"}, False),
+        ({"FORCE_COLOR": "1", "TERM": "dumb"}, True),
+    ],
+)
+def test_force_color_colors_a_pipe(
+    variables: dict[str, str],
+    colored: bool,  # noqa: FBT001 - pytest passes it by name
+    tmp_path: Path,
+) -> None:
+    """For logs that show colors; NO_COLOR is stronger."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rigel_k8s", "check"],
+        cwd=tmp_path,
+        env={**os.environ, "NO_COLOR": "", "FORCE_COLOR": "", **variables},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "error: " in done.stderr
+    assert ("\x1b" in done.stderr) == colored
+
+
+@pytest.mark.parametrize(("term", "colored"), [("xterm", True), ("dumb", False)])
+def test_a_terminal_has_colors_if_it_can(
+    term: str,
+    colored: bool,  # noqa: FBT001 - pytest passes it by name
+    tmp_path: Path,
+) -> None:
+    """Errors of Emacs' shell are plain text."""
+    terminal = open_terminal(
+        [sys.executable, "-m", "rigel_k8s", "check"],
+        {"TERM": term, "NO_COLOR": "", "FORCE_COLOR": ""},
+        directory=tmp_path,
+    )
+    assert terminal.end() == 2
+    assert ("\x1b" in terminal.text) == colored
+
+
+def test_colors_are_readable_on_white_and_on_black() -> None:
+    """Yellow and what is bright vanish on white, blue on black; nodes of logs take turns."""
+    text = "".join(file.read_text("utf-8") for file in sorted((SOURCES / "cli").glob("*.py")))
+    used = set(re.findall(r'(?:fg|style|column\(style)=f?"([^"]*)"', text))
+    used |= {colors.WARNING, *colors.NAMES, *re.findall(r'"[-+@]": "(\w+)"', text)}
+    assert used <= {"red", "green", "cyan", "magenta", "dim", "bold {WARNING}"}
+    styles = [tuple(colors.name_style(number).items()) for number in range(6)]
+    assert len(set(styles)) == 6
+
+
+def test_interrupted_is_a_line_of_its_own(tmp_path: Path) -> None:
+    """Not the end of the ^C that the terminal writes."""
+    (tmp_path / "Rigelfile").write_text("jobs: {}\n")
+    command = "import sys, time; from rigel_k8s.cli import main; main.cli.main = lambda **_: wait()"
+    command += "\ndef wait(): print('waits', flush=True); time.sleep(60)"
+    command += "\nsys.exit(main.run([], 'rigel'))"
+    terminal = python(command, 80)
+    terminal.until("waits\r\n")
+    terminal.press("\x03")
+    assert terminal.end() == 130
+    assert terminal.screen()[:3] == ["waits", "^C", "interrupted"]
+
+
+def test_sigterm_interrupts_too(tmp_path: Path) -> None:
+    """The terminal is as before."""
+    terminal = python(WAITING, 80)
+    terminal.until("talker-10")
+    os.kill(terminal.process, signal.SIGINT)
+    assert terminal.end() == 130
+    assert [line for line in terminal.screen() if line][-1] == "interrupted"

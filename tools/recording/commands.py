@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import shlex
+import struct
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import attrs
@@ -29,6 +32,8 @@ def run(command: str, directory: Path, *, context: str, live: bool = True) -> Ru
         raise ValueError(f"not a command of rigel: {command}")
     words = [sys.executable, "-m", "rigel_k8s", "--context", context, *words[1:]]
     reader, writer = pty.openpty() if live else os.pipe()
+    if live:
+        fcntl.ioctl(writer, termios.TIOCSWINSZ, struct.pack("HHHH", 24, COLUMNS, 0, 0))
     with subprocess.Popen(
         words,
         cwd=directory,

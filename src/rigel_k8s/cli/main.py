@@ -18,7 +18,7 @@ import click
 
 from rigel_k8s import __version__, signals
 from rigel_k8s.cli.colors import choose_color
-from rigel_k8s.cli.width import find_width
+from rigel_k8s.cli.width import find_width, wrap
 from rigel_k8s.errors import RigelK8sError
 
 INTERRUPTED = 130
@@ -235,7 +235,7 @@ def show(error: RigelK8sError, *, causes: bool = False, color: bool | None = Non
 
         click.echo(format_exc(), err=True, nl=False)
     click.secho("error: ", fg="red", bold=True, nl=False, err=True, color=color)
-    click.echo(error.message, err=True)
+    click.echo(wrap(error.message, sys.stderr, len("error: ")), err=True)
     margin = "  "
     for detail in error.fit_details(find_width(sys.stderr) - len(margin)):
         for line in detail.splitlines():

@@ -13,7 +13,7 @@ import click
 from rigel_k8s.cli.colors import WARNING
 from rigel_k8s.cli.gates import gate_lines
 from rigel_k8s.cli.graphs import HEADS, cells, graph_json, graph_lines
-from rigel_k8s.cli.width import find_room, shorten
+from rigel_k8s.cli.width import find_room, shorten, wrap
 from rigel_k8s.graph.findings import DiscoveryGraph
 from rigel_k8s.objects.marks import REMEDY_ANNOTATION
 from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
@@ -84,7 +84,7 @@ def status_text(
     parts = [headline(found), table(heads, rows, OPTIONAL) if rows else "nothing runs"]
     lines = [*reasons_of(found), *(graph_lines(graph) if graph is not None else ())]
     lines += gate_lines(gate, found) if gate is not None else ()
-    reasons = "\n".join(click.style(reason, fg=WARNING) for reason in lines)
+    reasons = "\n".join(click.style(wrap(reason, sys.stdout), fg=WARNING) for reason in lines)
     return "\n\n".join(part for part in (*parts, reasons, way_out(found)) if part)
 
 

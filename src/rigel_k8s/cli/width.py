@@ -28,3 +28,24 @@ def shorten(text: str, width: int) -> str:
         return text
     begin = (width - 1) // 2
     return f"{text[:begin]}…{text[len(text) - (width - 1 - begin) :]}"
+
+
+def wrap(text: str, stream: TextIO, indent: int = 0) -> str:
+    """Return a text for a stream: in a terminal, its lines end between words.
+
+    Words longer than a line, such as addresses, stay whole. The first line begins in the column
+    `indent`. Not for what users copy, which must stay one line.
+    """
+    room = find_room(stream)
+    if room is None:
+        return text
+    from textwrap import TextWrapper
+
+    wrapper = TextWrapper(
+        room, break_long_words=False, break_on_hyphens=False, replace_whitespace=False
+    )
+    lines: list[str] = []
+    for line in text.split("\n"):
+        wrapper.initial_indent = "" if lines else " " * indent
+        lines.append(wrapper.fill(line)[0 if lines else indent :])
+    return "\n".join(lines)

@@ -76,6 +76,30 @@ def test_a_wide_terminal_and_a_pipe_have_everything() -> None:
     assert "10.0.0.2:5000/ros:noetic@sha256:f3d1c0a" in done.stdout
 
 
+WORDS = """
+import sys
+from rigel_k8s.cli.main import show
+from rigel_k8s.errors import UserError
+address = "https://registry.example:5000/" + "x" * 60
+show(UserError(f"the pod ros-master-5cb9b998cb-92fsp cannot be asked: {address} is unreachable"))
+"""
+
+
+@pytest.mark.parametrize("columns", [30, 40, 80])
+def test_an_error_is_wrapped_between_words(columns: int) -> None:
+    """An address stays whole; without a terminal the message is one line."""
+    terminal = python(WORDS, columns)
+    assert terminal.end() == 0
+    text = re.sub("\x1b\\[[0-9;]*m", "", terminal.text).replace("\r", "")
+    assert all(len(line) <= columns or " " not in line for line in text.splitlines())
+    assert text.count("\n") > 1
+    done = subprocess.run(
+        [sys.executable, "-c", WORDS], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert text.replace("\n", " ").split() == done.stderr.split()
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize("columns", [40, 80, 160])
 def test_progress_leaves_only_lines_that_stay(columns: int) -> None:
     """Also after Ctrl-C, in a narrow terminal, with more rows than it has."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.recording.commands import Run, run
+from tools.recording.commands import COLUMNS, Run, run
 from tools.recording.drawing import draw
 
 ROOT = Path(__file__).parents[3]
@@ -39,6 +39,13 @@ def test_without_motion_one_screen_is_shown() -> None:
 def test_a_command_is_run_for_real(tmp_path: Path, *, live: bool) -> None:
     """In a terminal or not, with what it prints to both of its outputs."""
     assert "no-such" in run("rigel -f no-such check", tmp_path, context="none", live=live).output
+
+
+def test_a_terminal_is_as_wide_as_the_picture(tmp_path: Path) -> None:
+    """What is wider would be outside of it."""
+    (tmp_path / "Rigelfile").write_text("{" + "key: 1, " * 100 + "}")
+    output = run("rigel check", tmp_path, context="none").output
+    assert max(len(line) for line in output.splitlines() if " | " in line) == COLUMNS
 
 
 def test_the_picture_is_of_todays_commands() -> None:

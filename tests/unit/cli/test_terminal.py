@@ -100,11 +100,11 @@ def test_an_error_is_wrapped_between_words(columns: int) -> None:
     assert done.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("columns", [40, 80, 160])
-def test_progress_leaves_only_lines_that_stay(columns: int) -> None:
+@pytest.mark.parametrize(("columns", "rows"), [(40, 40), (40, 3), (80, 3), (160, 40)])
+def test_progress_leaves_only_lines_that_stay(columns: int, rows: int) -> None:
     """Also after Ctrl-C, in a narrow terminal, with more rows than it has."""
-    terminal = python(WAITING, columns)
-    terminal.until("talker-10")
+    terminal = python(WAITING.replace("range(40)", f"range({rows})"), columns)
+    terminal.until("talker-2")
     terminal.press("\x03")
     assert terminal.end() == 130
     assert terminal.text.rfind("\x1b[?25h") > terminal.text.rfind("\x1b[?25l"), "no cursor"

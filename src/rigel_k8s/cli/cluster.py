@@ -10,7 +10,7 @@ import attrs
 import click
 
 from rigel_k8s.cli.colors import WARNING
-from rigel_k8s.cli.words import is_quiet, json_option, print_json
+from rigel_k8s.cli.words import Group, is_quiet, json_option, print_json
 
 if TYPE_CHECKING:
     from rigel_k8s.lab import ClusterStatus
@@ -34,7 +34,7 @@ name_option = click.option(
 )
 
 
-@click.group()
+@click.group(cls=Group)
 def cluster() -> None:
     """A real Kubernetes on this machine, for development and tests.
 

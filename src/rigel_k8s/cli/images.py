@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 
 import click
 
-from rigel_k8s.cli.words import choose_reporter
+from rigel_k8s.cli.words import Group, choose_reporter
 
 Variant: TypeAlias = Literal["core", "devel"]
 Distro: TypeAlias = Literal["jazzy", "kilted"]
@@ -15,7 +15,7 @@ Distro: TypeAlias = Literal["jazzy", "kilted"]
 force_option = click.option("--force", is_flag=True, help="Build the image again.")
 
 
-@click.group()
+@click.group(cls=Group)
 def image() -> None:
     """Images for machines that cannot pull from the internet."""
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from rigel_k8s.cli.words import choose_reporter, namespace_option, settings, warn
+from rigel_k8s.cli.words import Group, choose_reporter, namespace_option, settings, warn
 
 
-@click.group()
+@click.group(cls=Group)
 def muto() -> None:
     """Use stacks of Eclipse Muto, and take its commands.
 

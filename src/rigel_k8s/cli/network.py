@@ -9,7 +9,7 @@ import attrs
 import click
 
 from rigel_k8s.cli.colors import WARNING
-from rigel_k8s.cli.words import Timeout, choose_reporter, json_option, print_json, settings
+from rigel_k8s.cli.words import Group, Timeout, choose_reporter, json_option, print_json, settings
 from rigel_k8s.errors import UserError
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def with_options(*options: Callable[[F], F]) -> Callable[[F], F]:
     return decorate
 
 
-@click.group()
+@click.group(cls=Group)
 def network() -> None:
     """Second networks for pods: Multus and whereabouts on the cluster.
 

@@ -9,7 +9,7 @@ import attrs
 import click
 
 from rigel_k8s.cli.colors import WARNING
-from rigel_k8s.cli.words import Timeout, choose_reporter, json_option, print_json, settings
+from rigel_k8s.cli.words import Group, Timeout, choose_reporter, json_option, print_json, settings
 
 if TYPE_CHECKING:
     from rigel_k8s.commands.observe import Administrator, Opened
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 PORT = click.IntRange(0, 65535)
 
 
-@click.group(invoke_without_command=True)
+@click.group(cls=Group, invoke_without_command=True)
 @click.option(
     "--grafana", type=PORT, metavar="PORT", help="Use this local port for Grafana [default: 3000]."
 )

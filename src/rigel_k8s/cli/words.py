@@ -83,6 +83,17 @@ class Timeout(click.ParamType):  # type: ignore[type-arg]  # generic from click 
         return seconds
 
 
+class Group(click.Group):
+    """A group whose help has the first sentence of each command in full, on two lines if needed."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table; click would cut sentences where the line ends."""
+        with formatter.section("Commands"):
+            names = self.list_commands(ctx)
+            found = [(name, self.get_command(ctx, name)) for name in names]
+            formatter.write_dl([(n, one.get_short_help_str(1000)) for n, one in found if one])
+
+
 json_option = click.option(
     "-o",
     "--output",

@@ -76,6 +76,15 @@ def test_a_wide_terminal_and_a_pipe_have_everything() -> None:
     assert "10.0.0.2:5000/ros:noetic@sha256:f3d1c0a" in done.stdout
 
 
+@pytest.mark.parametrize("group", ["cluster", "image", "muto", "network", "observe"])
+def test_help_of_a_group_is_complete(group: str) -> None:
+    """A sentence that does not fit goes on in the next line."""
+    terminal = open_terminal([sys.executable, "-m", "rigel_k8s", group, "--help"], {})
+    assert terminal.end() == 0
+    assert "Commands:" in terminal.text
+    assert "..." not in terminal.text.partition("Commands:")[2]
+
+
 WORDS = """
 import sys
 from rigel_k8s.cli.main import show

@@ -25,21 +25,20 @@ row += ["10.244.1.13", "2/2", "0", "73s", "10.0.0.2:5000/ros:noetic@sha256:f3d1c
 print(table(heads, [row], OPTIONAL))
 print(table(["REVISION", "DESCRIPTION"], [["3", "job deploy of demo " + "x" * 100 + " the end"]]))
 """
-#: Waits with more rows than words fit into, until it is interrupted.
+#: Waits as commands do, with more rows than words fit into, until it is interrupted.
 WAITING = """
-import sys, time
+import sys
 from rigel_k8s.cli.reports import reporter
+from rigel_k8s.commands.interruption import interruptible
 print("before", file=sys.stderr)
-try:
-    with reporter() as report:
-        report.line("a line that stays")
-        report.progress("Deployment listener", "1/1 ready", done=True)
-        for number in range(40):
-            report.progress(f"Deployment talker-{number}", "0/1 ready: " + "a long reason " * 20)
-        time.sleep(60)
-except KeyboardInterrupt:
-    print("interrupted", file=sys.stderr)
-    sys.exit(130)
+with interruptible() as cancel, reporter() as report:
+    report.line("a line that stays")
+    report.progress("Deployment listener", "1/1 ready", done=True)
+    for number in range(40):
+        report.progress(f"Deployment talker-{number}", "0/1 ready: " + "a long reason " * 20)
+    cancel.wait(60)
+print("interrupted", file=sys.stderr)
+sys.exit(130)
 """
 
 
@@ -114,10 +113,13 @@ def test_progress_leaves_only_lines_that_stay(columns: int, rows: int) -> None:
     """Also after Ctrl-C, in a narrow terminal, with more rows than it has."""
     terminal = python(WAITING.replace("range(40)", f"range({rows})"), columns)
     terminal.until("talker-2")
-    terminal.press("\x03")
+    if rows == 3:
+        terminal.press("\x03")
+    else:  # the terminal's ^C could come in the middle of so many rows
+        os.kill(terminal.process, signal.SIGINT)
     assert terminal.end() == 130
     assert terminal.text.rfind("\x1b[?25h") > terminal.text.rfind("\x1b[?25l"), "no cursor"
-    shown = [line.removeprefix("^C") for line in terminal.screen()]
+    shown = [line.replace("^C", "") for line in terminal.screen()]
     kept = ["before", "a line that stays", "✓ Deployment listener: 1/1 ready", "interrupted"]
     assert [line for line in shown if line] == kept
 

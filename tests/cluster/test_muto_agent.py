@@ -262,6 +262,64 @@ def test_symphony_applies_and_removes(device: Device) -> None:
     assert device.robot.cluster.get(memory) is not None
 
 
+#: How many commands come in a row.
+MANY = 1000
+
+
+def choose_command(number: int) -> tuple[str, dict[str, Any]]:
+    """Return one of mixed commands; the last one is a start of the third stack."""
+    one, two, three = STACKS
+    if number == MANY - 1:
+        return "stack/commands/start", {"stackId": three}
+    return (
+        ("stack/commands/start", {"stackId": one}),
+        ("agent/commands/ping", {"number": number}),
+        ("stack/commands/apply", {"stackId": two}),
+        ("stack/commands/kill", {}),
+    )[number % 4]
+
+
+def read_memory(process: subprocess.Popen[bytes] | None) -> int:
+    """Return the mebibytes that a process has in memory."""
+    assert process
+    status = Path(f"/proc/{process.pid}/status").read_text()
+    [line] = [line for line in status.splitlines() if line.startswith("VmRSS:")]
+    return int(line.split()[1]) // 1024
+
+
+@pytest.mark.slow  # takes half an hour on two busy cores
+@pytest.mark.timeout(7200)
+def test_a_thousand_commands_in_a_row(device: Device) -> None:
+    """Each has one answer, the last one wins, and neither memory nor history grows with them."""
+    began, memory = time.monotonic(), []
+    with Peer(device.broker.port, ANSWERS) as peer:
+        for number in range(MANY):
+            command, payload = choose_command(number)
+            text, correlation = json.dumps(payload).encode(), str(number).encode()
+            topic = f"{THING}/{command}"
+            peer.send(topic, text, response_topic=ANSWERS, correlation=correlation)
+        for number in range(MANY):
+            message = peer.receive()
+            assert message.properties.CorrelationData == str(number).encode()  # type: ignore[union-attr]
+            command, payload = choose_command(number)
+            answer = json.loads(message.payload)
+            assert answer == payload if "ping" in command else answer["result"] == "success", answer
+            if number % 100 == 99:
+                memory.append(read_memory(device.agent.process))
+        answered = time.monotonic() - began
+        *_, three = STACKS
+        device.twin.until(three, "active")
+        assert device.robot.deployments() == {"ros-master", "c", "both"}
+        device.send(peer, "agent/commands/ping")
+        assert peer.received.empty()
+    history = json.loads(device.robot.rigel("history", "deploy", "-o", "json").stdout)
+    secrets = device.robot.cluster.list("v1", "Secret", device.robot.namespace)
+    sizes = {item["metadata"]["name"]: len(json.dumps(item)) for item in secrets}
+    print(f"{MANY} commands: {answered:.0f} s, MiB {memory}, {history}, {sizes}")  # noqa: T201
+    assert memory[-1] < memory[0] + 50, "the pod has 512 MiB"
+    assert len(history) <= 10
+
+
 @pytest.fixture(scope="session")
 def agent_image(registry: str) -> str:
     """The agent's image in the cluster's registry."""

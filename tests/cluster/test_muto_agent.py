@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import subprocess
 import sys
 import threading
@@ -22,6 +23,7 @@ from paho.mqtt.client import MQTTv311
 
 from rigel_k8s import __version__
 from rigel_k8s.muto.agent.address import Login
+from rigel_k8s.muto.agent.manifests import MEMORY
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_lab.cluster.oci import push_archive
 from tests.support import broker_image, shared
@@ -92,7 +94,7 @@ class Things:
 
 @attrs.define
 class AgentProcess:
-    """`rigel muto agent` in a process of its own."""
+    """`rigel muto agent` in a process of its own, with the memory settings of its pod."""
 
     words: list[str]
     log: Path
@@ -102,7 +104,8 @@ class AgentProcess:
         """Start it, and wait until it hears the broker."""
         before = self.read_log().count("connected to")
         with self.log.open("ab") as log:
-            self.process = subprocess.Popen(self.words, stdout=log, stderr=log)
+            environ = {**os.environ, **{one["name"]: one["value"] for one in MEMORY}}
+            self.process = subprocess.Popen(self.words, stdout=log, stderr=log, env=environ)
         self.until_connected(before + 1)
 
     def until_connected(self, times: int) -> None:

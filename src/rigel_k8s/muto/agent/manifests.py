@@ -25,6 +25,8 @@ PORT = 8080
 #: Prints why the agent is not ready; of a probe over HTTP Kubernetes keeps only the status.
 PROBE = ("python3", "-m", "rigel_k8s.muto.agent.probe")
 USER = 65532
+#: A deploy has threads of its own, and glibc has a heap for each of many threads.
+MEMORY = ({"name": "MALLOC_ARENA_MAX", "value": "2"},)
 RESOURCES: dict[str, Any] = {
     "requests": {"cpu": "20m", "memory": "96Mi"},
     "limits": {"memory": "512Mi"},
@@ -87,7 +89,7 @@ def _make_container(around: ReleaseContext, options: MutoAgent) -> Object:
     mounts: list[Object] = [{**file, "readOnly": True}, {"name": "tmp", "mountPath": "/tmp"}]
     if options.broker_secret:
         mounts.append({"name": "broker", "mountPath": CREDENTIALS, "readOnly": True})
-    env: list[Object] = [{"name": "HOME", "value": "/tmp"}]
+    env: list[Object] = [{"name": "HOME", "value": "/tmp"}, *MEMORY]
     if options.twin_secret:
         key = "password" if options.twin_user else "token"
         ref = {"name": str(options.twin_secret), "key": key}

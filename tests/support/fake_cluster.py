@@ -146,6 +146,9 @@ class FakeCluster:
         del guard
         return nullcontext()
 
+    def server_version(self) -> str:
+        return "v1.34.4"
+
     def as_manager(self, manager: str) -> FakeCluster:
         """Return a client that writes as another field manager."""
         return attrs.evolve(self, manager=manager)
@@ -200,6 +203,7 @@ class FakeCluster:
         fields: str | None = None,
         seconds: float = 300.0,
         cancel: threading.Event | None = None,
+        listed: Callable[[], None] | None = None,
     ) -> Iterator[WatchEvent]:
         wanted = Selection(api_version, kind, namespace or "", label_selector(labels), fields)
         deadline = time.monotonic() + seconds
@@ -210,6 +214,8 @@ class FakeCluster:
             there = [clone(live) for live in self.objects.values() if wanted.has(live)]
             seen = len(self.store.news)
         yield from (WatchEvent("ADDED", live) for live in there)
+        if listed:
+            listed()
         while time.monotonic() < deadline and not (cancel and cancel.is_set()):
             with self.store.lock:
                 if self.store.dead:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Literal
 
 from rigel_k8s.kube.answers import read_deleted, read_list, read_object, read_review
@@ -215,12 +215,14 @@ class Store:
         fields: str | None = None,
         seconds: float = 300.0,
         cancel: threading.Event | None = None,
+        listed: Callable[[], None] | None = None,
     ) -> Iterator[WatchEvent]:
         """Yield what exists (as ADDED) and then what changes.
 
         Args:
             seconds: after which the watch ends.
             cancel: ends the watch soon after it is set.
+            listed: called each time that all that is there has been yielded.
         """
         selectors = {"labelSelector": label_selector(labels), "fieldSelector": fields}
         return watch(
@@ -231,4 +233,5 @@ class Store:
             selectors,
             seconds=seconds,
             cancel=cancel,
+            listed=listed,
         )

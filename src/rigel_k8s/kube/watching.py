@@ -70,11 +70,15 @@ def watch(
     *,
     seconds: float,
     cancel: threading.Event | None,
+    listed: Callable[[], None] | None = None,
 ) -> Iterator[WatchEvent]:
     """Yield what exists as ADDED, then every change, until `seconds` are over.
 
     If the server has forgotten the version that we saw, everything is listed again: what exists is
     reported as MODIFIED, what was deleted meanwhile as DELETED.
+
+    Args:
+        listed: called each time that all that is there has been yielded.
 
     Raises:
         ClusterError: the first connection fails, or the server refuses.
@@ -88,7 +92,7 @@ def watch(
     deadline = time.monotonic() + seconds
     while not (cancel and cancel.is_set()) and (left := deadline - time.monotonic()) > 0:
         try:
-            for event in one_life(client, url, state, left, cancel):
+            for event in one_life(client, url, state, left, cancel, listed):
                 named = {**event.object, "apiVersion": api_version, "kind": kind}
                 yield attrs.evolve(event, object=named)
         except Refusal as error:
@@ -112,10 +116,13 @@ def one_life(
     state: Watched,
     left: float,
     cancel: threading.Event | None,
+    listed: Callable[[], None] | None,
 ) -> Iterator[WatchEvent]:
     """Yield events until one connection ends; list first if no version is known."""
     if not state.version:
         yield from relist(client, url(), state)
+        if listed:
+            listed()
     stream = url(
         watch="true",
         timeoutSeconds=max(1, round(left)),

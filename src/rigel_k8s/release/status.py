@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import attrs
@@ -17,7 +17,7 @@ from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.release import revisions
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.ownership import is_applied
-from rigel_k8s.release.rollout.causes import causes, containers, probe_failure
+from rigel_k8s.release.rollout.causes import Cause, causes, containers, probe_failure
 from rigel_k8s.release.rollout.readiness import readiness
 from rigel_k8s.release.rollout.surroundings import Surroundings, look_around
 from rigel_k8s.release.survey import belongs
@@ -67,7 +67,11 @@ class PodStatus:
 
 @attrs.frozen
 class WorkloadStatus:
-    """One workload: how many pods are ready, how many it must have, and why not all are ready."""
+    """One workload: how many pods are ready, how many it must have, and why not all are ready.
+
+    Attributes:
+        kinds: the kinds of the causes that `message` names (rollout/causes.py).
+    """
 
     kind: str
     name: str
@@ -77,6 +81,7 @@ class WorkloadStatus:
     message: str
     pods: tuple[PodStatus, ...]
     annotations: Mapping[str, str] = attrs.field(factory=dict)
+    kinds: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -107,13 +112,32 @@ def status(cluster: Cluster, release: ReleaseId) -> ReleaseStatus:
     """
     found, records = collect(cluster, release)
     around = look_around(found.get("ReplicaSet", ()), found.get("Pod", ()), found.pop("Event", ()))
-    owned = [live for kind in found.values() for live in kind if kind and is_applied(live)]
-    workloads = [live for live in owned if belongs(live, release)]
-    if not workloads and not records:
+    described = describe_release(release, found.values(), around, records)
+    if described is None:
         raise UserError(
             f"there is no release {release.name} in the namespace {release.namespace}",
             hint="-n NAMESPACE or --context NAME, if it is elsewhere",
         )
+    return described
+
+
+def describe_release(
+    release: ReleaseId,
+    found: Iterable[Iterable[Live]],
+    around: Surroundings,
+    records: Sequence[revisions.Record] | None,
+) -> ReleaseStatus | None:
+    """Return what of a release runs where, None where there is nothing of it; pure.
+
+    Args:
+        found: objects with its label, by kind.
+        around: pods, ReplicaSets and warnings of its namespace.
+        records: its revisions; None for a user who may not see them.
+    """
+    owned = [live for kind in found for live in kind if is_applied(live)]
+    workloads = [live for live in owned if belongs(live, release)]
+    if not workloads and not records:
+        return None
     return ReleaseStatus(
         release,
         *newest(records),
@@ -169,7 +193,7 @@ def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
     """Return the state of one workload."""
     sets, pods = around.list_sets(live), around.list_pods(live)
     state = readiness(live)
-    message = state.message
+    message, wrong = state.message, list[Cause]()
     if not (state.done and state.ok):
         events = around.list_events(live, *sets, *pods)
         wrong = causes(live, around.list_newest_pods(live), events, sets)
@@ -183,6 +207,7 @@ def describe_workload(live: Manifest, around: Surroundings) -> WorkloadStatus:
         message,
         tuple(describe_pod(pod, around.list_events(pod)) for pod in sorted(pods, key=newest_first)),
         live["metadata"].get("annotations") or {},
+        tuple(cause.kind for cause in wrong),
     )
 
 

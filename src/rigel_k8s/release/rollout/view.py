@@ -19,15 +19,32 @@ Live = dict[str, Any]
 POD: Kind = ("v1", "Pod")
 REPLICA_SET: Kind = ("apps/v1", "ReplicaSet")
 EVENT: Kind = ("v1", "Event")
+#: What a watch brings: an event, the end of its list (None), or why it has ended.
+News = WatchEvent | ClusterError | None
 HELPFUL = frozenset({REPLICA_SET, EVENT})  # without the right to see these, less can be explained
 
 
 class ReleaseView:
-    """Objects of a namespace ("" is all) as they change; a context that ends its watches."""
+    """Objects of a namespace ("" is all) as they change; a context that ends its watches.
 
-    def __init__(self, cluster: Cluster, namespace: str, seconds: float):
+    Attributes:
+        helpful: the kinds that the view does without where the right to see them is missing.
+        listed: the kinds of which all that is there has been seen.
+        refused: those of the helpful ones that cannot be watched.
+    """
+
+    def __init__(
+        self,
+        cluster: Cluster,
+        namespace: str,
+        seconds: float,
+        helpful: frozenset[Kind] = HELPFUL,
+    ):
         self.cluster, self.namespace, self.seconds = cluster, namespace, seconds
-        self.news: queue.SimpleQueue[tuple[Kind, WatchEvent | ClusterError]] = queue.SimpleQueue()
+        self.helpful = helpful
+        self.listed: set[Kind] = set()
+        self.refused: set[Kind] = set()
+        self.news: queue.SimpleQueue[tuple[Kind, News]] = queue.SimpleQueue()
         self.objects: dict[Kind, dict[ObjectRef, Live]] = defaultdict(dict)
         self.over = threading.Event()
         self.watched: set[Kind] = set()
@@ -56,11 +73,11 @@ class ReleaseView:
                 fields=fields,
                 seconds=self.seconds,
                 cancel=self.over,
+                listed=lambda: self.news.put((kind, None)),
             ):
                 self.news.put((kind, event))
         except ClusterError as error:
-            if kind not in HELPFUL:
-                self.news.put((kind, error))
+            self.news.put((kind, error))
 
     def refresh(self, timeout: float) -> bool:
         """Process all events, waiting for the first; return whether there was any.
@@ -79,15 +96,26 @@ class ReleaseView:
             except queue.Empty:
                 return True
 
-    def take(self, kind: Kind, news: WatchEvent | ClusterError) -> None:
+    def take(self, kind: Kind, news: News) -> None:
         """Process one event."""
         if isinstance(news, ClusterError):
-            raise news
+            if kind not in self.helpful:
+                raise news
+            self.refused.add(kind)
+            return
+        if news is None:
+            self.listed.add(kind)
+            return
         ref = ref_of(news.object)
         if news.type == "DELETED":
             self.objects[kind].pop(ref, None)
         else:
             self.objects[kind][ref] = news.object
+
+    @property
+    def complete(self) -> bool:
+        """Whether all that is there has been seen, as far as it may be seen."""
+        return self.watched <= self.listed | self.refused
 
     def find(self, ref: ObjectRef) -> Live | None:
         """Return an object, None if it has not been seen yet."""

@@ -72,3 +72,17 @@ def need_to_look(namespace: str) -> Iterator[Right]:
     yield from grant("metrics.k8s.io", "pods", "list", namespace)
     for api_version, kind in SHOWN:
         yield from need_for_kind(api_version, kind, namespace, "list")
+
+
+def need_to_watch(namespace: str, *, deployer: bool) -> Iterator[Right]:
+    """Yield what `rigel ui` needs beyond the others: to see changes as they happen.
+
+    Args:
+        deployer: for a user who may see Secrets: the revisions, and who changes the release.
+    """
+    yield from grant("", "events", "watch", namespace)
+    for api_version, kind in SHOWN:
+        yield from need_for_kind(api_version, kind, namespace, "watch")
+    if deployer:
+        yield from grant("", "secrets", "watch", namespace)
+        yield from grant("coordination.k8s.io", "leases", "list watch", namespace)

@@ -50,10 +50,15 @@ def graph(settings: Settings, job: str | None) -> LiveGraph:
         ClusterError: the graph cannot be read.
     """
     found = release(settings, job)
-    with found.cluster as cluster:
-        read = read_graph(cluster, found.id)
-        if any(topic.rate is None for topic in read.topics):
-            read = add_rates(read, measured_rates(found))
+    with found.cluster:
+        return look(found)
+
+
+def look(found: Release) -> LiveGraph:
+    """Return the graph of a release that is connected. Raises as graph."""
+    read = read_graph(found.cluster, found.id)
+    if any(topic.rate is None for topic in read.topics):
+        read = add_rates(read, measured_rates(found))
     return LiveGraph(found.id, read, find_problems(read))
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import attrs
 
-from rigel_k8s.app.rights import need_to_deploy, need_to_look
+from rigel_k8s.app.rights import need_to_deploy, need_to_look, need_to_watch
 from rigel_k8s.errors import RigelK8sError, UserError
 from rigel_k8s.kube import connect
 from rigel_k8s.objects.refs import Manifest
@@ -61,8 +61,10 @@ def roles(
 
         return list(bind("ClusterRole", f"rigel-{purpose}", "", list_rules(), subjects))
     where = namespace or settings.namespace or find_namespace(settings)
-    needed = need_to_deploy(where) if purpose == "deployer" else need_to_look(where)
-    return list(bind("Role", f"rigel-{purpose}", where, make_rules(needed), subjects))
+    deployer = purpose == "deployer"
+    needed = need_to_deploy(where) if deployer else need_to_look(where)
+    rules = make_rules([*needed, *need_to_watch(where, deployer=deployer)])
+    return list(bind("Role", f"rigel-{purpose}", where, rules, subjects))
 
 
 def find_namespace(settings: Settings) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,7 +13,7 @@ from rigel_k8s.app.partial import flat, is_partial
 from rigel_k8s.commands import stacks
 from rigel_k8s.commands.interruption import interruptible
 from rigel_k8s.commands.rigelfiles import load
-from rigel_k8s.commands.targets import job_of, release
+from rigel_k8s.commands.targets import Release, job_of, release
 from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.job import JobReporter
 from rigel_k8s.kube import connect
@@ -25,6 +26,7 @@ from rigel_k8s.release.difference import difference
 from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.refusals.verdict import Refused
 from rigel_k8s.release.types import Plan, ReleaseId, Revision
+from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
 
@@ -111,7 +113,19 @@ def rollback(
 ) -> Revision:
     """Deploy an earlier revision's objects again; None is the last good one before the current."""
     found = release(settings, job)
-    with found.cluster as cluster, interruptible() as cancel:
+    with interruptible() as cancel:
+        return roll_back(found, settings, number, report, cancel)
+
+
+def roll_back(
+    found: Release,
+    settings: Settings,
+    number: int | None,
+    report: Reporter,
+    cancel: threading.Event,
+) -> Revision:
+    """Roll back a release that is connected, whose connection is then closed."""
+    with found.cluster as cluster:
         cluster.endure(report.line, cancel)
         return rollbacks.rollback(
             cluster,

@@ -22,6 +22,7 @@ class Follow:
     Args:
         pods: those that existed before; other pods are read from their beginning.
         read: reads and follows a pod; `old`: the pod existed before.
+        cancel: ends it, within LOOK.
     """
 
     def __init__(
@@ -30,6 +31,7 @@ class Follow:
         workloads: Collection[str],
         pods: Sequence[Pod],
         read: Callable[..., Iterator[LogLine]],
+        cancel: threading.Event | None = None,
     ) -> None:
         self._cluster = found.cluster
         self._found = found
@@ -37,14 +39,14 @@ class Follow:
         self._old = {pod.name for pod in pods}
         self._read = read
         self._lines: queue.Queue[LogLine | Exception] = queue.Queue()
-        self._stop = threading.Event()
+        self._stop = cancel or threading.Event()
         self._seen: set[tuple[str, int]] = set()
 
     def lines(self) -> Iterator[LogLine]:
-        """Yield lines until closed."""
+        """Yield lines until closed or cancelled."""
         threading.Thread(target=self._watch, daemon=True).start()
         try:
-            while True:
+            while not self._stop.is_set():
                 try:
                     line = self._lines.get(timeout=LOOK)
                 except queue.Empty:

@@ -41,8 +41,16 @@ HOUR = 3600  # seconds: how far `level` looks back by default
 BEHIND = 10 * SECOND  # by how much Loki's last line may be later than one that arrives afterwards
 
 
-def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterator[LogLine]:
+def history(
+    found: Release,
+    nodes: Sequence[str],
+    options: LogOptions,
+    cancel: threading.Event | None = None,
+) -> Iterator[LogLine]:
     """Yield the lines of some nodes, by time; with `follow`, continue with new lines.
+
+    Args:
+        cancel: ends a follow.
 
     Raises: as logs.
     """
@@ -59,7 +67,7 @@ def history(found: Release, nodes: Sequence[str], options: LogOptions) -> Iterat
     past = Past(found, nodes, options, stored)
     yield from past.lines()
     if options.follow:
-        yield from past.follow()
+        yield from past.follow(cancel)
 
 
 class Past:
@@ -90,10 +98,10 @@ class Past:
         stored = self._stored.lines(self._asked, self._levels, self._options.tail)
         yield from self._tail(merge_lines(stored, self._read_fresh()))
 
-    def follow(self) -> Iterator[LogLine]:
+    def follow(self, cancel: threading.Event | None = None) -> Iterator[LogLine]:
         """Yield new lines, each once."""
         workloads = self._asked.workloads | {pod.workload for pod in self._pods}
-        return Follow(self._found, workloads, self._pods, self._go_on).lines()
+        return Follow(self._found, workloads, self._pods, self._go_on, cancel).lines()
 
     def _read_fresh(self) -> Iterator[LogLine]:
         """Yield the lines of the API server, by time; of each pod from where Loki ends."""

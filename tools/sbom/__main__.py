@@ -1,6 +1,6 @@
 """Write a list of components.
 
-usage: python -m tools.sbom wheel            the wheel's SBOM, from requirements/run.txt
+usage: python -m tools.sbom wheel            the wheel's SBOM: requirements/run.txt, tools/npm.py
        python -m tools.sbom image ARCHIVE    an image's, from the archive that `rigel image` keeps
        python -m tools.sbom cluster          the local cluster's programs'
        python -m tools.sbom licences         write docs/licences.md, from the same programs
@@ -17,10 +17,11 @@ from pathlib import Path
 from cyclonedx.model.component import ComponentType
 
 from rigel_k8s import __version__
+from tools.npm import DAGRE
 from tools.sbom.archive import read_archive
 from tools.sbom.cluster import read_cluster, write_page
 from tools.sbom.document import write_document
-from tools.sbom.requirements import read_requirements
+from tools.sbom.requirements import read_library, read_requirements
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "licences.md"
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str]) -> int:
     match arguments:
         case ["wheel"]:
             lock = (ROOT / "requirements" / "run.txt").read_text("utf-8")
-            parts = read_requirements(lock)
+            parts = (*read_requirements(lock), read_library(DAGRE))
             text = write_document("rigel-k8s", __version__, ComponentType.APPLICATION, parts)
         case ["image", path]:
             archive = Path(path)

@@ -10,6 +10,7 @@ import pytest
 from cyclonedx.model.component import ComponentType
 
 from rigel_k8s.system import oci
+from tools.npm import DAGRE
 from tools.sbom.__main__ import PAGE, ROOT
 from tools.sbom.archive import read_archive
 from tools.sbom.cluster import HEADER, list_builds, write_page
@@ -18,7 +19,7 @@ from tools.sbom.document import write_document
 from tools.sbom.golang import escape, read_modules
 from tools.sbom.licences import recognize
 from tools.sbom.parts import UNKNOWN, Part
-from tools.sbom.requirements import read_requirements
+from tools.sbom.requirements import read_library, read_requirements
 
 STATUS = """Package: libc6
 Status: install ok installed
@@ -52,6 +53,15 @@ def test_the_wheels_document_has_every_locked_requirement() -> None:
     assert {one["name"] for one in components} == {name.lower() for name in locked}
     hashes = [each["content"] for one in components for each in one["hashes"]]
     assert sorted(hashes) == sorted(re.findall("sha256:([0-9a-f]{64})", lock))
+
+
+def test_the_wheels_document_has_what_is_bundled() -> None:
+    """The library that draws graphs, with its licence and the digests of its files."""
+    text = write_document("rigel-k8s", "1", ComponentType.APPLICATION, [read_library(DAGRE)])
+    [component] = json.loads(text)["components"]
+    assert component["purl"] == f"pkg:npm/%40dagrejs/dagre@{DAGRE.version}"
+    assert component["licenses"] == [{"license": {"id": "MIT"}}]
+    assert {one["content"] for one in component["hashes"]} == {f.sha256 for f in DAGRE.files}
 
 
 def test_licences_of_all_forms_are_valid() -> None:

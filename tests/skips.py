@@ -51,6 +51,11 @@ EXPECTED = (
         "installing it would start Docker's engine beside whatever the machine runs",
     ),
     Skip(
+        "tests/",
+        "Chromium is not installed",
+        "Ubuntu has it as a snap only; Debian's package is installed",
+    ),
+    Skip(
         "tests/cluster/ros2/modes/",
         "no cargo 1.85 or newer",
         "Ubuntu 22.04 and 24.04 have an older one",

@@ -37,6 +37,7 @@ COMMANDS = {
     "status": ("releases", "Show what runs where, and why something is not ready."),
     "graph": ("rosgraph", "Show the ROS graph: nodes by machine, topics, what is wrong."),
     "logs": ("pods", "Print the logs of ROS nodes."),
+    "ui": ("ui", "Show a release live in the browser."),
     "top": ("top", "Show CPU, memory and traffic of ROS nodes, and topics."),
     "exec": ("pods", "Run a command in a ROS node's container, with ROS set up."),
     "forward": ("pods", "Forward local ports to a ROS node."),

@@ -1,0 +1,95 @@
+"""The ROS graph as a page draws it: boxes for nodes on their machines, topics between them; pure.
+
+A node that crashes leaves the ROS graph, with its topics. Its box stays where it is, and its topics
+stay as *lost* ones until it is back or removed: a picture that jumps when something breaks hides
+what broke.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from rigel_k8s.rosgraph.drawing.picture import NOWHERE, Box, Picture
+from rigel_k8s.rosgraph.types import RosGraph
+
+Entries = dict[str, Any]
+
+
+def make_boxes(
+    nodes: Mapping[str, Mapping[str, Any]], graph: RosGraph | None, picture: Picture | None
+) -> Entries:
+    """Return the entries of boxes: the nodes of the graph, and those of the release without one.
+
+    Args:
+        nodes: the entries of the release's nodes, by workload.
+        graph: as it was read last, None where it could not be read.
+        picture: what is shown of it.
+    """
+    made: Entries = {}
+    owners = {node.name: node.workload for node in graph.nodes} if graph else {}
+    drawn: set[str] = set()
+    for box in picture.boxes if picture else ():
+        workload = owners.get(box.name, "")
+        node = nodes.get(workload)
+        if workload and node is None:
+            continue  # of a workload that was removed after the graph was read
+        drawn.add(workload)
+        made[f"box/{box.name}"] = box_entry(box, workload, node)
+    for workload, node in nodes.items():
+        if workload not in drawn and not node["helper"]:
+            made[f"box/{node['name']}"] = {
+                "name": node["name"],
+                "workload": workload,
+                "machine": node["machine"] or NOWHERE,
+                "note": "",
+                "wrong": "",
+            }
+    return made
+
+
+def box_entry(box: Box, workload: str, node: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return the entry of a node of the graph; where it runs is what its pod says now."""
+    return {
+        "name": box.name,
+        "workload": workload,
+        "machine": (node["machine"] if node else "") or box.group,
+        "note": "" if node else box.where,
+        "wrong": box.wrong,
+    }
+
+
+def make_topics(graph: RosGraph, picture: Picture) -> Entries:
+    """Return the entries of the topics that a picture shows."""
+    topics = {topic.name: topic for topic in graph.topics}
+    return {
+        f"topic/{pill.name}": {
+            "name": pill.name,
+            "type": pill.type,
+            "rate": pill.rate,
+            "bad": pill.bad,
+            "from": list(topics[pill.name].publishers),
+            "to": list(topics[pill.name].subscribers),
+            "lost": [],
+        }
+        for pill in picture.pills
+    }
+
+
+def keep_lost(old: Entries, new: Entries, away: Collection[str]) -> Entries:
+    """Return topics with what nodes had that are away: those ends are in `lost`, too.
+
+    Args:
+        old: the topics before.
+        new: the topics now.
+        away: the names of nodes that are expected back.
+    """
+    made = {key: dict(topic) for key, topic in new.items()}
+    for key, topic in old.items():
+        for end in ("from", "to"):
+            for name in topic[end]:
+                if name in away and name not in made.get(key, {}).get(end, ()):
+                    kept = made.setdefault(key, {**topic, "from": [], "to": [], "lost": []})
+                    kept[end] = sorted([*kept[end], name])
+                    kept["lost"] = sorted({*kept["lost"], name})
+    return made

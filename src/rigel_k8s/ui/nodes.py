@@ -1,0 +1,171 @@
+"""The state of each node of a release, with its cause, as a page shows it; pure.
+
+A node here is a workload: what one entry of the Rigelfile's `nodes` runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+from rigel_k8s.objects.facts import find_condition, is_ending, is_ready
+from rigel_k8s.objects.marks import REMEDY_ANNOTATION
+from rigel_k8s.objects.naming import ROS_NAME_ANNOTATION
+from rigel_k8s.objects.refs import Manifest
+from rigel_k8s.observability.names import EXPORTER
+from rigel_k8s.release.rollout.causes import containers, explain_exit
+from rigel_k8s.release.status import AWAY, PodStatus, ReleaseStatus, WorkloadStatus
+
+#: The states, those that need a look first.
+CRASHED, BLOCKED, UNREACHABLE = "crashed", "blocked", "unreachable"
+UNREADY, STARTING, STOPPED, READY = "unready", "starting", "stopped", "ready"
+STATES = (CRASHED, BLOCKED, UNREACHABLE, UNREADY, STARTING, STOPPED, READY)
+#: Kinds of causes (release/rollout/causes.py) that mean that a container has ended.
+ENDED = frozenset({"crash", "restarted", "failed", "evicted"})
+
+
+def node_entry(
+    workload: WorkloadStatus,
+    pods: Sequence[Manifest],
+    *,
+    crashed: bool = False,
+    machine: str = "",
+    rolling: bool = False,
+) -> dict[str, Any]:
+    """Return what a page shows of a node.
+
+    Args:
+        pods: the workload's pods as the cluster has them.
+        crashed: a container has ended a few seconds ago, even if it runs again.
+        machine: where it was last, for the moment in which no pod has a machine.
+        rolling: a roll-out goes on, so that pods that were never ready are expected.
+    """
+    state = find_state(workload, pods, crashed=crashed, rolling=rolling)
+    living = [pod for pod in workload.pods if pod.phase != "Terminating"]
+    return {
+        "name": workload.annotations.get(ROS_NAME_ANNOTATION) or workload.name,
+        "workload": workload.name,
+        "kind": workload.kind,
+        "helper": workload.name == EXPORTER,
+        "state": state,
+        "cause": find_cause(workload, pods, state),
+        "remedy": "" if state == READY else workload.annotations.get(REMEDY_ANNOTATION, ""),
+        "ready": workload.ready,
+        "desired": workload.desired,
+        "machine": next((pod.node for pod in (*living, *workload.pods) if pod.node), machine),
+        "image": next((pod.image for pod in (*living, *workload.pods) if pod.image), ""),
+        "restarts": sum(pod.restarts for pod in living),
+        "pods": [pod_entry(pod) for pod in workload.pods],
+    }
+
+
+def pod_entry(pod: PodStatus) -> dict[str, Any]:
+    """Return what a page shows of a pod."""
+    return {
+        "name": pod.name,
+        "machine": pod.node,
+        "phase": pod.phase,
+        "ready": pod.ready,
+        "restarts": pod.restarts,
+        "created": pod.created,
+        "ip": pod.ip,
+        "image": pod.image,
+        "message": pod.message,
+    }
+
+
+def find_state(
+    workload: WorkloadStatus,
+    pods: Sequence[Manifest],
+    *,
+    crashed: bool = False,
+    rolling: bool = False,
+) -> str:
+    """Return the state of a node: the worst that is true of it."""
+    kinds = set(workload.kinds)
+    if crashed or kinds & ENDED:
+        return CRASHED
+    if workload.done:
+        return READY if workload.desired else STOPPED
+    if AWAY in kinds or any(pod.kind == AWAY and not pod.ready for pod in workload.pods):
+        return UNREACHABLE
+    if kinds:
+        return BLOCKED
+    waiting = [pod for pod in pods if not is_ending(pod) and not is_ready(pod)]
+    if any(was_ready(pod) for pod in waiting):
+        return UNREADY
+    told = any(pod.message for pod in workload.pods if pod.phase != "Terminating")
+    return UNREADY if told and not rolling else STARTING
+
+
+def find_cause(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) -> str:
+    """Return why a node is in its state, in the words of `rigel status`; "" where all is well."""
+    if state in (READY, STOPPED):
+        return ""
+    if workload.done:  # it has crashed, and runs again
+        ended = "; ".join(explain_end(pods))
+        return f"{ended}; it runs again" if ended else "it was restarted, and runs again"
+    messages = [workload.message]
+    for pod in workload.pods:
+        lost = pod.phase == "Terminating" and pod.kind == AWAY
+        if pod.message and pod.message not in workload.message and not pod.ready:
+            messages += [pod.message] if pod.phase != "Terminating" or lost else []
+    return "; ".join(filter(None, dict.fromkeys(messages)))
+
+
+def explain_end(pods: Iterable[Manifest]) -> Iterable[str]:
+    """Yield how the containers of living pods ended last."""
+    for pod in pods:
+        if not is_ending(pod):
+            for container in containers(pod.get("status") or {}):
+                for cause in explain_exit(pod["metadata"]["name"], container):
+                    yield cause.message
+
+
+def was_ready(pod: Manifest) -> bool:
+    """Whether a pod that is not ready was ready since its containers started.
+
+    Its condition Ready is false from the beginning; one that became so later was true before.
+    """
+    status = pod.get("status") or {}
+    since = read_time(find_condition(status, "Ready").get("lastTransitionTime"))
+    starts = [
+        read_time(((container.get("state") or {}).get("running") or {}).get("startedAt"))
+        for container in status.get("containerStatuses") or []
+    ]
+    known = [start for start in starts if start]
+    return bool(since and known and len(known) == len(starts) and since > max(known))
+
+
+def read_time(text: str | None) -> datetime | None:
+    """Return a time of Kubernetes', None where there is none."""
+    try:
+        return datetime.strptime(text or "", "%Y-%m-%dT%H:%M:%SZ")
+    except ValueError:
+        return None
+
+
+def release_entry(
+    found: ReleaseStatus, nodes: Mapping[str, Mapping[str, Any]], *, changing: str | None
+) -> dict[str, Any]:
+    """Return what a page shows of a release as a whole.
+
+    Args:
+        nodes: the entries of its nodes.
+        changing: who changes the release now, "" where no one does, None where that is unknown.
+    """
+    counts = dict.fromkeys(STATES, 0)
+    for node in nodes.values():
+        counts[node["state"]] += 1
+    optional = {w.name for w in found.workloads if w.ok and not w.done}
+    needed = [node for node in nodes.values() if node["workload"] not in optional]
+    return {
+        "revision": found.revision,
+        "status": found.revision_status,
+        "changing": changing,
+        "counts": counts,
+        "nodes": len(nodes),
+        "ready": sum(node["state"] in (READY, STOPPED) for node in nodes.values()),
+        "well": all(node["state"] in (READY, STOPPED) for node in needed),
+    }

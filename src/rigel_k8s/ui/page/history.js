@@ -1,0 +1,70 @@
+// The revisions of the release, the newest first; a rollback, where the server allows it.
+
+import { byId, make, setText, showTime, update } from "./dom.js";
+import { get, group } from "./store.js";
+
+const WORDS = { pending: "not ended", good: "good", failed: "failed", superseded: "replaced" };
+let target = null;
+
+/** Show what has changed. */
+export function showHistory(groups) {
+  if (!["revision", "release", "server", "change"].some((name) => groups.has(name))) return;
+  const revisions = group("revision").sort((a, b) => b.number - a.number);
+  const now = get("release").revision;
+  const allowed = get("server").changes;
+  const busy = get("change").state === "running";
+  const items = revisions.map((one) => makeItem(one, { now: one.number === now, allowed, busy }));
+  const focused = document.activeElement?.dataset?.revision;
+  if (update(byId("history"), items, [revisions, now, allowed, busy]) && focused) {
+    byId("history").querySelector(`[data-revision="${CSS.escape(focused)}"]`)?.focus();
+  }
+  const hidden = get("release").status === "unseen";
+  setText(byId("history-note"), hidden ? "The right to watch Secrets is missing." : revisions.length && !allowed ? "Read-only: start rigel ui with --allow-changes to roll back here." : "");
+}
+
+function makeItem(one, { now, allowed, busy }) {
+  const item = make(
+    "li",
+    { class: one.status, value: one.number },
+    make("p", {}, make("strong", {}, `Revision ${one.number}`), ` ${WORDS[one.status] ?? one.status}, `, make("time", { datetime: one.created }, showTime(one.created)), now ? " (present)" : ""),
+    one.description ? make("p", {}, one.description) : null,
+    one.changes.length ? make("ul", {}, ...one.changes.map((text) => make("li", {}, text))) : null,
+  );
+  if (allowed && !now) {
+    item.append(make("button", { type: "button", "data-revision": one.number, disabled: busy, onclick: () => ask(one) }, `Roll back to revision ${one.number}…`));
+  }
+  return item;
+}
+
+function ask(one) {
+  target = one;
+  const place = get("cluster");
+  setText(byId("confirm-title"), `Roll back to revision ${one.number}?`);
+  setText(byId("confirm-text"), one.back.length
+    ? `The release ${place.release} in the namespace ${place.namespace} changes as follows. Nodes that change restart.`
+    : `The workloads of the release ${place.release} in the namespace ${place.namespace} stay as they are.`);
+  byId("confirm-changes").replaceChildren(...one.back.map((text) => make("li", {}, text)));
+  setText(byId("confirm-error"), "");
+  byId("confirm").showModal();
+  byId("confirm-no").focus();
+}
+
+async function confirm() {
+  try {
+    const answer = await fetch("rollback", {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify({ revision: target.number }),
+    });
+    if (answer.ok) {
+      byId("confirm").close();
+      return;
+    }
+    setText(byId("confirm-error"), (await answer.json()).message);
+  } catch (error) {
+    setText(byId("confirm-error"), `The request failed: ${error.message}`);
+  }
+}
+
+byId("confirm-no").addEventListener("click", () => byId("confirm").close());
+byId("confirm-yes").addEventListener("click", confirm);

@@ -1,0 +1,70 @@
+// The log of the chosen node, as it comes.
+
+import { byId, make, setText, showTime } from "./dom.js";
+import { selected } from "./selection.js";
+import { get } from "./store.js";
+
+const MOST = 1000; // lines that the page keeps
+const LEVELS = ["debug", "info", "warn", "error", "fatal"];
+const area = byId("log");
+let paused = false;
+let held = [];
+
+/** Begin with another node. */
+export function showLog() {
+  area.replaceChildren();
+  held = [];
+  const name = selected() && (get(`node/${selected()}`).name ?? selected());
+  setText(byId("log-title"), name ? `Log of ${name}` : "Log");
+  setText(byId("log-note"), name ? "" : "Choose a node to follow its log.");
+}
+
+/** Take lines of the server. */
+export function takeLines({ node, begins, lines }) {
+  if (node !== selected()) return;
+  if (begins) showLog();
+  if (paused) {
+    held = [...held, ...lines].slice(-MOST);
+    setText(byId("log-note"), `Paused: ${held.length} new lines.`);
+    return;
+  }
+  const atEnd = area.scrollHeight - area.scrollTop - area.clientHeight < 40;
+  area.append(...lines.map(makeLine));
+  while (area.childElementCount > MOST) area.firstElementChild.remove();
+  if (atEnd) area.scrollTop = area.scrollHeight;
+}
+
+function makeLine([time, level, pod, text, note]) {
+  const line = make("div", { class: `line ${note ? "ours" : level}`, title: pod || null });
+  line.dataset.level = level;
+  if (time) line.append(make("time", { datetime: time }, `${showTime(`${time.slice(0, 23)}Z`)}.${time.slice(20, 23)}`), " ");
+  line.append(text);
+  line.hidden = !isShown(line);
+  return line;
+}
+
+function isShown(line) {
+  const least = LEVELS.indexOf(byId("level").value);
+  const wanted = byId("filter").value.toLowerCase();
+  return LEVELS.indexOf(line.dataset.level) >= least && line.textContent.toLowerCase().includes(wanted);
+}
+
+function filter() {
+  for (const line of area.children) line.hidden = !isShown(line);
+  area.scrollTop = area.scrollHeight;
+}
+
+byId("level").addEventListener("change", filter);
+byId("filter").addEventListener("input", filter);
+byId("pause").addEventListener("click", (event) => {
+  paused = !paused;
+  event.currentTarget.setAttribute("aria-pressed", String(paused));
+  setText(event.currentTarget, paused ? "Continue" : "Pause");
+  if (!paused) {
+    setText(byId("log-note"), "");
+    const lines = held;
+    held = [];
+    takeLines({ node: selected(), begins: false, lines });
+  }
+});
+showLog();

@@ -1,0 +1,198 @@
+"""The server of `rigel ui` without a cluster: a test fills its feed."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+from urllib.parse import urlsplit
+
+import attrs
+import websocket
+
+from rigel_k8s.commands.logs.lines import LogLine
+from rigel_k8s.ui.changes import Changes, Rollback
+from rigel_k8s.ui.feed import Feed
+from rigel_k8s.ui.logs import LogHub, Read
+from rigel_k8s.ui.nodes import STATES
+from rigel_k8s.ui.serving import bind, require_extra
+
+TOKEN = "a-token-of-the-tests"
+
+
+@attrs.frozen
+class Answer:
+    """What a server has answered."""
+
+    status: int
+    headers: Mapping[str, str]
+    body: bytes
+
+
+@attrs.frozen
+class Served:
+    """A running server."""
+
+    feed: Feed
+    logs: LogHub
+    port: int
+    tickets: Any
+    changes: Changes | None
+
+    @property
+    def host(self) -> str:
+        return f"127.0.0.1:{self.port}"
+
+    @property
+    def address(self) -> str:
+        return f"http://{self.host}/{TOKEN}/"
+
+    def ask(
+        self,
+        path: str = f"/{TOKEN}/",
+        method: str = "GET",
+        body: bytes | None = None,
+        **headers: str,
+    ) -> Answer:
+        """Send a request; `host="x"` and `origin="y"` are headers."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        own = {"Host": self.host, **{k.replace("_", "-").title(): v for k, v in headers.items()}}
+        connection.request(method, path, body=body, headers=own)
+        answer = connection.getresponse()
+        found = Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, answer.read())
+        connection.close()
+        return found
+
+    def connect(self, path: str = f"/{TOKEN}/live", origin: str | None = "", host: str = "") -> Any:
+        """Open a page's connection; an origin of None is not sent."""
+        opened = socket.create_connection(("127.0.0.1", self.port), timeout=20)
+        try:
+            return websocket.create_connection(
+                f"ws://{self.host}{path}",
+                timeout=20,
+                socket=opened,
+                origin=origin or f"http://{self.host}",
+                suppress_origin=origin is None,
+                host=host or self.host,
+            )
+        except BaseException:
+            opened.close()
+            raise
+
+
+def receive(socket: Any) -> Any:
+    """Return a page's next message."""
+    return json.loads(socket.recv())
+
+
+def read_nothing(node: str, cancel: threading.Event) -> Iterator[LogLine]:
+    """A log without lines."""
+    cancel.wait()
+    yield from ()
+
+
+@contextmanager
+def serve_page(
+    read: Read = read_nothing, rollback: Rollback | None = None, port: int = 0
+) -> Iterator[Served]:
+    """Run a server."""
+    feed, logs = Feed(), LogHub(read)
+    changes = None if rollback is None else Changes(feed, rollback)
+    with bind(port) as listening:
+        server, tickets = require_extra()(feed, logs, TOKEN, changes)
+        thread = threading.Thread(target=server.run, args=([listening],))
+        thread.start()
+        try:
+            yield Served(feed, logs, urlsplit(f"//x:{listening.getsockname()[1]}").port or 0,
+                         tickets, changes)  # fmt: skip
+        finally:
+            logs.close()
+            if changes:
+                changes.close()
+            server.should_exit = True
+            thread.join(20)
+            assert not thread.is_alive()
+
+
+def node(
+    name: str, state: str = "ready", machine: str = "robot", cause: str = "", **more: Any
+) -> dict[str, Any]:
+    """Return a node's entry."""
+    workload = name.strip("/").replace("/", "-").replace("_", "-")
+    pod = {
+        "name": f"{workload}-5d4f",
+        "machine": machine,
+        "phase": "Running",
+        "ready": state == "ready",
+        "restarts": 0,
+        "created": "2026-01-01T00:00:00Z",
+        "ip": "10.0.0.1",
+        "image": "robot:1",
+        "message": "",
+    }
+    return {
+        "name": name,
+        "workload": workload,
+        "kind": "Deployment",
+        "helper": False,
+        "state": state,
+        "cause": cause,
+        "remedy": "",
+        "ready": int(state == "ready"),
+        "desired": 1,
+        "machine": machine,
+        "image": "registry.example/robot:1.4",
+        "restarts": 0,
+        "pods": [pod],
+        **more,
+    }
+
+
+def topic(name: str, publishers: Sequence[str], subscribers: Sequence[str]) -> dict[str, Any]:
+    """Return a topic's entry."""
+    return {
+        "name": name,
+        "type": "std_msgs/msg/String",
+        "rate": "10.0/s",
+        "bad": False,
+        "from": list(publishers),
+        "to": list(subscribers),
+        "lost": [],
+    }
+
+
+def fill(
+    feed: Feed,
+    nodes: Sequence[Mapping[str, Any]],
+    topics: Sequence[Mapping[str, Any]] = (),
+    *,
+    changes: bool = False,
+) -> None:
+    """Publish a release of some nodes."""
+    place = {"server": "https://lab", "context": "lab", "release": "demo", "namespace": "n"}
+    feed.publish("cluster", {"cluster": {**place, "message": "", "since": ""}})
+    feed.publish("server", {"server": {"changes": changes}})
+    feed.publish("node", {f"node/{one['workload']}": one for one in nodes})
+    boxes = [
+        {
+            "name": n["name"],
+            "workload": n["workload"],
+            "machine": n["machine"],
+            "note": "",
+            "wrong": "",
+        }
+        for n in nodes
+    ]
+    feed.publish("box", {f"box/{box['name']}": box for box in boxes})
+    feed.publish("topic", {f"topic/{one['name']}": one for one in topics})
+    counts = {state: sum(n["state"] == state for n in nodes) for state in STATES}
+    whole = {"revision": 2, "status": "good", "changing": "", "counts": counts}
+    ready = counts["ready"]
+    feed.publish(
+        "release", {"release": {**whole, "nodes": len(nodes), "ready": ready, "well": True}}
+    )
+    feed.publish("graph", {"graph": {"message": "", "read": "2026-01-01T00:00:00Z"}})

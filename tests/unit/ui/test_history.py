@@ -1,0 +1,71 @@
+"""Revisions as a page shows them: what each has changed, and what a rollback would."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rigel_k8s.release import revisions
+from rigel_k8s.release.deploy import deploy
+from rigel_k8s.release.types import Desired
+from rigel_k8s.ui.history import History
+from tests.support.manifests import RELEASE, config, workload
+
+
+def entries(fake: Any, report: Any, *releases: tuple[Any, ...]) -> dict[str, Any]:
+    for objects in releases:
+        deploy(Desired(RELEASE, objects), fake, report=report, description="an update")
+    return History().make_entries(revisions.records(fake, RELEASE))
+
+
+def test_a_revision_says_what_it_has_changed(fake: Any, report: Any) -> None:
+    """Images by name, replicas, new and removed workloads; the rest as one word."""
+    found = entries(
+        fake,
+        report,
+        (workload(), workload("camera"), workload("lidar"), workload("base"), config("c")),
+        (
+            workload(image=f"app:2@sha256:{'ab' * 32}"),
+            workload("camera", replicas=0),
+            workload("lidar", note="x"),
+            workload("imu"),
+            config("c", a="1"),
+        ),
+    )
+    assert found["revision/1"]["changes"] == []
+    assert found["revision/2"]["changes"] == [
+        "base is removed",
+        "camera: 1 to 0 replicas",
+        "imu is new",
+        "lidar: changed",
+        "talker: image app:1 to app:2@sha256:abababa",
+    ]
+    assert found["revision/2"]["description"] == "an update"
+
+
+def test_a_rollback_is_described_from_the_present(fake: Any, report: Any) -> None:
+    """Not step by step, and not for the present revision."""
+    found = entries(
+        fake, report, (workload(),), (workload(image="app:2"),), (workload(image="app:3"),)
+    )
+    assert found["revision/1"]["back"] == ["talker: image app:3 to app:1"]
+    assert found["revision/2"]["back"] == ["talker: image app:3 to app:2"]
+    assert found["revision/3"]["back"] == []
+
+
+def test_a_revision_is_decompressed_once(fake: Any, report: Any, monkeypatch: Any) -> None:
+    """Its status changes often, its objects never."""
+    deploy(Desired(RELEASE, (workload(),)), fake, report=report)
+    read, real = [], revisions.decode
+    monkeypatch.setattr(revisions, "decode", lambda record: read.append(1) or real(record))
+    history = History()
+    for _ in range(3):
+        history.make_entries(revisions.records(fake, RELEASE))
+    assert read == [1]
+
+
+def test_a_damaged_revision_hides_no_other(fake: Any, report: Any) -> None:
+    """It says nothing of what it changed."""
+    deploy(Desired(RELEASE, (workload(),)), fake, report=report)
+    records = revisions.records(fake, RELEASE)
+    records[0].secret["data"] = {"release": "AAAA"}
+    assert History().make_entries(records)["revision/1"]["status"] == "good"

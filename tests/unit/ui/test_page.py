@@ -1,0 +1,432 @@
+"""The page in a real browser: what it shows, how it is used, and that it is accessible."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from rigel_k8s.commands.logs.lines import LogLine
+from rigel_k8s.release.types import Revision
+from tests.support.axe import find_violations
+from tests.support.browser import Browser, Tab, find_program, run_browser
+from tests.support.manifests import RELEASE
+from tests.support.page import Served, fill, node, serve_page, topic
+
+WIDE, NARROW = (1440, 900), (390, 800)
+SMALLEST = 11.5  # pixels of a text that is read without effort
+CAUSE = "container ros-node exited with code 3 (no device), restarted 2 times"
+ROBOT = [
+    node("/lidar"),
+    node("/imu", "crashed", cause=CAUSE),
+    node("/slam", "starting", "edge", cause="0 of 1 ready"),
+    node("/planner", "unready", "edge", cause="Readiness probe failed: no plan"),
+    node("/arm", "unreachable", "arm", cause="Kubernetes cannot reach the machine arm"),
+    node("/camera", "blocked", cause="image a:1 cannot be pulled"),
+    node("/spare", "stopped"),
+]
+TOPICS = [
+    topic("/scan", ["/lidar"], ["/slam", "/planner"]),
+    topic("/imu/data", ["/imu"], ["/slam"]),
+    topic("/map", ["/slam"], ["/planner"]),
+]
+#: Where the boxes are on the screen: name -> [left, top, right, bottom].
+PLACES = """Object.fromEntries([...document.querySelectorAll('.box')].map((box) => {
+  const r = box.querySelector('rect').getBoundingClientRect();
+  return [box.dataset.box, [r.left, r.top, r.right, r.bottom]];
+}))"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    if find_program() is None:
+        pytest.skip("Chromium is not installed")
+    with run_browser() as made:
+        yield made
+
+
+def read_log(name: str, cancel: threading.Event) -> Iterator[LogLine]:
+    """Some lines of each level."""
+    for number, level in enumerate(("info", "warn", "error")):
+        text = f"{name} says {level} <b>{number}</b>"
+        yield LogLine(name, f"{name}-1", text, time=10**18 + number, level=level)
+    cancel.wait()
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with serve_page(read_log) as made:
+        fill(made.feed, ROBOT, TOPICS)
+        yield made
+
+
+@pytest.fixture
+def tab(browser: Browser, served: Served) -> Iterator[Tab]:
+    made = show(browser, served)
+    yield made
+    complaints = made.complaints()
+    made.close()
+    assert complaints == []
+
+
+def show(browser: Browser, served: Served, size: tuple[int, int] = WIDE) -> Tab:
+    """Open the page, and wait until it shows the nodes."""
+    made = browser.open()
+    made.resize(*size)
+    made.go(served.address)
+    made.wait("document.querySelectorAll('.box').length", "nodes in the graph")
+    return made
+
+
+def classes(tab: Tab, name: str) -> list[str]:
+    """Return the classes of a box."""
+    expression = f"document.querySelector('[data-box={json.dumps(name)}]').getAttribute('class')"
+    return str(tab.read(expression)).split()
+
+
+def click(tab: Tab, selector: str) -> None:
+    tab.read(
+        f"document.querySelector({json.dumps(selector)})"
+        ".dispatchEvent(new MouseEvent('click', {bubbles: true}))"
+    )
+
+
+def focused(tab: Tab) -> str:
+    """Return what has the focus: a box's name, an id, or a tag."""
+    expression = "(e => e.dataset.box || e.id || e.textContent.trim() || e.tagName)"
+    return str(tab.read(f"{expression}(document.activeElement)"))
+
+
+# What is shown.
+
+
+def test_every_state_has_its_words_its_color_and_its_shape(tab: Tab) -> None:
+    """No two states look the same, with or without colors."""
+    seen = {}
+    for one in ROBOT:
+        name = one["name"]
+        assert one["state"] in classes(tab, name)
+        box = f"document.querySelector('[data-box=\"{name}\"]')"
+        color = tab.read(f"getComputedStyle({box}.querySelector('rect')).stroke")
+        shape = tab.read(f"{box}.querySelector('.shape').getAttribute('d')")
+        words = tab.read(f"{box}.querySelector('.words').textContent").split(":")[0]
+        seen[one["state"]] = (shape, words)
+        assert color != "none"
+    assert len(set(seen.values())) == len(seen) == 7
+    assert "7 nodes" not in tab.text()
+    text = tab.text()
+    for one in ROBOT:
+        assert one["cause"] in text, "the list has the whole cause"
+
+
+def test_a_crash_turns_a_node_red_and_moves_nothing(tab: Tab, served: Served) -> None:
+    """The list, the title and the screen reader have it, too."""
+    before = tab.read(PLACES)
+    crashed = [node("/lidar", "crashed", cause="exited with code 1"), *ROBOT[1:]]
+    fill(served.feed, crashed, TOPICS)
+    tab.wait("document.querySelector('[data-box=\"/lidar\"].crashed')", "a crashed node")
+    color = tab.read(
+        "(s => s.match(/\\d+/g).map(Number))(getComputedStyle(document"
+        ".querySelector('[data-box=\"/lidar\"] .shape')).stroke)"
+    )
+    assert color[0] > 150 > color[1], "it is red"
+    assert tab.read(PLACES) == before
+    first = tab.read("document.querySelector('#nodes tr').innerText")
+    assert "crashed" in first
+    assert tab.read("document.title").startswith("✖ 4")
+    said = tab.read("document.querySelector('#announcer').textContent")
+    assert said == "/lidar is crashed: exited with code 1"
+
+
+def test_a_rollout_shows_its_progress(tab: Tab, served: Served) -> None:
+    """Who makes it and how far it is; afterwards it is gone."""
+    assert tab.read("document.querySelector('#rollout').hidden")
+    whole = {**served.feed.get("release"), "status": "pending", "changing": "a@b, process 1"}
+    served.feed.publish("release", {"release": {**whole, "ready": 5}})
+    tab.wait("!document.querySelector('#rollout').hidden", "the roll-out")
+    assert "5 of 7 nodes are ready, rolled out by a@b, process 1" in tab.text()
+    assert tab.read("document.querySelector('#rollout-bar').value") == 5
+    served.feed.publish("release", {"release": {**whole, "changing": ""}})
+    tab.wait("document.querySelector('#rollout').hidden", "the end of the roll-out")
+    assert "Revision 2, interrupted" in tab.text()
+
+
+def test_hostile_texts_are_shown_as_texts(browser: Browser) -> None:
+    """Whatever a cluster says, nothing of it becomes a part of the page."""
+    bad = "<img src=x onerror='document.title=1'><script>document.title=2</script>\"'&amp;"
+    with serve_page(lambda name, cancel: iter([LogLine("w", "p", bad)])) as served:
+        hostile = node(f"/{bad}", "crashed", bad, bad, workload="w", remedy=bad, image=bad)
+        fill(served.feed, [hostile], [topic(f"/t{bad}", [f"/{bad}"], [])])
+        served.feed.publish("problems", {"problems": [{"message": bad, "error": True}]})
+        revision = {"number": 1, "status": bad, "created": bad, "description": bad}
+        served.feed.publish(
+            "revision", {"revision/1": {**revision, "changes": [bad], "back": [bad]}}
+        )
+        served.feed.publish("graph", {"graph": {"message": bad, "read": bad}})
+        tab = show(browser, served)
+        click(tab, ".box")
+        tab.wait("document.querySelector('#log').textContent", "the log")
+        assert tab.text().count(bad) >= 7
+        assert tab.read("document.querySelectorAll('img, script:not([src])').length") == 0
+        assert not tab.read("document.title").isdigit()
+        assert tab.complaints() == []
+        tab.close()
+
+
+def test_nothing_is_loaded_from_elsewhere(tab: Tab, served: Served) -> None:
+    """Neither a font nor a script; and the page's own server gets every request."""
+    asked = tab.requests()
+    assert len(asked) > 10
+    assert {address.startswith(served.address) for address in asked} == {True}
+
+
+@pytest.mark.parametrize("size", [WIDE, NARROW])
+def test_a_hundred_nodes_stay_readable(browser: Browser, size: tuple[int, int]) -> None:
+    """No box covers another, no name is cut, and all texts are as large as with ten nodes."""
+    nodes = [node(f"/unit_{i % 10}/node_{i:03}", machine=f"machine-{i // 10}") for i in range(100)]
+    names = [one["name"] for one in nodes]
+    topics = [
+        topic(f"/topic_{i:03}", [name], [names[(i * 7 + 3) % 100], names[(i + 1) % 100]])
+        for i, name in enumerate(names)
+    ]
+    with serve_page() as served:
+        fill(served.feed, nodes, topics)
+        tab = show(browser, served, size)
+        places = tab.read(PLACES)
+        assert len(places) == 100
+        assert overlaps(list(places.values())) == []
+        factor = tab.read(
+            "(s => s.getBoundingClientRect().width / s.viewBox.baseVal.width)"
+            "(document.querySelector('#graph svg'))"
+        )
+        sizes = tab.read(
+            "[...document.querySelectorAll('.box text, .machine text')]"
+            ".map((t) => parseFloat(getComputedStyle(t).fontSize))"
+        )
+        assert min(sizes) * factor >= SMALLEST * 0.88
+        shown = tab.read(
+            "[...document.querySelectorAll('.box .name')].map((t) => t.textContent.trim())"
+        )
+        assert sorted(shown) == sorted(names)
+        cut = tab.read("""[...document.querySelectorAll('.box')].filter((box) => {
+          const outer = box.querySelector('rect').getBoundingClientRect();
+          return [...box.querySelectorAll('text')].some((text) =>
+            text.getBoundingClientRect().right > outer.right + 1);
+        }).map((box) => box.dataset.box)""")
+        assert cut == []
+        page = tab.read("[document.documentElement.scrollWidth, innerWidth]")
+        assert page[0] <= page[1], "the page itself does not scroll sideways"
+        tab.read("document.querySelector('#find').focus()")
+        tab.type("node_042")
+        tab.wait("document.querySelectorAll('#nodes tr').length === 1", "the node that was found")
+        assert tab.complaints() == []
+        tab.close()
+
+
+def overlaps(places: list[list[float]]) -> list[Any]:
+    """Return the pairs of places that cover each other."""
+    return [
+        (a, b)
+        for i, a in enumerate(places)
+        for b in places[i + 1 :]
+        if a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+    ]
+
+
+def test_ten_pages_in_one_browser_are_all_live(browser: Browser, served: Served) -> None:
+    """A browser opens at most six HTTP/1.1 connections to a server; pages do not wait for them."""
+    tabs = [show(browser, served) for _ in range(10)]
+    fill(served.feed, [node("/lidar", "crashed"), *ROBOT[1:]], TOPICS)
+    for tab in tabs:
+        tab.wait("document.querySelector('[data-box=\"/lidar\"].crashed')", "the change")
+    for tab in tabs:
+        tab.close()
+
+
+def test_a_lost_server_is_reported_and_found_again(browser: Browser) -> None:
+    """The page stays, says so, and goes on when `rigel ui` is there again."""
+    with serve_page() as served:
+        fill(served.feed, ROBOT)
+        tab = show(browser, served)
+        port = served.port
+    tab.wait("document.body.classList.contains('lost')", "the loss")
+    assert "No connection to rigel ui" in tab.text()
+    assert tab.read("document.querySelectorAll('.box').length") == 7
+    with serve_page(port=port) as served:
+        fill(served.feed, ROBOT[:1])
+        tab.wait("document.querySelectorAll('.box').length === 1", "the page to be live again")
+        assert "No connection to rigel ui" not in tab.text()
+        tab.close()
+
+
+def test_a_lost_cluster_is_reported(tab: Tab, served: Served) -> None:
+    """What is shown stays, and the page says of when it is."""
+    place = served.feed.get("cluster")
+    away = {**place, "message": "the cluster does not answer", "since": "2026-01-01T10:00:00Z"}
+    served.feed.publish("cluster", {"cluster": away})
+    tab.wait("document.querySelector('#banner').textContent", "the banner")
+    assert "the cluster does not answer. What this page shows is of" in tab.text()
+    assert tab.read("document.querySelectorAll('.box').length") == 7
+    served.feed.publish("cluster", {"cluster": place})
+    tab.wait("!document.querySelector('#banner').textContent", "the end of the banner")
+
+
+def test_the_log_of_a_node_is_followed(tab: Tab) -> None:
+    """By level and text; a pause keeps what comes."""
+    click(tab, "[data-box='/imu']")
+    lines = "[...document.querySelectorAll('#log .line')].filter(l => !l.hidden).length"
+    tab.wait(f"{lines} === 3", "the lines")
+    assert "imu says error <b>2</b>" in tab.text()
+    tab.read("(s => { s.value = 'warn'; s.dispatchEvent(new Event('change')); })"
+             "(document.querySelector('#level'))")  # fmt: skip
+    assert tab.read(lines) == 2
+    tab.read("document.querySelector('#filter').focus()")
+    tab.type("ERROR")
+    assert tab.read(lines) == 1
+    click(tab, "#pause")
+    click(tab, "[data-box='/lidar']")
+    tab.wait(
+        "document.querySelector('#log-note').textContent === 'Paused: 3 new lines.'", "the pause"
+    )
+    click(tab, "#pause")
+    tab.wait(f"{lines} === 1", "the lines that were held")
+
+
+# Keys and screen readers.
+
+
+def test_the_keyboard_reaches_everything(tab: Tab) -> None:
+    """Tab goes through the parts, arrow keys from node to node, Enter chooses."""
+    tab.press("Tab")
+    assert focused(tab) == "Skip to the list of nodes"
+    order = []
+    for _ in range(6):
+        tab.press("Tab")
+        order.append(focused(tab))
+    assert order == ["find", "zoom-out", "zoom-fit", "zoom-in", "graph", "/arm"]
+    places = tab.read(PLACES)
+    visited = {"/arm"}
+    for key in ("Home", "ArrowRight", "ArrowDown", "ArrowDown", "ArrowLeft", "ArrowUp", "End"):
+        before = focused(tab)
+        tab.press(key)
+        now = focused(tab)
+        visited.add(now)
+        if key == "ArrowDown" and now != before:
+            assert places[now][1] > places[before][1]
+    assert focused(tab) == "/spare"
+    assert len(visited) > 3
+    tab.press("Enter")
+    tab.wait("document.querySelector('#details-title').textContent === '/spare'", "the details")
+    assert focused(tab) == "/spare"
+    tab.press("Shift+Tab")
+    assert focused(tab) == "graph"
+
+
+def test_the_focus_stays_when_something_changes(tab: Tab, served: Served) -> None:
+    """A node that comes or goes does not take it away."""
+    tab.read("document.querySelector('[data-box=\"/imu\"]').focus()")
+    fill(served.feed, [*ROBOT, node("/new")], TOPICS)
+    tab.wait("document.querySelector('[data-box=\"/new\"]')", "the new node")
+    assert focused(tab) == "/imu"
+
+
+def test_a_screen_reader_gets_names_states_and_causes(tab: Tab) -> None:
+    """Of each node: what the picture shows by place, color and lines is in its name."""
+    parts = tab.tree()
+    buttons = [part["name"] for part in parts if part["role"] == "button"]
+    whole = f"/imu crashed, {CAUSE}, on robot, publishes /imu/data"
+    assert whole in buttons
+    slam = "/slam starting, 0 of 1 ready, on edge, publishes /map, subscribes to /imu/data /scan"
+    assert slam in buttons
+    headings = [part["name"] for part in parts if part["role"] == "heading"]
+    assert headings == ["demo", "ROS graph", "Nodes", "Node", "Log", "History"]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", [WIDE, NARROW])
+def test_axe_finds_nothing_serious(browser: Browser, scheme: str, size: tuple[int, int]) -> None:
+    """With everything that a page can show: a roll-out, problems, a log, a rollback, a dialog."""
+    with serve_page(
+        read_log, rollback=lambda *_: Revision(RELEASE, 4, "good", "", (), ())
+    ) as served:
+        fill(served.feed, ROBOT, TOPICS, changes=True)
+        publish_more(served)
+        tab = show(browser, served, size)
+        tab.prefer(scheme)
+        click(tab, "[data-box='/imu']")
+        tab.wait("document.querySelectorAll('#log .line').length === 3", "the log")
+        tab.wait("!document.querySelector('#change').hidden", "the rollback")
+        assert find_violations(tab) == []
+        click(tab, "#history button")
+        assert find_violations(tab) == []
+        tab.close()
+
+
+def publish_more(served: Served) -> None:
+    feed = served.feed
+    whole = {**feed.get("release"), "status": "pending", "changing": "me"}
+    feed.publish("release", {"release": whole})
+    feed.publish("cluster", {"cluster": {**feed.get("cluster"), "message": "away", "since": ""}})
+    problems = [{"message": "wrong", "error": True}, {"message": "doubtful", "error": False}]
+    feed.publish("problems", {"problems": problems})
+    lines = {"to": 1, "state": "failed", "message": "it failed", "lines": ["one", "two"]}
+    feed.publish("change", {"change": lines})
+    feed.publish("revision", {f"revision/{n}": revision(n) for n in (1, 2)})
+
+
+def revision(number: int) -> dict[str, Any]:
+    return {
+        "number": number,
+        "status": "good",
+        "created": "2026-01-01T00:00:00Z",
+        "description": "an update",
+        "changes": [f"/lidar: image a:{number - 1} to a:{number}"],
+        "back": [] if number == 2 else ["/lidar: image a:2 to a:1"],
+    }
+
+
+# Changes.
+
+
+def test_a_page_that_may_not_change_anything_offers_nothing(tab: Tab, served: Served) -> None:
+    """It says how to allow it."""
+    served.feed.publish("revision", {f"revision/{n}": revision(n) for n in (1, 2)})
+    tab.wait("document.querySelectorAll('#history > li').length === 2", "the history")
+    assert tab.read("document.querySelectorAll('#history button').length") == 0
+    assert "--allow-changes" in tab.text()
+
+
+def test_a_rollback_is_confirmed(browser: Browser) -> None:
+    """The dialog says what would change; Cancel and Escape do nothing."""
+    rolled: list[int] = []
+
+    def rollback(number: int, report: Any, cancel: threading.Event) -> Revision:
+        rolled.append(number)
+        return Revision(RELEASE, 3, "good", "", (), (), description="rollback to revision 1")
+
+    with serve_page(rollback=rollback) as served:
+        fill(served.feed, ROBOT, changes=True)
+        served.feed.publish("revision", {f"revision/{n}": revision(n) for n in (1, 2)})
+        tab = show(browser, served)
+        tab.wait("document.querySelector('#history button')", "the history")
+        assert tab.read("document.querySelectorAll('#history button').length") == 1
+        for way_out in ("Escape", "Enter"):  # Cancel has the focus
+            tab.read("document.querySelector('#history button').focus()")
+            tab.press("Enter")
+            assert tab.read("document.querySelector('dialog').open")
+            assert "/lidar: image a:2 to a:1" in tab.read(
+                "document.querySelector('dialog').innerText"
+            )
+            assert focused(tab) == "confirm-no"
+            tab.press(way_out)
+            tab.wait("!document.querySelector('dialog').open", "the end of the dialog")
+        assert rolled == []
+        tab.read("document.querySelector('#history button').focus()")
+        tab.press("Enter", "Tab", "Enter")
+        tab.wait("document.querySelector('#change-text').textContent.startsWith('Rolled')", "it")
+        assert rolled == [1]
+        assert "Rolled back: revision 3: rollback to revision 1" in tab.text()
+        tab.close()

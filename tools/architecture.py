@@ -26,6 +26,7 @@ PICTURE = ROOT / "docs" / "architecture.svg"
 #: A short description of each package.
 WORDS = {
     "cli": "arguments, printing",
+    "ui": "a live page in the browser",
     "commands": "what a command does",
     "compat": "Rigel 0.3",
     "jobs": "runner and job types",

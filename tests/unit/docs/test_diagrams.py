@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ElementTree
 
 import pytest
@@ -10,6 +11,9 @@ from tools.diagrams.__main__ import FOLDER
 from tools.diagrams.pictures import PICTURES
 from tools.diagrams.scene import Box, Scene
 from tools.screenshots.views import VIEWS
+
+#: Of a real release (tools/screenshots.py).
+SCREENSHOTS = {"ui-light.png", "ui-dark.png"}
 
 
 @pytest.mark.parametrize("name", PICTURES)
@@ -25,8 +29,9 @@ def test_every_picture_is_used() -> None:
     pages = "".join(page.read_text("utf-8") for page in FOLDER.parent.rglob("*.md"))
     files = {file.name for file in FOLDER.iterdir()}
     files -= {view.file for view in VIEWS}  # of the site itself
-    assert files == {f"{name}.svg" for name in PICTURES}
-    assert [name for name in files if f"pictures/{name})" not in pages] == []
+    assert files == {f"{name}.svg" for name in PICTURES} | SCREENSHOTS
+    links = set(re.findall(r"pictures/([\w.-]+)(?:#only-\w+)?\)", pages))
+    assert files - links == set()
 
 
 @pytest.mark.parametrize("name", [name for name, one in PICTURES.items() if isinstance(one, Scene)])

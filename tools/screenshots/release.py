@@ -1,0 +1,39 @@
+"""Take the pictures of docs/ui.md from a running `rigel ui`, light and dark.
+
+usage: python -m tools.screenshots ADDRESS [NODE]    NODE is chosen on the page
+
+ADDRESS is what `rigel ui` prints. The pictures are of a real release: deploy one that has something
+to show, such as a node that crashes.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from tests.support.browser import run_browser
+
+FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
+SIZE = (1280, 860)
+QUIET = 3.0  # seconds: the ROS graph and some lines of the log have come
+
+
+def main(address: str, node: str = "") -> None:
+    """Write both pictures."""
+    with run_browser() as browser:
+        tab = browser.open()
+        tab.resize(*SIZE)
+        tab.go(f"{address}#node={node}" if node else address)
+        tab.wait("document.querySelector('.topic')", "the ROS graph")
+        for scheme in ("light", "dark"):
+            tab.prefer(scheme)
+            time.sleep(QUIET)
+            tab.picture(FOLDER / f"ui-{scheme}.png")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) not in (2, 3):
+        sys.stderr.write(__doc__ or "")
+        sys.exit(2)
+    main(*sys.argv[1:])

@@ -139,12 +139,12 @@ class ClusterContract:
     def test_a_watch_shows_what_is_there_and_what_happens(
         self, cluster: Any, namespace: str
     ) -> None:
-        over, seen = threading.Event(), []
+        over, seen, listed = threading.Event(), list[Any](), list[int]()
         cluster.create(config(namespace))
 
         def follow() -> None:
-            labels = {"app": "x"}
-            for event in cluster.watch("v1", "ConfigMap", namespace, labels=labels, cancel=over):
+            selected = {"labels": {"app": "x"}, "listed": lambda: listed.append(len(seen))}
+            for event in cluster.watch("v1", "ConfigMap", namespace, cancel=over, **selected):
                 seen.append((event.type, (event.object.get("data") or {}).get("a")))
 
         thread = threading.Thread(target=follow)
@@ -158,6 +158,7 @@ class ClusterContract:
             over.set()
             thread.join(30)
         assert seen[1:] == [("MODIFIED", "1"), ("DELETED", "1")]
+        assert listed == [1], "what was there has been seen by then"
 
     # Dry runs.
 

@@ -17,12 +17,12 @@ from rigel_k8s.commands.graph import LiveGraph, look, picture_of
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RigelK8sError
 from rigel_k8s.kube.failures import Refusal
-from rigel_k8s.objects.facts import stays_ready
+from rigel_k8s.objects.facts import is_ending, stays_ready
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.lease import DURATION, holder, is_alive, lease_ref
 from rigel_k8s.release.revisions import OF, Record
-from rigel_k8s.release.rollout.crashes import STEADY, CrashLog
+from rigel_k8s.release.rollout.crashes import STEADY, CrashLog, count_crashes
 from rigel_k8s.release.rollout.surroundings import Surroundings
 from rigel_k8s.release.rollout.view import EVENT, HELPFUL, POD, Kind, ReleaseView
 from rigel_k8s.release.status import KINDS, ReleaseStatus, describe_release
@@ -254,12 +254,15 @@ class Live:
         return made
 
     def _note_crashes(self, ref: ObjectRef, pods: list[Manifest], now: float) -> None:
-        """Note how often a workload has crashed; what was before we looked is no news."""
-        known = ref in self._crashes.counts
-        self._crashes.note(ref, pods, now)
-        if not known:
-            self._crashes.counts.setdefault(ref, 0)
-            self._crashes.changed.pop(ref, None)
+        """Note how often a workload's pods have crashed, as far as they are to stay.
+
+        What was before we looked is no news, and other pods have a count of their own.
+        """
+        staying = [pod for pod in pods if not is_ending(pod)]
+        count = sum(map(count_crashes, staying))
+        if count >= self._crashes.counts.get(ref, count + 1):
+            self._crashes.note(ref, staying, now)
+        self._crashes.counts[ref] = count
 
     def _find_holder(self, view: ReleaseView, now: float) -> str | None:
         """Return who changes the release, "" for no one; None where that may not be seen."""

@@ -91,6 +91,7 @@ def test_a_release_is_shown(scene: Scene) -> None:
     scene.until_state("talker", "ready")
     whole = scene.until(lambda: scene.feed.get("release"), "the release")
     assert (whole["revision"], whole["status"], whole["ready"]) == (1, "good", 2)
+    scene.until(lambda: scene.feed.get("revision/1"), "the revision")
     assert scene.feed.get("revision/1")["status"] == "good"
     assert scene.feed.get("cluster")["message"] == ""
 
@@ -128,6 +129,41 @@ def test_what_crashed_before_is_no_news(scene: Scene) -> None:
     assert (node["state"], node["restarts"]) == ("ready", 4)
 
 
+def test_pods_that_are_replaced_have_not_crashed(scene: Scene) -> None:
+    """Neither one that ends with the code of its signal, nor one with fewer restarts."""
+    states: list[str] = []
+
+    def ended(pod: Any) -> Any:
+        status = running(pod)
+        status["containerStatuses"][0]["restartCount"] = 1
+        if pod["metadata"].get("deletionTimestamp"):
+            last = {"terminated": {"exitCode": 143}}
+            status["containerStatuses"][0] |= {"state": last, "ready": False}
+        return status
+
+    scene.deploy(workload())
+    scene.play(ended)
+    scene.fake.list("v1", "Pod", "n")
+    scene.start()
+    scene.until_state("talker", "ready")
+    publish = scene.feed.publish
+
+    def note(group: str, entries: Any) -> None:
+        states.extend(node["state"] for node in entries.values() if group == "node")
+        publish(group, entries)
+
+    scene.feed.publish = note  # type: ignore[method-assign]
+    there = {pod["metadata"]["uid"] for pod in scene.fake.list("v1", "Pod", "n")}
+    scene.play(lambda pod: ended(pod) if pod["metadata"]["uid"] in there else {"phase": "Pending"})
+    thread = threading.Thread(target=scene.deploy, args=(workload(image="app:2"),), daemon=True)
+    thread.start()
+    scene.until_state("talker", "starting")
+    scene.play(running)
+    thread.join(SECONDS)
+    scene.until_state("talker", "ready")
+    assert "crashed" not in states
+
+
 def test_a_rollout_is_seen_while_it_happens(scene: Scene) -> None:
     """Who makes it, and which node is not ready yet; then that it is over."""
     scene.deploy(workload())
@@ -135,7 +171,7 @@ def test_a_rollout_is_seen_while_it_happens(scene: Scene) -> None:
     scene.until_state("talker", "ready")
     go_on = threading.Event()
     scene.play(lambda pod: running(pod) if go_on.is_set() else {"phase": "Pending"})
-    thread = threading.Thread(target=scene.deploy, args=(workload(image="app:2"),))
+    thread = threading.Thread(target=scene.deploy, args=(workload(image="app:2"),), daemon=True)
     thread.start()
     scene.until_state("talker", "starting")
     whole = scene.until(

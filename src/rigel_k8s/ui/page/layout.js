@@ -155,14 +155,22 @@ export function route(placed, start, end) {
   const points = placed.routes.get(`${start}|${end}`);
   const [from, to] = [placed.places.get(start), placed.places.get(end)];
   if (points) return smooth(points);
-  if (placed.direction === "TB") {
-    const [a, b] = [{ x: from.x, y: from.y + from.height / 2 }, { x: to.x, y: to.y - to.height / 2 }];
-    const bend = clamp(Math.abs(b.y - a.y) / 2, 20, 80);
-    return `M${a.x} ${a.y}C${a.x} ${a.y + bend} ${b.x} ${b.y - bend} ${b.x} ${b.y}`;
+  const sides = placed.direction === "TB" ? ["y", "height", "x", "width"] : ["x", "width", "y", "height"];
+  return bow(from, to, sides);
+}
+
+/** Return a bow from one machine to another: along the direction, or around its side and back. */
+function bow(from, to, [main, length, cross, breadth]) {
+  const start = from[main] + from[length] / 2;
+  const end = to[main] - to[length] / 2;
+  const at = (along, across) => (main === "x" ? `${along} ${across}` : `${across} ${along}`);
+  if (end > start) {
+    const bend = clamp((end - start) / 2, 20, 90);
+    return `M${at(start, from[cross])}C${at(start + bend, from[cross])} ${at(end - bend, to[cross])} ${at(end, to[cross])}`;
   }
-  const [a, b] = [{ x: from.x + from.width / 2, y: from.y }, { x: to.x - to.width / 2, y: to.y }];
-  const bend = clamp(Math.abs(b.x - a.x) / 2, 24, 90);
-  return `M${a.x} ${a.y}C${a.x + bend} ${a.y} ${b.x - bend} ${b.y} ${b.x} ${b.y}`;
+  const [near, far] = [from[cross] + from[breadth] / 2, to[cross] + to[breadth] / 2];
+  const out = Math.max(near, far) + clamp(Math.abs(from[main] - to[main]) / 6, 24, 90);
+  return `M${at(from[main], near)}C${at(from[main], out)} ${at(to[main], out)} ${at(to[main], far)}`;
 }
 
 /** Return a line through points whose corners are round. */

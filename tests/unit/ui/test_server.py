@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hmac
 import json
 import socket
 import threading
@@ -77,6 +78,22 @@ def test_without_the_token_nothing_is_served(served: Served, path: str) -> None:
     assert answer.status == 403
     assert b"rigel ui" in answer.body
     assert TOKEN.encode() not in answer.body
+
+
+def test_the_token_is_compared_in_constant_time(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """How long an answer takes says nothing of how much of a guess is right."""
+    compared = []
+    real = hmac.compare_digest
+
+    def compare(one: bytes, other: bytes) -> bool:
+        compared.append({one, other})
+        return real(one, other)
+
+    monkeypatch.setattr("rigel_k8s.ui.server.hmac.compare_digest", compare)
+    assert served.ask("/guess/").status == 403
+    assert compared == [{b"guess", TOKEN.encode()}]
 
 
 @pytest.mark.parametrize("path", ["/live", f"/{TOKEN[:-1]}/live", "/open/x"])

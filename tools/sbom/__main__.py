@@ -11,7 +11,8 @@ SBOMs are CycloneDX 1.6 JSON on standard output.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 from cyclonedx.model.component import ComponentType
@@ -21,6 +22,7 @@ from tools.npm import DAGRE
 from tools.sbom.archive import read_archive
 from tools.sbom.cluster import read_cluster, write_page
 from tools.sbom.document import write_document
+from tools.sbom.parts import Part
 from tools.sbom.requirements import read_library, read_requirements
 
 ROOT = Path(__file__).parents[2]
@@ -29,10 +31,11 @@ PAGE = ROOT / "docs" / "licences.md"
 
 def main(arguments: Sequence[str]) -> int:
     """Run one of the commands; return the exit code."""
+    parts: Iterator[Part]
     match arguments:
         case ["wheel"]:
             lock = (ROOT / "requirements" / "run.txt").read_text("utf-8")
-            parts = (*read_requirements(lock), read_library(DAGRE))
+            parts = chain(read_requirements(lock), [read_library(DAGRE)])
             text = write_document("rigel-k8s", __version__, ComponentType.APPLICATION, parts)
         case ["image", path]:
             archive = Path(path)

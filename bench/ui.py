@@ -127,6 +127,9 @@ def crash(browser: Browser, cluster: object, address: str, runs: int) -> Iterato
         begun = time.monotonic()
         tab.wait(CRASHED, "a crash", 60)
         yield time.monotonic() - begun
+        # A pod that crashes again and again is started later each time.
+        ref = ObjectRef("v1", "Pod", NAMESPACE, pod["metadata"]["name"])
+        cluster.delete(ref, grace_seconds=0)  # type: ignore[attr-defined]
     tab.close()
 
 

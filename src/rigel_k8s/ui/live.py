@@ -262,6 +262,8 @@ class Live:
         count = sum(map(count_crashes, staying))
         if count >= self._crashes.counts.get(ref, count + 1):
             self._crashes.note(ref, staying, now)
+        else:
+            self._crashes.changed.pop(ref, None)
         self._crashes.counts[ref] = count
 
     def _find_holder(self, view: ReleaseView, now: float) -> str | None:

@@ -106,12 +106,11 @@ def find_cause(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) -
     if workload.done:  # it has crashed, and runs again
         ended = "; ".join(explain_end(pods))
         return f"{ended}; it runs again" if ended else "it was restarted, and runs again"
-    messages = [workload.message]
-    for pod in workload.pods:
-        lost = pod.phase == "Terminating" and pod.kind == AWAY
-        if pod.message and pod.message not in workload.message and not pod.ready:
-            messages += [pod.message] if pod.phase != "Terminating" or lost else []
-    return "; ".join(filter(None, dict.fromkeys(messages)))
+    shown = [pod for pod in workload.pods if pod.phase != "Terminating" or pod.kind == AWAY]
+    messages = [workload.message, *(pod.message for pod in shown if not pod.ready)]
+    # A pod's message repeats the cause that its workload's has.
+    parts = [part for message in messages for part in message.split("; ") if part]
+    return "; ".join(dict.fromkeys(parts))
 
 
 def explain_end(pods: Iterable[Manifest]) -> Iterable[str]:

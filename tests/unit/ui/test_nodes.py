@@ -88,7 +88,8 @@ def test_a_crashed_node_has_its_last_words() -> None:
         deployment(), [pod({"containerStatuses": [{**ended, "lastState": {"terminated": ENDED}}]})]
     )
     assert found["state"] == "crashed"
-    assert "container node exited with code 3 (no camera), restarted 2 times" in found["cause"]
+    words = "container node exited with code 3 (no camera), restarted 2 times"
+    assert found["cause"] == f"0 of 1 ready; {words}", "once"
 
 
 def test_a_node_that_runs_again_stays_crashed_for_a_while() -> None:

@@ -141,6 +141,7 @@ def node(
         "helper": False,
         "state": state,
         "cause": cause,
+        "brief": cause,
         "remedy": "",
         "ready": int(state == "ready"),
         "desired": 1,

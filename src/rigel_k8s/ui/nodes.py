@@ -42,6 +42,7 @@ def node_entry(
         rolling: a roll-out goes on, so that pods that were never ready are expected.
     """
     state = find_state(workload, pods, crashed=crashed, rolling=rolling)
+    causes = find_causes(workload, pods, state)
     living = [pod for pod in workload.pods if pod.phase != "Terminating"]
     return {
         "name": workload.annotations.get(ROS_NAME_ANNOTATION) or workload.name,
@@ -49,7 +50,8 @@ def node_entry(
         "kind": workload.kind,
         "helper": workload.name == EXPORTER,
         "state": state,
-        "cause": find_cause(workload, pods, state),
+        "cause": "; ".join(causes),
+        "brief": " ".join(causes[1:2] or causes[:1]),
         "remedy": "" if state == READY else workload.annotations.get(REMEDY_ANNOTATION, ""),
         "ready": workload.ready,
         "desired": workload.desired,
@@ -99,27 +101,31 @@ def find_state(
     return UNREADY if told and not rolling else STARTING
 
 
-def find_cause(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) -> str:
-    """Return why a node is in its state, in the words of `rigel status`; "" where all is well."""
+def find_causes(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) -> list[str]:
+    """Return why a node is in its state, in the words of `rigel status`; [] where all is well.
+
+    The first says how many pods are ready, where not all are.
+    """
     if state in (READY, STOPPED):
-        return ""
+        return []
     if workload.done:  # it has crashed, and runs again
-        ended = "; ".join(explain_end(pods))
-        return f"{ended}; it runs again" if ended else "it was restarted, and runs again"
+        return ["it runs again", *(explain_end(pods) or ["it was restarted"])]
     shown = [pod for pod in workload.pods if pod.phase != "Terminating" or pod.kind == AWAY]
     messages = [workload.message, *(pod.message for pod in shown if not pod.ready)]
     # A pod's message repeats the cause that its workload's has.
     parts = [part for message in messages for part in message.split("; ") if part]
-    return "; ".join(dict.fromkeys(parts))
+    return list(dict.fromkeys(parts))
 
 
-def explain_end(pods: Iterable[Manifest]) -> Iterable[str]:
-    """Yield how the containers of living pods ended last."""
-    for pod in pods:
-        if not is_ending(pod):
-            for container in containers(pod.get("status") or {}):
-                for cause in explain_exit(pod["metadata"]["name"], container):
-                    yield cause.message
+def explain_end(pods: Iterable[Manifest]) -> list[str]:
+    """Return how the containers of living pods ended last."""
+    return [
+        cause.message
+        for pod in pods
+        if not is_ending(pod)
+        for container in containers(pod.get("status") or {})
+        for cause in explain_exit(pod["metadata"]["name"], container)
+    ]
 
 
 def was_ready(pod: Manifest) -> bool:

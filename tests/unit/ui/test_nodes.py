@@ -90,6 +90,7 @@ def test_a_crashed_node_has_its_last_words() -> None:
     assert found["state"] == "crashed"
     words = "container node exited with code 3 (no camera), restarted 2 times"
     assert found["cause"] == f"0 of 1 ready; {words}", "once"
+    assert found["brief"] == words, "what has little room begins with the cause"
 
 
 def test_a_node_that_runs_again_stays_crashed_for_a_while() -> None:
@@ -98,7 +99,8 @@ def test_a_node_that_runs_again_stays_crashed_for_a_while() -> None:
     pods = [pod({"containerStatuses": [again]}, ready="True")]
     found = entry(deployment(available=1), pods, crashed=True)
     assert found["state"] == "crashed"
-    assert "exited with code 3 (no camera), restarted 1 time; it runs again" in found["cause"]
+    assert found["brief"] == "container node exited with code 3 (no camera), restarted 1 time"
+    assert found["cause"] == f"it runs again; {found['brief']}"
     assert entry(deployment(available=1), pods)["state"] == "ready"
 
 

@@ -32,6 +32,7 @@ TOPICS = [
     topic("/scan", ["/lidar"], ["/slam", "/planner"]),
     topic("/imu/data", ["/imu"], ["/slam"]),
     topic("/map", ["/slam"], ["/planner"]),
+    topic("/grasp", ["/lidar"], ["/arm"]),  # to a machine that is drawn before this one
 ]
 #: Where the boxes are on the screen: name -> [left, top, right, bottom].
 PLACES = """Object.fromEntries([...document.querySelectorAll('.box')].map((box) => {
@@ -139,6 +140,17 @@ def test_a_crash_turns_a_node_red_and_moves_nothing(tab: Tab, served: Served) ->
     assert tab.read("document.title").startswith("✖ 4")
     said = tab.read("document.querySelector('#announcer').textContent")
     assert said == "/lidar is crashed: exited with code 1"
+
+
+def test_the_whole_graph_is_in_its_frame(tab: Tab) -> None:
+    """Edges that lead back around other boxes are not cut off."""
+    outside = tab.read("""(() => {
+      const frame = document.querySelector('#graph svg').getBoundingClientRect();
+      return [...document.querySelectorAll('.edge')].map((e) => e.getBoundingClientRect()).filter(
+        (r) => r.right > frame.right || r.bottom > frame.bottom || r.left < frame.left
+      ).length;
+    })()""")
+    assert outside == 0
 
 
 def test_a_rollout_shows_its_progress(tab: Tab, served: Served) -> None:

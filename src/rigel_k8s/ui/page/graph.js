@@ -117,8 +117,9 @@ function colorBox(box) {
   const state = node.state ?? "outside";
   const words = node.state ? wordsOf(state) : box.note || wordsOf(state);
   const wrong = state === "ready" ? box.wrong : "";
+  const brief = node.brief || wrong;
   const cause = node.cause || wrong;
-  const told = [`${box.name} ${words}`, cause, `on ${box.machine}`, ...connections(box.name)];
+  const told = [`${box.name} ${words}`, brief, cause === brief ? "" : cause, `on ${box.machine}`, ...connections(box.name)];
   const label = told.filter(Boolean).join(", ");
   if (card.shown === label + selected()) return;
   card.shown = label + selected();
@@ -126,7 +127,7 @@ function colorBox(box) {
   card.element.setAttribute("aria-label", label);
   card.element.setAttribute("aria-pressed", String(Boolean(box.workload) && box.workload === selected()));
   card.shape.replaceChildren(drawState(state));
-  setText(card.note, begin(cause ? `${words}: ${cause}` : words, FONTS.note, card.at.width - 22));
+  setText(card.note, begin(brief ? `${words}: ${brief}` : words, FONTS.note, card.at.width - 22));
   setText(card.title, label);
 }
 

@@ -117,7 +117,8 @@ export function sizeOfBox(box) {
 }
 
 export function sizeOfPill(topic) {
-  const words = topic.rate ? `${topic.name} ${topic.rate}` : topic.name;
+  // With room for any rate: one that changes must not move anything.
+  const words = `${topic.name} 9999/s`;
   return { width: clamp(widthOf(words, FONTS.pill) + 18, PILL.least, PILL.most), height: PILL.height };
 }
 
@@ -156,11 +157,11 @@ export function route(placed, start, end) {
   const [from, to] = [placed.places.get(start), placed.places.get(end)];
   if (points) return smooth(points);
   const sides = placed.direction === "TB" ? ["y", "height", "x", "width"] : ["x", "width", "y", "height"];
-  return bow(from, to, sides);
+  return bow(placed, from, to, sides);
 }
 
-/** Return a bow from one machine to another: along the direction, or around its side and back. */
-function bow(from, to, [main, length, cross, breadth]) {
+/** Return a bow from one machine to another: along the direction, or around the side, and back. */
+function bow(placed, from, to, [main, length, cross, breadth]) {
   const start = from[main] + from[length] / 2;
   const end = to[main] - to[length] / 2;
   const at = (along, across) => (main === "x" ? `${along} ${across}` : `${across} ${along}`);
@@ -170,6 +171,7 @@ function bow(from, to, [main, length, cross, breadth]) {
   }
   const [near, far] = [from[cross] + from[breadth] / 2, to[cross] + to[breadth] / 2];
   const out = Math.max(near, far) + clamp(Math.abs(from[main] - to[main]) / 6, 24, 90);
+  placed[breadth] = Math.max(placed[breadth], Math.max(near, far) / 4 + (out * 3) / 4 + 4);
   return `M${at(from[main], near)}C${at(from[main], out)} ${at(to[main], out)} ${at(to[main], far)}`;
 }
 

@@ -23,9 +23,9 @@ export function showLog() {
 export function takeLines({ node, begins, lines }) {
   if (node !== selected()) return;
   if (begins) showLog();
-  if (paused) {
+  if (paused || document.hidden) {
     held = [...held, ...lines].slice(-MOST);
-    setText(byId("log-note"), `Paused: ${held.length} new lines.`);
+    if (paused) setText(byId("log-note"), `Paused: ${held.length} new lines.`);
     return;
   }
   const atEnd = area.scrollHeight - area.scrollTop - area.clientHeight < 40;
@@ -62,9 +62,17 @@ byId("pause").addEventListener("click", (event) => {
   setText(event.currentTarget, paused ? "Continue" : "Pause");
   if (!paused) {
     setText(byId("log-note"), "");
-    const lines = held;
-    held = [];
-    takeLines({ node: selected(), begins: false, lines });
+    showHeld();
   }
 });
+// A page that no one sees draws no lines.
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden && !paused) showHeld();
+});
+
+function showHeld() {
+  const lines = held;
+  held = [];
+  takeLines({ node: selected(), begins: false, lines });
+}
 showLog();

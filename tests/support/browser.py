@@ -166,11 +166,11 @@ class Tab:
         """Type a text into what has the focus."""
         self.call("Input.insertText", text=text)
 
-    def resize(self, width: int, height: int) -> None:
-        """Give the page another size."""
+    def resize(self, width: int, height: int, *, mobile: bool = False) -> None:
+        """Give the page another size, in CSS pixels."""
         self.call(
             "Emulation.setDeviceMetricsOverride",
-            width=width, height=height, deviceScaleFactor=1, mobile=False,
+            width=width, height=height, deviceScaleFactor=1, mobile=mobile,
         )  # fmt: skip
 
     def prefer(self, scheme: str) -> None:
@@ -178,9 +178,16 @@ class Tab:
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         self.call("Emulation.setEmulatedMedia", features=features)
 
+    def forget(self, origin: str) -> None:
+        """Delete what a site has stored in the browser, such as colors that were chosen."""
+        self.call("Storage.clearDataForOrigin", origin=origin, storageTypes="all")
+
     def picture(self, path: Path, *, whole: bool = False) -> None:
-        """Write a picture of the page as PNG."""
-        answer = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        """Write a picture of the page; the file's suffix is its format: png or webp."""
+        form: dict[str, Any] = {"format": path.suffix.removeprefix(".")}
+        if path.suffix == ".webp":
+            form["quality"] = 85  # text stays sharp, and a page is a third of its PNG
+        answer = self.call("Page.captureScreenshot", captureBeyondViewport=whole, **form)
         path.write_bytes(base64.b64decode(answer["data"]))
 
     def tree(self) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-from tools.screenshots.browser import run_browser
+from tests.support.browser import run_browser
 from tools.screenshots.views import PICTURES, VIEWS
 
 ROOT = Path(__file__).parents[2]
@@ -30,11 +30,16 @@ def main() -> None:
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(site))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with run_browser() as browser:
+            origin = f"http://127.0.0.1:{server.server_port}"
             for view in VIEWS:
-                address = f"http://127.0.0.1:{server.server_port}/{view.page}"
-                browser.open(address, width=view.width, height=view.height, dark=view.dark)
+                tab = browser.open()
+                tab.forget(origin)
+                tab.prefer("dark" if view.dark else "light")
+                tab.resize(view.width, view.height, mobile=view.width < 600)
+                tab.go(f"{origin}/{view.page}")
                 time.sleep(view.seconds)
-                (PICTURES / view.file).write_bytes(browser.picture())
+                tab.picture(PICTURES / view.file)
+                tab.close()
         server.shutdown()
 
 

@@ -12,7 +12,7 @@ from tools.diagrams.pictures import PICTURES
 from tools.diagrams.scene import Box, Scene
 from tools.screenshots.views import VIEWS
 
-#: Of a real release (tools/screenshots.py).
+#: Of a real release (tools/screenshots/release.py).
 SCREENSHOTS = {"ui-light.png", "ui-dark.png"}
 
 

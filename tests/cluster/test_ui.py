@@ -208,6 +208,8 @@ def test_ten_pages_ask_the_cluster_no_more_than_one(
     tabs = [browser.open(f"{ui[0]}#node=talker") for _ in range(9)]
     for one in tabs:
         one.wait(box("/talker", "ready"), "the talker")
+    for one in tabs:  # a page that is hidden draws no lines
+        one.show()
         one.wait("document.querySelector('#log .line')", "its log")
     assert len(before) > 5
     # A reading of the ROS graph, every half minute, has a connection of its own.

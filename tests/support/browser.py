@@ -182,6 +182,10 @@ class Tab:
         """Delete what a site has stored in the browser, such as colors that were chosen."""
         self.call("Storage.clearDataForOrigin", origin=origin, storageTypes="all")
 
+    def show(self) -> None:
+        """Bring the page to the front; the others are hidden then."""
+        self.call("Page.bringToFront")
+
     def picture(self, path: Path, *, whole: bool = False) -> None:
         """Write a picture of the page; the file's suffix is its format: png or webp."""
         form: dict[str, Any] = {"format": path.suffix.removeprefix(".")}

@@ -307,6 +307,23 @@ def test_the_log_of_a_node_is_followed(tab: Tab) -> None:
     tab.wait(f"{lines} === 1", "the lines that were held")
 
 
+def test_a_hidden_page_draws_its_log_when_it_is_shown(browser: Browser, served: Served) -> None:
+    """Ten pages in the background must not cost a core while a node talks."""
+    hidden = show(browser, served)
+    front = show(browser, served)
+    front.show()
+    hidden.wait("document.hidden", "the page to be hidden")
+    for tab in (hidden, front):
+        click(tab, "[data-box='/imu']")
+    lines = "document.querySelectorAll('#log .line').length === 3"
+    front.wait(lines, "the log in the page in front")
+    assert not hidden.read(lines)
+    hidden.show()
+    hidden.wait(lines, "the log that was held")
+    hidden.close()
+    front.close()
+
+
 # Keys and screen readers.
 
 

@@ -57,7 +57,7 @@ def make_printer() -> Callable[[str], None]:
     """Return what prints lines: the address on standard output, everything else beside it."""
     lines = 0
 
-    def tell(text: str) -> None:
+    def report(text: str) -> None:
         nonlocal lines
         if lines == 0:
             click.echo(text)
@@ -66,4 +66,4 @@ def make_printer() -> Callable[[str], None]:
             click.echo(text, err=True)
         lines += 1
 
-    return tell
+    return report

@@ -1,4 +1,4 @@
-"""Rollbacks that a page asks for: one at a time, told to all pages."""
+"""Rollbacks that a page asks for: one at a time, reported to all pages."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class Changes:
         with self._lock:
             if self._thread is not None and self._thread.is_alive():
                 return False
-            report = Told(self._feed, number)
+            report = PageReport(self._feed, number)
             self._thread = threading.Thread(
                 target=self._run, args=(number, report), name="rigel-ui-rollback"
             )
             self._thread.start()
             return True
 
-    def _run(self, number: int, report: Told) -> None:
+    def _run(self, number: int, report: PageReport) -> None:
         try:
             made = self._rollback(number, report, self._cancel)
         except RigelK8sError as error:
@@ -62,7 +62,7 @@ class Changes:
             self._thread.join()
 
 
-class Told:
+class PageReport:
     """A reporter whose lines are an entry."""
 
     def __init__(self, feed: Feed, number: int) -> None:

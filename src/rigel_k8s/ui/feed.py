@@ -41,7 +41,7 @@ class Feed:
                 page.send(text)
 
     def get(self, key: str) -> Any:
-        """Return an entry, None where there is none."""
+        """Return an entry, None if it is missing."""
         with self._lock:
             return self._entries.get(key)
 

@@ -126,9 +126,9 @@ class Live:
             return
         self._lost.set()
         self.report(f"{message}; waiting for it")
-        self._tell(message)
+        self._publish_trouble(message)
 
-    def _tell(self, message: str) -> None:
+    def _publish_trouble(self, message: str) -> None:
         """Publish what keeps pages from being up to date, "" for nothing."""
         cluster = self.found.cluster
         old = self.feed.get("cluster") or {}
@@ -150,7 +150,7 @@ class Live:
     # Sessions.
 
     def _watch(self) -> None:
-        self._tell("connecting to the cluster")
+        self._publish_trouble("connecting to the cluster")
         while not self.over.is_set():
             if self._lost.is_set():
                 self.over.wait(0.2)
@@ -162,10 +162,12 @@ class Live:
                 ) as view:
                     self._follow(view)
             except ClusterError as error:
-                self._tell(error.message + (f" ({error.hint})" if error.hint else ""))
+                self._publish_trouble(error.message + (f" ({error.hint})" if error.hint else ""))
                 self.over.wait(PAUSE)
             except Exception as error:  # a page that stands still must not look live
-                self._tell(f"this page is no longer updated: {error!r}; start rigel ui again")
+                self._publish_trouble(
+                    f"this page is no longer updated: {error!r}; start rigel ui again"
+                )
                 raise
 
     def _follow(self, view: ReleaseView) -> None:
@@ -183,7 +185,7 @@ class Live:
             now = time.monotonic()
             if not view.complete or not (fresh or self._is_due(shown, now)):
                 continue
-            self._tell("")
+            self._publish_trouble("")
             self._show(view, now)
             shown = now
             self.over.wait(CALM)

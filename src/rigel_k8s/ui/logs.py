@@ -92,19 +92,19 @@ class NodeLog:
 
     def _follow(self) -> None:
         """Read lines; a node without a pod is looked at again."""
-        told = ""
+        reported = ""
         while not self.over.is_set():
             self._begin()
             try:
                 for line in self._read(self.node, self.over):
-                    told = ""
+                    reported = ""
                     self._take(line)
                     if self.over.is_set():
                         return
             except RigelK8sError as error:
-                if error.message != told:
+                if error.message != reported:
                     self._take(LogLine(self.node, "", error.message, note=True))
-                told = error.message
+                reported = error.message
             self.over.wait(PAUSE)
 
     def _begin(self) -> None:

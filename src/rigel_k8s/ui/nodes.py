@@ -97,8 +97,8 @@ def find_state(
     waiting = [pod for pod in pods if not is_ending(pod) and not is_ready(pod)]
     if any(was_ready(pod) for pod in waiting):
         return UNREADY
-    told = any(pod.message for pod in workload.pods if pod.phase != "Terminating")
-    return UNREADY if told and not rolling else STARTING
+    has_message = any(pod.message for pod in workload.pods if pod.phase != "Terminating")
+    return UNREADY if has_message and not rolling else STARTING
 
 
 def find_causes(workload: WorkloadStatus, pods: Sequence[Manifest], state: str) -> list[str]:
@@ -144,7 +144,7 @@ def was_ready(pod: Manifest) -> bool:
 
 
 def read_time(text: str | None) -> datetime | None:
-    """Return a time of Kubernetes', None where there is none."""
+    """Return a time of Kubernetes', None if it is missing."""
     try:
         return datetime.strptime(text or "", "%Y-%m-%dT%H:%M:%SZ")
     except ValueError:

@@ -47,12 +47,12 @@ class UiOptions:
 
 
 def serve(
-    settings: Settings, job: str | None, options: UiOptions, tell: Callable[[str], None]
+    settings: Settings, job: str | None, options: UiOptions, report: Callable[[str], None]
 ) -> None:
     """Serve the page of a release until Ctrl-C or SIGTERM.
 
     Args:
-        tell: takes lines for the terminal; the first one has the address.
+        report: takes lines for the terminal; the first one has the address.
 
     Raises:
         UserError: a part of the extra `ui` is missing, or the port is taken.
@@ -65,16 +65,16 @@ def serve(
     if options.allow_changes:
         changes = Changes(feed, make_rollback(found, settings))
     feed.publish("server", {"server": {"changes": options.allow_changes}})
-    live = Live(found, feed, tell)
+    live = Live(found, feed, report)
     with found.cluster, bind(options.port) as listening, interruptible() as cancel:
         token, port = secrets.token_urlsafe(24), listening.getsockname()[1]
         server, tickets = server_type(feed, logs, token, changes)
         thread = threading.Thread(target=server.run, args=([listening],), daemon=True)
         thread.start()
-        tell(f"http://{ADDRESS}:{port}/{token}/")
+        report(f"http://{ADDRESS}:{port}/{token}/")
         live.start()
         if options.browser and has_display():
-            open_browser(f"http://{ADDRESS}:{port}/open/{tickets.issue()}", tell)
+            open_browser(f"http://{ADDRESS}:{port}/open/{tickets.issue()}", report)
         try:
             while not cancel.wait(1.0) and thread.is_alive():
                 pass
@@ -84,7 +84,7 @@ def serve(
             live.close()
             logs.close()
             if changes is not None and changes.running:
-                tell("interrupting the rollback")
+                report("interrupting the rollback")
                 changes.close()
             server.should_exit = True
             thread.join(GRACE + 1)
@@ -164,12 +164,12 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def open_browser(address: str, tell: Callable[[str], None]) -> None:
+def open_browser(address: str, report: Callable[[str], None]) -> None:
     """Open the user's browser, beside what we do."""
 
     def call() -> None:
         started = time.monotonic()
         if not webbrowser.open(address) and time.monotonic() - started < 10:
-            tell("no browser could be started: open the address above")
+            report("no browser could be started: open the address above")
 
     threading.Thread(target=call, daemon=True).start()

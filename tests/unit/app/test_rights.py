@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from rigel_k8s.app.rights import need_to_deploy, need_to_look
+from rigel_k8s.app.rights import need_to_deploy, need_to_look, need_to_watch
 from rigel_k8s.objects.rights import find_missing, make_rules
 from rigel_k8s.release.refusals.rights import find_resource, need_for
 
@@ -50,7 +50,7 @@ def test_the_documentation_says_what_each_right_is_needed_for() -> None:
         for name in re.findall(r"`(.*?)`", names):
             documented[name] = set(re.split(r"[,;] ", verbs))
     granted: dict[str, set[str]] = defaultdict(set)
-    for right in need_to_deploy("n"):
+    for right in (*need_to_deploy("n"), *need_to_watch("n", deployer=True)):
         name = f"{right.resource}.{right.group}" if "metrics" in right.group else right.resource
         granted[name].add(right.verb)
     assert documented == granted

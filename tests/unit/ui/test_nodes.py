@@ -135,7 +135,7 @@ UNPLACED = {"type": "PodScheduled", "status": "False", "message": "0/1 nodes"}
         (
             {"phase": "Pending", "containerStatuses": [], "conditions": [UNPLACED]},
             [],
-            "no node takes the pod: 0/1 nodes",
+            "no machine can run the pod: 0/1 nodes",
         ),
         (
             {"phase": "Pending", "containerStatuses": []},

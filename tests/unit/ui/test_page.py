@@ -137,7 +137,7 @@ def test_a_crash_turns_a_node_red_and_moves_nothing(tab: Tab, served: Served) ->
     assert tab.read(PLACES) == before
     first = tab.read("document.querySelector('#nodes tr').innerText")
     assert "crashed" in first
-    assert tab.read("document.title").startswith("✖ 4")
+    tab.wait("document.title.startsWith('✖ 4')", "the title")
     said = tab.read("document.querySelector('#announcer').textContent")
     assert said == "/lidar is crashed: exited with code 1"
 

@@ -119,8 +119,8 @@ function colorBox(box) {
   const wrong = state === "ready" ? box.wrong : "";
   const brief = node.brief || wrong;
   const cause = node.cause || wrong;
-  const told = [`${box.name} ${words}`, brief, cause === brief ? "" : cause, `on ${box.machine}`, ...connections(box.name)];
-  const label = told.filter(Boolean).join(", ");
+  const description = [`${box.name} ${words}`, brief, cause === brief ? "" : cause, `on ${box.machine}`, ...connections(box.name)];
+  const label = description.filter(Boolean).join(", ");
   if (card.shown === label + selected()) return;
   card.shown = label + selected();
   card.element.setAttribute("class", `box ${state}${wrong ? " wrong" : ""}`);
@@ -215,7 +215,7 @@ area.addEventListener("keydown", (event) => {
   }
 });
 
-/** Return the box that is next in a direction, "" where there is none. */
+/** Return the box that is next in a direction, "" if it is missing. */
 function nearest(name, dx, dy) {
   const from = drawn.boxes.get(name).at;
   let best = "";

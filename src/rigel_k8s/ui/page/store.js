@@ -34,10 +34,10 @@ export function take(message) {
     entries.set(key, value);
     changed.add(key);
   }
-  tell(changed);
+  notify(changed);
 }
 
-function tell(changed) {
+function notify(changed) {
   if (pending) {
     for (const key of changed) pending.add(key);
     return;

@@ -104,12 +104,13 @@ def open_terminal(
     return Terminal(child, leader, columns)
 
 
-#: Makes standard input the controlling terminal, so that Ctrl-C reaches the program.
+#: Makes standard input the controlling terminal, so that Ctrl-C reaches the program, which must not
+#: inherit that it is ignored: what a shell starts in the background does.
 _CONTROL = (
     "python3",
     "-c",
-    "import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0);"
-    " os.execvp(sys.argv[1], sys.argv[1:])",
+    "import fcntl, os, signal, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0);"
+    " signal.signal(signal.SIGINT, signal.SIG_DFL); os.execvp(sys.argv[1], sys.argv[1:])",
 )
 
 

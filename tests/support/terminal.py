@@ -105,12 +105,13 @@ def open_terminal(
 
 
 #: Makes standard input the controlling terminal, so that Ctrl-C reaches the program, which must not
-#: inherit that it is ignored: what a shell starts in the background does.
+#: inherit that signals are ignored: what a shell starts in the background does, and under `nohup`.
 _CONTROL = (
     "python3",
     "-c",
     "import fcntl, os, signal, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0);"
-    " signal.signal(signal.SIGINT, signal.SIG_DFL); os.execvp(sys.argv[1], sys.argv[1:])",
+    " [signal.signal(number, signal.SIG_DFL) for number in (signal.SIGINT, signal.SIGHUP)];"
+    " os.execvp(sys.argv[1], sys.argv[1:])",
 )
 
 

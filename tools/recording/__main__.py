@@ -30,7 +30,7 @@ def main() -> None:
         place = Path(name)
         file = place / "Rigelfile"
         file.write_text(text.replace("apart_from", "apart_form"))
-        runs = [run("rigel check", place, context=arguments.context)]
+        runs = [run("rigel check", place, context=arguments.context, code=2)]
         file.write_text(text)
         runs.append(run("rigel run job deploy", place, context=arguments.context, live=False))
         runs.append(run("rigel status", place, context=arguments.context))

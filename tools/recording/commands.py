@@ -25,8 +25,12 @@ class Run:
     output: str
 
 
-def run(command: str, directory: Path, *, context: str, live: bool = True) -> Run:
-    """Run a command of rigel; one that is not live prints each change as a line."""
+def run(command: str, directory: Path, *, context: str, live: bool = True, code: int = 0) -> Run:
+    """Run a command of rigel; one that is not live prints each change as a line.
+
+    Raises:
+        RuntimeError: its exit code is another one; with its output.
+    """
     words = shlex.split(command)
     if words[0] != "rigel":
         raise ValueError(f"not a command of rigel: {command}")
@@ -40,9 +44,11 @@ def run(command: str, directory: Path, *, context: str, live: bool = True) -> Ru
         env={**os.environ, "COLUMNS": str(COLUMNS), "TERM": "xterm-256color"},
         stdout=writer,
         stderr=writer,
-    ):
+    ) as process:
         os.close(writer)
         output = _read(reader)
+    if process.returncode != code:
+        raise RuntimeError(f"{command} ended with {process.returncode}:\n{output}")
     return Run(command, output.replace("\r\n", "\n"))
 
 

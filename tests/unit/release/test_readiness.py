@@ -209,6 +209,16 @@ def test_events_tell_mounts_only_until_a_container_has_started() -> None:
     assert [one.kind for one in causes(live("Deployment", {}), [pulls], events)] == ["image"]
 
 
+def test_an_image_of_two_containers_is_one_cause() -> None:
+    """The gate and roscore have one image: a sentence is printed once."""
+    pulls = {"image": "robot:1", "state": waiting("ErrImagePull", "no such image")}
+    both = [
+        {"name": name, "ready": False, "restartCount": 0, **pulls} for name in ("master", "gate")
+    ]
+    found = causes(live("Deployment", {}), [pod(containerStatuses=both)], [])
+    assert [cause.message for cause in found] == ["image robot:1 cannot be pulled: no such image"]
+
+
 @pytest.mark.parametrize("kind", ["configmap", "secret"])
 def test_a_busy_kubelet_is_no_cause(kind: str) -> None:
     """It has not read the pod's ConfigMaps yet, and tries again by itself."""

@@ -121,7 +121,9 @@ def causes(
         found += explain_pod(pod, warnings)
     if not living:
         found += [explain_loss(pod) for pod in pods if is_out_of_reach(pod)]
-    return list({cause.key: cause for cause in reversed(found)}.values())[::-1]
+    last_first = {cause.key: cause for cause in reversed(found)}.values()
+    # Two containers may have one image that cannot be pulled.
+    return list({cause.message: cause for cause in last_first}.values())[::-1]
 
 
 def explain_owner(

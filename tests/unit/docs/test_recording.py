@@ -17,6 +17,8 @@ RUNS = [
     Run("rigel graph", "x"),
 ]
 
+WRONG = "rigel -f no-such check"
+
 
 def test_output_and_colors_are_in_the_picture() -> None:
     """Each line is a text of its own; a color is a class, which has a light and a dark form."""
@@ -38,13 +40,15 @@ def test_without_motion_one_screen_is_shown() -> None:
 @pytest.mark.parametrize("live", [True, False])
 def test_a_command_is_run_for_real(tmp_path: Path, *, live: bool) -> None:
     """In a terminal or not, with what it prints to both of its outputs."""
-    assert "no-such" in run("rigel -f no-such check", tmp_path, context="none", live=live).output
+    assert "no-such" in run(WRONG, tmp_path, context="none", live=live, code=2).output
+    with pytest.raises(RuntimeError, match="ended with 2"):
+        run(WRONG, tmp_path, context="none", live=live)
 
 
 def test_a_terminal_is_as_wide_as_the_picture(tmp_path: Path) -> None:
     """What is wider would be outside of it."""
     (tmp_path / "Rigelfile").write_text("{" + "key: 1, " * 100 + "}")
-    output = run("rigel check", tmp_path, context="none").output
+    output = run("rigel check", tmp_path, context="none", code=2).output
     assert max(len(line) for line in output.splitlines() if " | " in line) == COLUMNS
 
 

@@ -1,0 +1,93 @@
+"""The robot of docs/whole-robot.md passes the check and becomes what the page says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.support.tutorials import RIGEL, make_place, run
+
+PAGE = (Path(__file__).parents[3] / "docs" / "whole-robot.md").read_text("utf-8")
+FILES = dict(re.findall(r'^```\w+ title="([^"\n]+)"\n(.*?)^```$', PAGE, re.M | re.S))
+NODES = ("planner", "camera", "recorder")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page's files; its registry is one that refuses connections at once."""
+    found = make_place(tmp_path_factory.mktemp("reader"), {"rigel": RIGEL})
+    (found / "workspace/src/planner").mkdir(parents=True)
+    (found / "workspace/src/planner/package.xml").write_text("<package/>\n")
+    for name, text in FILES.items():
+        (found / name).parent.mkdir(parents=True, exist_ok=True)
+        (found / name).write_text(text.replace("ghcr.io", "127.0.0.1:9"))
+    return found
+
+
+@pytest.fixture(scope="module")
+def objects(place: Path) -> list[Any]:
+    """What its deploy makes."""
+    done = run("export GHCR_TOKEN=x KUBECONFIG=none; rigel -q render deploy 2>problems", place)
+    assert done.returncode == 0, (place / "problems").read_text()
+    return list(yaml.safe_load_all(done.stdout))
+
+
+def find(objects: list[Any], kind: str, name: str) -> Any:
+    """Return one object."""
+    (found,) = (o for o in objects if (o["kind"], o["metadata"]["name"]) == (kind, name))
+    return found
+
+
+def read_pod(objects: list[Any], node: str) -> Any:
+    """Return the spec of a node's pods."""
+    return find(objects, "Deployment", node)["spec"]["template"]["spec"]
+
+
+def test_the_page_has_all_files_that_it_lists() -> None:
+    """Except for the sources of the planner."""
+    assert set(FILES) == {"Rigelfile", "workspace/config/planner.yaml", "camera/Dockerfile"}
+
+
+def test_its_rigelfile_has_no_problems(place: Path) -> None:
+    """Also with the token that the page exports."""
+    done = run("export GHCR_TOKEN=x; rigel check", place)
+    assert (done.returncode, done.stdout) == (0, "Rigelfile: no problems\n")
+
+
+def test_nodes_are_updated_as_its_table_says(objects: list[Any]) -> None:
+    """And no other node is in the table."""
+    table = re.findall(r"^\| `(\w+)` \| `(\w+)` \| ?(.*?) ?\|$", PAGE, re.M)
+    shown = {name: f"{way}: {why}" if why else way for name, way, why in table}
+    nodes = {
+        item["metadata"]["name"]: item["metadata"]["annotations"].get("rigel-k8s/update")
+        for item in objects
+        if item["kind"] == "Deployment" and item["metadata"]["name"] != "ros-master"
+    }
+    assert nodes == shown
+    assert len(shown) == 3
+
+
+def test_a_new_build_of_the_workspace_leaves_the_camera_alone(objects: list[Any]) -> None:
+    """It has an image of its own, the others share one."""
+    image = {name: read_pod(objects, name)["containers"][0]["image"] for name in NODES}
+    assert image["planner"] == image["recorder"] != image["camera"]
+
+
+def test_the_planner_gets_its_parameter_file(objects: list[Any]) -> None:
+    """Below its own ROS name."""
+    (text,) = find(objects, "ConfigMap", "planner-parameters")["data"].values()
+    assert yaml.safe_load(text) == {"rate": 10, "frame": "base_link"}
+    (container,) = read_pod(objects, "planner")["containers"]
+    assert "/planner" in container["args"]
+
+
+def test_camera_and_recorder_stay_on_the_robot(objects: list[Any]) -> None:
+    """Where the device and the bags are."""
+    for name in ("camera", "recorder"):
+        assert read_pod(objects, name)["nodeSelector"] == {"kubernetes.io/hostname": "robot-1"}
+    volume = find(objects, "PersistentVolume", "bags-pv")
+    assert volume["spec"]["hostPath"]["path"] == "/var/lib/bags"

@@ -76,6 +76,17 @@ def _begins(path: Path, start: Path) -> bool:
     return path[: len(start)] == start
 
 
+def _find_owner(word: str, known: Mapping[str, Field]) -> str | None:
+    """Return the key whose mapping has objects with an option of exactly this name."""
+    for key, outer in known.items():
+        kind = unwrap(outer.type)
+        inner = type_arguments(kind)[1] if is_mapping(kind) else None
+        own = fields_of(inner) if isinstance(inner, type) and attrs.has(inner) else ()
+        if any(word in field.keys for field in own):
+            return key
+    return None
+
+
 @attrs.frozen
 class Structured:
     """The result for a Node.
@@ -233,6 +244,10 @@ class _Structurer:
                 continue
             absent = [name for name in known if name not in node.value]
             few = len(self.problems) < MOST_PROBLEMS  # the search for a similar key takes long
+            if few and (owner := _find_owner(key, known)):
+                message = f'unknown key "{key}", it is an option of each entry of "{owner}"'
+                self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
+                continue
             message = f'unknown key "{key}"{suggest(key, absent or known) if few else ""}'
             self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
             near = find_nearest(key, absent) if few else None

@@ -37,6 +37,18 @@ def test_rigelfile_of_the_guide() -> None:
     assert [p for p in problems(text, "jazzy") if p.severity == "error"] == []
 
 
+def test_nodes_of_the_guide_are_not_missing() -> None:
+    """No ROS name is expected of `ros2 topic`, which chooses the name of its node."""
+    rigelfile: dict[str, dict[str, dict[str, object]]] = block("k3s.md")  # type: ignore[assignment]
+    made = release(yaml.safe_dump(rigelfile["jobs"]["deploy"]["with"]), distro="jazzy")
+    pods = [one["spec"]["template"] for one in made.objects if one["kind"] == "Deployment"]
+    talking = [
+        pod for pod in pods if pod["spec"]["containers"][0].get("args", [])[:2] == ["ros2", "topic"]
+    ]
+    assert len(talking) == 2
+    assert not any("rigel-k8s/ros-name" in pod["metadata"]["annotations"] for pod in talking)
+
+
 @pytest.mark.parametrize("image", [MULTUS_IMAGE, WHEREABOUTS_IMAGE, PLUGINS_IMAGE])
 def test_images_of_the_manual(image: str) -> None:
     """Who brings images to machines without internet brings those that are used."""

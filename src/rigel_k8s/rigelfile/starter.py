@@ -14,7 +14,9 @@ TEXT = Template("""\
 
 # Values for {{ vars.NAME }}. Names that are not here are looked up in the environment.
 vars:
-  registry: localhost:5000         # where images are pushed to, and the cluster pulls from
+  # Where images are pushed to; must be reachable from every machine of the cluster. Write your own:
+  # `rigel cluster status` prints that of a local cluster.
+  registry: registry.example/me
   image: "{{ vars.registry }}/my-robot"
   version: "1.0"
 
@@ -38,13 +40,15 @@ jobs:
       image: "{{ vars.image }}"
       tags: ["{{ vars.version }}"]
       push: true
-      platforms: [linux/amd64]
+      platforms: [linux/amd64]     # add linux/arm64 for machines with ARM
 
 $deploys  deploy:
     plugin: rigel_k8s.OrchestrationPlugin
     with:
       namespace: my-robot
-      # An unprivileged user, read-only images; remove it for device files (docs/security.md).
+      # An unprivileged user and read-only images. Device files are refused with it; if you remove
+      # it, every node loses it.
+      # $docs/security.md
       security: restricted
 $network      image: "{{ vars.image }}:{{ vars.version }}"
       nodes:
@@ -72,6 +76,9 @@ sequences:
       - jobs: [build, deploy]
 """)
 
+#: The documentation, for users without the repository.
+DOCS = "https://github.com/rigel-k8s/rigel-k8s/blob/main/docs"
+
 #: What differs between ROS 1 and ROS 2.
 ROS1 = {
     "status": "what runs where, and what is wrong with it",
@@ -98,13 +105,17 @@ ROS2 = {
   # Deploys the nodes, each in a pod of its own, waits until they are ready, and checks that they
   # discover each other.
 """,
-    "network": """\
+    "network": f"""\
       # Pod networks carry no multicast between machines. peers works on any cluster; macvlan puts
-      # the nodes onto the machines' Ethernet, where laptops see them too (docs/networking.md):
-      # network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24, install: true}
+      # the nodes onto the machines' Ethernet, where laptops see them too:
+      # {DOCS}/networking.md
+      # network: {{mode: macvlan, interface: eth0, subnet: 10.20.0.0/24, install: true}}
       network: peers
 """,
 }
 
 #: By the ROS that they are for.
-STARTERS: Mapping[str, str] = {"1": TEXT.substitute(ROS1), "2": TEXT.substitute(ROS2)}
+STARTERS: Mapping[str, str] = {
+    "1": TEXT.substitute(ROS1, docs=DOCS),
+    "2": TEXT.substitute(ROS2, docs=DOCS),
+}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import click
 import pytest
+import yaml
 from click.testing import CliRunner, Result
 
 from rigel_k8s.cli.main import cli
@@ -21,8 +23,10 @@ from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.commands.logs import read as logs
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import Plan, ReleaseId, Step
+from rigel_k8s.rigelfile import STARTERS
 from rigel_k8s.settings import Settings
 
+ROOT = Path(__file__).parents[3]
 GLOBAL = ["-f", "robots/Rigelfile", "--context", "lab", "--kubeconfig", "kc", "-n", "test"]
 SETTINGS = Settings(Path("robots/Rigelfile"), "lab", Path("kc"), "test")
 
@@ -271,6 +275,25 @@ def test_init_writes_one_for_ros2_too(starter: Path) -> None:
     done = CliRunner().invoke(cli, ["check"], standalone_mode=False)
     assert (done.return_value, done.stdout) == (0, "Rigelfile: no problems\n")
     assert "distro: jazzy" in starter.read_text()
+
+
+@pytest.mark.parametrize("ros", ["1", "2"])
+def test_the_pages_that_init_names_can_be_opened(ros: str) -> None:
+    """A user of the package has no docs/: each page is named by its address, and exists."""
+    text = STARTERS[ros]
+    address = "https://github.com/rigel-k8s/rigel-k8s/blob/main/"
+    pages = re.findall(r"(\S*)(docs/[\w-]+\.md)", text)
+    assert pages
+    for before, page in pages:
+        assert before == address
+        assert (ROOT / page).is_file()
+
+
+@pytest.mark.parametrize("ros", ["1", "2"])
+def test_machines_can_pull_from_the_registry_of_init(ros: str) -> None:
+    """On another machine `localhost` is that machine."""
+    registry = yaml.safe_load(STARTERS[ros])["vars"]["registry"]
+    assert not registry.startswith(("localhost", "127."))
 
 
 def test_check_tells_in_json(starter: Path) -> None:

@@ -34,7 +34,7 @@ def graph_lines(graph: DiscoveryGraph) -> Iterator[str]:
     """Yield what is wrong, and what to do: once if it is the same for several."""
     for finding, following in zip_longest(graph.findings, graph.findings[1:]):
         same = following is not None and following.remedy == finding.remedy
-        yield finding.message if same else str(finding)
+        yield f"{finding.message} [{finding.kind}]" if same else str(finding)
 
 
 def graph_json(graph: DiscoveryGraph | None) -> dict[str, Any] | None:

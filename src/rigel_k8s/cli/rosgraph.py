@@ -213,7 +213,8 @@ def topic_cells(found: LiveGraph, picture: Picture, name: str) -> list[str]:
 def problem_lines(found: LiveGraph) -> Iterator[str]:
     """Yield what is wrong."""
     for problem in found.problems:
-        yield click.style(problem.message, fg="red", bold=problem.error or None)
+        line = f"{problem.message} [{problem.kind}]"
+        yield click.style(line, fg="red", bold=problem.error or None)
 
 
 def redden(line: str, bad: bool) -> str:  # noqa: FBT001 - the condition itself

@@ -25,4 +25,5 @@ class GraphFinding:
     error: bool = False
 
     def __str__(self) -> str:
-        return f"{self.message}; {self.remedy}" if self.remedy else self.message
+        said = f"{self.message}; {self.remedy}" if self.remedy else self.message
+        return f"{said} [{self.kind}]"

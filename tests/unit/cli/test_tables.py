@@ -137,7 +137,7 @@ def test_graph_in_the_table() -> None:
     assert lines[2].startswith(heads)
     assert "node1  net1       10.1.0.5  1/2         0" in lines[3]
     assert lines[4].split() == ["camera", "-", "0/1", *["-"] * 8]
-    assert "multicast from node2 does not reach node1; look at the switch" in lines[-1]
+    assert "multicast from node2 does not reach node1; look at the switch [deaf]" in lines[-1]
     assert status_json(release(TALKER), GRAPH)["graph"] == {
         "ok": False,
         "deaf": [{"from": "node2", "to": "node1"}],
@@ -147,11 +147,15 @@ def test_graph_in_the_table() -> None:
 
 
 def test_a_graph_in_order() -> None:
-    """A graph without findings adds columns and no line; a remedy of several stands once."""
+    """A graph without findings adds columns and no line; a remedy of several stands once, the kind
+    of each behind it, for `rigel explain`.
+    """
     order = attrs.evolve(GRAPH, findings=(), deaf=())
     assert status_text(release(TALKER), NOW, order).splitlines()[-1].startswith("talker")
     twice = attrs.evolve(GRAPH, findings=GRAPH.findings * 2)
-    assert status_text(release(TALKER), NOW, twice).count("look at the switch") == 1
+    text = status_text(release(TALKER), NOW, twice)
+    assert text.count("look at the switch") == 1
+    assert text.count("[deaf]") == 2
 
 
 def test_status_for_scripts() -> None:

@@ -220,7 +220,7 @@ def test_forbidden():
     found = graph([member("a"), member("b")], {"a": problem, "b": problem})
     assert [str(f) for f in found.findings] == [
         "a and b could not be checked: commands in pods are not allowed (the right `create"
-        " pods/exec` is missing)"
+        " pods/exec` is missing) [not-looked]"
     ]
     assert found.errors == ()
     assert [pod.discovered_by for pod in found.pods] == [None, None]
@@ -326,7 +326,7 @@ def test_check_ends_in_an_error(
         run_check(Recorder())
     assert caught.value.exit_code == 1
     assert caught.value.message.startswith("app in robots is deployed, but")
-    assert caught.value.details == ("node2 is deaf; look",)
+    assert caught.value.details == ("node2 is deaf; look [deaf]",)
 
 
 def test_what_a_busy_machine_may_explain_is_looked_at_again(looks: list[DiscoveryGraph | None]):
@@ -355,7 +355,7 @@ def test_check_without_network(looks: list[DiscoveryGraph | None]):
     looks.append(DOUBT)
     report = Recorder()
     run_check(report)
-    assert report.warnings == ["no multicast; set network"]
+    assert report.warnings == ["no multicast; set network [deaf]"]
 
 
 def test_check_of_ros_1(looks: list[DiscoveryGraph | None]):

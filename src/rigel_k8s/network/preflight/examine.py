@@ -48,7 +48,7 @@ def report_findings(found: Sequence[PreflightFinding], report: Reporter) -> None
     """Print warnings, and raise an error for the others as `check` does."""
     for one in found:
         if one.severity == "warning":
-            report.warn(f"{one.message}: {one.remedy}")
+            report.warn(f"{one.message}: {one.remedy} [{one.kind}]")
     error = failure([one for one in found if one.severity == "error"])
     if error:
         raise error

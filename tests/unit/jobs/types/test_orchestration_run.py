@@ -233,7 +233,7 @@ def test_errors_of_the_preflight_end_the_deploy(report: Recorder) -> None:
     finding = preflight.PreflightFinding
     beware = finding("mtu", "the MTU is odd", "mind it", severity="warning")
     preflight.report_findings([beware], report)
-    assert report.warnings == ["the MTU is odd: mind it"]
+    assert report.warnings == ["the MTU is odd: mind it [mtu]"]
     lacks = finding("no-multus", "there is no Multus", "install it")
     with pytest.raises(ClusterError, match=r"there is no Multus \[no-multus\]"):
         preflight.report_findings([beware, lacks], report)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import attrs
 import pytest
 
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.network.options import Network, network_of
-from rigel_k8s.network.preflight.examine import examine, failure
+from rigel_k8s.network.preflight.examine import examine, failure, report_findings
 from rigel_k8s.network.preflight.finding import PreflightFinding
+from tests.support.recorder import Recorder
 
 LACKS = PreflightFinding("multus-missing", "Multus is not installed", "install it")
 WRONG = PreflightFinding("mtu", "an MTU of 9000 does not fit", "a smaller one", fault="rigelfile")
@@ -41,6 +43,13 @@ def test_nothing_is_asked_where_no_pod_wants_it() -> None:
 def test_nothing_found_is_no_failure() -> None:
     """Without errors there is nothing to raise."""
     assert failure([]) is None
+
+
+def test_a_warning_names_its_kind() -> None:
+    """`rigel explain` explains it by the word in brackets."""
+    report = Recorder()
+    report_findings([attrs.evolve(LACKS, severity="warning")], report)
+    assert report.warnings == ["Multus is not installed: install it [multus-missing]"]
 
 
 def test_one_finding_is_the_error() -> None:

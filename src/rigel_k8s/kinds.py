@@ -282,6 +282,11 @@ APPLICATION: Mapping[str, Kind] = {
     "restricted": Kind(
         "an option is not allowed by `security: restricted`", "remove one of the two"
     ),
+    "any-machine": Kind(
+        "a node has a `host_path` and no fixed machine, so its data are those of whichever machine"
+        " its pod runs on",
+        "set `placement.node`, or use one of `persistent_storage.volumes`",
+    ),
     "volume-owner": Kind(
         "Kubernetes does not change the owner of a machine's directory",
         "run `chown` on the machine, with the user in the message",

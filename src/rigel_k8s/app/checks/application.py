@@ -200,9 +200,12 @@ def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Ite
         obstacle = find_obstacle(node, volumes, own_master=static)
         if ros != "1":
             obstacle = find_lifecycle_obstacle(node, volumes, options.network, options.middleware)
-        if node.anonymous:
-            obstacle = "its ROS name differs in each pod: remove `strategy`"
         path: Path = ("nodes", str(key), "update")
+        differs = "its ROS name differs in each pod"
+        reason = differs if node.anonymous else obstacle
+        yield from check_warm(path, node.update, ros, reason, gate=gate)
+        if node.anonymous:
+            obstacle = f"{differs}: remove `strategy`"
         yield from refuse_hand_over(path, node.update, ros, obstacle, gate=gate)
     obstacle = find_application_obstacle(
         options.readiness,
@@ -212,6 +215,7 @@ def check_hand_over(options: OrchestrationOptions, ros: Ros, distro: str) -> Ite
     )
     if ros == "2":
         obstacle = "in ROS 2 it needs another command line: make it one of `nodes`"
+    yield from check_warm(("rolling_update",), options.rolling_update, ros, obstacle, gate=gate)
     yield from refuse_hand_over(
         ("rolling_update",), options.rolling_update, ros, obstacle, gate=gate
     )
@@ -236,6 +240,20 @@ def refuse_hand_over(
     if obstacle:
         message = f"HandOver is not possible: {obstacle}"
         yield Problem((*path, "strategy"), message, "hand-over", at_key=True)
+
+
+def check_warm(
+    path: Path, update: RollingUpdate | None, ros: Ros, obstacle: str | None, *, gate: bool
+) -> Iterator[Problem]:
+    """Yield why the default update of a node that should be warm hands nothing over."""
+    if ros != "1" or update is None or not update.warm or update.strategy:
+        return
+    reason = obstacle if gate else "roscore has no gate, see `gate`"
+    if is_rolling(update):
+        reason = "max_surge and max_unavailable are for Rolling"
+    if reason:
+        message = f"nothing is handed over, so warm has no effect: {reason}; remove `warm`"
+        yield Problem((*path, "warm"), message, "bad-update", severity="warning", at_key=True)
 
 
 def check_rollback(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import PurePosixPath
+from typing import Any
 
 from rigel_k8s.app.checks.lines import check_line
 from rigel_k8s.app.checks.parameters import IN_NODES, check_parameters, check_substitution
@@ -12,9 +14,11 @@ from rigel_k8s.app.mounts import device_of, mount_of, source_count
 from rigel_k8s.app.nodes import port_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, list_paths
+from rigel_k8s.app.placing import node_selector
 from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.podoptions import EnvVar
+from rigel_k8s.objects.podsecurity import mapping
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
 
@@ -25,6 +29,8 @@ CLASH: Mapping[str, str] = {
 }
 #: Labels that identify objects.
 RESERVED = ("app.kubernetes.io/", "rigel-k8s/")
+#: Directories and files that each machine has of its own, so that no data are expected there.
+EVERYWHERE = ("/dev", "/etc/localtime", "/proc", "/run", "/sys", "/tmp", "/var/run")
 #: Options that a node reads at its start.
 APPENDED = ("parameters", "remappings", "parameter_files", "parameter_commands")
 #: Options that only ROS can read.
@@ -48,6 +54,8 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     yield from check_labels(node)
     yield from check_env(node)
     yield from check_volumes(node, {str(v.name) for v in options.persistent_storage.volumes})
+    if options.security is None:
+        yield from check_machine_data(node)
     yield from check_devices(node, restricted=options.security is not None)
     yield from check_ports(node)
     yield from check_placement(key, node, options.nodes)
@@ -194,6 +202,27 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
         if place in places:
             yield Problem(path, f"another volume is already mounted at {place}", "name-taken")
         places.add(place)
+
+
+def check_machine_data(node: NodeOptions) -> Iterator[Problem]:
+    """Yield directories of a machine that another machine does not have with the same content."""
+    if node_selector(node.placement) or is_placed(node.patch):
+        return
+    for index, mount in enumerate(map(mount_of, node.volumes)):
+        path = PurePosixPath(mount.host_path or "/dev")
+        if any(path.is_relative_to(place) for place in EVERYWHERE):
+            continue
+        message = (
+            f"the pod sees {path} of the machine that it runs on, which may be another one after a"
+            " restart: set placement.node (or placement.labels), or use persistent_storage"
+        )
+        yield Problem(("volumes", index), message, "any-machine", severity="warning")
+
+
+def is_placed(patch: Mapping[str, Any]) -> bool:
+    """Return whether a user's own part of a Deployment chooses its machine."""
+    spec = mapping(mapping(mapping(patch.get("spec")).get("template")).get("spec"))
+    return any(spec.get(key) for key in ("nodeName", "nodeSelector", "affinity"))
 
 
 def check_devices(node: NodeOptions, *, restricted: bool) -> Iterator[Problem]:

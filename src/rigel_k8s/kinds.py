@@ -222,7 +222,9 @@ APPLICATION: Mapping[str, Kind] = {
         "a value cannot be a parameter of a component", "use the message's types"
     ),
     "bad-parameter-file": Kind(
-        "a parameter file has both `file` and `image_file`, or neither", "set one of the two"
+        "a parameter file has both `file` and `image_file`, or neither; or the file is missing, too"
+        " large, or not a YAML mapping",
+        "set one of the two, and correct what the message names; paths begin at `application.dir`",
     ),
     "no-parameter-namespace": Kind(
         "a parameter file of ROS 2 has a `namespace`", "write full names in the file"

@@ -84,7 +84,14 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
     rigelfile = rigelfile or load(settings)
     spec = choose_job(rigelfile, settings, name)
     made = grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
-    findings = made.place_problems(OrchestrationJob().check(made.options, rigelfile.application))
+    application, home = rigelfile.application, settings.rigelfile.absolute().parent
+    job = OrchestrationJob()
+    findings = made.place_problems(
+        [
+            *job.check(made.options, application),
+            *job.check_files(made.options, application, home),
+        ]
+    )
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)
 

@@ -79,6 +79,10 @@ class JobType(Protocol[O_contra]):
 
     A job type may also have a method `exclusive(options, application, settings) -> str | None`: a
     key for what its jobs must not do at the same time (deploy one release, write one file).
+
+    And it may have a method `check_files(options, application, home) -> Sequence[Problem]`, which
+    reads files that the options name: `rigel check` calls it, and a run before the job, since
+    an earlier job may write them. `home` is the Rigelfile's directory.
     """
 
     options: ClassVar[type[Any]]

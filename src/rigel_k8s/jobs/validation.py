@@ -24,7 +24,10 @@ METHODS: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
 }
 
 OPTIONAL: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
-    "job": {"exclusive": ("options", "application", "settings")},
+    "job": {
+        "exclusive": ("options", "application", "settings"),
+        "check_files": ("options", "application", "home"),
+    },
     "provider": {},
 }
 

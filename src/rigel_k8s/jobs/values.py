@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import prod
+from pathlib import Path
 from typing import Any
 
 from rigel_k8s.jobs.steps import Branches, Job
@@ -53,7 +54,11 @@ class Values:
             ProblemsError: something in it is wrong, with places.
         """
         real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
-        findings = real.place_problems(job.type.check(real.options, self._rigelfile.application))
+        application = self._rigelfile.application
+        findings = real.place_problems(job.type.check(real.options, application))
+        if check_files := getattr(job.type, "check_files", None):
+            home = Path(self._rigelfile.source.name).absolute().parent
+            findings += real.place_problems(check_files(real.options, application, home))
         if any(finding.severity == "error" for finding in findings):
             raise problems_error(self._rigelfile.source, findings)
         return real.options, real.raw

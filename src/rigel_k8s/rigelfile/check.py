@@ -251,3 +251,6 @@ def _check_options(
     yield from seen.findings
     if seen.draft is not None and application is not None:
         yield from seen.place_problems(found.check(seen.draft, application))
+        if check_files := getattr(found, "check_files", None):
+            home = Path(scope.source.name).absolute().parent
+            yield from seen.place_problems(check_files(seen.draft, application, home))

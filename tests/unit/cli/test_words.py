@@ -21,6 +21,7 @@ from rigel_k8s.commands import images, pods, releases
 from rigel_k8s.commands import run as runs
 from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.commands.logs import read as logs
+from rigel_k8s.errors import ProblemsError
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.types import Plan, ReleaseId, Step
 from rigel_k8s.rigelfile import STARTERS
@@ -294,6 +295,54 @@ def test_machines_can_pull_from_the_registry_of_init(ros: str) -> None:
     """On another machine `localhost` is that machine."""
     registry = yaml.safe_load(STARTERS[ros])["vars"]["registry"]
     assert not registry.startswith(("localhost", "127."))
+
+
+PARAMETERS = """\
+application: {distro: noetic}
+jobs:
+  deploy:
+    plugin: rigel_k8s.OrchestrationPlugin
+    with:
+      deploy_ros_master: true
+      parameter_files: [missing.yaml, {file: list.yaml}]
+      nodes:
+        arm: {image: a, args: [arm], parameter_files: [good.yaml, broken.yaml]}
+"""
+
+
+@pytest.mark.parametrize("command", ["check", "render"])
+def test_parameter_files_are_read_by_check_and_render(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each that is missing or wrong is a problem of its place, with the line in a broken file."""
+    monkeypatch.chdir(tmp_path)
+    Path("Rigelfile").write_text(PARAMETERS)
+    Path("list.yaml").write_text("- a\n")
+    Path("good.yaml").write_text("speed: 1\n")
+    Path("broken.yaml").write_text("speed: 1\nrate: [1, 2\nframe: base\n")
+    done = CliRunner().invoke(cli, [command], standalone_mode=False)
+    if isinstance(done.exception, ProblemsError):
+        shown, code = "\n".join(done.exception.details), done.exception.exit_code
+    else:
+        shown, code = done.stdout, done.return_value
+    found = re.findall(r"^Rigelfile:(\d+:\d+): (.*) \[bad-parameter-file\]$", shown, re.M)
+    assert code == 2
+    assert [place for place, _ in found] == ["7:25", "7:46", "9:67"]
+    missing, listed, broken = (message for _, message in found)
+    assert "missing.yaml: No such file or directory" in missing
+    assert listed.endswith("list.yaml is not a mapping of parameter names to values")
+    assert "broken.yaml:3:6 is not YAML: " in broken
+
+
+def test_a_parameter_file_with_a_template_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An earlier job may store its name."""
+    monkeypatch.chdir(tmp_path)
+    named = PARAMETERS.replace("[good.yaml, broken.yaml]", '["{{ data.file }}"]')
+    Path("Rigelfile").write_text(named.replace("[missing.yaml, {file: list.yaml}]", "[]"))
+    done = CliRunner().invoke(cli, ["check"], standalone_mode=False)
+    assert (done.return_value, done.stdout) == (0, "Rigelfile: no problems\n")
 
 
 def test_check_tells_in_json(starter: Path) -> None:

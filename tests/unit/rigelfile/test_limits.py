@@ -258,9 +258,12 @@ def test_files_that_options_name(looker: Looker, tmp_path: Path) -> None:
             "application: {distro: jazzy}\n"
             + (DEPLOY % "").replace('{image: a, command: [b], env: {X: ""}}', node)
         )
-        shown = looker.expect_end(place / "Rigelfile", "render")
-        assert "hunter2" not in shown
-        assert ("nodes.talker.parameter_files" in shown) == (name != "good.yaml"), shown[-2000:]
+        outside = "secret" in name or name in ("link.yaml", "/dev/zero", "/etc/passwd")
+        kind = "[untrusted]" if outside else "[bad-parameter-file]"
+        for command in ("check", "render"):
+            shown = looker.expect_end(place / "Rigelfile", command)
+            assert "hunter2" not in shown
+            assert (f"{kind}\n" in shown) == (name != "good.yaml"), shown[-2000:]
 
 
 def test_only_variables_that_the_file_names_are_read(tmp_path: Path) -> None:

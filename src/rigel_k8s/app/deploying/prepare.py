@@ -12,16 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import attrs
-import yaml
 
 from rigel_k8s.app.checks.application import check
 from rigel_k8s.app.deploying.architectures import find_unfit_machines
 from rigel_k8s.app.deploying.digests import pins
+from rigel_k8s.app.deploying.parameterfiles import read_parameter_files
 from rigel_k8s.app.deploying.secrets import choose_credentials, has_pull_secret, secret_name
 from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.desired import draft, has_workloads
 from rigel_k8s.app.options import OrchestrationOptions
-from rigel_k8s.app.parameters import list_local
 from rigel_k8s.app.partial import flat, is_partial, overlay
 from rigel_k8s.errors import UserError
 from rigel_k8s.gate.program import program
@@ -31,16 +30,8 @@ from rigel_k8s.objects.podoptions import Readiness
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.observability.request import StackRequest, request_of
 from rigel_k8s.release.types import Desired, ReleaseId, Revision
-from rigel_k8s.rigelfile.parse import find_excess
 from rigel_k8s.rigelfile.structure import InvalidOptions, structure_plain
 from rigel_k8s.settings import Application, Settings
-from rigel_k8s.system.local_files import read_text
-from rigel_k8s.yaml_text import Loader
-
-#: Bytes of one parameter file: a ConfigMap holds a mebibyte.
-LARGEST_PARAMETER_FILE = 2**18
-#: Characters of the parameter files of all nodes.
-MOST_PARAMETERS = 2**24
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster
@@ -137,7 +128,7 @@ def _finish(
     home: Path,
     secret_is_there: bool,
 ) -> Preparation:
-    texts, files = scripts(), _parameter_files(options, application.dir, home)
+    texts, files = scripts(), read_parameter_files(options, application.dir, home)
     network = options.network
     previous = last.objects() if network and network.ipam == "static" else ()
     drafted = draft(
@@ -235,49 +226,3 @@ def _lay_over(
             details=list(map(str, error.problems)),
         ) from error
     return whole, merged
-
-
-def _parameter_files(options: OrchestrationOptions, directory: Path, home: Path) -> dict[str, str]:
-    """Return the texts of all parameter files, by the names in the Rigelfile."""
-    uses = [
-        *((path, "parameter_files") for _, path in list_local(options)),
-        *(
-            (path, f"nodes.{key}.parameter_files")
-            for key, node in options.nodes.items()
-            for _, path in list_local(node)
-        ),
-    ]
-    texts = {
-        path: _parameter_file(directory / path, home, where) for path, where in dict(uses).items()
-    }
-    if sum(len(texts[path]) for path, _ in uses) > MOST_PARAMETERS:
-        raise UserError(
-            f"the parameter files of all nodes have more than {MOST_PARAMETERS} characters",
-            hint="split the file: it counts once for each node that uses it",
-        )
-    return texts
-
-
-def _parameter_file(path: Path, home: Path, where: str) -> str:
-    """Return a parameter file's text, after checking that it contains parameters."""
-    try:
-        text = read_text(path, home, LARGEST_PARAMETER_FILE, what=where)
-        content = _read_parameters(text)
-    except (OSError, UnicodeError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise UserError(
-            f"{where}: cannot read {path}: {reason}",
-            hint="write its path relative to the application's directory",
-        ) from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{where}: {path} is not YAML", details=str(error).splitlines()) from error
-    if not isinstance(content, dict):
-        raise UserError(f"{where}: {path} is not a mapping of parameter names to values")
-    return text
-
-
-def _read_parameters(text: str) -> Any:
-    """Return the content of a parameter file."""
-    if excess := find_excess(text):
-        raise yaml.YAMLError(f"{excess.span.line}:{excess.span.column}: {excess.message}")
-    return yaml.load(text, Loader)

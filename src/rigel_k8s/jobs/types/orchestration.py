@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from rigel_k8s.app.distros import ros_of
@@ -41,6 +42,14 @@ class OrchestrationJob:
         from rigel_k8s.app.checks.application import check
 
         return tuple(check(options, application.distro))
+
+    def check_files(
+        self, options: OrchestrationOptions, application: Application, home: Path
+    ) -> Sequence[Problem]:
+        """Return what is wrong with the parameter files."""
+        from rigel_k8s.app.deploying.parameterfiles import check_parameter_files
+
+        return tuple(check_parameter_files(options, application.dir, home))
 
     def exclusive(
         self, options: OrchestrationOptions, application: Application, settings: Settings

@@ -83,6 +83,9 @@ class JobType(Protocol[O_contra]):
     And it may have a method `check_files(options, application, home) -> Sequence[Problem]`, which
     reads files that the options name: `rigel check` calls it, and a run before the job, since
     an earlier job may write them. `home` is the Rigelfile's directory.
+
+    And it may have `needs_cluster`: True if `run` connects to the cluster of the settings, False
+    if it neither does so nor creates one. Without it, the type may create one.
     """
 
     options: ClassVar[type[Any]]

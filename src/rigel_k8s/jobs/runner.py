@@ -22,7 +22,13 @@ from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.jobs.providers import Declared
 from rigel_k8s.jobs.registry import job_type, provider_type
 from rigel_k8s.jobs.scope import CancelScope
-from rigel_k8s.jobs.steps import Jobs, job_names, list_job_steps, list_sequence_steps
+from rigel_k8s.jobs.steps import (
+    Jobs,
+    job_names,
+    list_job_steps,
+    list_jobs,
+    list_sequence_steps,
+)
 from rigel_k8s.jobs.values import Values
 from rigel_k8s.problems import Problem
 from rigel_k8s.rigelfile import (
@@ -58,18 +64,32 @@ class Prepared:
     warnings: tuple[str, ...]
 
 
+def find_cluster_job(prepared: Prepared) -> str | None:
+    """Return the first job that needs the cluster, which must be configured before the run.
+
+    None: no job needs one, or a job or provider before it may create the cluster.
+    """
+    before: list[object] = [declared.type for declared in prepared.providers]
+    for job in list_jobs(prepared.steps):
+        if getattr(job.type, "needs_cluster", False):
+            known = all(getattr(kind, "needs_cluster", None) is False for kind in before)
+            return job.name if known else None
+        before.append(job.type)
+    return None
+
+
 def run_job(
     rigelfile: Rigelfile, name: str, *, settings: Settings, report: JobReporter
 ) -> dict[str, Any]:
     """Check and run one job; return the data that it stored. Raises as prepare_job and run do."""
-    return _warn_and_run(prepare_job(rigelfile, name, settings), report)
+    return warn_and_run(prepare_job(rigelfile, name, settings), report)
 
 
 def run_sequence(
     rigelfile: Rigelfile, name: str, *, settings: Settings, report: JobReporter
 ) -> dict[str, Any]:
     """Check and run a sequence; return the data of its trunk. Raises as its two halves do."""
-    return _warn_and_run(prepare_sequence(rigelfile, name, settings), report)
+    return warn_and_run(prepare_sequence(rigelfile, name, settings), report)
 
 
 def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
@@ -166,7 +186,8 @@ def run(
         return run_steps(prepared.steps, around, declared, data=data, scope=scope)
 
 
-def _warn_and_run(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
+def warn_and_run(prepared: Prepared, report: JobReporter) -> dict[str, Any]:
+    """Report the warnings, then run what was prepared; raises as run."""
     for warning in prepared.warnings:
         report.warn(warning)
     return run(prepared, report)

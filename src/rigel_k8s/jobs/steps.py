@@ -8,7 +8,7 @@ Job         one use of a job
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
 import attrs
@@ -93,6 +93,19 @@ def list_sequence_steps(
 
     body = Jobs(tuple(step(stage) for stage in sequence.stages))
     return body if sequence.matrix is None else Jobs((Branches(sequence.matrix, body),))
+
+
+def list_jobs(step: Step) -> Iterator[Job]:
+    """Yield the jobs below a step in the order in which they start."""
+    if isinstance(step, Job):
+        yield step
+    elif isinstance(step, Jobs):
+        for inner in step.steps:
+            yield from list_jobs(inner)
+    elif isinstance(step, Serving):
+        yield from (*step.dependencies, *list_jobs(step.jobs))
+    else:
+        yield from list_jobs(step.body)
 
 
 def job_names(sequence: SequenceSpec) -> tuple[str, ...]:

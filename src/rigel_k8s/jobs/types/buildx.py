@@ -70,6 +70,7 @@ class BuildXJob:
     """Builds one image under all its tags; pushes and loads it if requested."""
 
     options: ClassVar[type[BuildXOptions]] = BuildXOptions
+    needs_cluster: ClassVar[bool] = False
 
     def check(self, options: BuildXOptions, application: Application) -> Sequence[Problem]:
         """Return what docker, podman or a registry would refuse."""

@@ -42,6 +42,7 @@ class ContainerRegistry:
     """
 
     options: ClassVar[type[ContainerRegistryOptions]] = ContainerRegistryOptions
+    needs_cluster: ClassVar[bool] = False
 
     def check(
         self, options: ContainerRegistryOptions, application: Application

@@ -94,6 +94,7 @@ class DeliveryJob:
     """Checks that new messages arrive, without a gap, and if requested from another machine."""
 
     options: ClassVar[type[DeliveryOptions]] = DeliveryOptions
+    needs_cluster: ClassVar[bool] = True
 
     def check(self, options: DeliveryOptions, application: Application) -> Sequence[Problem]:
         """Return what cannot work: a node that receives its own messages proves nothing."""

@@ -97,6 +97,7 @@ class DockerfileJob:
     """Writes Dockerfile, dockerfile_entrypoint.sh and, if it does not exist, .dockerignore."""
 
     options: ClassVar[type[DockerfileOptions]] = DockerfileOptions
+    needs_cluster: ClassVar[bool] = False
 
     def check(self, options: DockerfileOptions, application: Application) -> Sequence[Problem]:
         """Return what docker, apt or the compiler would refuse."""

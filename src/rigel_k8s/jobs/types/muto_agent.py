@@ -26,6 +26,7 @@ class MutoAgentJob:
     """Deploys the agent, and waits until it is connected to its broker."""
 
     options: ClassVar[type[MutoAgent]] = MutoAgent
+    needs_cluster: ClassVar[bool] = True
 
     def check(self, options: MutoAgent, application: Application) -> Sequence[Problem]:
         """Return nothing: the options themselves refuse contradictions."""

@@ -16,6 +16,7 @@ class NetworkJob:
     """Installs Multus and whereabouts, and waits until every machine attaches pods."""
 
     options: ClassVar[type[Install]] = Install
+    needs_cluster: ClassVar[bool] = True
 
     def check(self, options: Install, application: Application) -> Sequence[Problem]:
         """Return contradictions."""

@@ -17,6 +17,7 @@ class ObservabilityJob:
     """Installs Loki, Promtail, Prometheus and Grafana on the cluster, for all applications."""
 
     options: ClassVar[type[ObservabilityOptions]] = ObservabilityOptions
+    needs_cluster: ClassVar[bool] = True
 
     def check(self, options: ObservabilityOptions, application: Application) -> Sequence[Problem]:
         """Return contradictions, and what a program of the stack would refuse."""

@@ -36,6 +36,7 @@ class OrchestrationJob:
     """Deploys the release that the options describe, and waits until it is ready."""
 
     options: ClassVar[type[OrchestrationOptions]] = OrchestrationOptions
+    needs_cluster: ClassVar[bool] = True
 
     def check(self, options: OrchestrationOptions, application: Application) -> Sequence[Problem]:
         """Return what Kubernetes or ROS would refuse, or do differently than it looks."""

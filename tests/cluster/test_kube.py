@@ -175,7 +175,12 @@ def test_a_watch_outlives_lost_connections_and_expired_versions(
 
 def test_logs_are_lines_and_a_follow_can_be_ended(cluster: Any, pod: ObjectRef) -> None:
     """The first lines, the last lines, and a follow that `cancel` ends."""
-    lines = list(cluster.logs(pod.namespace, pod.name))
+
+    def read() -> list[str]:
+        lines = list(cluster.logs(pod.namespace, pod.name))
+        return lines if len(lines) > 1 else []
+
+    lines = until(read, "two lines of a container that may have just started")
     assert lines[:2] == ["one", "two"]
     assert len(list(cluster.logs(pod.namespace, pod.name, tail=2))) == 2
     cancel, got = threading.Event(), []

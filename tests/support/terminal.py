@@ -88,6 +88,8 @@ def open_terminal(
     directory: Path | None = None,
 ) -> Terminal:
     """Start a program as a user's shell does: in the foreground of a terminal of its own."""
+    # If they are set, they would be the size instead of the terminal's.
+    inherited = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
     leader, follower = pty.openpty()
     fcntl.ioctl(follower, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, columns, 0, 0))
 
@@ -98,7 +100,7 @@ def open_terminal(
         stderr=follower,
         cwd=directory,
         start_new_session=True,
-        env={**os.environ, "TERM": "xterm-256color", **environment},
+        env={**inherited, "TERM": "xterm-256color", **environment},
     )
     os.close(follower)
     return Terminal(child, leader, columns)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from collections.abc import Callable
+from typing import Any, Literal, TypeAlias
 
 import click
 
@@ -15,17 +16,19 @@ Distro: TypeAlias = Literal["jazzy", "kilted"]
 force_option = click.option("--force", is_flag=True, help="Build the image again.")
 
 
+def push_option(example: str) -> Callable[[Any], Any]:
+    """Return the option to push an image; its help has an example of a name."""
+    text = f"Push the image under this name, for example HOST:PORT/{example}."
+    return click.option("--push", metavar="IMAGE", help=text)
+
+
 @click.group(cls=Group)
 def image() -> None:
     """Images for machines that cannot pull from the internet."""
 
 
 @image.command("ros1-base")
-@click.option(
-    "--push",
-    metavar="IMAGE",
-    help="Push the image under this name, for example HOST:PORT/ros:noetic.",
-)
+@push_option("ros:noetic")
 @click.option("--variant", type=click.Choice(["core", "devel"]), default="core", show_default=True)
 @force_option
 @click.pass_context
@@ -39,11 +42,7 @@ def ros1_base(ctx: click.Context, /, push: str | None, variant: Variant, force: 
 
 
 @image.command("ros2-base")
-@click.option(
-    "--push",
-    metavar="IMAGE",
-    help="Push the image under this name, for example HOST:PORT/ros:jazzy.",
-)
+@push_option("ros:jazzy")
 @click.option(
     "--distro", type=click.Choice(["jazzy", "kilted"]), default="jazzy", show_default=True
 )
@@ -59,11 +58,7 @@ def ros2_base(ctx: click.Context, /, push: str | None, distro: Distro, force: bo
 
 
 @image.command("ros-exporter")
-@click.option(
-    "--push",
-    metavar="IMAGE",
-    help="Push the image under this name, for example HOST:PORT/ros-exporter.",
-)
+@push_option("ros-exporter")
 @force_option
 @click.pass_context
 def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None:  # noqa: FBT001
@@ -76,11 +71,7 @@ def ros_exporter(ctx: click.Context, /, push: str | None, force: bool) -> None: 
 
 
 @image.command("muto-agent")
-@click.option(
-    "--push",
-    metavar="IMAGE",
-    help="Push the image under this name, for example HOST:PORT/muto-agent.",
-)
+@push_option("muto-agent")
 @force_option
 @click.pass_context
 def muto_agent(ctx: click.Context, /, push: str | None, force: bool) -> None:  # noqa: FBT001

@@ -273,6 +273,11 @@ class Pods:
         assert done.returncode == 0, done.stdout
         return name in done.stdout.split()
 
+    def iptables(self, pod: Pod, *words: str) -> None:
+        """Change what a pod's address lets through."""
+        enter = ["nsenter", f"--net={self.networks[pod.address]}"]
+        subprocess.run([*enter, "iptables", *words], check=True)
+
     def _env(self, address: str, more: Mapping[str, str]) -> dict[str, str]:
         path = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
         image = {"PATH": path, "LANG": "C.UTF-8", "ROS_DISTRO": "noetic", "HOME": "/root"}

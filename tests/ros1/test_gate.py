@@ -245,20 +245,48 @@ def test_roscore_is_killed_again_and_again(pods):
 
 
 def test_the_gate_may_be_killed(pods):
-    """Its worker is killed again and again while nodes start: each is registered in the end."""
+    """Its worker is killed again and again while nodes start: each is registered in the end.
+
+    A call of a node is cut off once at most, since xmlrpc.client makes it twice.
+    """
     gate, _ = pods.gated()
     command = ("python3", "-c", LISTENER)
     names = [f"listener_{number}" for number in range(3)]
     started = [pods.start(name.replace("_", "-"), *command, name, "/chatter") for name in names]
     started.append(talker(pods, "v1"))
     for _ in range(8):
-        time.sleep(0.3)
-        for worker in set(gate.pids("rigel_k8s.gate")) - {gate.init}:
-            os.kill(worker, signal.SIGKILL)
+        kill_worker(gate)
+        pods.answering(gate)
+        time.sleep(0.1)
     for pod in started:
         ready(pod)
+    look = ("python3", "-c", STATE, str(ROSCORE_PORT))
     for pod in started[:3]:
-        until(lambda pod=pod: heard(pod), "messages")
+        until(
+            lambda pod=pod: heard(pod),
+            "messages",
+            last_words=lambda pod=pod: gate.exec(*look).stdout + pod.log() + gate.log(),
+        )
+
+
+def kill_worker(gate):
+    for worker in set(gate.pids("rigel_k8s.gate")) - {gate.init}:
+        os.kill(worker, signal.SIGKILL)
+
+
+def test_a_node_that_could_not_ask_the_gate_hears_after_its_return(pods):
+    """rospy asks for a parameter when it connects, and drops the connection if that fails."""
+    gate, _ = pods.gated()
+    ears = listener(pods)
+    refused = ("OUTPUT", "-p", "tcp", "--dport", str(MASTER_PORT), "-j", "REJECT")
+    refused += ("--reject-with", "tcp-reset")
+    pods.iptables(ears, "-I", *refused)
+    ready(talker(pods, "v1"))
+    log = ("/bin/sh", "-c", "cat ~/.ros/log/*.log")
+    until(lambda: "removing connection to" in ears.exec(*log).stdout, "a dropped connection")
+    pods.iptables(ears, "-D", *refused)
+    kill_worker(gate)
+    until(lambda: heard(ears), "messages")
 
 
 #: Whether a port of a host takes connections.

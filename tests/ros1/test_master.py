@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-
 import pytest
 
 from rigel_k8s.app.master import ROSCORE
@@ -35,20 +33,13 @@ while not rospy.is_shutdown():
 """
 
 
-def swallow(pods, pod) -> None:
-    """Let a pod's address answer nobody, as a pod's address does that is gone."""
-    network = pods.networks[pod.address]
-    words = ["nsenter", f"--net={network}", "iptables", "-I", "INPUT", "-j", "DROP"]
-    subprocess.run(words, check=True)
-
-
 def test_replaced_pods_do_not_keep_the_master_from_telling_others(pods, eventually):
     """As many pods as roscore has threads by default vanish and are replaced under their names."""
     pods.roscore()
     for name in ("one", "two", "three", "four"):
         files = {"/spin.py": SPIN}
         old = pods.node(name, "python3", "/spin.py", name, files=files)
-        swallow(pods, old)
+        pods.iptables(old, "-I", "INPUT", "-j", "DROP")  # as an address that no pod has
         old.kill()
         pods.node(f"{name}-again", "python3", "/spin.py", name, files=files)
     listener = pods.node("listener", "python3", "/listen.py", files={"/listen.py": LISTENER})

@@ -112,13 +112,15 @@ class TakeOver:
     async def finish(self) -> None:
         """Finish what an earlier gate had begun when it ended: its nodes have half of it.
 
-        That gate may also have ended before a node received the master's answer about it.
+        That gate may also have ended before a node received the master's answer about it, or while
+        rospy, connecting to a publisher, asked for the parameter `/tcp_keepalive`: it then drops
+        the connection, and only another list of publishers makes it connect again.
         """
         for newcomer in list(self._state.newcomers.values()):
             if self._state.registry.api_of(newcomer.name) == newcomer.api:
                 await self._pass_name(newcomer.name, newcomer.api, newcomer.api)
         for entry in self._state.registry.nodes.values():
-            if entry.hands_over:
+            if entry.name not in self._state.silent:
                 for one in entry.registrations.values():
                     self._nodes.send_answer(one)
 

@@ -144,6 +144,24 @@ async def test_the_next_gate_believes_a_master_that_lives(world: World) -> None:
 
 
 @play
+async def test_the_next_gate_sends_the_publishers_again(world: World) -> None:
+    """A subscriber that could not ask a gate that was away may have dropped its connection.
+
+    Also one that hands no name over.
+    """
+    talker = (await up(world, TALKER)).nodes[0]
+    ears = (await up(world, LISTENER, workload=None)).nodes[0]
+    for forgotten in ([], world.journal):
+        await world.kill_gate()
+        forgotten.clear()
+        ears.lists.clear()
+        world.start_gate()
+        await look_up(world)
+        await asyncio.sleep(1)
+        assert ears.lists == [("/chatter", [talker.api])]
+
+
+@play
 async def test_a_gate_without_a_memory_learns_from_the_master(world: World) -> None:
     """It was put in front of a master that has been running."""
     await world.kill_gate()

@@ -383,7 +383,9 @@ REFUSED: Mapping[str, Kind] = {
         "an admission policy or a webhook refuses the pods", "change what its message names"
     ),
     "right": Kind(
-        "your account may not do this", "`rigel rbac deployer` prints a Role that is enough"
+        "your account may not do this",
+        "`rigel rbac deployer` prints a Role that is enough in the namespace; for a volume with"
+        " `host_path`, and for a namespace that does not exist, ask an administrator",
     ),
     "architecture": Kind(
         "none of the chosen machines can run the image's architecture",

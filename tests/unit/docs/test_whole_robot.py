@@ -58,6 +58,13 @@ def test_its_rigelfile_has_no_problems(place: Path) -> None:
     assert (done.returncode, done.stdout) == (0, "Rigelfile: no problems\n")
 
 
+def test_its_token_must_be_set_also_where_no_registry_is_asked(place: Path) -> None:
+    """As docs/cli.md says of providers' variables; `objects` shows that any value will do."""
+    done = run("unset GHCR_TOKEN; rigel render deploy 2>&1", place)
+    assert done.returncode == 2
+    assert "vars.GHCR_TOKEN is neither in vars nor in the environment" in done.stdout
+
+
 def test_nodes_are_updated_as_its_table_says(objects: list[Any]) -> None:
     """And no other node is in the table."""
     table = re.findall(r"^\| `(\w+)` \| `(\w+)` \| ?(.*?) ?\|$", PAGE, re.M)

@@ -460,6 +460,6 @@ PODS: Mapping[str, Kind] = {
     ),
     "orphan": Kind(
         "a restarted ROS master has forgotten the pod's node",
-        "restart the pod, or use [the gate](ros1-updates.md#the-gate)",
+        "restart the pod ([when roscore ends](ros1.md#when-roscore-ends))",
     ),
 }

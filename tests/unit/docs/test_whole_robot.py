@@ -92,6 +92,17 @@ def test_the_planner_gets_its_parameter_file(objects: list[Any]) -> None:
     assert "/planner" in container["args"]
 
 
+def test_roscore_stays_on_the_robot(objects: list[Any]) -> None:
+    """Its pod is not evicted from there, and keeps its address while the machine is cut off."""
+    pod = read_pod(objects, "ros-master")
+    assert pod["nodeSelector"] == {"kubernetes.io/hostname": "robot-1"}
+    assert [one.get("tolerationSeconds", "for ever") for one in pod["tolerations"]] == [
+        "for ever",
+        "for ever",
+    ]
+    assert find(objects, "Service", "ros-master")["spec"]["publishNotReadyAddresses"] is True
+
+
 def test_camera_and_recorder_stay_on_the_robot(objects: list[Any]) -> None:
     """Where the device and the bags are."""
     for name in ("camera", "recorder"):

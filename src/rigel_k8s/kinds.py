@@ -287,7 +287,7 @@ APPLICATION: Mapping[str, Kind] = {
     "any-machine": Kind(
         "a node has a `host_path` and no fixed machine, so its data are those of whichever machine"
         " its pod runs on",
-        "set `placement.node`, or use one of `persistent_storage.volumes`",
+        "set `placement.node`, or use one of `persistent_storage.volumes` without `host_path`",
     ),
     "volume-owner": Kind(
         "Kubernetes does not change the owner of a machine's directory",

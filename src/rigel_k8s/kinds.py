@@ -287,7 +287,7 @@ APPLICATION: Mapping[str, Kind] = {
     "any-machine": Kind(
         "a node has a `host_path` and no fixed machine, so its data are those of whichever machine"
         " its pod runs on",
-        "set `placement.node`, or use one of `persistent_storage.volumes`",
+        "set `placement.node`, or use one of `persistent_storage.volumes` without `host_path`",
     ),
     "volume-owner": Kind(
         "Kubernetes does not change the owner of a machine's directory",
@@ -383,7 +383,9 @@ REFUSED: Mapping[str, Kind] = {
         "an admission policy or a webhook refuses the pods", "change what its message names"
     ),
     "right": Kind(
-        "your account may not do this", "`rigel rbac deployer` prints a Role that is enough"
+        "your account may not do this",
+        "`rigel rbac deployer` prints a Role that is enough in the namespace; for a volume with"
+        " `host_path`, and for a namespace that does not exist, ask an administrator",
     ),
     "architecture": Kind(
         "none of the chosen machines can run the image's architecture",
@@ -458,6 +460,6 @@ PODS: Mapping[str, Kind] = {
     ),
     "orphan": Kind(
         "a restarted ROS master has forgotten the pod's node",
-        "restart the pod, or use [the gate](ros1-updates.md#the-gate)",
+        "restart the pod ([when roscore ends](ros1.md#when-roscore-ends))",
     ),
 }

@@ -48,8 +48,12 @@ from rigel_k8s.settings import Application
 #: The node that each roscore has.
 ROSOUT = "/rosout"
 
-#: What to do if the cluster refuses pods, by the reason of the refusal.
+#: What to do if a right is missing, by the kind of object; if the cluster refuses pods, by the
+#: reason of the refusal.
 REMEDIES = {
+    "PersistentVolume": "`host_path` in `persistent_storage` makes a PersistentVolume, which no"
+    " Role in a namespace covers: ask an administrator for a ClusterRole, or set `host_path` in the"
+    " node's own `volumes` instead, which needs no right",
     "pod-security": "set `security: restricted` for pods that every namespace accepts; see their"
     " requests with `rigel render`",
     "quota": "request less (`resources`, `replicas`), or let an administrator raise the quota",

@@ -56,6 +56,18 @@ def test_the_documentation_says_what_each_right_is_needed_for() -> None:
     assert documented == granted
 
 
+def test_the_documented_role_for_volumes_is_what_a_deployer_needs_in_addition() -> None:
+    """To deploy a `host_path` of `persistent_storage`, to change it, and to remove it."""
+    page = (Path(__file__).parents[3] / "docs" / "rights.md").read_text()
+    (block,) = re.findall(r"^```yaml\n(.*?)^```$", page, re.M | re.S)
+    role = yaml.safe_load(block)
+    volumes = [item for item in read_shapes() if item["kind"] == "PersistentVolume"]
+    assert volumes
+    needed = {r for r in need_for(volumes, volumes, volumes, "n") if not r.namespace}
+    assert role["rules"] == make_rules(needed)
+    assert find_missing(needed, make_rules(need_to_deploy("n"))) == sorted(needed)
+
+
 def test_no_right_is_for_all_verbs_or_kinds() -> None:
     """A Role without a star says what it grants; all of it is in the namespace."""
     for right in need_to_deploy("n"):

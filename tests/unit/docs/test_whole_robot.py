@@ -58,6 +58,13 @@ def test_its_rigelfile_has_no_problems(place: Path) -> None:
     assert (done.returncode, done.stdout) == (0, "Rigelfile: no problems\n")
 
 
+def test_its_token_must_be_set_also_where_no_registry_is_asked(place: Path) -> None:
+    """As docs/cli.md says of providers' variables; `objects` shows that any value will do."""
+    done = run("unset GHCR_TOKEN; rigel render deploy 2>&1", place)
+    assert done.returncode == 2
+    assert "vars.GHCR_TOKEN is neither in vars nor in the environment" in done.stdout
+
+
 def test_nodes_are_updated_as_its_table_says(objects: list[Any]) -> None:
     """And no other node is in the table."""
     table = re.findall(r"^\| `(\w+)` \| `(\w+)` \| ?(.*?) ?\|$", PAGE, re.M)
@@ -83,6 +90,17 @@ def test_the_planner_gets_its_parameter_file(objects: list[Any]) -> None:
     assert yaml.safe_load(text) == {"rate": 10, "frame": "base_link"}
     (container,) = read_pod(objects, "planner")["containers"]
     assert "/planner" in container["args"]
+
+
+def test_roscore_stays_on_the_robot(objects: list[Any]) -> None:
+    """Its pod is not evicted from there, and keeps its address while the machine is cut off."""
+    pod = read_pod(objects, "ros-master")
+    assert pod["nodeSelector"] == {"kubernetes.io/hostname": "robot-1"}
+    assert [one.get("tolerationSeconds", "for ever") for one in pod["tolerations"]] == [
+        "for ever",
+        "for ever",
+    ]
+    assert find(objects, "Service", "ros-master")["spec"]["publishNotReadyAddresses"] is True
 
 
 def test_camera_and_recorder_stay_on_the_robot(objects: list[Any]) -> None:

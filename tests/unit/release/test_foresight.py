@@ -292,6 +292,39 @@ def test_a_namespace_to_come_needs_its_right(fake: Any, report: Any) -> None:
     with pytest.raises(Forbidden) as caught:
         deploy(attrs.evolve(desired(config()), create_namespace=True), fake, report=report)
     assert "namespaces (in the whole cluster): create" in caught.value.details
+    way, _, usual = (caught.value.hint or "").partition("; ")
+    assert way == "have the namespace created: `kubectl create namespace n`"
+    assert "rbac deployer" in usual, "create is missing in the namespace, too"
+
+
+@pytest.mark.parametrize("remedies", [{"PersistentVolume": "another way"}, {}])
+def test_a_role_is_no_remedy_for_a_right_in_the_whole_cluster(
+    fake: Any, report: Any, remedies: dict[str, str]
+) -> None:
+    """The Role of `rigel rbac` lies in a namespace and would change nothing."""
+    inside = ["namespaces", "secrets", "leases", "configmaps"]
+    fake.store.rules = [{"apiGroups": ["*"], "resources": inside, "verbs": ["*"]}]
+    volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "v"}}
+    wanted = Desired(RELEASE, (volume, config()), remedies=remedies)
+    with pytest.raises(Forbidden) as caught:
+        deploy(wanted, fake, report=report)
+    assert caught.value.details == (
+        "persistentvolumes (in the whole cluster): create, list, patch",
+    )
+    other = "ask an administrator for a ClusterRole that grants them"
+    assert caught.value.hint == remedies.get("PersistentVolume", other)
+
+
+def test_rights_in_the_namespace_and_outside_have_a_remedy_each(fake: Any, report: Any) -> None:
+    """A user without any right gets both at once."""
+    fake.store.rules = []
+    volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "v"}}
+    wanted = Desired(RELEASE, (volume, config()), remedies={"PersistentVolume": "another way"})
+    with pytest.raises(Forbidden) as caught:
+        deploy(wanted, fake, report=report)
+    way, usual = (caught.value.hint or "").split("; ")
+    assert way == "another way"
+    assert "`rigel -n n rbac deployer --user YOU | kubectl apply -f -`" in usual
 
 
 def test_a_refused_look_lists_all_missing_rights_too(fake: Any, report: Any) -> None:

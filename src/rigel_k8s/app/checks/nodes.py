@@ -54,8 +54,8 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     yield from check_labels(node)
     yield from check_env(node)
     yield from check_volumes(node, {str(v.name) for v in options.persistent_storage.volumes})
-    if options.security is None:
-        yield from check_machine_data(node)
+    stored = {str(v.name): v.host_path for v in options.persistent_storage.volumes}
+    yield from check_machine_data(node, stored, restricted=options.security is not None)
     yield from check_devices(node, restricted=options.security is not None)
     yield from check_ports(node)
     yield from check_placement(key, node, options.nodes)
@@ -204,17 +204,26 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
         places.add(place)
 
 
-def check_machine_data(node: NodeOptions) -> Iterator[Problem]:
-    """Yield directories of a machine that another machine does not have with the same content."""
+def check_machine_data(
+    node: NodeOptions, stored: Mapping[str, object], *, restricted: bool
+) -> Iterator[Problem]:
+    """Yield directories of a machine that another machine does not have with the same content.
+
+    Args:
+        stored: by volume of `persistent_storage`: its `host_path`, or None.
+        restricted: a node's own `host_path` is already refused.
+    """
     if node_selector(node.placement) or is_placed(node.patch):
         return
     for index, mount in enumerate(map(mount_of, node.volumes)):
-        path = PurePosixPath(mount.host_path or "/dev")
+        own = None if restricted else mount.host_path
+        path = PurePosixPath(str(own or stored.get(str(mount.name)) or "/dev"))
         if any(path.is_relative_to(place) for place in EVERYWHERE):
             continue
         message = (
             f"the pod sees {path} of the machine that it runs on, which may be another one after a"
-            " restart: set placement.node (or placement.labels), or use persistent_storage"
+            " restart: set placement.node (or placement.labels), or use persistent_storage without"
+            " host_path"
         )
         yield Problem(("volumes", index), message, "any-machine", severity="warning")
 

@@ -88,18 +88,34 @@ def look_for_missing(
 
 
 def explain_missing(desired: Desired, missing: Sequence[Right]) -> Forbidden:
-    """Return the error for missing rights, with the known way out for a kind of object."""
+    """Return the error for missing rights, with the known ways out."""
+    where = desired.release.namespace
+    hint = "; ".join(find_ways_out(desired, missing))
+    return missing_error(missing, f"deploy {desired.release.name} to {where}", hint)
+
+
+def find_ways_out(desired: Desired, missing: Sequence[Right]) -> Iterator[str]:
+    """Yield what to do: about rights in the whole cluster, then about those in the namespace.
+
+    The Role that `rigel rbac` prints for deployers grants nothing outside of its namespace.
+    """
+    where = desired.release.namespace
     kinds = {(right.group, right.resource) for right in missing}
     known = [
-        desired.remedies[manifest["kind"]]
+        (manifest["metadata"].get("namespace"), desired.remedies[manifest["kind"]])
         for manifest in desired.objects
         if manifest["kind"] in desired.remedies and is_missing(manifest, kinds)
     ]
-    where = desired.release.namespace
-    grant = f"`rigel -n {where} rbac deployer --user YOU | kubectl apply -f -`"
-    usual = f"ask an administrator for them: {grant} grants all that deploys need"
-    hint = known[0] if known else usual
-    return missing_error(missing, f"deploy {desired.release.name} to {where}", hint)
+    outside = dict.fromkeys(remedy for namespace, remedy in known if not namespace)
+    if any(right.resource == "namespaces" and not right.namespace for right in missing):
+        outside[f"have the namespace created: `kubectl create namespace {where}`"] = None
+    yield from outside
+    if any(right.namespace for right in missing):
+        grant = f"`rigel -n {where} rbac deployer --user YOU | kubectl apply -f -`"
+        usual = f"ask an administrator for them: {grant} grants all that deploys need in {where}"
+        yield next((remedy for namespace, remedy in known if namespace), usual)
+    elif not outside:
+        yield "ask an administrator for a ClusterRole that grants them"
 
 
 def is_missing(manifest: Manifest, kinds: set[tuple[str, str]]) -> bool:

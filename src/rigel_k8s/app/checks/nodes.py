@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
+from rigel_k8s.app.checks.anonymous import check_anonymous
 from rigel_k8s.app.checks.lines import check_line
 from rigel_k8s.app.checks.parameters import IN_NODES, check_parameters, check_substitution
 from rigel_k8s.app.components.checks import check_components
@@ -53,7 +54,9 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     yield from check_substitution(node, IN_NODES)
     yield from check_labels(node)
     yield from check_env(node)
-    yield from check_volumes(node, {str(v.name) for v in options.persistent_storage.volumes})
+    volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
+    yield from check_volumes(node, set(volumes))
+    yield from check_anonymous(key, node, ros, volumes)
     if options.security is None:
         yield from check_machine_data(node)
     yield from check_devices(node, restricted=options.security is not None)

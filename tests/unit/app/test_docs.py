@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -50,7 +51,7 @@ def test_documented_options_work(text: str, distro: str) -> None:
     assert release(text, distro=distro, files=FILES).objects
 
 
-def find_type(kind: str, name: str) -> type:
+def find_type(kind: str, name: str) -> Any:
     """Return one of this package's own job types or providers."""
     return registry.job_type(name) if kind == "job" else registry.provider_type(name)
 

@@ -263,6 +263,16 @@ APPLICATION: Mapping[str, Kind] = {
         "an update would run two pods of one node at the same time",
         "set `strategy: Recreate`, or `anonymous: true`",
     ),
+    "two-at-once": Kind(
+        "a node is anonymous, so an update runs its old and its new pod at the same time, and the"
+        " two disturb each other",
+        "set `update: {strategy: Recreate}`, or `{strategy: Rolling}` if two pods may run at once",
+    ),
+    "own-name": Kind(
+        "a tool of ROS 2 names its node itself, so no node has the name of the key",
+        "set `anonymous: true`; add `update: {strategy: Recreate}` if two pods must not run at the"
+        " same time",
+    ),
     "replicas": Kind(
         "the network gives one address to a workload that has several pods",
         "use one pod, or another `ipam` or `network.mode`",

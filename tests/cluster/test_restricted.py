@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -152,3 +153,36 @@ def test_ros2_works(
     until_heard(robot, "v1")
     until_measured(robot, "/chatter")
     assert robot.run("listener", "sh", "-c", "id -u; touch /maps/file") == "1000\n"
+
+
+def test_ros2_hears_an_unrestricted_driver_of_another_namespace(
+    tmp_path: Path, restricted: str, ros2_image: str, rigel: Any, cluster: Any
+) -> None:
+    """As docs/security.md describes it: one domain, and the driver's job lists the other's node."""
+    drivers = f"{restricted}-drivers"
+    network = {"mode": "peers", "domain_id": 97}
+    robot = {
+        "namespace": restricted,
+        "security": "restricted",
+        "image": ros2_image,
+        "network": network,
+        "nodes": {"listener": python(LISTENER2)},
+    }
+    driver = {
+        "namespace": drivers,
+        "deployment_name": "drivers",
+        "image": ros2_image,
+        "network": {**network, "peers": [f"listener-peer.{restricted}"]},
+        "nodes": {"talker": {**python(TALKER2), "security_context": {"privileged": True}}},
+    }
+    plugin = "rigel_k8s.OrchestrationPlugin"
+    jobs = {n: {"plugin": plugin, "with": w} for n, w in (("robot", robot), ("driver", driver))}
+    file = tmp_path / "Rigelfile"
+    file.write_text(json.dumps({"application": {"distro": "jazzy"}, "jobs": jobs}))
+    try:
+        for job in jobs:
+            rigel("-f", str(file), "run", "job", job, "--timeout", "2m")
+        place = ("-f", str(file), "-n", restricted)
+        until(lambda: "heard v1" in rigel(*place, "logs", "listener").stdout, "the driver is heard")
+    finally:
+        cluster.delete(ObjectRef("v1", "Namespace", "", drivers))

@@ -138,7 +138,9 @@ class NodeOptions:
         "ROS 2: the transitions of a lifecycle node, as in {start: [configure, activate]}"
     )
     anonymous: bool = option(
-        "its ROS name is generated at its start: replicas and surge are safe", default=False
+        "its ROS name is generated at its start: it may have replicas, and its update is Rolling by"
+        " default",
+        default=False,
     )
     env: Mapping[EnvName, Scalar] | list[EnvVar] = option("environment variables", {})
     parameters: Mapping[str, Any] = option("private parameters", {})

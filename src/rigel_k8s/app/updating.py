@@ -175,18 +175,35 @@ def find_obstacle(
         own_master: the network gives it a ROS_MASTER_URI of its own.
         ready_by: the readiness checks that support hand-overs.
     """
-    mounted = [mount_of(item) for item in node.volumes]
-    claims = [volumes[str(m.name)] for m in mounted if m.name and str(m.name) in volumes]
+    found = {
+        "it has a readiness check of its own": node.readiness not in ready_by,
+        "it has a ROS_MASTER_URI of its own": own_master or has_variable(node, "ROS_MASTER_URI"),
+    }
+    own = next((reason for reason, holds in found.items() if holds), None)
+    return find_own_machine(node) or own or find_shared(node, volumes)
+
+
+def find_clash(node: NodeOptions, volumes: Mapping[str, Volume]) -> str | None:
+    """Return why two pods of a node disturb each other, even if their ROS names differ."""
+    return find_own_machine(node) or find_shared(node, volumes)
+
+
+def find_own_machine(node: NodeOptions) -> str | None:
+    """Return what a node has of its machine that two pods cannot use side by side."""
     device = next((d.path or d.resource for d in map(device_of, node.devices)), None)
     found = {
         f"it has the device {device}": bool(node.devices),
         "it uses the machine's own network": node.host_network,
         "it is privileged": bool(node.security_context.get("privileged")),
-        "it has a readiness check of its own": node.readiness not in ready_by,
-        "it has a ROS_MASTER_URI of its own": own_master or has_variable(node, "ROS_MASTER_URI"),
     }
-    own = next((reason for reason, holds in found.items() if holds), None)
-    return own or find_exclusive(claims) or find_patched(node.patch)
+    return next((reason for reason, holds in found.items() if holds), None)
+
+
+def find_shared(node: NodeOptions, volumes: Mapping[str, Volume]) -> str | None:
+    """Return why a node's volumes, or its patch, prevent two pods from running side by side."""
+    mounted = [mount_of(item) for item in node.volumes]
+    claims = [volumes[str(m.name)] for m in mounted if m.name and str(m.name) in volumes]
+    return find_exclusive(claims) or find_patched(node.patch)
 
 
 def has_variable(node: NodeOptions, name: str) -> bool:

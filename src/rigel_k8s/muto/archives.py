@@ -107,7 +107,8 @@ def translate_archive(
             message = "arguments are not carried over: a script is started without any"
             remarks.append(loss(archive.values.get("launch_args", at), message))
         words = attrs.evolve(at, value=[node_of("bash", at), path], raw=None)
-        options = {"anonymous": node_of(True, at), "args": words}
+        update = attrs.evolve(at, value={"strategy": node_of("Recreate", at)}, raw=None)
+        options = {"anonymous": node_of(True, at), "args": words, "update": update}
     else:
         launch = {"file": path}
         if arguments:

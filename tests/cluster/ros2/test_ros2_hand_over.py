@@ -60,10 +60,12 @@ HEARD = re.compile(r"^heard (\w+) (\d+)$", re.MULTILINE)
 class Talking:
     """A talker and a listener on two machines; the talker is a lifecycle node."""
 
-    def __init__(self, file: Path, namespace: str, image: str, rigel: Any, cluster: Any) -> None:
+    def __init__(
+        self, file: Path, namespace: str, image: str, network: Any, rigel: Any, cluster: Any
+    ) -> None:
         self.file, self.namespace, self.image = file, namespace, image
         self._rigel, self.cluster = rigel, cluster
-        self.network = {"mode": "macvlan", "interface": "eth0", **apart(ros1=False)}
+        self.network = network
 
     def rigel(self, *words: str, check: bool = True) -> Any:
         """Run rigel on the Rigelfile."""
@@ -101,14 +103,25 @@ class Talking:
         until(has_come, f"{version} {number}", every=0.5)
 
 
+@pytest.fixture(
+    params=["macvlan", pytest.param("discovery-server", marks=pytest.mark.slow)],
+)
+def network(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """The networks on which a node may hand over; docs/whole-robot-ros2.md has the second."""
+    if request.param == "discovery-server":
+        return {"mode": "discovery-server", "servers": 2}
+    request.getfixturevalue("multus")
+    return {"mode": "macvlan", "interface": "eth0", **apart(ros1=False)}
+
+
 @pytest.fixture
 def talking(
-    tmp_path: Path, ros2_image: str, rigel: Any, cluster: Any, multus: None
+    tmp_path: Path, ros2_image: str, network: dict[str, Any], rigel: Any, cluster: Any
 ) -> Iterator[Talking]:
     """The talker in version v1, heard."""
     namespace = f"t-take-{uuid.uuid4().hex[:6]}"
     cluster.create({"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": namespace}})
-    made = Talking(tmp_path / "Rigelfile", namespace, ros2_image, rigel, cluster)
+    made = Talking(tmp_path / "Rigelfile", namespace, ros2_image, network, rigel, cluster)
     made.update("v1")
     made.until_heard("v1")
     yield made

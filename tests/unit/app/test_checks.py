@@ -409,6 +409,35 @@ def test_a_ros2_node_that_cannot_be_handed_over_is_refused(reason: str) -> None:
     assert reason in found[0].message
 
 
+#: What is said of a node on its machine's network, by mode; docs/network-modes.md shows it.
+ON_MACHINE = {
+    "network: peers": set(),
+    "network: discovery-server": set(),
+    "network: zenoh": set(),
+    "network: host": set(),
+    "network: none": set(),
+    LAN: {("conflict", "nodes.n.host_network")},
+    LAN.replace("macvlan", "ipvlan"): {("conflict", "nodes.n.host_network")},
+    "network: {mode: attachment, attachment: a}": {("conflict", "nodes.n.host_network")},
+}
+
+
+@pytest.mark.parametrize("network", ON_MACHINE)
+def test_a_node_on_its_machines_network_is_refused_by_a_second_network_only(network: str) -> None:
+    """Multus attaches nothing to it."""
+    nodes = "{n: {args: x, host_network: true}, o: {args: x}}"
+    text = f"{{image: a, {network}, nodes: {nodes}}}"
+    assert told(text, "error", "jazzy") == ON_MACHINE[network]
+    assert told(text, "warning", "jazzy") == set()
+
+
+def test_without_a_network_there_is_a_warning_for_a_node_on_its_machines_network_too() -> None:
+    """It hears the others as little as they hear each other."""
+    text = "{image: a, nodes: {n: {args: x, host_network: true}, o: {args: x}}}"
+    assert told(text, "warning", "jazzy") == {("network-missing", "nodes")}
+    assert told(text, "error", "jazzy") == set()
+
+
 def test_hand_over_is_for_lifecycle_nodes_of_nodes() -> None:
     """Neither for the one application, whose line is unknown, nor for plain DDS."""
 

@@ -5,10 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
-from .shapes import problems, release
+from rigel_k8s.jobs import registry
+from rigel_k8s.rigelfile import check_file
+from tests.support.podsecurity import list_missing
+
+from .shapes import env, find, pod, problems, release
 
 DOCS = Path(__file__).parents[3] / "docs"
 FILES = {"config/planner.yaml": "speed: 1\n"}
@@ -24,6 +30,8 @@ ABOUT = {
     "ros2-updates.md": "jazzy",
     "security.md": "noetic",
 }
+#: Warnings that an example of ours never deserves.
+SURPRISES = ("own-name", "two-at-once")
 
 
 def blocks() -> Iterator[object]:
@@ -37,6 +45,35 @@ def blocks() -> Iterator[object]:
 
 @pytest.mark.parametrize(("text", "distro"), list(blocks()))
 def test_documented_options_work(text: str, distro: str) -> None:
-    """They pass the check and become objects."""
-    assert [p for p in problems(text, distro) if p.severity == "error"] == []
+    """They pass the check, become objects, and have the names and updates that they seem to."""
+    found = problems(text, distro)
+    assert [p for p in found if p.severity == "error" or p.kind in SURPRISES] == []
     assert release(text, distro=distro, files=FILES).objects
+
+
+def find_type(kind: str, name: str) -> Any:
+    """Return one of this package's own job types or providers."""
+    return registry.job_type(name) if kind == "job" else registry.provider_type(name)
+
+
+def test_an_unrestricted_driver_of_ros2_meets_a_restricted_application(tmp_path: Path) -> None:
+    """The Rigelfile of docs/security.md: one domain, and the driver looks for the planner."""
+    text = (DOCS / "security.md").read_text("utf-8")
+    (shown,) = re.findall(r'^```yaml title="Rigelfile"\n(.*?)^```', text, re.M | re.S)
+    (tmp_path / "Rigelfile").write_text(shown)
+    assert check_file(tmp_path / "Rigelfile", {}, find_type).render_findings() == []
+    jobs = yaml.safe_load(shown)["jobs"]
+    robot, drivers = (
+        release(yaml.safe_dump(jobs[name]["with"]), distro="jazzy") for name in ("robot", "drivers")
+    )
+    assert list_missing(pod(robot, "planner")) == []
+    assert list_missing(pod(drivers, "camera")) != []
+    domains = {
+        env(made, name)["ROS_DOMAIN_ID"] for made, name in ((robot, "planner"), (drivers, "camera"))
+    }
+    assert domains == {"7"}
+    (peer,) = jobs["drivers"]["with"]["network"]["peers"]
+    name, space = peer.split(".")
+    assert find(robot, "Service", name)
+    assert space == jobs["robot"]["with"]["namespace"]
+    assert peer in find(drivers, "ConfigMap", "drivers-network")["data"]["peers"].split(";")

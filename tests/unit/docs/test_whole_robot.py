@@ -11,29 +11,50 @@ import yaml
 
 from tests.support.tutorials import RIGEL, make_place, run
 
-PAGE = (Path(__file__).parents[3] / "docs" / "whole-robot.md").read_text("utf-8")
-FILES = dict(re.findall(r'^```\w+ title="([^"\n]+)"\n(.*?)^```$', PAGE, re.M | re.S))
+DOCS = Path(__file__).parents[3] / "docs"
 NODES = ("planner", "camera", "recorder")
+
+
+def read_files(page: str) -> dict[str, str]:
+    """Return the files that a page shows, by their paths."""
+    return dict(re.findall(r'^```\w+ title="([^"\n]+)"\n(.*?)^```$', page, re.M | re.S))
+
+
+def lay_out(files: dict[str, str], directory: Path) -> Path:
+    """Write a page's files; its registries are one that refuses connections at once."""
+    found = make_place(directory, {"rigel": RIGEL})
+    (found / "workspace/src/planner").mkdir(parents=True)
+    (found / "workspace/src/planner/package.xml").write_text("<package/>\n")
+    for name, text in files.items():
+        (found / name).parent.mkdir(parents=True, exist_ok=True)
+        here = text.replace("ghcr.io", "127.0.0.1:9").replace(
+            "image: ros:", "image: 127.0.0.1:9/ros:"
+        )
+        (found / name).write_text(here)
+    return found
+
+
+def render(place: Path) -> list[Any]:
+    """Return what the deploy of a page's Rigelfile makes."""
+    done = run("export GHCR_TOKEN=x KUBECONFIG=none; rigel -q render deploy 2>problems", place)
+    assert done.returncode == 0, (place / "problems").read_text()
+    return list(yaml.safe_load_all(done.stdout))
+
+
+PAGE = (DOCS / "whole-robot.md").read_text("utf-8")
+FILES = read_files(PAGE)
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page's files; its registry is one that refuses connections at once."""
-    found = make_place(tmp_path_factory.mktemp("reader"), {"rigel": RIGEL})
-    (found / "workspace/src/planner").mkdir(parents=True)
-    (found / "workspace/src/planner/package.xml").write_text("<package/>\n")
-    for name, text in FILES.items():
-        (found / name).parent.mkdir(parents=True, exist_ok=True)
-        (found / name).write_text(text.replace("ghcr.io", "127.0.0.1:9"))
-    return found
+    """The page's files."""
+    return lay_out(FILES, tmp_path_factory.mktemp("reader"))
 
 
 @pytest.fixture(scope="module")
 def objects(place: Path) -> list[Any]:
     """What its deploy makes."""
-    done = run("export GHCR_TOKEN=x KUBECONFIG=none; rigel -q render deploy 2>problems", place)
-    assert done.returncode == 0, (place / "problems").read_text()
-    return list(yaml.safe_load_all(done.stdout))
+    return render(place)
 
 
 def find(objects: list[Any], kind: str, name: str) -> Any:

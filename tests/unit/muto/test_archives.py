@@ -138,11 +138,12 @@ def test_keys_of_muto_without_a_value_mean_nothing(convert: Convert) -> None:
 
 
 def test_a_script_is_started_by_bash(convert: Convert) -> None:
-    """Muto starts a launch file that ends in .sh so."""
+    """Muto starts a launch file that ends in .sh so, when it has stopped the one before."""
     stack = make_stack(pack({"ws/run.sh": "sleep 1"}), launch_file="run.sh", launch_args=[])
     assert convert(stack) == (0, "")
     node = read_node()
     assert (node.args, node.anonymous) == (["bash", f"{IN_IMAGE}/run.sh"], True)
+    assert node.update.strategy == "Recreate"
 
 
 def wrap_legacy(packed: bytes) -> dict[str, Any]:

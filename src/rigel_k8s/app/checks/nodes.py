@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
+from rigel_k8s.app.checks.anonymous import check_anonymous
 from rigel_k8s.app.checks.lines import check_line
 from rigel_k8s.app.checks.parameters import IN_NODES, check_parameters, check_substitution
 from rigel_k8s.app.components.checks import check_components
@@ -17,7 +18,7 @@ from rigel_k8s.app.parameters import PARAMETERS_PATH, list_paths
 from rigel_k8s.app.placing import node_selector
 from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.objects.naming import Ros
-from rigel_k8s.objects.podoptions import EnvVar
+from rigel_k8s.objects.podoptions import EnvVar, Volume
 from rigel_k8s.objects.podsecurity import mapping
 from rigel_k8s.objects.scalars import RosName
 from rigel_k8s.problems import Problem
@@ -53,9 +54,10 @@ def check_node(key: str, options: OrchestrationOptions, ros: Ros) -> Iterator[Pr
     yield from check_substitution(node, IN_NODES)
     yield from check_labels(node)
     yield from check_env(node)
-    yield from check_volumes(node, {str(v.name) for v in options.persistent_storage.volumes})
-    stored = {str(v.name): v.host_path for v in options.persistent_storage.volumes}
-    yield from check_machine_data(node, stored, restricted=options.security is not None)
+    volumes = {str(volume.name): volume for volume in options.persistent_storage.volumes}
+    yield from check_volumes(node, set(volumes))
+    yield from check_anonymous(key, node, ros, volumes)
+    yield from check_machine_data(node, volumes, restricted=options.security is not None)
     yield from check_devices(node, restricted=options.security is not None)
     yield from check_ports(node)
     yield from check_placement(key, node, options.nodes)
@@ -205,19 +207,20 @@ def check_volumes(node: NodeOptions, known: set[str]) -> Iterator[Problem]:
 
 
 def check_machine_data(
-    node: NodeOptions, stored: Mapping[str, object], *, restricted: bool
+    node: NodeOptions, volumes: Mapping[str, Volume], *, restricted: bool
 ) -> Iterator[Problem]:
     """Yield directories of a machine that another machine does not have with the same content.
 
     Args:
-        stored: by volume of `persistent_storage`: its `host_path`, or None.
+        volumes: the release's persistent volumes, by name.
         restricted: a node's own `host_path` is already refused.
     """
     if node_selector(node.placement) or is_placed(node.patch):
         return
     for index, mount in enumerate(map(mount_of, node.volumes)):
         own = None if restricted else mount.host_path
-        path = PurePosixPath(str(own or stored.get(str(mount.name)) or "/dev"))
+        volume = volumes.get(str(mount.name))
+        path = PurePosixPath(str(own or (volume and volume.host_path) or "/dev"))
         if any(path.is_relative_to(place) for place in EVERYWHERE):
             continue
         message = (

@@ -18,7 +18,8 @@ pytestmark = pytest.mark.cluster
 
 Deploy = Callable[..., Any]
 TALKER = {"args": ["talker.py"]}
-LISTENER = {"args": ["listener.py"], "placement": {"apart_from": ["talker_1"]}}
+APART = {"placement": {"apart_from": ["talker_1"]}}
+LISTENER = {"args": ["listener.py"], **APART}
 NODES = {"talker_1": TALKER, "talker_2": TALKER, "listener": LISTENER}
 BOTH = {"talker_1", "talker_2"}
 
@@ -158,6 +159,44 @@ class TestZenoh:
         by_router.move(router)
         by_router.until_heard("listener", BOTH)
         assert {name: uid_of(by_router, name) for name in uids} == uids
+
+
+class TestHostNetwork:
+    """Nodes on their machines' own network, in a release of another mode."""
+
+    @pytest.mark.parametrize(
+        "mode",
+        [
+            "peers",
+            pytest.param("discovery-server", marks=pytest.mark.slow),
+            pytest.param("zenoh", marks=pytest.mark.slow),
+        ],
+    )
+    def test_they_and_the_others_hear_each_other(
+        self, mode: str, deployed: Deploy, interop_image: str
+    ) -> None:
+        """In both directions, from machine to machine; `rigel status` finds nothing wrong."""
+        words, network = ["{}.py"], dict[str, Any](mode=mode)
+        if mode == "zenoh":
+            words = ["zenoh_node.py", "{}"]
+            network |= {"image": interop_image, "command": ["zenoh_node.py", "router"]}
+        talker = {"args": [word.format("talker") for word in words]}
+        listener = {"args": [word.format("listener") for word in words], **APART}
+        nodes = {
+            "talker_1": {**talker, "host_network": True},
+            "talker_2": talker,
+            "listener": listener,
+            "listener_2": {**listener, "host_network": True},
+        }
+        release = deployed(network=network, nodes=nodes)
+        machines, pods = release.project.machines(), release.project.pods()
+        assert machines["talker-1"] not in (machines["listener"], machines["listener-2"])
+        on_machine = {n for n, pod in pods.items() if pod["spec"].get("hostNetwork")}
+        assert on_machine == {"talker-1", "listener-2"}
+        release.until_heard("listener", BOTH)
+        release.until_heard("listener_2", BOTH)
+        told = json.loads(release.project("status", "-o", "json").stdout)
+        assert told["graph"]["findings"] == []
 
 
 class TestMacvlan:

@@ -26,7 +26,7 @@ def block(name: str) -> dict[str, object]:
 def test_options_of_the_manual() -> None:
     """They pass the check and become objects."""
     text = yaml.safe_dump(block("multus.md"))
-    assert [p for p in problems(text, "jazzy") if p.severity == "error"] == []
+    assert problems(text, "jazzy") == []
     assert release(text, distro="jazzy").objects
 
 
@@ -34,7 +34,7 @@ def test_rigelfile_of_the_guide() -> None:
     """Its job passes the check; tests/cluster runs it."""
     rigelfile: dict[str, dict[str, dict[str, object]]] = block("k3s.md")  # type: ignore[assignment]
     text = yaml.safe_dump(rigelfile["jobs"]["deploy"]["with"])
-    assert [p for p in problems(text, "jazzy") if p.severity == "error"] == []
+    assert problems(text, "jazzy") == []
 
 
 def test_nodes_of_the_guide_are_not_missing() -> None:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
+from rigel_k8s.commands.mutoagent import executor as executors
 from rigel_k8s.commands.mutoagent.application import Application, describe_revision
 from rigel_k8s.commands.mutoagent.executor import Executor, describe
 from rigel_k8s.errors import ClusterError, NotFoundError, RigelK8sError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.muto.agent.allowance import Allowance
-from rigel_k8s.muto.agent.commands import Apply, Kill, Stage, Start, Unavailable
+from rigel_k8s.muto.agent.commands import Apply, Kill, Outcome, Stage, Start, Unavailable
 from rigel_k8s.muto.agent.memory import Memory
 from rigel_k8s.muto.agent.wanted import Record, Wanted
 from rigel_k8s.objects.refs import ObjectRef
@@ -346,6 +348,26 @@ def test_a_command_that_cannot_be_stored_is_not_begun(
             executor.submit(Start(identity="1", stack_id="org:a"))
     assert agent.states == [("", "idle")]
     assert executor.submit(Start(identity="1", stack_id="org:a")).succeeded
+    agent.until("org:a", "active")
+
+
+def test_a_command_that_never_began_is_answered_when_a_newer_one_comes(
+    agent: Agent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its sender does not wait for the end of its patience."""
+    monkeypatch.setattr(executors, "PATIENCE", 600)
+    with monkeypatch.context() as unstarted:
+        unstarted.setattr(Executor, "start", lambda self: None)
+        executor = agent.run()
+    answers: list[Outcome] = []
+    kill = threading.Thread(target=lambda: answers.append(executor.submit(Kill())), daemon=True)
+    kill.start()
+    until(lambda: executor._turns._next is not None, "the kill waits for its turn")
+    newer = Start(stack_id="org:a")
+    threading.Thread(target=lambda: executor.submit(newer), daemon=True).start()
+    kill.join(30)
+    assert [one.stage for one in answers] == [Stage.ACCEPTED]
+    executor.start()
     agent.until("org:a", "active")
 
 

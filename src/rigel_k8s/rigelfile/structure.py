@@ -325,6 +325,8 @@ class _Structurer:
             return self._report_mismatch(find_ambiguity(node, kinds) or mismatch(node, kind), path)
         if isinstance(node.value, dict):
             return self.value(node, choose_by_keys(node, candidates), path)
+        if len(candidates) == 1 and not isinstance(node.value, list):
+            return self.value(node, candidates[0], path)
         refused = []
         for candidate in candidates:
             trial = _Structurer()

@@ -20,8 +20,8 @@ from urllib3.connection import HTTPConnection
 
 from rigel_k8s.kube import connect
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.kube.threads import parallel
 from rigel_k8s.settings import Settings
+from rigel_k8s.system.threads import parallel
 
 Moment = Literal["before", "sent", "after"]
 MOMENTS: tuple[Moment, ...] = ("before", "sent", "after")

@@ -54,7 +54,7 @@ FILE: Mapping[str, Kind] = {
     "duplicate-key": Kind("a key is given twice in one mapping", "remove one of the two"),
     "unknown-key": Kind(
         "an option of this name does not exist here",
-        "correct the name; the message has the nearest one, [Options](reference.md) lists all",
+        "correct the name: the message has the nearest one, and [`rigel schema`](reference.md) all",
     ),
     "missing-key": Kind("a required option is missing", "add it; the message has its type"),
     "no-value": Kind("a key has nothing behind its colon", "write a value, or remove the key"),
@@ -75,7 +75,8 @@ FILE: Mapping[str, Kind] = {
     ),
     "template": Kind(
         "a template `{{ ... }}` is malformed, stands where none may be, or cannot be computed",
-        "correct it; [the Rigelfile](rigelfile.md) explains templates",
+        "correct it; a [template](rigelfile.md) is an expression of jinja2 with `vars`, `data` or"
+        " a key of a matrix",
     ),
     "unknown-variable": Kind(
         "a template uses a variable that is neither in `vars` nor in the environment",
@@ -88,8 +89,8 @@ FILE: Mapping[str, Kind] = {
     "variable-cycle": Kind("variables need each other in a circle", "give one a plain value"),
     "too-large": Kind(
         "the file, a stack, or what templates and aliases make of it exceeds a limit",
-        "make it smaller, or split it; [Security](security.md#a-rigelfile-of-unknown-origin) has"
-        " the limits",
+        "make it smaller, or split it; the message has the"
+        " [limit](security.md#a-rigelfile-of-unknown-origin)",
     ),
     "unknown-job": Kind("a sequence names a job that does not exist", "correct the name"),
     "unknown-plugin": Kind(
@@ -313,12 +314,13 @@ APPLICATION: Mapping[str, Kind] = {
 NETWORK: Mapping[str, Kind] = {
     "network-missing": Kind(
         "a ROS 2 application has no `network`, and most pod networks carry no multicast",
-        "set [`network`](networking.md); `none` if the cluster's network carries multicast",
+        "set [`network`](networking.md): `macvlan` or `ipvlan` if the machines share an Ethernet,"
+        " otherwise `peers`; `none` if the cluster's network carries multicast",
     ),
     "ros1": Kind("an option or a mode does not work with ROS 1", "remove it, or use another mode"),
     "wrong-mode": Kind(
         "the network mode does not work with this distribution or middleware",
-        "use [another mode](networking.md#which-mode) or middleware",
+        "use [another mode](networking.md#which-mode) or middleware; `peers` works with all of DDS",
     ),
     "foreign-key": Kind("a key of `network` belongs to another mode", "remove it"),
     "image-lacks-rmw": Kind(
@@ -407,7 +409,8 @@ REFUSED: Mapping[str, Kind] = {
 STACKS: Mapping[str, Kind] = {
     "not-a-stack": Kind(
         "the text is not a stack, or not exactly one",
-        "use a [form of stacks](muto.md#forms-of-stacks)",
+        "use one of the [forms](muto.md#forms-of-stacks): a bare stack, a thing of Ditto,"
+        " `stack/json`, a solution of Symphony, `stack/archive`",
     ),
     "unknown-stack": Kind(
         "no file and no Ditto has the stack", "correct its id, or put its file beside the Rigelfile"
@@ -470,6 +473,7 @@ PODS: Mapping[str, Kind] = {
     ),
     "orphan": Kind(
         "a restarted ROS master has forgotten the pod's node",
-        "restart the pod ([when roscore ends](ros1.md#when-roscore-ends))",
+        "restart the pod; with `gate: true` roscore"
+        " [gets its registrations back](ros1.md#when-roscore-ends)",
     ),
 }

@@ -17,7 +17,7 @@ class Application:
 
 @attrs.frozen
 class Settings:
-    """The command line's global options.
+    """The global options of the command line, or of Muto's agent.
 
     Attributes:
         rigelfile: the Rigelfile's path.
@@ -28,6 +28,7 @@ class Settings:
         adopt: take over fields that another field manager owns.
         lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
         rollback_on_failure: go back to the last good revision if a roll-out fails.
+        description: what `rigel history` shows of a deploy; None: the job's name.
     """
 
     rigelfile: Path = Path("Rigelfile")
@@ -38,3 +39,4 @@ class Settings:
     adopt: bool = False
     lock_timeout: float | None = None
     rollback_on_failure: bool = False
+    description: str | None = None

@@ -160,7 +160,7 @@ def node_deployment(
         },
         own_labels={str(key): str(value) for key, value in options.labels.items()},
     )
-    merged: Object = merge(made, options.patch)
+    merged: Object = merge(made, options.patch) if options.patch else made
     return merged
 
 

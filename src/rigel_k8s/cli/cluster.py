@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING
 
 import attrs
 import click
 
 from rigel_k8s.cli.colors import WARNING
-from rigel_k8s.cli.words import Group, is_quiet, json_option, print_json
+from rigel_k8s.cli.words import Group, choose_reporter, json_option, print_json
 
 if TYPE_CHECKING:
     from rigel_k8s.lab import ClusterStatus
@@ -99,15 +99,16 @@ def up(
 
     if from_source and mirror is not None:
         raise click.UsageError("--mirror and --from-source exclude each other")
-    status = clusters.up(
-        name,
-        nodes,
-        extras=extras,
-        layout=layout,
-        data_dir=data_dir,
-        mirror="none" if from_source else mirror,
-        report=steps(ctx),
-    )
+    with steps(ctx) as report:
+        status = clusters.up(
+            name,
+            nodes,
+            extras=extras,
+            layout=layout,
+            data_dir=data_dir,
+            mirror="none" if from_source else mirror,
+            report=report,
+        )
     if output == "json":
         print_json(attrs.asdict(status))
         return
@@ -134,7 +135,8 @@ def down(ctx: click.Context, /, name: str) -> None:
     """Stop a cluster and delete all of it, with its volumes and images."""
     from rigel_k8s.lab import cluster as localcluster
 
-    there_was = localcluster.down(name, report=steps(ctx))
+    with steps(ctx) as report:
+        there_was = localcluster.down(name, report=report)
     click.echo(f"Cluster {name} is deleted" if there_was else f"Cluster {name} does not exist")
 
 
@@ -173,7 +175,8 @@ def load(ctx: click.Context, /, images: tuple[str, ...], name: str) -> None:
     """Put images of podman or docker, or of tar files, onto every node."""
     from rigel_k8s.lab import cluster as localcluster
 
-    localcluster.load(images, name, report=steps(ctx))
+    with steps(ctx) as report:
+        localcluster.load(images, name, report=report)
 
 
 @cluster.command()
@@ -185,12 +188,10 @@ def kubeconfig(name: str) -> None:
     click.echo(localcluster.kubeconfig_text(name), nl=False)
 
 
-def steps(ctx: click.Context) -> Callable[[str], None]:
-    """Return a function that prints each step with the seconds since the start."""
-    begin = time.monotonic()
+@contextmanager
+def steps(ctx: click.Context) -> Iterator[Callable[[str], None]]:
+    """Yield a function that shows each step, and how far it is."""
+    from rigel_k8s.cli.steps import Steps
 
-    def show(text: str) -> None:
-        if not is_quiet(ctx):
-            click.echo(f"{time.monotonic() - begin:5.0f} s  {text}", err=True)
-
-    return show
+    with choose_reporter(ctx) as reporter, closing(Steps(reporter)) as shown:
+        yield shown.show

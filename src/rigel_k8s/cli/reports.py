@@ -82,6 +82,11 @@ class Rows:
             self._table.set(name, state)
         self._live.update(self._table)
 
+    def drop(self, key: str) -> None:
+        """Remove a row; nothing of it stays."""
+        self._table.remove(self._prefix + key)
+        self._live.update(self._table)
+
     def child(self, name: str) -> Rows:
         """Return a reporter whose lines and rows start with a name."""
         return Rows(self._live, f"{self._prefix}[{name}] ", self._table)

@@ -61,8 +61,8 @@ def explain(kind: str) -> list[Explanation]:
 
 
 def _strip(markdown: str) -> str:
-    """Return a text whose links are pages in parentheses, for a terminal."""
-    return _LINK.sub(r"\1 (docs/\2)", markdown)
+    """Return a text without its links, which a terminal cannot follow."""
+    return _LINK.sub(r"\1", markdown)
 
 
 def _list_groups() -> Iterator[tuple[str, Mapping[str, Kind]]]:

@@ -207,6 +207,8 @@ def choose_job(
             f"{rigelfile.source.name} has no orchestration job",
             hint="add a job with `plugin: rigel_k8s.OrchestrationPlugin`",
         )
+    if len(specs) == 1:  # most files: its options need not be read for its names
+        return specs[0]
     by_release: dict[tuple[str, str], list[ComponentSpec]] = {}
     for spec in specs:
         options = names_of(rigelfile, spec)

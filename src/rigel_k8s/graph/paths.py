@@ -18,7 +18,7 @@ SWITCH = (
 )
 SET_NETWORK = (
     "set `network`: macvlan or ipvlan if the machines share an Ethernet, otherwise peers or"
-    " discovery-server, host on a single machine (docs/networking.md)"
+    " discovery-server, host on a single machine"
 )
 
 

@@ -28,7 +28,7 @@ _WAYS_OUT = (
     ),
     (
         "unauthorized|authentication required|access denied|access to the resource is denied",
-        "the registry needs credentials: set them in a registry provider (docs/images.md)",
+        "the registry needs credentials: set `username` and `password` in a registry provider",
     ),
     (
         "exec format error",

@@ -13,7 +13,6 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import urlencode, urlsplit
@@ -29,6 +28,7 @@ from rigel_k8s.images.credentials import (
     is_private,
 )
 from rigel_k8s.system.proxy import environment_proxy
+from rigel_k8s.system.threads import parallel
 
 if TYPE_CHECKING:
     import urllib3
@@ -136,8 +136,6 @@ def resolve_digests(
         timeout: seconds for each answer of a registry.
     """
     asked = list(images)
-    if not asked:
-        return {}
     patience = _Patience()
 
     def ask(image: str) -> str | None:
@@ -155,9 +153,8 @@ def resolve_digests(
         patience.note(reference.registry, answered=True)
         return digest
 
-    with ThreadPoolExecutor(max_workers=min(8, len(asked))) as pool:
-        answers = zip(asked, pool.map(ask, asked), strict=True)
-        return {image: digest for image, digest in answers if digest}
+    answers = zip(asked, parallel(ask, asked), strict=True)
+    return {image: digest for image, digest in answers if digest}
 
 
 def find_architectures(

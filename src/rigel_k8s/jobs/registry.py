@@ -153,7 +153,7 @@ def _unknown_error(kind: Kind, name: str) -> UserError:
     if of_rigel and not near:
         return UserError(
             f"{word(kind)} {name} is Rigel's own, and Rigel is not installed here",
-            hint="install Rigel 0.3 next to this package (docs/rigel.md), or use one of: "
+            hint="install Rigel 0.3, from its repository, next to this package, or use one of: "
             + ", ".join(list_names(kind)),
         )
     meant = f", did you mean {near[0]}?" if near else ""

@@ -43,7 +43,7 @@ def validate(cls: type[Any], kind: Kind, name: str) -> None:
     if faults:
         raise UserError(
             f"{name} is not a {word(kind)}: {faults[0]}",
-            hint="see the complete example in docs/plugins.md",
+            hint=_describe_interface(kind),
             details=faults[1:],
         )
 
@@ -51,6 +51,11 @@ def validate(cls: type[Any], kind: Kind, name: str) -> None:
 def word(kind: Kind) -> str:
     """Return the kind's name for users."""
     return "job type" if kind == "job" else "provider"
+
+
+def _describe_interface(kind: Kind) -> str:
+    methods = " and ".join(_signature(*one) for one in METHODS[kind].items())
+    return f"a {word(kind)} needs `options`, {methods}, and a constructor without arguments"
 
 
 def _options_faults(cls: type[Any]) -> Iterator[str]:

@@ -10,7 +10,6 @@ from urllib.parse import quote
 
 import attrs
 
-from rigel_k8s.kube import threads
 from rigel_k8s.kube.answers import read_version
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.pods import Pods
@@ -19,6 +18,7 @@ from rigel_k8s.kube.resources import with_query
 from rigel_k8s.kube.store import Store
 from rigel_k8s.kube.target import Target
 from rigel_k8s.objects.refs import Manifest, ObjectRef
+from rigel_k8s.system import threads
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, BinaryIO
 
-from rigel_k8s.kube import threads
 from rigel_k8s.kube.client import Client
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.system.threads import aborting
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.execution import ExecResult
@@ -57,7 +57,7 @@ class Pods:
         stream = self.client.stream(
             self.client.path_of(ref, what, subresource="log", query=query), what
         )
-        with threads.aborting(stream, cancel):
+        with aborting(stream, cancel):
             for line in stream.lines():
                 yield line.decode("utf-8", "replace")
 

@@ -13,7 +13,7 @@ from rigel_k8s.kube.answers import parse, read_event, read_start
 from rigel_k8s.kube.client import Client
 from rigel_k8s.kube.failures import Garbled, Refusal
 from rigel_k8s.kube.resources import path
-from rigel_k8s.kube.threads import aborting
+from rigel_k8s.system.threads import aborting
 
 PAUSE = 1.0  # seconds before a lost watch is opened again
 LIVES = 5  # connections in a row that may end with an invalid event

@@ -25,7 +25,7 @@ UNNEEDED = ("command", "filename", "url", "headers", "timeout")
 ROS_ARGS = "`ros_args` is not carried over: set the node's `env` or `launch.args` instead"
 FETCH = (
     "an archive is not fetched from a URL: download and unpack it, and write a Rigelfile with the"
-    " jobs rigel_k8s.DockerfilePlugin and rigel_k8s.BuildXPlugin (docs/images.md)"
+    " jobs rigel_k8s.DockerfilePlugin and rigel_k8s.BuildXPlugin"
 )
 NO_FILE = "an archive needs a `launch_file`, which says what to start"
 

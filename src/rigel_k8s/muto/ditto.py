@@ -16,6 +16,8 @@ from rigel_k8s.rigelfile.limits import MOST_BYTES
 from rigel_k8s.system.proxy import environment_proxy, is_loopback
 
 if TYPE_CHECKING:
+    import ssl
+
     import urllib3
 
 #: Where Ditto has its things.
@@ -79,6 +81,14 @@ class Ditto:
     url: str
     access: Access
     environ: Mapping[str, str] = attrs.field(repr=False)
+    _authorities: ssl.SSLContext = attrs.field(init=False, repr=False, eq=False)
+
+    @_authorities.default
+    def _load_authorities(self) -> ssl.SSLContext:
+        """Load them once: it takes longer than a request."""
+        from rigel_k8s.system.tls import trust
+
+        return trust()
 
     def url_of(self, thing: str, path: str = "") -> str:
         """Return the URL of a thing, or of a part of it."""
@@ -104,7 +114,7 @@ class Ditto:
         if data is not None:
             headers["Content-Type"] = media
         try:
-            answer = _pool(url, self.environ).request(
+            answer = _pool(url, self.environ, self._authorities).request(
                 method, url, body=data, headers=headers, redirect=False, preload_content=False
             )
             try:
@@ -145,12 +155,10 @@ def _refuse_plain(url: str) -> None:
         )
 
 
-def _pool(url: str, environ: Mapping[str, str]) -> urllib3.PoolManager:
+def _pool(url: str, environ: Mapping[str, str], authorities: ssl.SSLContext) -> urllib3.PoolManager:
     """Return connections through the environment's proxy, if it has one for the URL."""
     import urllib3
 
-    from rigel_k8s.system.tls import trust
-
-    options: dict[str, Any] = {"timeout": PATIENCE, "retries": False, "ssl_context": trust()}
+    options: dict[str, Any] = {"timeout": PATIENCE, "retries": False, "ssl_context": authorities}
     proxy = environment_proxy(urlsplit(url), environ)
     return urllib3.ProxyManager(proxy, **options) if proxy else urllib3.PoolManager(**options)

@@ -12,7 +12,7 @@ import pathlib
 import re
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any, Literal
 
@@ -63,6 +63,17 @@ def fields_of(cls: type[Any]) -> tuple[Field, ...]:
     """Return the keys of an option class, in its order."""
     hashable: Any = cls
     return _fields(hashable)
+
+
+def fields_by_key(cls: type[Any]) -> Mapping[str, Field]:
+    """Return each key of an option class, and each alias, with its field."""
+    hashable: Any = cls
+    return _by_key(hashable)
+
+
+@cache
+def _by_key(cls: Any) -> Mapping[str, Field]:
+    return {key: field for field in fields_of(cls) for key in field.keys}
 
 
 @cache

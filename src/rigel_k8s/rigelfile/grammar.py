@@ -25,7 +25,7 @@ from rigel_k8s.rigelfile.forms import (
     SequenceForm,
     SequentialForm,
 )
-from rigel_k8s.rigelfile.limits import MOST_PROBLEMS
+from rigel_k8s.rigelfile.limits import MOST_SUGGESTIONS
 from rigel_k8s.rigelfile.model import (
     ComponentSpec,
     Concurrent,
@@ -203,7 +203,7 @@ class _Reader:
             name = used_name(use)
             if name is not None and name not in known:
                 where = (*path, "name") if isinstance(use.value, dict) else path
-                few = len(self.findings) < MOST_PROBLEMS
+                few = len(self.findings) < MOST_SUGGESTIONS
                 message = f'unknown job "{name}"{suggest(name, known) if few else ""}'
                 self.report(where, message, "unknown-job")
 

@@ -31,6 +31,8 @@ MOST_COMBINATIONS = 1000
 MOST_LOOKED_AT = 100_000
 #: Problems that are reported.
 MOST_PROBLEMS = 300
+#: Problems after which no similar name is searched for: the search takes longer than all the rest.
+MOST_SUGGESTIONS = 50
 #: Characters shown of a line, if the terminal's width is unknown, and of a message.
 LONGEST_LINE = 160
 LONGEST_MESSAGE = 1000

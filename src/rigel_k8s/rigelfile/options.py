@@ -150,7 +150,8 @@ def _look(
     findings = [*scope.findings, *_nesting_faults(spec.options, overrides, options)]
     node = written
     if nesting_key(options):
-        base, over = scope.fill(spec.options), overrides and scope.fill(overrides)
+        base = written if merged is spec.options else scope.fill(spec.options)
+        over = overrides and scope.fill(overrides)
         node = merge_options(base, over, options)
     expanded = expand(node, options, Surroundings.of(scope, directory))
     findings += expanded.findings

@@ -21,7 +21,7 @@ _TAG = "tag:yaml.org,2002:"
 _TEXT_TAGS = frozenset({f"{_TAG}str", f"{_TAG}timestamp", f"{_TAG}value"})
 _NUMBER_TAGS = frozenset({f"{_TAG}int", f"{_TAG}float"})
 _START = Span(1, 1, 1, 2)
-#: Each value except the first comes after one of these.
+#: Each key or value except the first comes after one of these.
 _SEPARATORS = "\n,:[{?-"
 TOO_MANY = f"the file has more than {MOST_VALUES} values, including those from aliases"
 _BRACKET = re.compile(r"[\[\]{}]")
@@ -51,8 +51,9 @@ def find_excess(text: str) -> Finding | None:
 
     Keys and values are counted here, so a file may have up to twice as many as it may have values.
     """
+    most = 2 * MOST_VALUES
     is_deep = _brackets(text) >= DEEPEST or _DEEP_LINE.search(text)
-    if not is_deep and sum(map(text.count, _SEPARATORS)) < MOST_VALUES:
+    if not is_deep and sum(map(text.count, _SEPARATORS)) < most:
         return None
     depth = values = 0
     try:
@@ -65,7 +66,7 @@ def find_excess(text: str) -> Finding | None:
             if depth > DEEPEST:
                 message = f"values are nested more than {DEEPEST} deep"
                 return Finding(_event_span(event), message, "yaml")
-            if values > 2 * MOST_VALUES:
+            if values > most:
                 return Finding(_event_span(event), TOO_MANY, "yaml")
     except yaml.YAMLError:  # reported when it is parsed
         pass

@@ -21,7 +21,7 @@ from rigel_k8s.rigelfile.filling import (
     read_text,
 )
 from rigel_k8s.rigelfile.findings import Finding, find_nearest, make_finding
-from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, MOST_PROBLEMS
+from rigel_k8s.rigelfile.limits import LONGEST_CHAIN, MOST_SUGGESTIONS
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, node_of
 from rigel_k8s.rigelfile.spending import KIND, Spending
 from rigel_k8s.rigelfile.template import HEADERS, Expression, Name, Part, Unclosed
@@ -266,7 +266,7 @@ class Scope:
         first, dot, rest = name.partition(".")
         if dot and first in self.variables:
             return _Wrong(f'vars.{first} has no "{rest}"', "unknown-variable")
-        few = len(self.findings) < MOST_PROBLEMS
+        few = len(self.findings) < MOST_SUGGESTIONS
         near = find_nearest(name, self.variables) if few else None
         hint = f"did you mean vars.{near}?" if near else f"declare it there or export {name}"
         message = f"vars.{name} is neither in vars nor in the environment, {hint}"

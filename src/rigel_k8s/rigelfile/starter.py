@@ -48,7 +48,6 @@ $deploys  deploy:
       namespace: my-robot
       # An unprivileged user and read-only images. Device files are refused with it; if you remove
       # it, every node loses it.
-      # $docs/security.md
       security: restricted
 $network      image: "{{ vars.image }}:{{ vars.version }}"
       nodes:
@@ -76,9 +75,6 @@ sequences:
       - jobs: [build, deploy]
 """)
 
-#: The documentation, for users without the repository.
-DOCS = "https://github.com/rigel-k8s/rigel-k8s/blob/main/docs"
-
 #: What differs between ROS 1 and ROS 2.
 ROS1 = {
     "status": "what runs where, and what is wrong with it",
@@ -105,17 +101,16 @@ ROS2 = {
   # Deploys the nodes, each in a pod of its own, waits until they are ready, and checks that they
   # discover each other.
 """,
-    "network": f"""\
+    "network": """\
       # Pod networks carry no multicast between machines. peers works on any cluster; macvlan puts
       # the nodes onto the machines' Ethernet, where laptops see them too:
-      # {DOCS}/networking.md
-      # network: {{mode: macvlan, interface: eth0, subnet: 10.20.0.0/24, install: true}}
+      # network: {mode: macvlan, interface: eth0, subnet: 10.20.0.0/24, install: true}
       network: peers
 """,
 }
 
 #: By the ROS that they are for.
 STARTERS: Mapping[str, str] = {
-    "1": TEXT.substitute(ROS1, docs=DOCS),
-    "2": TEXT.substitute(ROS2, docs=DOCS),
+    "1": TEXT.substitute(ROS1),
+    "2": TEXT.substitute(ROS2),
 }

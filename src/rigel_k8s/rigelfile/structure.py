@@ -18,6 +18,7 @@ from rigel_k8s.problems import Path, Problem
 from rigel_k8s.rigelfile.fields import (
     Field,
     describe_type,
+    fields_by_key,
     fields_of,
     is_list,
     is_mapping,
@@ -26,17 +27,16 @@ from rigel_k8s.rigelfile.fields import (
     unwrap,
 )
 from rigel_k8s.rigelfile.findings import find_nearest, suggest
-from rigel_k8s.rigelfile.limits import MOST_PROBLEMS
+from rigel_k8s.rigelfile.limits import MOST_SUGGESTIONS
 from rigel_k8s.rigelfile.numbers import keep_text
 from rigel_k8s.rigelfile.scalars import Mismatch, mismatch, scalar
 from rigel_k8s.rigelfile.source import Span, YamlNode, node_of, strip_places
 from rigel_k8s.rigelfile.unions import (
     choose_by_keys,
     find_ambiguity,
+    find_candidates,
     is_a,
     is_yes_or_no,
-    may_be,
-    rank,
 )
 
 T = TypeVar("T")
@@ -210,7 +210,7 @@ class _Structurer:
         if not isinstance(node.value, dict):
             return self._report_mismatch(mismatch(node, cls), path)
         fields = fields_of(cls)
-        known = {key: field for field in fields for key in field.keys}
+        known = fields_by_key(cls)
         guessed = set(self._report_unknown_keys(node, known, path))
         values: dict[str, Any] = {}
         unknown = False
@@ -232,7 +232,7 @@ class _Structurer:
         return _UNKNOWN if unknown or absent else self._built(cls, values, path)
 
     def _report_unknown_keys(
-        self, node: YamlNode, known: dict[str, Field], path: Path
+        self, node: YamlNode, known: Mapping[str, Field], path: Path
     ) -> Iterator[str | None]:
         """Report unknown keys; yield the similar key, None for a key that waits for data."""
         for key in node.value:
@@ -243,7 +243,7 @@ class _Structurer:
                 yield None
                 continue
             absent = [name for name in known if name not in node.value]
-            few = len(self.problems) < MOST_PROBLEMS  # the search for a similar key takes long
+            few = len(self.problems) < MOST_SUGGESTIONS  # the search for a similar key takes long
             if few and (owner := _find_owner(key, known)):
                 message = f'unknown key "{key}", it is an option of each entry of "{owner}"'
                 self.problems.append(Problem((*path, key), message, "unknown-key", at_key=True))
@@ -319,13 +319,16 @@ class _Structurer:
             return None
         if is_yes_or_no(node) and any(is_a(k, str) for k in kinds):
             return self._scalar(node, str, path)
-        candidates = [k for k in kinds if k is not type(None) and may_be(node, k)]
+        given: Any = type(node.value)
+        candidates = find_candidates(kinds, given)
         if not candidates:
             return self._report_mismatch(find_ambiguity(node, kinds) or mismatch(node, kind), path)
         if isinstance(node.value, dict):
             return self.value(node, choose_by_keys(node, candidates), path)
+        if len(candidates) == 1 and not isinstance(node.value, list):
+            return self.value(node, candidates[0], path)
         refused = []
-        for candidate in sorted(candidates, key=lambda k: rank(node, k)):
+        for candidate in candidates:
             trial = _Structurer()
             value = trial.value(node, candidate, path)
             if not trial.problems:

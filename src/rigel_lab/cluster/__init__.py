@@ -6,6 +6,7 @@ Ethernet segment of their own. It is independent of Rigelfiles and jobs.
 
 from __future__ import annotations
 
+from rigel_lab.cluster.commands import StepProgress
 from rigel_lab.cluster.extras import EXTRAS
 from rigel_lab.cluster.lifecycle import DEFAULT_NAME, down, up
 from rigel_lab.cluster.loading import load
@@ -20,6 +21,7 @@ __all__ = [
     "LAYOUTS",
     "ClusterStatus",
     "NodeStatus",
+    "StepProgress",
     "down",
     "kubeconfig_text",
     "load",

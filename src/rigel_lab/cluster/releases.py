@@ -22,7 +22,7 @@ import attrs
 from rigel_k8s.errors import UserError
 from rigel_k8s.system.cache import cache_dir
 from rigel_k8s.system.oci import architecture
-from rigel_lab.cluster.commands import Report
+from rigel_lab.cluster.commands import REPORT_EVERY, Report, StepProgress
 from rigel_lab.cluster.download import Server, Unavailable
 
 #: The variable that names a mirror.
@@ -38,8 +38,6 @@ MANIFESTS = ", ".join(
         "application/vnd.docker.distribution.manifest.v2+json",
     )
 )
-#: Seconds between two reports of one download.
-REPORT_EVERY = 15
 
 
 @attrs.frozen
@@ -259,7 +257,8 @@ class Progress:
         if time.monotonic() - self.reported > REPORT_EVERY:
             self.reported = time.monotonic()
             of = f" of {total / 1e6:.0f}" if total else ""
-            self.report(f"Downloading {self.title}: {self.file}, {done / 1e6:.0f}{of} MB")
+            text = f"Downloading {self.title}: {self.file}, {done / 1e6:.0f}{of} MB"
+            self.report(StepProgress(text))
 
 
 def unpack(archive: Path, wanted: Mapping[str, str], into: Path) -> dict[str, str]:

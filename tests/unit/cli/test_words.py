@@ -279,18 +279,6 @@ def test_init_writes_one_for_ros2_too(starter: Path) -> None:
 
 
 @pytest.mark.parametrize("ros", ["1", "2"])
-def test_the_pages_that_init_names_can_be_opened(ros: str) -> None:
-    """A user of the package has no docs/: each page is named by its address, and exists."""
-    text = STARTERS[ros]
-    address = "https://github.com/rigel-k8s/rigel-k8s/blob/main/"
-    pages = re.findall(r"(\S*)(docs/[\w-]+\.md)", text)
-    assert pages
-    for before, page in pages:
-        assert before == address
-        assert (ROOT / page).is_file()
-
-
-@pytest.mark.parametrize("ros", ["1", "2"])
 def test_machines_can_pull_from_the_registry_of_init(ros: str) -> None:
     """On another machine `localhost` is that machine."""
     registry = yaml.safe_load(STARTERS[ros])["vars"]["registry"]

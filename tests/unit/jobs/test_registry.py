@@ -135,7 +135,11 @@ def test_an_entry_point_is_found_by_its_name(beside: Path, monkeypatch: pytest.M
             "use one of",
         ),
         ("nothing.at.All", 'unknown job type "nothing.at.All"', "beside the Rigelfile"),
-        ("rigel.plugins.core.ComposePlugin", "is Rigel's own, and Rigel is not installed", "docs"),
+        (
+            "rigel.plugins.core.ComposePlugin",
+            "is Rigel's own, and Rigel is not installed",
+            "repository",
+        ),
         (
             "rigel.plugins.core.DockerfilPlugin",
             "mean rigel.plugins.core.DockerfilePlugin?",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import threading
 from typing import Any
 
 import pytest
@@ -13,7 +12,6 @@ import pytest
 from rigel_k8s.errors import ClusterError, ConflictError, NotFoundError
 from rigel_k8s.kube.failures import Conflict, FieldConflict, Forbidden, refusal
 from rigel_k8s.kube.resources import ApiResources, Resource, path
-from rigel_k8s.kube.threads import parallel
 
 
 def refused(status: int, **answer: Any) -> ClusterError:
@@ -100,45 +98,6 @@ def test_discovery_is_asked_only_for_what_the_table_lacks() -> None:
     assert resources.find("x/v1", "Robot") == Resource("robots", True)
     assert resources.find("x/v1", "Robot") == Resource("robots", True)
     assert asked == ["x/v1", "x/v1"]
-
-
-def test_parallel_keeps_the_order_and_tries_all() -> None:
-    """Results in order; the first error is raised after everything has been tried."""
-    assert list(parallel(lambda n: n * 2, range(50))) == [n * 2 for n in range(50)]
-    done: list[int] = []
-    lock = threading.Lock()
-
-    def work(number: int) -> None:
-        with lock:
-            done.append(number)
-        if number in (3, 7):
-            raise ValueError(number)
-
-    with pytest.raises(ValueError, match="3"):
-        parallel(work, range(20))
-    assert sorted(done) == list(range(20))
-
-
-def test_an_interruption_begins_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What runs is waited for: afterwards nothing goes on behind the caller's back."""
-    begun: list[int] = []
-    two, go_on = threading.Barrier(3), threading.Event()
-
-    def work(number: int) -> None:
-        begun.append(number)
-        two.wait(10)
-        go_on.wait(10)
-
-    def interrupt(_: Any) -> None:
-        two.wait(10)
-        threading.Timer(0.05, go_on.set).start()
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("rigel_k8s.kube.threads.wait", interrupt)
-    with pytest.raises(KeyboardInterrupt):
-        parallel(work, range(20), width=2)
-    assert go_on.is_set()
-    assert sorted(begun) == [0, 1]
 
 
 def test_naming_objects_costs_no_http() -> None:

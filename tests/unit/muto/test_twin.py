@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import ssl
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -238,3 +239,20 @@ def test_options_that_contradict_each_other_are_refused(
 ) -> None:
     (found,) = rigelfiles.check(rigelfile(**muto)).findings
     assert found.kind == "bad-value"
+
+
+def test_certificate_authorities_are_loaded_once(
+    ditto: HttpServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not for each of a session's requests: it takes longer than one."""
+    loaded: list[object] = []
+
+    def load_default_certs(self: ssl.SSLContext, purpose: object = None) -> None:
+        loaded.append(self)
+
+    monkeypatch.setattr(ssl.SSLContext, "load_default_certs", load_default_certs)
+    twin = Twin(ditto.url, Access(), {}, {})
+    for name in ("org:robot", "org:base"):
+        twin.find(name)
+    assert len(ditto.requests) == 2
+    assert len(loaded) == 1

@@ -17,6 +17,7 @@ import attrs
 import pytest
 
 from rigel_k8s.rigelfile import check_file
+from rigel_k8s.rigelfile.limits import MOST_SUGGESTIONS
 
 #: Seconds of the processor and bytes of memory, above what the worst file takes: 2 s, 200 MB.
 SECONDS, BYTES = 6, 400 * 2**20
@@ -290,3 +291,13 @@ def test_only_variables_that_the_file_names_are_read(tmp_path: Path) -> None:
     )
     assert len(check_file(file, environ, lambda kind, name: None).findings) == 3
     assert environ.asked == {"NAMED", "OTHER"}
+
+
+def test_similar_names_are_searched_for_the_first_problems(tmp_path: Path) -> None:
+    """A file with thousands of unknown names is refused without searching for each of them."""
+    uses = ", ".join(["'{{ vars.robo }}'"] * (MOST_SUGGESTIONS + 10))
+    file = tmp_path / "Rigelfile"
+    file.write_text(HEAD + f"vars: {{robot: 1, all: [{uses}]}}\n")
+    messages = [one.message for one in check_file(file, {}, lambda kind, name: None).findings]
+    similar = [message for message in messages if "did you mean vars.robot?" in message]
+    assert (len(similar), len(messages)) == (MOST_SUGGESTIONS, MOST_SUGGESTIONS + 10)

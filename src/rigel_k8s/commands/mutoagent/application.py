@@ -34,6 +34,8 @@ from rigel_k8s.rosgraph.parameters import list_parameters, read_parameter
 from rigel_k8s.rosgraph.reading import read_graph
 from rigel_k8s.settings import Settings
 
+#: Characters of a stack's id that a revision's description has.
+LONGEST_LABEL = 200
 #: The key that nests a job's options in the form of src.plugin.
 NESTED = OrchestrationOptions.nested_under
 
@@ -81,7 +83,8 @@ class Application:
         muto = muto if isinstance(muto, dict) else {}
         stack = wanted.stack_id if wanted.text is None else write_data(wanted.text)
         override = node_of({"muto": {**muto, **self.twin, "stack": stack}}, spec.options)
-        prepared = runner.prepare_use(rigelfile, spec, override, self.settings)
+        settings = attrs.evolve(self.settings, description=describe_revision(wanted))
+        prepared = runner.prepare_use(rigelfile, spec, override, settings)
         made = grammar.realise(rigelfile, spec, override, {}, OrchestrationOptions)
         return prepared, tuple(list_images(made.options))
 
@@ -156,6 +159,12 @@ def list_images(options: Any) -> Iterator[str]:
     nodes = [node.image for node in options.nodes.values()]
     named = (options.image, options.application_image, options.ros_master_image, *nodes)
     yield from dict.fromkeys(str(image) for image in named if image)
+
+
+def describe_revision(wanted: Wanted) -> str:
+    """Return what `rigel history` shows of a stack, whose id anyone may have written."""
+    label = "".join(one if one.isprintable() else "\ufffd" for one in wanted.label)
+    return f"muto: {label[:LONGEST_LABEL]}" if label else "muto"
 
 
 def find_own_id(text: str) -> str:

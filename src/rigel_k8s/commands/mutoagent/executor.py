@@ -244,8 +244,9 @@ class _Task:
         return attrs.evolve(self.record, state="failed", cause=cause, is_there=is_there)
 
     def stop(self) -> None:
-        """End soon."""
+        """End soon; a sender that still waits is answered now."""
         self.scope.cancel()
+        self.applied.set()
 
     def wait(self, patience: float) -> Outcome:
         """Return what is known when the objects are stored, or after some seconds."""

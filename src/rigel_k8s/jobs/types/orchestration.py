@@ -130,7 +130,7 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
                 cancel=job.cancel,
                 timeout=timeout_of(options, job.settings),
                 adopt=job.settings.adopt,
-                description=job.name,
+                description=job.settings.description or job.name,
                 lock_timeout=job.settings.lock_timeout,
                 before=watch.begin if readable else None,
                 applied=job.applied.set,

@@ -17,7 +17,7 @@ class Work(Protocol):
         """Do it; return soon after `stop`. Raises nothing."""
 
     def stop(self) -> None:
-        """End it soon: a newer piece waits, or the program ends."""
+        """End it soon, or never begin: a newer piece waits, or the program ends."""
 
 
 class Turns:
@@ -41,8 +41,10 @@ class Turns:
         self._thread.start()
 
     def put(self, work: Work) -> None:
-        """Do this next: stop the present work, and forget the waiting one."""
+        """Do this next: stop the present work, and the waiting one, which never begins."""
         with self._changed:
+            if self._next is not None:
+                self._next.stop()
             self._next = work
             self._stop_running()
 

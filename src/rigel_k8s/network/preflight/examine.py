@@ -82,7 +82,7 @@ def failure(errors: Sequence[PreflightFinding]) -> RigelK8sError | None:
     return kind(
         f"{len(errors)} things keep the network of this release from working",
         details=[line for one in errors for line in _lines(one)],
-        hint="nothing was applied; docs/preflight.md explains each finding",
+        hint="nothing was applied; `rigel explain KIND` explains the word in brackets",
     )
 
 

@@ -218,7 +218,8 @@ LIMITS: Mapping[str, PreflightKind] = {
         "NetworkPolicies of the namespace",
     ),
     "small-buffers": PreflightKind(
-        "`net.core.rmem_max` or `wmem_max` is below 1 MiB ([why](preflight.md#socket-buffers))",
+        "`net.core.rmem_max` or `wmem_max` is below 1 MiB, so large messages"
+        " [are lost](preflight.md#socket-buffers)",
         "run the `sysctl` command in the message",
         "warning",
         "`/proc/sys`",

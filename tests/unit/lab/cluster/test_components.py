@@ -105,7 +105,7 @@ def test_an_old_go_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_progress_counts_packages(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A long build tells how far it is; other lines of the build are not counted."""
+    """A long build reports how far it is; other lines of the build are not counted."""
     monkeypatch.setattr(gobuild, "REPORT_EVERY", -1)
     told: list[str] = []
     progress = Progress("x", 9, told.append)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from rigel_k8s.commands.mutoagent.application import Application
+from rigel_k8s.commands.mutoagent import executor as executors
+from rigel_k8s.commands.mutoagent.application import Application, describe_revision
 from rigel_k8s.commands.mutoagent.executor import Executor, describe
 from rigel_k8s.errors import ClusterError, NotFoundError, RigelK8sError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.muto.agent.allowance import Allowance
-from rigel_k8s.muto.agent.commands import Apply, Kill, Stage, Start, Unavailable
+from rigel_k8s.muto.agent.commands import Apply, Kill, Outcome, Stage, Start, Unavailable
 from rigel_k8s.muto.agent.memory import Memory
-from rigel_k8s.muto.agent.wanted import Record
+from rigel_k8s.muto.agent.wanted import Record, Wanted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import history
 from rigel_k8s.release.removal import down
@@ -38,7 +40,9 @@ def test_a_stack_is_started_by_its_id(agent: Agent) -> None:
     agent.until("org:a", "active")
     assert agent.states == [("", "idle"), ("org:a", "starting"), ("org:a", "active")]
     assert agent.nodes == {"a", "both"}
-    assert [(r.number, r.status) for r in history(agent.fake, RELEASE)] == [(1, "good")]  # type: ignore[arg-type]
+    [revision] = history(agent.fake, RELEASE)  # type: ignore[arg-type]
+    assert (revision.number, revision.status) == (1, "good")
+    assert revision.description == "muto: org:a"
 
 
 def test_another_stack_leaves_common_nodes_as_they_are(
@@ -345,3 +349,31 @@ def test_a_command_that_cannot_be_stored_is_not_begun(
     assert agent.states == [("", "idle")]
     assert executor.submit(Start(identity="1", stack_id="org:a")).succeeded
     agent.until("org:a", "active")
+
+
+def test_a_command_that_never_began_is_answered_when_a_newer_one_comes(
+    agent: Agent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its sender does not wait for the end of its patience."""
+    monkeypatch.setattr(executors, "PATIENCE", 600)
+    with monkeypatch.context() as unstarted:
+        unstarted.setattr(Executor, "start", lambda self: None)
+        executor = agent.run()
+    answers: list[Outcome] = []
+    kill = threading.Thread(target=lambda: answers.append(executor.submit(Kill())), daemon=True)
+    kill.start()
+    until(lambda: executor._turns._next is not None, "the kill waits for its turn")
+    newer = Start(stack_id="org:a")
+    threading.Thread(target=lambda: executor.submit(newer), daemon=True).start()
+    kill.join(30)
+    assert [one.stage for one in answers] == [Stage.ACCEPTED]
+    executor.start()
+    agent.until("org:a", "active")
+
+
+def test_a_description_is_one_readable_line() -> None:
+    """A stack's id is a text of another machine, and `rigel history` prints it."""
+    assert describe_revision(Wanted(stack_id="org:a\x1b[2J\nb")) == "muto: org:a\ufffd[2J\ufffdb"
+    assert describe_revision(Wanted(components={"arm": "{}", "base": "{}"})) == "muto: arm, base"
+    assert describe_revision(Wanted(stack="{}")) == "muto"
+    assert len(describe_revision(Wanted(stack_id="x" * 9999))) < 300

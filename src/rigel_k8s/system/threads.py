@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
-WIDTH = 8  # requests at once: more only queue in the API server and in this interpreter
+WIDTH = 8  # requests at once: more only queue in the server and in this interpreter
 LOOK = 0.2  # seconds between two looks at a cancel event
 T = TypeVar("T")
 R = TypeVar("R")

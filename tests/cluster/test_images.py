@@ -347,12 +347,15 @@ def test_a_failing_build_says_why(image: str, project: Path) -> None:
 def test_a_failing_command_is_shown_with_all_that_it_printed(
     base_image: str, project: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The cause may stand far above podman's last lines; other steps are in the log alone."""
+    """The cause may stand far above podman's last lines; other steps are in the log alone.
+
+    On a busy machine podman may lose what a step prints just before it ends: these steps wait.
+    """
     monkeypatch.setenv("XDG_CACHE_HOME", str(project / "cache"))
-    script = "echo the cause; seq 100; exit 3"
+    script = "echo the cause; seq 100; sleep 1; exit 3"
+    own = f"echo {uuid.uuid4()} $((1 + 1)) steps; sleep 1"  # in no layer cache
     (project / "Dockerfile").write_text(
-        f"FROM {base_image}\nRUN echo {uuid.uuid4()} $((1 + 1)) steps\n"  # in no layer cache
-        f"RUN {script}\nRUN echo after\n"
+        f"FROM {base_image}\nRUN {own}\nRUN {script}\nRUN echo after\n"
     )
     with pytest.raises(CommandFailed, match=r"exit code 3") as caught:
         build(project, "localhost/failing:1")

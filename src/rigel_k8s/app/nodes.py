@@ -97,6 +97,7 @@ class RosNode:
             self.image,
             self.ros_name,
             None if replicas is None else int(replicas),
+            on_machine=self.options.host_network,
             like=drop_empty(
                 {
                     "imagePullPolicy": pull_policy(

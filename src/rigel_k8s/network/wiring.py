@@ -26,6 +26,7 @@ class PodIdentity:
         image: its container's image, from which init containers are made.
         ros_name: the full ROS name where it is fixed.
         replicas: how many pods, None for one.
+        on_machine: its own options put it on its machine's network, whatever the release's mode.
         like: fields of its container that init containers share: imagePullPolicy, resources, and
             the user in securityContext.
     """
@@ -34,6 +35,7 @@ class PodIdentity:
     image: str
     ros_name: str | None = None
     replicas: int | None = None
+    on_machine: bool = False
     like: Mapping[str, Any] = attrs.field(factory=dict)
 
 

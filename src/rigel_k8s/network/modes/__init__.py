@@ -61,23 +61,25 @@ RANGE = {"ROS_AUTOMATIC_DISCOVERY_RANGE": {"value": "SUBNET"}}
 OLD_RANGE = {"ROS_LOCALHOST_ONLY": {"value": "0"}}
 
 
+#: What holds for a Rigelfile without `network`.
+NO_NETWORK = Network(mode="none")
+
+
 def mode_of(network: Network | None) -> Mode:
     """Return the mode of a network; mode none if there is no network."""
-    return MODES[network.mode if network else "none"]
+    return MODES[(network or NO_NETWORK).mode]
 
 
 def wire_pod(plan: NetworkPlan, pod: PodIdentity) -> Wiring:
     """Return what the release's network adds to one pod."""
-    network = plan.options or Network(mode="none")
-    made = mode_of(network).wire(plan, pod, network)
+    made = mode_of(plan.options).wire(plan, pod, plan.options or NO_NETWORK)
     return attrs.evolve(made, env=ros_variables(plan) | dict(made.env))
 
 
 def network_objects(plan: NetworkPlan) -> Iterator[tuple[Path, Object]]:
     """Yield the objects that the release's network needs, each with the option it comes from."""
-    if plan.options is not None:
-        for item in mode_of(plan.options).objects(plan, plan.options):
-            yield ("network",), item
+    for item in mode_of(plan.options).objects(plan, plan.options or NO_NETWORK):
+        yield ("network",), item
 
 
 def join(plan: NetworkPlan) -> Object:

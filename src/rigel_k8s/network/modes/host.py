@@ -6,24 +6,10 @@ from collections.abc import Iterator
 
 import attrs
 
-from rigel_k8s.network.dds import (
-    FASTDDS_FILE,
-    fastdds_profile,
-    fastdds_variables,
-    pinned_files,
-    pinned_variables,
-    reads_udp_only,
-    udp_only,
-    uses,
-)
-from rigel_k8s.network.files import (
-    SCRIPT,
-    files_config,
-    interface_script,
-    mount_files,
-    render_at_start,
-)
+from rigel_k8s.network.dds import pinned_files, pinned_variables, uses
+from rigel_k8s.network.files import SCRIPT, files_config, interface_script, render_at_start
 from rigel_k8s.network.mode import Mode
+from rigel_k8s.network.neighbors import neighbor_files, wire_neighbor
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan, PodIdentity, Wiring, network_note
 from rigel_k8s.objects.pods import Object
@@ -38,13 +24,8 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
     if network.interface and plan.ros != "1":
         pinned = pinned_files(plan, network.interface)
         yield files_config(plan, {SCRIPT: interface_script(), **pinned})
-    elif needs_profile(plan):
-        yield files_config(plan, {FASTDDS_FILE: fastdds_profile()})
-
-
-def needs_profile(plan: NetworkPlan) -> bool:
-    """Return whether only a file keeps an old Fast DDS from memory that pods do not share."""
-    return plan.ros != "1" and uses(plan, "fastdds") and not reads_udp_only(plan)
+    else:
+        yield from neighbor_files(plan)
 
 
 def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
@@ -53,25 +34,12 @@ def wire(plan: NetworkPlan, pod: PodIdentity, network: Network) -> Wiring:
     if interface:
         missing = f"{interface} is missing: this machine has no such interface (network.interface)"
         base = render_at_start(plan, pod, interface, missing, own_machine_id=uses(plan, "fastdds"))
+        base = attrs.evolve(base, env=pinned_variables(plan))
+    elif plan.ros == "1":
+        base = Wiring(env={"ROS_IP": HOST_IP})
     else:
-        base = mount_files(plan) if needs_profile(plan) else Wiring()
-    return attrs.evolve(
-        base,
-        env=variables(plan, interface),
-        annotations=network_note(plan, interface=interface),
-        pod=ON_HOST,
-    )
-
-
-def variables(plan: NetworkPlan, interface: str | None) -> dict[str, Object]:
-    """Return the variables for ROS or DDS: the machine's address, and no shared memory."""
-    if plan.ros == "1":
-        return {"ROS_IP": HOST_IP}
-    if interface:
-        return pinned_variables(plan)
-    if not uses(plan, "fastdds"):
-        return {}
-    return fastdds_variables(plan) if needs_profile(plan) else udp_only(plan)
+        base = wire_neighbor(plan)
+    return attrs.evolve(base, annotations=network_note(plan, interface=interface), pod=ON_HOST)
 
 
 HOST = Mode(

@@ -199,6 +199,14 @@ class TestHostNetwork:
         assert told["graph"]["findings"] == []
 
 
+    def test_neighbors_hear_each_other_without_a_network(self, deployed: Deploy) -> None:
+        """They have one address and share no memory; discovery alone would work."""
+        alike = {"host_network": True, "placement": {"node": "node1"}}
+        talker, listener = ({"args": [f"{name}.py"], **alike} for name in ("talker", "listener"))
+        release = deployed(network={"mode": "none"}, nodes={"talker_1": talker, "listener": listener})
+        release.until_heard("listener", {"talker_1"})
+
+
 class TestMacvlan:
     """A second network with static addresses."""
 

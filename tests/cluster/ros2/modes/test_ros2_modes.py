@@ -203,7 +203,8 @@ class TestHostNetwork:
         """They have one address and share no memory; discovery alone would work."""
         alike = {"host_network": True, "placement": {"node": "node1"}}
         talker, listener = ({"args": [f"{name}.py"], **alike} for name in ("talker", "listener"))
-        release = deployed(network={"mode": "none"}, nodes={"talker_1": talker, "listener": listener})
+        nodes = {"talker_1": talker, "listener": listener}
+        release = deployed(network={"mode": "none"}, nodes=nodes)
         release.until_heard("listener", {"talker_1"})
 
 

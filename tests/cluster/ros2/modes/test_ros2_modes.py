@@ -198,7 +198,6 @@ class TestHostNetwork:
         told = json.loads(release.project("status", "-o", "json").stdout)
         assert told["graph"]["findings"] == []
 
-
     def test_neighbors_hear_each_other_without_a_network(self, deployed: Deploy) -> None:
         """They have one address and share no memory; discovery alone would work."""
         alike = {"host_network": True, "placement": {"node": "node1"}}

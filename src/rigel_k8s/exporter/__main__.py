@@ -12,6 +12,8 @@ from rigel_k8s.exporter.config import Config, ConfigFailed, read
 from rigel_k8s.exporter.graph import Half
 from rigel_k8s.exporter.serving import Server
 
+_SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
 
 def main(arguments: list[str]) -> int:
     """Serve until SIGTERM or SIGINT; return the exit code, 2 for a wrong configuration."""
@@ -21,17 +23,16 @@ def main(arguments: list[str]) -> int:
         config = read(Path(arguments[0]))
     except ConfigFailed as error:
         return _fail(str(error), 2)
-    ended = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: ended.set())
+    # A handler that sets an Event would wait for itself if the second signal came within the first.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # in the threads that follow, too
     half = _make_half(config)
     try:
-        return _serve(half, config, ended)
+        return _serve(half, config)
     finally:
         half.close()
 
 
-def _serve(half: Half, config: Config, ended: threading.Event) -> int:
+def _serve(half: Half, config: Config) -> int:
     collection = Collection(half, config, after=config.joining if config.ros != "1" else 0.0)
     try:
         server = Server(config.port, collection.metrics, collection.well)
@@ -42,7 +43,7 @@ def _serve(half: Half, config: Config, ended: threading.Event) -> int:
         sys.stdout.flush()
         collection.start()
         threading.Thread(target=server.serve_forever, name="http", daemon=True).start()
-        ended.wait()
+        signal.sigwait(_SIGNALS)
         server.shutdown()
     collection.close()
     return 0

@@ -60,6 +60,22 @@ def test_it_serves_until_it_is_told_to_end(program: Path, tmp_path: Path, ros: s
     assert f'ros_exporter_info{{version="{__version__}",ros="{ros}",middleware=""}} 1' in text
 
 
+def test_many_signals_end_it_as_one_does(program: Path, tmp_path: Path) -> None:
+    """The preStop hook sends SIGINT, and the kubelet SIGTERM as soon as the hook has returned."""
+    file = tmp_path / "config.json"
+    file.write_text(json.dumps({"port": 0, "master_uri": "http://127.0.0.1:9"}))
+    for _ in range(10):
+        with run(program, str(file)) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline()
+            for number in (signal.SIGINT, signal.SIGTERM) * 100:
+                process.send_signal(number)
+            try:
+                assert process.wait(30) == 0
+            finally:
+                process.kill()
+
+
 def scrape(port: int, process: subprocess.Popen[str]) -> str:
     deadline = time.monotonic() + 30
     while True:

@@ -99,6 +99,19 @@ def test_nodes_are_updated_as_its_table_says(objects: list[Any]) -> None:
     assert len(shown) == 3
 
 
+def test_the_command_before_the_table_prints_each_node_with_its_update(place: Path) -> None:
+    """A line for the name, and the next one for the update, in the order of the table."""
+    (command,) = re.findall(r"^`(rigel render deploy \| grep [^`]*)`", PAGE, re.M)
+    done = run(f"export GHCR_TOKEN=x KUBECONFIG=none; {command}", place)
+    lines = [line.strip().removeprefix("rigel-k8s/") for line in done.stdout.splitlines()]
+    assert lines[::2] == [f"node: {name}" for name in NODES]
+    assert [line.split()[:2] for line in lines[1::2]] == [
+        ["update:", "HandOver"],
+        ["update:", "'Recreate:"],
+        ["update:", "'Recreate:"],
+    ]
+
+
 def test_a_new_build_of_the_workspace_leaves_the_camera_alone(objects: list[Any]) -> None:
     """It has an image of its own, the others share one."""
     image = {name: read_pod(objects, name)["containers"][0]["image"] for name in NODES}

@@ -52,6 +52,19 @@ async def test_a_new_master_gets_everything_back(world: World) -> None:
 
 
 @play
+async def test_nodes_of_another_release_get_everything_back(world: World) -> None:
+    """They came by the door of nodes that do not hand over, as those with a `ros_master_uri`."""
+    pods = await up(world, TALKER, None), await up(world, LISTENER, None)
+    world.kill_master()
+    world.start_master()
+    assert (await look_up(world)).is_success
+    master = world.master_now
+    assert master is not None
+    for node in (pods[0].nodes[0], pods[1].nodes[0]):
+        assert all((node.name, node.api) in master.registered[entry] for entry in node.plan)
+
+
+@play
 async def test_a_master_that_ends_idle_connections_is_no_new_one(world: World) -> None:
     """Every few seconds where roscore has a timeout: no call waits, or is refused, for that."""
     await up(world, TALKER)

@@ -38,6 +38,8 @@ NOT_READY = """What `rigel run` and `rigel status` report about a workload that 
 deploy reports a cause when it is first seen, and gives up when the cause lasts for the time in the
 last column. A workload that has no cause and does not become ready fails at `--timeout`."""
 
+PROBE = """If the message is a line of the readiness probe, [Probes](probes.md) explains it."""
+
 NETWORK = """What [the checks before a deploy](preflight.md) find on the cluster and its
 machines. If a problem needs a change of the Rigelfile, the exit code is 2, otherwise 1; a
 warning stops nothing."""
@@ -70,6 +72,7 @@ def _list_parts() -> Iterator[str]:
     yield "## Not ready"
     yield NOT_READY
     yield _draw_causes()
+    yield PROBE
     yield "Two of them are also the `kind` of a pod in `rigel status -o json`:"
     yield _draw("kind", PODS)
     yield "## The network of a release"

@@ -81,7 +81,8 @@ class Network:
     )
     servers: Servers | None = option("discovery-server: how many (default 1)")
     image: ImageRef | None = option(
-        "discovery-server and zenoh: the server's image (default: the application's)"
+        "discovery-server and zenoh: the server's image (default: that of the first node); a new"
+        " build of it restarts the servers"
     )
     command: str | list[str] | None = option(
         "discovery-server and zenoh: the server's command, run by its image's ENTRYPOINT;"

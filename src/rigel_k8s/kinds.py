@@ -328,7 +328,7 @@ NETWORK: Mapping[str, Kind] = {
         "use an image with the `rmw` package that the message names",
     ),
     "many-participants": Kind(
-        "a launch file may start more programs than `peers` finds in one pod",
+        "two launch files may each start more programs than `peers` finds in a pod",
         "split the launch file, or use another mode",
     ),
     "too-few-addresses": Kind(

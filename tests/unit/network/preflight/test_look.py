@@ -147,3 +147,24 @@ def test_a_machine_that_is_off() -> None:
     cluster = Cluster(lambda _: said(LINKS), off="node1")
     assert found(cluster) == ["warning preflight could not check node1 (not ready)"]
     assert [pod for pod, *_ in cluster.asked] == ["multus-node2"]
+
+
+class WithoutMultus(Cluster):
+    """A cluster of two machines without Multus, with a policy for all pods of the namespace."""
+
+    def list(self, api_version: str, kind: str, *_: Any, **__: Any) -> list[dict[str, Any]]:
+        policy = {"metadata": {"name": "lock"}, "spec": {"podSelector": {}}}
+        return [policy] if kind == "NetworkPolicy" else []
+
+
+def test_on_the_machines_network_without_multus_only_policies_are_checked() -> None:
+    """No machine is examined, not even for `interface`, and no warning says so."""
+    cluster = WithoutMultus(lambda _: said(LINKS))
+    pods = {"template": {"spec": {"hostNetwork": True}}}
+    objects = [
+        {"kind": "Deployment", "metadata": {"name": "a", "namespace": "robot"}, "spec": pods}
+    ]
+    network = Network(mode="host", interface="eth7")
+    findings = examine(objects, network, cluster)  # type: ignore[arg-type]
+    assert [(f.kind, f.severity) for f in findings] == [("network-policy", "warning")]
+    assert cluster.asked == []

@@ -1,7 +1,7 @@
 """What is in the graph: topics, nodes, services."""
 
 from failure import Failure
-from session import full, hidden, session, topic_type
+from session import appears, full, hidden, session, spin, topic_type
 
 
 def topics(options):
@@ -23,13 +23,14 @@ def services(options):
 
 def topic_type_of(options):
     with session(options, wait=False) as node:
-        print(topic_type(node, options.topic, options.spin_time))
+        print(topic_type(node, options.topic, options))
 
 
 def topic_info(options):
     topic = full(options.topic)
-    with session(options) as node:
-        kind = topic_type(node, topic, 0.1)
+    with session(options, wait=False) as node:
+        kind = topic_type(node, topic, options)
+        spin(node, lambda: False, options.spin_time)
         publishers = node.get_publishers_info_by_topic(topic)
         subscribers = node.get_subscriptions_info_by_topic(topic)
     print(f"Type: {kind}")
@@ -48,9 +49,10 @@ def nodes(options):
 
 def node_info(options):
     wanted = full(options.node)
-    with session(options) as node:
-        if wanted not in _nodes(node):
+    with session(options, wait=False) as node:
+        if not appears(node, lambda: wanted in _nodes(node), options):
             raise Failure(f"Unable to find node '{wanted}'")
+        spin(node, lambda: False, options.spin_time)
         space, _, name = wanted.rpartition("/")
         print(wanted)
         for title, ask in (

@@ -5,7 +5,7 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter import get_parameter_value as parsed
 from rclpy.parameter_client import AsyncParameterClient
-from session import full, session, spin
+from session import appears, full, session, spin
 
 _KINDS = {
     ParameterType.PARAMETER_BOOL: "Boolean",
@@ -57,7 +57,7 @@ def _ask(options, question):
     name = full(options.node)
     with session(options, wait=False) as node:
         client = AsyncParameterClient(node, name)
-        if not spin(node, client.services_are_ready, max(options.spin_time, _ANSWER)):
+        if not appears(node, client.services_are_ready, options):
             raise Failure(f"Node not found: {name}")
         future = question(client)
         if not spin(node, future.done, _ANSWER):

@@ -8,6 +8,10 @@ import rclpy
 from failure import Failure
 from rclpy.signals import SignalHandlerOptions
 
+#: Seconds that what a command names has to appear, if --spin-time is less: on a busy machine the
+#: discovery of a node that has long been running can take more than three.
+PATIENCE = 10.0
+
 
 @contextmanager
 def session(options, *, wait=True):
@@ -35,6 +39,11 @@ def spin(node, done, seconds=None):
     return True
 
 
+def appears(node, known, options):
+    """Spin until what the command names is `known()`; returns whether it is."""
+    return spin(node, known, max(options.spin_time, PATIENCE))
+
+
 def full(name):
     """Return a name as the graph has it."""
     return name if name.startswith("/") else f"/{name}"
@@ -45,7 +54,7 @@ def hidden(name):
     return any(part.startswith("_") for part in name.split("/"))
 
 
-def topic_type(node, topic, seconds):
+def topic_type(node, topic, options):
     """Return the type of a topic that another node has.
 
     Raises:
@@ -58,6 +67,6 @@ def topic_type(node, topic, seconds):
         types[:] = dict(node.get_topic_names_and_types()).get(topic, [])
         return bool(types)
 
-    if not spin(node, known, seconds):
+    if not appears(node, known, options):
         raise Failure(f"topic [{topic}] is not published and not subscribed; see `ros2 topic list`")
     return types[0]

@@ -13,7 +13,7 @@ from session import full, session, spin, topic_type
 
 def echo(options):
     with session(options, wait=False) as node:
-        kind = options.type or topic_type(node, options.topic, options.spin_time)
+        kind = options.type or topic_type(node, options.topic, options)
         seen = []
 
         def heard(message):
@@ -27,7 +27,7 @@ def echo(options):
 def hz(options):
     times = []
     with session(options, wait=False) as node:
-        kind = topic_type(node, options.topic, options.spin_time)
+        kind = topic_type(node, options.topic, options)
         _subscribe(node, options.topic, kind, lambda _: times.append(time.monotonic()))
         while True:
             before = len(times)

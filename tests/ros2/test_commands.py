@@ -1,0 +1,34 @@
+"""The small `ros2` of our base image looks at a graph of real rclpy nodes."""
+
+from __future__ import annotations
+
+import time
+from importlib import resources
+
+import pytest
+
+from .conftest import Lab
+
+pytestmark = pytest.mark.cluster
+
+ROS2 = str(resources.files("rigel_lab") / "images" / "ros2base" / "files" / "ros2")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["node", "info", "/late"], "/late/get_parameters: rcl_interfaces/srv/GetParameters"),
+        (["topic", "info", "/rosout"], "Publisher count: 1"),
+        (["param", "get", "/late", "use_sim_time"], "Boolean value is: False"),
+    ],
+    ids=["node", "topic", "param"],
+)
+def test_a_command_waits_for_what_it_names(lab: Lab, words: list[str], told: str) -> None:
+    """Also if discovery takes longer than --spin-time; here the node begins only then."""
+    python = str(lab.venv("jazzy") / "bin" / "python")
+    asks = lab.start("asks", "one", python, "-B", ROS2, *words, FASTDDS_BUILTIN_TRANSPORTS="UDPv4")
+    time.sleep(4.5)  # --spin-time is three seconds
+    assert asks.process.poll() is None, asks.log()
+    lab.ros("late", "two")
+    assert asks.process.wait(timeout=30) == 0, asks.log()
+    assert told in asks.log()

@@ -309,7 +309,7 @@ def test_a_grafana_that_cannot_be_pulled_keeps_nothing_waiting(watching: Stack) 
     assert len(made["data"]["admin-password"]) >= 24
     assert "is unchanged" in watching.deploy({"grafana": grafana})
     watching.deploy({"grafana": {"enabled": False}})
-    assert watching.pods("grafana") == []
+    until(lambda: not watching.pods("grafana"), "its pod is gone")
     assert watching.cluster.get(secret)["data"] == made["data"]
 
 

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rigel_k8s.app.options import Distributed
-from rigel_k8s.objects.naming import object_name, selector
+from rigel_k8s.objects.naming import HOSTNAME, object_name, selector
 from rigel_k8s.objects.podoptions import Placement, Toleration
 from rigel_k8s.objects.pods import Object, drop_empty
 
-HOSTNAME = "kubernetes.io/hostname"
 #: The label of remote machines, as in src.plugin.
 REMOTE: Mapping[str, str] = {"deploymentType": "remote"}
 

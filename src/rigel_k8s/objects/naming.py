@@ -13,6 +13,8 @@ Ros = Literal["1", "2", "none"]
 
 #: The selector's label; it is the one of src.plugin; it cannot change because selectors cannot.
 NAME_LABEL = "app.kubernetes.io/name"
+#: Of a machine: its name.
+HOSTNAME = "kubernetes.io/hostname"
 #: On a Deployment and its pods: the name of the ROS node in them.
 ROS_NAME_ANNOTATION = "rigel-k8s/ros-name"
 #: On a Deployment and its pods: their key in `nodes`.

@@ -6,8 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from rigel_k8s.app.placing import HOSTNAME
 from rigel_k8s.errors import ClusterError, UserError
+from rigel_k8s.objects.naming import HOSTNAME
 
 if TYPE_CHECKING:
     from rigel_k8s.kube.cluster import Cluster

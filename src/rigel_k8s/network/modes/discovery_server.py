@@ -49,7 +49,8 @@ def server_names(release: str, network: Network) -> list[str]:
 
 def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
     """Yield the servers and their Services."""
-    for index, name in enumerate(server_names(plan.release, network)):
+    names = server_names(plan.release, network)
+    for index, name in enumerate(names):
         identity = {SERVER_ID: {"value": str(index)}, SERVER_NAME: {"value": name}}
         container = {
             "name": "discovery-server",
@@ -59,7 +60,7 @@ def objects(plan: NetworkPlan, network: Network) -> Iterator[Object]:
             **server_probes({"exec": {"command": ["/bin/sh", "-c", LISTENS]}}),
         }
         yield server_service(plan, name, DISCOVERY_PORT, "UDP")
-        yield server_deployment(plan, network, name, container)
+        yield server_deployment(plan, network, name, container, earlier=names[:index])
 
 
 def addresses(plan: NetworkPlan, network: Network) -> list[str]:

@@ -11,6 +11,7 @@ from rigel_k8s.network.files import make_context
 from rigel_k8s.network.options import Network
 from rigel_k8s.network.wiring import NetworkPlan
 from rigel_k8s.objects.marks import FIRST_ANNOTATION
+from rigel_k8s.objects.naming import HOSTNAME, NAME_LABEL
 from rigel_k8s.objects.pods import Object, drop_empty, inpod_volume, stop_hook
 from rigel_k8s.objects.text import split_words
 from rigel_k8s.objects.workloads import deployment, service
@@ -51,10 +52,21 @@ def server_service(plan: NetworkPlan, name: str, number: int, protocol: str) -> 
     return made
 
 
-def server_deployment(plan: NetworkPlan, network: Network, name: str, container: Object) -> Object:
+def server_deployment(
+    plan: NetworkPlan,
+    network: Network,
+    name: str,
+    container: Object,
+    *,
+    earlier: Sequence[str] = (),
+) -> Object:
     """Return a server's Deployment: it starts before its clients, and never runs twice at once.
 
     Its pods have no network annotation, since they are not examined for discovering each other.
+
+    Args:
+        earlier: servers from which it is kept apart if there are machines enough. They need not
+            name it: the scheduler reads such a wish in both directions.
     """
     volume, mount = inpod_volume(plan.release)
     image = str(
@@ -67,7 +79,12 @@ def server_deployment(plan: NetworkPlan, network: Network, name: str, container:
         "volumeMounts": [mount],
     }
     account = network.service_account
-    pod = {"containers": [whole], "volumes": [volume], "serviceAccountName": account}
+    pod = {
+        "affinity": prefer_apart(earlier),
+        "containers": [whole],
+        "volumes": [volume],
+        "serviceAccountName": account,
+    }
     return deployment(
         make_context(plan),
         name,
@@ -75,3 +92,13 @@ def server_deployment(plan: NetworkPlan, network: Network, name: str, container:
         strategy={"type": "Recreate"},
         annotations={FIRST_ANNOTATION: "true"},
     )
+
+
+def prefer_apart(others: Sequence[str]) -> Object:
+    """Return the affinity of a pod for machines without the pods of some workloads."""
+    if not others:
+        return {}
+    names = {"key": NAME_LABEL, "operator": "In", "values": list(others)}
+    term = {"labelSelector": {"matchExpressions": [names]}, "topologyKey": HOSTNAME}
+    preferred = [{"weight": 100, "podAffinityTerm": term}]
+    return {"podAntiAffinity": {"preferredDuringSchedulingIgnoredDuringExecution": preferred}}

@@ -12,7 +12,7 @@ import attrs
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.platform import Platform
 from rigel_k8s.objects.marks import RELEASE_LABEL
-from rigel_k8s.objects.naming import labels, selector
+from rigel_k8s.objects.naming import HOSTNAME, labels, selector
 
 Object = dict[str, Any]
 Part = Literal["multus", "whereabouts"]
@@ -71,7 +71,7 @@ class Machines:
 
 
 def _host(operator: str, names: Sequence[str]) -> Object:
-    return {"key": "kubernetes.io/hostname", "operator": operator, "values": sorted(names)}
+    return {"key": HOSTNAME, "operator": operator, "values": sorted(names)}
 
 
 def host(name: str, path: str, kind: str = "Directory") -> Object:

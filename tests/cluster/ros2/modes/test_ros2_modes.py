@@ -91,6 +91,12 @@ class TestDiscoveryServer:
         assert {"talker-1", "talker-2", "listener"} < set(by_servers.project.pods())
         by_servers.until_heard("listener", BOTH)
 
+    def test_the_servers_are_on_two_machines(self, by_servers: Any) -> None:
+        """The loss of one machine leaves one of them."""
+        machines = by_servers.project.machines()
+        servers = [where for name, where in machines.items() if "-discovery-" in name]
+        assert len(set(servers)) == len(servers) == 2
+
     def test_introspection_sees_everybody(self, by_servers: Any) -> None:
         """`rigel exec` makes tools super clients, which servers tell everything."""
         words = ["exec", "listener", "--", "ros2", "node", "list", "--spin-time", "5"]

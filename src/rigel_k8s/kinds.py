@@ -92,7 +92,10 @@ FILE: Mapping[str, Kind] = {
         "make it smaller, or split it; the message has the"
         " [limit](security.md#a-rigelfile-of-unknown-origin)",
     ),
-    "unknown-job": Kind("a sequence names a job that does not exist", "correct the name"),
+    "unknown-job": Kind(
+        "a sequence or Muto's agent names a job that does not exist or that it cannot use",
+        "correct the name",
+    ),
     "unknown-plugin": Kind(
         "`plugin` names a job type that is not installed, or cannot be imported",
         "correct the name, or install its package",
@@ -314,8 +317,8 @@ APPLICATION: Mapping[str, Kind] = {
 NETWORK: Mapping[str, Kind] = {
     "network-missing": Kind(
         "a ROS 2 application has no `network`, and most pod networks carry no multicast",
-        "set [`network`](networking.md): `macvlan` or `ipvlan` if the machines share an Ethernet,"
-        " otherwise `peers`; `none` if the cluster's network carries multicast",
+        "set [`network`](networking.md): `peers`, which works everywhere, or `macvlan` if the"
+        " machines share an Ethernet; `none` if the cluster's network carries multicast",
     ),
     "ros1": Kind("an option or a mode does not work with ROS 1", "remove it, or use another mode"),
     "wrong-mode": Kind(
@@ -407,6 +410,10 @@ REFUSED: Mapping[str, Kind] = {
 
 #: Stacks of Eclipse Muto.
 STACKS: Mapping[str, Kind] = {
+    "agent-job": Kind(
+        "a job has the name of the Muto agent that deploys it, or needs files that its pod lacks",
+        "change that job as the message says",
+    ),
     "not-a-stack": Kind(
         "the text is not a stack, or not exactly one",
         "use one of the [forms](muto.md#forms-of-stacks): a bare stack, a thing of Ditto,"

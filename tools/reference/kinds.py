@@ -35,8 +35,9 @@ RIGELFILE = """`rigel check` reports all of a file's problems at once. A warning
 nearest name that exists."""
 
 NOT_READY = """What `rigel run` and `rigel status` report about a workload that is not ready. A
-deploy reports a cause when it is first seen, and gives up when the cause lasts for the time in the
-last column. A workload that has no cause and does not become ready fails at `--timeout`."""
+deploy shows a cause as the workload's state, and gives up when the cause lasts for the time in the
+last column: the error then has the cause and its remedy. A cause that passes before becomes a
+warning. A workload that has no cause and does not become ready fails at `--timeout`."""
 
 PROBE = """If the message is a line of the readiness probe, [Probes](probes.md) explains it."""
 

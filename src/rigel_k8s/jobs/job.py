@@ -84,6 +84,9 @@ class JobType(Protocol[O_contra]):
     reads files that the options name: `rigel check` calls it, and a run before the job, since
     an earlier job may write them. `home` is the Rigelfile's directory.
 
+    And it may have a method `check_jobs(options, jobs) -> Sequence[Problem]` if its options name
+    other jobs of the Rigelfile. `jobs` are all of them by name; pure, as `check`.
+
     And it may have `needs_cluster`: True if `run` connects to the cluster of the settings, False
     if it neither does so nor creates one. Without it, the type may create one.
     """

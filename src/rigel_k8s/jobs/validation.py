@@ -27,6 +27,7 @@ OPTIONAL: Mapping[Kind, Mapping[str, tuple[str, ...]]] = {
     "job": {
         "exclusive": ("options", "application", "settings"),
         "check_files": ("options", "application", "home"),
+        "check_jobs": ("options", "jobs"),
     },
     "provider": {},
 }

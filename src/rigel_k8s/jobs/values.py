@@ -44,7 +44,7 @@ class Values:
         seen = preview(self._rigelfile, job.spec, job.overrides, known, job.type.options)
         findings = list(seen.findings)
         if seen.draft is not None:
-            findings += seen.place_problems(job.type.check(seen.draft, self._rigelfile.application))
+            findings += seen.place_problems(self._check(job, seen.draft))
         return seen.options, findings
 
     def realise(self, job: Job, data: Mapping[str, Any]) -> tuple[Any, Mapping[str, Any]]:
@@ -54,14 +54,20 @@ class Values:
             ProblemsError: something in it is wrong, with places.
         """
         real = realise(self._rigelfile, job.spec, job.overrides, data, job.type.options)
-        application = self._rigelfile.application
-        findings = real.place_problems(job.type.check(real.options, application))
+        findings = real.place_problems(self._check(job, real.options))
         if check_files := getattr(job.type, "check_files", None):
             home = Path(self._rigelfile.source.name).absolute().parent
+            application = self._rigelfile.application
             findings += real.place_problems(check_files(real.options, application, home))
         if any(finding.severity == "error" for finding in findings):
             raise problems_error(self._rigelfile.source, findings)
         return real.options, real.raw
+
+    def _check(self, job: Job, options: Any) -> list[Problem]:
+        problems = [*job.type.check(options, self._rigelfile.application)]
+        if check_jobs := getattr(job.type, "check_jobs", None):
+            problems += check_jobs(options, self._rigelfile.jobs)
+        return problems
 
     def place(
         self, job: Job, data: Mapping[str, Any], problems: Sequence[Problem]

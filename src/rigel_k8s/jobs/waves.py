@@ -12,12 +12,10 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import attrs
 
 from rigel_k8s.errors import JobFailed
+from rigel_k8s.rigelfile.model import LIMITS, MAX_PARALLEL, STOP_AFTER
 
 T = TypeVar("T")
 State: TypeAlias = Literal["done", "failed", "stopped", "not begun"]
-
-MAX_PARALLEL, STOP_AFTER = "max_parallel", "stop_after_failures"
-LIMITS = (MAX_PARALLEL, STOP_AFTER)
 
 
 @attrs.frozen

@@ -26,7 +26,6 @@ from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import Source, Span, YamlNode, kind_of, locate
 from rigel_k8s.rigelfile.spending import TooLarge, bounded, refuse_depth
-from rigel_k8s.settings import Application
 from rigel_k8s.system.local_files import read_text
 from rigel_k8s.system.trust import Untrusted
 
@@ -230,7 +229,7 @@ class _Components:
             yield make_finding(node, f"{error.message}{hint}", slug)
             return
         for over in overrides:
-            yield from _check_options(found, self._scope, spec, over, self._contents.application)
+            yield from _check_options(found, self._scope, spec, over, self._contents)
 
     def _type(self, kind: Literal["job", "provider"], name: str) -> Any:
         if (kind, name) not in self._types:
@@ -243,14 +242,17 @@ def _check_options(
     scope: Scope,
     spec: ComponentSpec,
     overrides: YamlNode | None,
-    application: Application | None,
+    contents: Contents,
 ) -> Iterator[Finding]:
     """Yield what is wrong with a component's options, by their types and by its type's check."""
+    application = contents.application
     directory = application.dir if application else None
     seen = look(scope.with_data(None, final=False), spec, overrides, found.options, directory)
     yield from seen.findings
     if seen.draft is not None and application is not None:
         yield from seen.place_problems(found.check(seen.draft, application))
+        if check_jobs := getattr(found, "check_jobs", None):
+            yield from seen.place_problems(check_jobs(seen.draft, contents.jobs))
         if check_files := getattr(found, "check_files", None):
             home = Path(scope.source.name).absolute().parent
             yield from seen.place_problems(check_files(seen.draft, application, home))

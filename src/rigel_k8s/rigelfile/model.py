@@ -15,6 +15,10 @@ from rigel_k8s.rigelfile.scope import Scope
 from rigel_k8s.rigelfile.source import Source, YamlNode, strip_places
 from rigel_k8s.settings import Application
 
+#: Keys of a matrix that are limits, each a list of one number, and no values of its branches.
+MAX_PARALLEL, STOP_AFTER = "max_parallel", "stop_after_failures"
+LIMITS = (MAX_PARALLEL, STOP_AFTER)
+
 
 @attrs.frozen
 class ComponentSpec:

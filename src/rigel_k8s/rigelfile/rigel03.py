@@ -15,6 +15,7 @@ import attrs
 from rigel_k8s.option_text import has_template
 from rigel_k8s.rigelfile.check import CheckResult, open_source
 from rigel_k8s.rigelfile.findings import Finding, make_finding, sort_findings
+from rigel_k8s.rigelfile.model import LIMITS
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.rigelfile.source import YamlNode, kind_of
 from rigel_k8s.rigelfile.template import Expression, Name, parts
@@ -124,6 +125,16 @@ def _check_sequences(root: YamlNode) -> Iterator[Finding]:
             yield _difference(
                 matrix, "ignores the matrix of a sequence: give it to a stage", key=True
             )
+        for stage in _list(sequence, "stages"):
+            yield from _check_waves(stage)
+
+
+def _check_waves(stage: YamlNode) -> Iterator[Finding]:
+    matrix = stage.value.get("matrix") if isinstance(stage.value, dict) else None
+    if matrix and isinstance(matrix.value, dict):
+        for name in filter(matrix.value.__contains__, LIMITS):
+            message = f"runs all branches at once: to it `{name}` is one more list of values"
+            yield _difference(matrix.value[name], message, key=True)
 
 
 # What it reads differently

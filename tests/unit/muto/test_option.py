@@ -282,7 +282,7 @@ def test_a_stack_that_an_earlier_job_names_is_looked_at_when_it_is_known(tmp_pat
     path = write(tmp_path, LISTENER, muto={"stack": "{{ data.stack }}"}, deployment_name="robot")
     assert findings(path) == []
     loaded = load(path)
-    assert str(names_of(loaded, loaded.jobs["deploy"]).deployment_name) == "robot"
+    assert str(names_of(loaded, loaded.jobs["deploy"], Settings()).deployment_name) == "robot"
 
 
 def test_a_revision_records_nodes_and_no_stack(tmp_path: Path) -> None:

@@ -111,7 +111,7 @@ def test_looking_asks_no_ditto(ditto: HttpServer, rigelfile: Callable[..., Setti
     (found,) = rigelfiles.check(settings).findings
     assert (found.kind, found.severity) == ("not-fetched", "warning")
     loaded = load(settings.rigelfile, patient=True)
-    assert str(names_of(loaded, loaded.jobs["deploy"]).deployment_name) == "robot"
+    assert str(names_of(loaded, loaded.jobs["deploy"], Settings()).deployment_name) == "robot"
     assert ditto.requests == []
 
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.app.rights import need_to_deploy
-from rigel_k8s.errors import UserError
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.muto.agent.manifests import agent_objects
 from rigel_k8s.muto.agent.options import MutoAgent
 from rigel_k8s.objects.rights import make_rules
 from rigel_k8s.objects.workloads import ReleaseContext
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
@@ -32,6 +32,14 @@ class MutoAgentJob:
         """Return nothing: the options themselves refuse contradictions."""
         return ()
 
+    def check_jobs(
+        self, options: MutoAgent, jobs: Mapping[str, ComponentSpec]
+    ) -> Sequence[Problem]:
+        """Return what is wrong with the job that commands deploy; it is another of the file."""
+        if has_template(options.job):
+            return ()
+        return list(check_deployed_job(options, jobs))
+
     def exclusive(
         self, options: MutoAgent, application: Application, settings: Settings
     ) -> str | None:
@@ -43,14 +51,13 @@ class MutoAgentJob:
         """Deploy.
 
         Raises:
-            UserError: the Rigelfile does not have the job, or its pod could not read it.
             ClusterError, RolloutFailed: as release.deploy.
         """
         from rigel_k8s.kube import connect
         from rigel_k8s.release.deploy import deploy
 
         found = grammar.load(job.settings.rigelfile, os.environ)
-        spec = find_deploy_job(found, options)
+        spec = found.jobs[options.job]
         with connect(job.settings) as cluster:
             cluster.endure(job.report.line, job.cancel)
             named = job.settings.namespace or options.namespace
@@ -79,33 +86,27 @@ class MutoAgentJob:
         )
 
 
-def find_deploy_job(rigelfile: Rigelfile, options: MutoAgent) -> ComponentSpec:
-    """Return the job that commands deploy.
-
-    Raises:
-        UserError: the job does not exist, deploys nothing or the agent's own release, or needs
-            files next to it.
-    """
-    name = options.job
-    spec = rigelfile.jobs.get(name)
+def check_deployed_job(options: MutoAgent, jobs: Mapping[str, ComponentSpec]) -> Iterator[Problem]:
+    """Yield what is wrong with the job that commands deploy."""
+    spec = jobs.get(options.job)
     if spec is None or spec.plugin not in index_by_name("job")["orchestration"].names:
-        raise UserError(
-            f'job: the Rigelfile has no orchestration job "{name}"',
-            hint="name a job with `plugin: rigel_k8s.OrchestrationPlugin`",
-        )
+        message = f'the Rigelfile has no orchestration job "{options.job}"'
+        yield Problem(("job",), message, "unknown-job")
+        return
     keys = grammar.strip_places(spec.options)
-    if str(options.deployment_name) in find_values(keys, "deployment_name"):
-        raise UserError(
-            f"the job {name} and the agent have the same deployment_name,"
-            f' "{options.deployment_name}": a kill would remove the agent',
-            hint="give one of them another deployment_name",
+    own = str(options.deployment_name)
+    if own in find_values(keys, "deployment_name"):
+        message = (
+            f'the job {spec.name} and the agent have the same deployment_name, "{own}": a kill'
+            " would remove the agent; give one of them another"
         )
+        yield Problem(("job",), message, "agent-job")
     if any(find_values(keys, "parameter_files")):
-        raise UserError(
-            f"the job {name} has parameter_files, which the agent's pod does not have",
-            hint="write `parameters` instead",
+        message = (
+            f"the job {spec.name} has parameter_files, which the agent's pod does not have:"
+            " write `parameters` instead"
         )
-    return spec
+        yield Problem(("job",), message, "agent-job")
 
 
 def find_values(value: Any, key: str) -> Iterator[Any]:

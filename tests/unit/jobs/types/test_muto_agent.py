@@ -11,7 +11,8 @@ import pytest
 
 from rigel_k8s import kube
 from rigel_k8s.app.rights import need_to_deploy
-from rigel_k8s.errors import UserError
+from rigel_k8s.commands.rigelfiles import check
+from rigel_k8s.errors import ProblemsError
 from rigel_k8s.jobs.runner import run_job
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.objects.rights import find_missing
@@ -79,9 +80,11 @@ def test_an_agent_may_deploy_into_its_namespace(run: Any, fake: FakeCluster) -> 
     ],
 )
 def test_a_job_that_no_pod_could_run_is_refused(
-    run: Any, fake: FakeCluster, options: dict[str, Any], words: str
+    run: Any, fake: FakeCluster, tmp_path: Path, options: dict[str, Any], words: str
 ) -> None:
-    with pytest.raises(Exception, match=words) as refused:
+    """By a check of the file, and before a run begins."""
+    with pytest.raises(ProblemsError) as refused:
         run(**options)
-    assert isinstance(refused.value.__cause__, UserError)
+    assert words in "".join(refused.value.details)
     assert fake.writes == []
+    assert any(words in one.message for one in check(Settings(tmp_path / "Rigelfile")).errors)

@@ -11,7 +11,6 @@ import pytest
 import yaml
 
 from rigel_k8s.commands.rigelfiles import check
-from rigel_k8s.jobs.types.muto_agent import find_deploy_job
 from rigel_k8s.muto.agent.manifests import agent_objects
 from rigel_k8s.muto.agent.options import MutoAgent
 from rigel_k8s.objects.podsecurity import find_violations
@@ -100,4 +99,4 @@ def test_the_documented_agent_can_be_deployed(tmp_path: Path) -> None:
     assert check(Settings(rigelfile=file)).errors == ()
     found = load(file)
     options = realise(found, found.jobs["agent"], None, {}, MutoAgent).options
-    assert find_deploy_job(found, options).name == "deploy"
+    assert options.job == "deploy"

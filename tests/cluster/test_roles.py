@@ -171,7 +171,9 @@ def look_as_viewer(robot: Robot, view: Callable[..., Any]) -> None:
     assert "talker" in seen.stdout
     assert "its revision cannot be read (the right to list secrets is missing)" in seen.stdout
     assert "(the right `create pods/exec` is missing)" in seen.stdout + seen.stderr
-    assert view("status", "--no-graph").returncode == 0
+    for name in ((), ("rigel-k8s-application",)):  # the job's, and the release's
+        looked = view("status", "--no-graph", *name)
+        assert (looked.returncode, "talker" in looked.stdout) == (0, True), looked.stderr
     assert "hello" in view("logs", "talker").stdout
     for words in ("history", "list", "diff"):
         refused = view(words)

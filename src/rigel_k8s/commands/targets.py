@@ -17,11 +17,12 @@ from rigel_k8s.app.deploying.target import release_of
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.partial import is_partial
 from rigel_k8s.commands.rigelfiles import load
-from rigel_k8s.errors import RigelK8sError, UserError
+from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.jobs import registry
 from rigel_k8s.jobs.names import index_by_name
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.kube import Cluster, connect
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.muto.agent.options import MutoAgent
 from rigel_k8s.objects.naming import object_name
 from rigel_k8s.objects.pods import MASTER_NAME
@@ -31,6 +32,9 @@ from rigel_k8s.release import revisions
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
 from rigel_k8s.settings import Application, Settings
+
+NAME_NAMESPACE = "name the namespace with -n; `rigel list -A` lists all releases"
+NAME_RELEASE = "name the release instead of the job; `rigel list -A` lists all releases"
 
 
 @attrs.frozen
@@ -64,11 +68,17 @@ class Release:
 
 
 class NoSuchJob(UserError):
-    """The Rigelfile has no job of that name."""
+    """The Rigelfile has no job of that name.
 
-    def __init__(self, name: str, message: str, *, hint: str) -> None:
-        super().__init__(message, hint=hint)
+    Args:
+        close: a job whose name is nearly the same, if there is one.
+    """
+
+    def __init__(self, name: str, close: str | None, *, hint: str) -> None:
+        meant = f', did you mean "{close}"?' if close else ""
+        super().__init__(f'unknown job "{name}"{meant}', hint=hint)
         self.name = name
+        self.close = close
 
 
 def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = None) -> TargetJob:
@@ -129,11 +139,11 @@ def release(settings: Settings, name: str | None = None, nodes: Sequence[str] = 
     rigelfile = load(settings, patient=True)
     agent = rigelfile.jobs.get(name or "")
     if agent is not None and is_agent(agent):
-        options = names_of(rigelfile, agent, MutoAgent)
+        options = names_of(rigelfile, agent, settings, MutoAgent)
         cluster = connect(settings)
         return Release(cluster, release_of(options, settings, cluster))
     try:
-        options = names_of(rigelfile, choose_job(rigelfile, settings, name, nodes))
+        options = names_of(rigelfile, choose_job(rigelfile, settings, name, nodes), settings)
     except NoSuchJob as error:
         return find_other(error, settings)
     cluster = connect(settings)
@@ -153,17 +163,32 @@ def name_release(cluster: Cluster, settings: Settings, name: str) -> Release:
 def find_other(unknown: NoSuchJob, settings: Settings) -> Release:
     """Return the release with a name that is not a job of the Rigelfile.
 
+    Without the right to list Secrets, as a viewer, it is not known whether it exists.
+
     Raises:
-        NoSuchJob: the release does not exist either, or the cluster cannot be reached.
+        NoSuchJob: the release does not exist either, or the name is nearly that of a job.
+        ClusterError: the cluster could not be searched for it.
+        UserError: the kubeconfig is wrong.
     """
     try:
         cluster = connect(settings)
         found = name_release(cluster, settings, unknown.name)
-        if revisions.records(cluster, found.id):
-            return found
+        exists = bool(revisions.records(cluster, found.id))
     except RigelK8sError as error:
-        raise unknown from error
-    raise unknown
+        if unknown.close:
+            raise unknown from error
+        if isinstance(error, Forbidden):
+            return found
+        kind = UserError if isinstance(error, UserError) else ClusterError
+        raise kind(
+            f'"{unknown.name}" is not a job, and a release of that name could not be looked up: '
+            f"{error.message}",
+            hint=error.hint,
+            details=[*filter(None, [unknown.hint]), *error.details],
+        ) from error
+    if not exists:
+        raise unknown
+    return found
 
 
 def names(settings: Settings) -> list[str]:
@@ -181,14 +206,14 @@ def list_named(settings: Settings) -> list[str]:
 def node_names(settings: Settings, job: str | None = None) -> list[str]:
     """Return the keys of a job's nodes, and its other workloads. Raises as job_of."""
     rigelfile = load(settings, patient=True)
-    return list_node_names(rigelfile, choose_job(rigelfile, settings, job))
+    return list_node_names(rigelfile, choose_job(rigelfile, settings, job), settings)
 
 
-def list_node_names(rigelfile: Rigelfile, spec: ComponentSpec) -> list[str]:
+def list_node_names(rigelfile: Rigelfile, spec: ComponentSpec, settings: Settings) -> list[str]:
     """Return the keys of a job's nodes, and its other workloads. Raises as names_of."""
     from rigel_k8s.app.desired import deploys_master
 
-    options = names_of(rigelfile, spec)
+    options = names_of(rigelfile, spec, settings)
     ros = ros_of(rigelfile.application.distro, options.ros)
     own = [str(options.deployment_name)] if has_application(options) else []
     master = [MASTER_NAME] if deploys_master(options, ros) else []
@@ -211,11 +236,13 @@ def choose_job(
         return specs[0]
     by_release: dict[tuple[str, str], list[ComponentSpec]] = {}
     for spec in specs:
-        options = names_of(rigelfile, spec)
+        options = names_of(rigelfile, spec, settings)
         where = settings.namespace or str(options.namespace or "")
         by_release.setdefault((where, str(options.deployment_name)), []).append(spec)
     if len(by_release) > 1 and nodes:
-        having = [same for same in by_release.values() if has_nodes(rigelfile, same, nodes)]
+        having = [
+            same for same in by_release.values() if has_nodes(rigelfile, same, settings, nodes)
+        ]
         if len(having) == 1:
             return choose_whole(having[0])
     if len(by_release) > 1:
@@ -229,9 +256,13 @@ def choose_whole(specs: Sequence[ComponentSpec]) -> ComponentSpec:
     return next((spec for spec in specs if not is_partial(spec_keys(spec))), specs[0])
 
 
-def has_nodes(rigelfile: Rigelfile, specs: Sequence[ComponentSpec], nodes: Sequence[str]) -> bool:
+def has_nodes(
+    rigelfile: Rigelfile, specs: Sequence[ComponentSpec], settings: Settings, nodes: Sequence[str]
+) -> bool:
     """Return whether the jobs of a release have all of some nodes, by key or ROS name."""
-    there = {object_name(key) for spec in specs for key in list_node_names(rigelfile, spec)}
+    there = {
+        object_name(key) for spec in specs for key in list_node_names(rigelfile, spec, settings)
+    }
     return there.issuperset(map(object_name, nodes))
 
 
@@ -246,12 +277,10 @@ def find_job(rigelfile: Rigelfile, specs: list[ComponentSpec], name: str) -> Com
     ours = {spec.name: spec for spec in specs}
     if name in ours:
         return ours[name]
-    hint = f"jobs that deploy: {', '.join(ours) or 'none'}"
+    hint = f"orchestration jobs: {', '.join(ours) or 'none'}"
     if name in rigelfile.jobs:
-        raise UserError(f'the job "{name}" deploys nothing', hint=hint)
-    close = grammar.find_nearest(name, ours)
-    meant = f', did you mean "{close}"?' if close else ""
-    raise NoSuchJob(name, f'unknown job "{name}"{meant}', hint=hint)
+        raise UserError(f'the job "{name}" is not an orchestration job', hint=hint)
+    raise NoSuchJob(name, grammar.find_nearest(name, ours), hint=hint)
 
 
 def is_orchestration(spec: ComponentSpec, directory: Path) -> bool:
@@ -275,20 +304,34 @@ def spec_keys(spec: ComponentSpec) -> Mapping[str, Any]:
 
 
 def names_of(
-    rigelfile: Rigelfile, spec: ComponentSpec, kind: type[Any] = OrchestrationJob.options
+    rigelfile: Rigelfile,
+    spec: ComponentSpec,
+    settings: Settings,
+    kind: type[Any] = OrchestrationJob.options,
 ) -> Any:
     """Return a job's options as far as they are known without a run, and the release's names.
+
+    The settings' namespace replaces the job's, which then need not be known.
 
     Args:
         kind: the class of its options.
 
     Raises:
-        ProblemsError: something is wrong with them, or a name waits for data of another job.
+        ProblemsError: something is wrong with them, or a name waits for data of a sequence.
     """
     seen = grammar.preview(rigelfile, spec, None, {}, kind)
     if any(finding.severity == "error" for finding in seen.findings):
         raise grammar.problems_error(rigelfile.source, seen.findings)
     options = seen.options if seen.options is not None else seen.draft
-    if any(has_template(str(name)) for name in (options.namespace, options.deployment_name)):
-        grammar.realise(rigelfile, spec, None, {}, kind)
+    hint = None
+    if has_template(str(options.deployment_name)):
+        hint = NAME_RELEASE
+    elif not settings.namespace and has_template(str(options.namespace)):
+        hint = NAME_NAMESPACE
+    if hint:
+        try:
+            grammar.realise(rigelfile, spec, None, {}, kind)
+        except ProblemsError as error:
+            error.hint = hint
+            raise
     return options

@@ -29,7 +29,7 @@ class LogReport:
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
         """Log a state once."""
-        if self._states.get(key) != state:
+        if state and self._states.get(key) != state:
             self._states[key] = state
             LOGGER.info("%s%s: %s", self._prefix, key, state)
 

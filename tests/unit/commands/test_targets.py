@@ -8,7 +8,8 @@ import pytest
 
 from rigel_k8s.commands import targets
 from rigel_k8s.commands.targets import job_of, names, node_names, release
-from rigel_k8s.errors import ProblemsError, UserError
+from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
+from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Settings
@@ -93,11 +94,11 @@ def test_a_node_says_which_release_is_meant(tmp_path: Path, kubeconfig: Path) ->
 
 
 def test_a_wrong_name_tells_the_nearest(tmp_path: Path) -> None:
-    """A job that deploys nothing is told apart from one that is not there."""
+    """A job of another type is told apart from one that is not there."""
     found = settings(tmp_path, DEPLOY, BUILD)
     with pytest.raises(UserError, match='unknown job "deplo", did you mean "deploy"'):
         job_of(found, "deplo")
-    with pytest.raises(UserError, match='the job "build" deploys nothing'):
+    with pytest.raises(UserError, match='the job "build" is not an orchestration job'):
         job_of(found, "build")
     with pytest.raises(UserError, match="has no orchestration job"):
         job_of(settings(tmp_path, BUILD), None)
@@ -123,8 +124,22 @@ def test_data_of_other_jobs_is_asked_for_only_where_it_matters(
     assert "data.image" in "".join(caught.value.details)
     unnamed = DEPLOY.replace("{nodes", '{deployment_name: "{{ data.robot }}", nodes')
     with pytest.raises(ProblemsError) as caught:
-        release(settings(tmp_path, unnamed))
+        release(settings(tmp_path, unnamed, namespace="lab"))
     assert "data.robot" in "".join(caught.value.details)
+    assert "name the release" in str(caught.value.hint)
+
+
+def test_a_robot_of_a_fleet_is_named_by_its_namespace(tmp_path: Path, kubeconfig: Path) -> None:
+    """Its job takes it from a matrix, which only a sequence has."""
+    fleet = DEPLOY.replace("{nodes", '{namespace: "{{ data.robot }}", nodes')
+    for name in (None, "deploy"):
+        found = release(settings(tmp_path, fleet, namespace="robot-01"), name).id
+        assert (found.namespace, found.name) == ("robot-01", "rigel-k8s-application")
+    assert "talker" in node_names(settings(tmp_path, fleet, namespace="robot-01"))
+    with pytest.raises(ProblemsError) as caught:
+        release(settings(tmp_path, fleet))
+    assert "data.robot" in "".join(caught.value.details)
+    assert "-n" in str(caught.value.hint)
 
 
 def test_the_namespace_of_the_command_line_wins(tmp_path: Path, kubeconfig: Path) -> None:
@@ -217,6 +232,51 @@ def test_a_release_beside_a_rigelfile_is_found_by_its_name(
         release(words, "amr")
 
 
+@pytest.mark.parametrize(
+    ("connect", "kind", "told"),
+    [
+        (ClusterError("cannot reach the cluster", hint="start it"), ClusterError, "cannot reach"),
+        (UserError("no such context", hint="name another"), UserError, "no such context"),
+    ],
+)
+def test_a_release_that_cannot_be_looked_up_is_told_why(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    connect: RigelK8sError,
+    kind: type[RigelK8sError],
+    told: str,
+) -> None:
+    """Except where the name is nearly that of a job: then that is what was meant."""
+
+    def refuse(settings: Settings) -> None:
+        raise connect
+
+    monkeypatch.setattr(targets, "connect", refuse)
+    words = settings(tmp_path, DEPLOY, namespace="lab")
+    with pytest.raises(kind, match=rf'"arm" is not a job.*{told}') as caught:
+        release(words, "arm")
+    assert caught.value.hint == connect.hint
+    assert caught.value.details == ("orchestration jobs: deploy",)
+    with pytest.raises(UserError, match='did you mean "deploy"'):
+        release(words, "deplyo")
+
+
+def test_a_viewer_names_a_release_beside_a_rigelfile(
+    tmp_path: Path, fake: FakeCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who may not list Secrets, as a viewer, means a release by a name that is no job."""
+
+    def refuse(*_: object) -> None:
+        raise Forbidden("cannot list Secrets")
+
+    monkeypatch.setattr(targets, "connect", lambda settings: fake)
+    monkeypatch.setattr(targets.revisions, "records", refuse)
+    found = settings(tmp_path, DEPLOY, namespace="lab")
+    assert release(found, "arm").id == ReleaseId("lab", "arm")
+    with pytest.raises(UserError, match='did you mean "deploy"'):
+        release(found, "deplyo")
+
+
 AGENT = """
   agent:
     plugin: rigel_k8s.MutoAgentPlugin
@@ -230,7 +290,7 @@ def test_the_agent_of_muto_is_a_release(tmp_path: Path, kubeconfig: Path) -> Non
     assert release(found, "agent").id == ReleaseId("own", "muto-agent")
     assert release(found).id.name == "rigel-k8s-application"
     assert targets.list_named(found) == ["agent", "deploy"]
-    with pytest.raises(UserError, match='the job "build" deploys nothing'):
+    with pytest.raises(UserError, match='the job "build" is not an orchestration job'):
         release(found, "build")
     with pytest.raises(ProblemsError):
         release(settings(tmp_path, AGENT.replace('"a:b"', "3"), DEPLOY), "agent")

@@ -65,7 +65,7 @@ class Application:
 
     def _read_names(self) -> Any:
         rigelfile = load(self.settings, patient=True)
-        return names_of(rigelfile, choose_job(rigelfile, self.settings, self.job))
+        return names_of(rigelfile, choose_job(rigelfile, self.settings, self.job), self.settings)
 
     def prepare(self, wanted: Wanted) -> tuple[Prepared, tuple[str, ...]]:
         """Return the job with a stack in it, checked, and the images that the options name.

@@ -15,4 +15,7 @@ class Reporter(Protocol):
         """Print a warning, which stays on the screen."""
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Show the present state of one thing: a row in a terminal, else a line per change."""
+        """Show the present state of one thing: a row in a terminal, else a line per change.
+
+        An empty state that is done ends the row, and nothing of it stays.
+        """

@@ -16,11 +16,28 @@ NUMBERS = (signal.SIGINT, signal.SIGTERM)
 Handler = Callable[[int, FrameType | None], None]
 
 _received: list[int] = []
+#: Whether the cursor of the terminal may stand behind the ^C that it has written.
+_behind_echo = False
 
 
 def note(number: int) -> None:
     """Remember a signal."""
+    global _behind_echo
     _received.append(number)
+    _behind_echo = number == signal.SIGINT
+
+
+def begin_line() -> None:
+    """Move the cursor of standard error to a new line if it is behind a ^C."""
+    if _behind_echo and sys.stderr.isatty():
+        sys.stderr.write("\n")
+    forget_echo()
+
+
+def forget_echo() -> None:
+    """Note that no ^C is left in the cursor's line."""
+    global _behind_echo
+    _behind_echo = False
 
 
 def exit_code() -> int:

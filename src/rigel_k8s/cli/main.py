@@ -201,6 +201,8 @@ def run(words: list[str], name: str | None) -> int:
         error.show()
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
+        # The cursor is behind a ^C, or behind the question that Ctrl-D has ended.
+        signals.forget_echo()
         click.echo("\ninterrupted" if sys.stderr.isatty() else "interrupted", err=True)
         return INTERRUPTED
     except BrokenPipeError:
@@ -231,6 +233,7 @@ def report_bug() -> int:
 
 def show(error: RigelK8sError, *, causes: bool = False, color: bool | None = None) -> None:
     """Print an error: what went wrong, its details, what to do next."""
+    signals.begin_line()
     if causes:
         from traceback import format_exc
 

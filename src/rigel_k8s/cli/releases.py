@@ -201,13 +201,16 @@ def down(
 
 
 def confirm(question: str) -> None:
-    """Ask for confirmation.
+    """Ask for confirmation; without it, end with exit code 1.
 
     Raises:
         UserError: there is no terminal.
+        click.Abort: Ctrl-C or Ctrl-D.
     """
     if not sys.stdin.isatty():
         raise UserError(
             "--volumes deletes data, and there is no terminal to ask", hint="confirm with -y"
         )
-    click.confirm(question, abort=True, err=True)
+    if not click.confirm(question, err=True):
+        click.echo("nothing was deleted", err=True)
+        raise click.exceptions.Exit(1)

@@ -14,6 +14,7 @@ from typing import Any
 
 import click
 
+from rigel_k8s import signals
 from rigel_k8s.cli.colors import WARNING, is_dumb
 from rigel_k8s.cli.width import shorten
 
@@ -38,7 +39,7 @@ class Lines:
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
         """Print the state of one thing if it changed."""
-        if self._states.get(key) != state:
+        if state and self._states.get(key) != state:
             self._states[key] = state
             mark = "✓ " if done else "  "
             self.line(f"{mark}{key}: {state}")
@@ -49,6 +50,7 @@ class Lines:
 
     def _print(self, text: str) -> None:
         with self._lock:
+            signals.begin_line()
             for part in text.splitlines() or [""]:
                 click.echo(self._prefix + part, err=True)
 
@@ -73,18 +75,13 @@ class Rows:
         self._live.console.print(warning, soft_wrap=True)
 
     def progress(self, key: str, state: str, *, done: bool = False) -> None:
-        """Change a row; one that is done becomes a line that stays."""
+        """Change a row; one that is done becomes a line that stays, if it has a state."""
         name = self._prefix + key
         if done:
-            if self._table.remove(name):
+            if self._table.remove(name) and state:
                 self.line(f"✓ {key}: {state}")
         else:
             self._table.set(name, state)
-        self._live.update(self._table)
-
-    def drop(self, key: str) -> None:
-        """Remove a row; nothing of it stays."""
-        self._table.remove(self._prefix + key)
         self._live.update(self._table)
 
     def child(self, name: str) -> Rows:
@@ -157,7 +154,10 @@ def reporter(*, quiet: bool = False, plain: bool = False) -> Iterator[Lines | Ro
     from rich.console import Console
     from rich.live import Live
 
-    with Live(
-        console=Console(stderr=True, force_terminal=True), refresh_per_second=8, transient=True
-    ) as live:
-        yield Rows(live)
+    try:
+        with Live(
+            console=Console(stderr=True, force_terminal=True), refresh_per_second=8, transient=True
+        ) as live:
+            yield Rows(live)
+    finally:
+        signals.forget_echo()  # it was erased with the rows

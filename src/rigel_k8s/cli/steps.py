@@ -52,6 +52,6 @@ class Steps:
     def _keep(self, rows: Rows) -> None:
         """Make a line of the row, if there is one."""
         if self._step:
-            rows.drop(ROW)
+            rows.progress(ROW, "", done=True)
             rows.line(self._step)
             self._step = ""

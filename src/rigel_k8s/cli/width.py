@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 from typing import TextIO
 
 #: Columns without a terminal: a file, a pipe, the log of a CI system.
 WITHOUT_TERMINAL = 160
+#: What users copy from a text: a command in backquotes.
+COMMAND = re.compile(r"`[^`\n]+`")
+#: Replaces the spaces of a command while lines are made; no text contains it.
+KEPT = "\ue000"
 
 
 def find_room(stream: TextIO) -> int | None:
@@ -33,8 +38,8 @@ def shorten(text: str, width: int) -> str:
 def wrap(text: str, stream: TextIO, indent: int = 0) -> str:
     """Return a text for a stream: in a terminal, its lines end between words.
 
-    Words longer than a line, such as addresses, stay whole. The first line begins in the column
-    `indent`. Not for what users copy, which must stay one line.
+    Words longer than a line, such as addresses, stay whole. A command in backquotes stays on one
+    line if it fits. The first line begins in the column `indent`.
     """
     room = find_room(stream)
     if room is None:
@@ -44,8 +49,12 @@ def wrap(text: str, stream: TextIO, indent: int = 0) -> str:
     wrapper = TextWrapper(
         room, break_long_words=False, break_on_hyphens=False, replace_whitespace=False
     )
+
+    def keep(command: re.Match[str]) -> str:
+        return command[0].replace(" ", KEPT) if len(command[0]) <= room else command[0]
+
     lines: list[str] = []
-    for line in text.split("\n"):
+    for line in COMMAND.sub(keep, text).split("\n"):
         wrapper.initial_indent = "" if lines else " " * indent
         lines.append(wrapper.fill(line)[0 if lines else indent :])
-    return "\n".join(lines)
+    return "\n".join(lines).replace(KEPT, " ")

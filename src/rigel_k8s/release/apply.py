@@ -24,6 +24,7 @@ GONE_TIMEOUT = 120.0  # seconds that a deletion may take
 DEFINED_TIMEOUT = 30.0
 LOOK = 0.2
 SLICE = 2.0  # seconds of one watch for the end of pods
+DELETED = "is being deleted"
 CLAIMS = frozenset({"PersistentVolumeClaim", "PersistentVolume"})
 
 
@@ -38,6 +39,7 @@ class Applier:
         gone_timeout: seconds that deleted objects may take to end.
         state: the state after an interruption, as a sentence.
         way_out: what to do after one.
+        ended: the deleted workloads that have no pod any more.
     """
 
     cluster: Cluster
@@ -50,6 +52,7 @@ class Applier:
     gone_timeout: float = GONE_TIMEOUT
     state: str = "interrupted while objects were being applied: some are new, some old"
     way_out: str = "run the same command again to complete it"
+    ended: set[ObjectRef] = attrs.field(factory=set)
 
     def apply(self, plan: Plan) -> dict[ObjectRef, Live]:
         """Create and change what the plan contains; return the live objects, also the kept ones."""
@@ -113,11 +116,7 @@ class Applier:
     def end(self, steps: Sequence[Step]) -> None:
         """Delete workloads and wait for the end of their pods."""
         self.cluster.parallel(self.delete, steps)
-        for step in steps:
-            self.report.progress(step.ref.name, "ends before its successor starts")
-        self.wait_until_no_pods(steps)
-        for step in steps:
-            self.report.progress(step.ref.name, "gone", done=True)
+        self.wait_until_no_pods(steps, "ends before its successor starts")
 
     def delete(self, step: Step) -> None:
         """Delete the very object that the plan saw."""
@@ -136,13 +135,16 @@ class Applier:
             self.go_on()  # the user may have ended a wait for the API server
             raise
 
-    def wait_until_no_pods(self, steps: Iterable[Step]) -> None:
-        """Wait until no pod of some workloads is left."""
-        ended = list(steps)
-        self.wait_until_gone([step.ref for step in ended if step.ref.kind == "Pod"])
-        for step in ended:
+    def wait_until_no_pods(self, steps: Iterable[Step], state: str = DELETED) -> None:
+        """Wait until no pod of some workloads is left; show which one is waited for."""
+        ending = [step for step in steps if step.ref not in self.ended]
+        self.wait_until_gone([step.ref for step in ending if step.ref.kind == "Pod"])
+        for step in ending:
             if labels := selector(step.live):
+                self.report.progress(step.ref.name, state)
                 self.wait_until_no_pods_of(step.ref, labels)
+                self.report.progress(step.ref.name, "deleted", done=True)
+                self.ended.add(step.ref)
 
     def wait_until_no_pods_of(self, ref: ObjectRef, labels: Mapping[str, str]) -> None:
         """Wait until no pod has some labels."""
@@ -176,6 +178,8 @@ class Applier:
     def wait_until_gone(self, refs: Sequence[ObjectRef]) -> None:
         """Wait until objects that are being deleted no longer exist, for all of them at once."""
         end, left = time.monotonic() + self.gone_timeout, self.find_ending(refs)
+        for live in left:
+            self.report.progress(ref_of(live).name, DELETED)
         while left:
             if time.monotonic() > end:
                 held = [f"{ref_of(live)}: {holders(live)} holds it" for live in left]
@@ -186,7 +190,9 @@ class Applier:
                 )
             self.go_on()
             self.cancel.wait(LOOK)
-            left = self.find_ending([ref_of(live) for live in left])
+            before, left = left, self.find_ending([ref_of(live) for live in left])
+            for ref in set(map(ref_of, before)) - set(map(ref_of, left)):
+                self.report.progress(ref.name, "deleted", done=True)
 
     def find_ending(self, refs: Sequence[ObjectRef]) -> list[Live]:
         """Return the objects that exist and are being deleted."""

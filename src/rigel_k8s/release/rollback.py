@@ -104,12 +104,13 @@ def undo(
     if target is None:
         left = "there is no earlier good revision to go back to, so it is left as it is"
         return kind(f"{why}; {left}", hint=failure.hint, details=details)
-    report.warn(f"{why}; rolling back to revision {target}")
+    report.warn(f"rolling back to revision {target}")
     try:
         made = rollback(
             cluster, release, target, report=report, cancel=cancel, timeout=timeout, adopt=adopt
         )
-    except Interrupted:
+    except Interrupted:  # its error does not have the failure
+        report.warn("\n".join([why, *details]))
         raise
     except RigelK8sError as error:
         return kind(

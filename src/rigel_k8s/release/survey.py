@@ -139,6 +139,17 @@ def belongs(live: Manifest, release: ReleaseId) -> bool:
     return bool(meta.get("namespace") or annotations.get(NAMESPACE_ANNOTATION) == release.namespace)
 
 
+def describe_owner(live: Manifest) -> str:
+    """Return the release that an object is labelled as part of, "" for none.
+
+    An object of the whole cluster may belong to a release of the same name elsewhere.
+    """
+    meta = live["metadata"]
+    name = (meta.get("labels") or {}).get(RELEASE_LABEL, "")
+    namespace = (meta.get("annotations") or {}).get(NAMESPACE_ANNOTATION)
+    return f"{name} in {namespace}" if name and namespace else name
+
+
 def check_namespace(desired: Desired, namespace: Live | None) -> None:
     """Raise if nothing can be put into the release's namespace."""
     name = desired.release.namespace

@@ -11,10 +11,9 @@ from rigel_k8s.errors import ConflictError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.kube.conditions import ANYTHING, NOTHING, Onto, this_object, this_state
 from rigel_k8s.kube.failures import Conflict
-from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.ownership import managers, take_over
-from rigel_k8s.release.survey import Live, belongs
+from rigel_k8s.release.survey import Live, belongs, describe_owner
 from rigel_k8s.release.types import ReleaseId
 
 TRIES = 10
@@ -88,7 +87,7 @@ def look_again(
         )
     if belongs(now, release):
         return now
-    if owner := (now["metadata"].get("labels") or {}).get(RELEASE_LABEL):
+    if owner := describe_owner(now):
         raise ConflictError(
             f"{ref} belongs to another release ({owner}), which made it during this deploy",
             hint="choose another name for it, and run it again",

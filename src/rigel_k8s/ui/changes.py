@@ -87,6 +87,8 @@ class PageReport:
         """Show the present state of one thing."""
         with self._lock:
             self._rows[key] = f"{'✓' if done else '…'} {key}: {state}"
+            if not state:
+                del self._rows[key]
             self._publish()
 
     def end(self, state: str, message: str) -> None:

@@ -29,12 +29,15 @@ def failure(cluster: Any, make: Any, report: Any, *objects: Any, **more: Any) ->
 
 
 def test_a_missing_image_is_told(cluster: Any, make: Any, report: Any) -> None:
-    """The image is named, with the registry's own words, at once and again at the end."""
+    """The image is named, with the registry's own words: while it waits, and once at the end."""
     registry = make.image.partition("/")[0]
     told = failure(cluster, make, report, make.deployment(image=f"{registry}/no/such:1"))
     assert f"talker did not become ready: image {registry}/no/such:1 cannot be pulled" in told
     assert "not found" in told
-    assert any("cannot be pulled" in text for text in report.warnings)
+    assert told.count("cannot be pulled") == 1
+    assert "hint: push it, correct its name, or give the namespace a pull secret; " in told
+    assert any("cannot be pulled" in state for _, state, _ in report.states)
+    assert report.warnings == []
 
 
 def test_an_image_name_that_is_none_is_told_at_once(cluster: Any, make: Any, report: Any) -> None:

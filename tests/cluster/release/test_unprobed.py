@@ -45,7 +45,7 @@ def test_a_crash_at_the_start_fails_the_deploy_each_time(
         made = release(make, f"n{life * 20:g}", f"echo the motor is off; sleep {life}; exit 3")
         with pytest.raises(RolloutFailed, match="did not become ready") as caught:
             deploy(made, cluster, report=report, patience=Patience(crash=5), timeout=90)
-        return [*caught.value.details]
+        return [caught.value.message, *caught.value.details]
 
     with ThreadPoolExecutor(AT_ONCE) as pool:
         for told in pool.map(run, LIVES):

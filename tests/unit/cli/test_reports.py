@@ -31,6 +31,7 @@ def test_lines_tell_only_changes(capsys: pytest.CaptureFixture[str]) -> None:
     report = Lines()
     for state in ("0/1", "0/1", "0/1", "1/1"):
         report.progress("talker", state, done=state == "1/1")
+    report.progress("talker", "", done=True)
     assert capsys.readouterr().err.splitlines() == ["  talker: 0/1", "✓ talker: 1/1"]
 
 

@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,8 @@ print("before", file=sys.stderr)
 with interruptible() as cancel, reporter() as report:
     report.line("a line that stays")
     report.progress("Deployment listener", "1/1 ready", done=True)
+    report.progress("Deployment exporter", "0/1 ready")
+    report.progress("Deployment exporter", "", done=True)
     for number in range(40):
         report.progress(f"Deployment talker-{number}", "0/1 ready: " + "a long reason " * 20)
     cancel.wait(60)
@@ -201,6 +204,64 @@ def test_interrupted_is_a_line_of_its_own(tmp_path: Path) -> None:
     terminal.press("\x03")
     assert terminal.end() == 130
     assert terminal.screen()[:3] == ["waits", "^C", "interrupted"]
+
+
+INTERRUPTED = """
+import sys
+from rigel_k8s.cli import main
+from rigel_k8s.cli.reports import reporter
+from rigel_k8s.commands.interruption import interruptible
+from rigel_k8s.errors import Interrupted
+def work(**_):
+    with reporter(plain="plain" in sys.argv) as report, interruptible() as cancel:
+        report.line("waits")
+        while not cancel.wait(0.2):
+            pass  # a signal just before a wait is seen at its end
+        if "stops" in sys.argv:
+            report.warn("stops")
+        raise Interrupted("interrupted while it waited")
+main.cli.main = work
+main.main([], name="rigel")
+"""
+
+
+@pytest.mark.parametrize("words", [(), ("stops",), ("plain",), ("plain", "stops")])
+def test_what_follows_ctrl_c_begins_a_line(words: tuple[str, ...]) -> None:
+    """Live rows erase the ^C of the terminal; without them it ends its line."""
+    terminal = open_terminal(
+        [sys.executable, "-c", INTERRUPTED, *words], {"NO_COLOR": "1", "FORCE_COLOR": ""}
+    )
+    terminal.until("waits\r\n")
+    terminal.press("\x03")
+    assert terminal.end() == 130
+    echo = ["^C"] if "plain" in words else []
+    warning = ["warning: stops"] if "stops" in words else []
+    error = "error: interrupted while it waited"
+    shown = terminal.screen()
+    assert shown == ["waits", *echo, *warning, error, ""]
+
+
+@pytest.mark.parametrize(
+    ("keys", "code", "shown"),
+    [
+        ("\x03", 130, ["^C", "interrupted"]),
+        ("\x04", 130, ["", "interrupted"]),
+        ("n\r", 1, ["n", "nothing was deleted"]),
+        ("\r", 1, ["", "nothing was deleted"]),
+    ],
+)
+def test_a_question_that_is_not_answered_with_yes(
+    keys: str, code: int, shown: list[str], tmp_path: Path
+) -> None:
+    """Ctrl-C, Ctrl-D and no are one line each, and nothing is deleted."""
+    words = [sys.executable, "-m", "rigel_k8s", "down", "--volumes"]
+    terminal = open_terminal(words, {}, directory=tmp_path)
+    terminal.until("[y/N]: ")
+    time.sleep(0.5)  # Python sees a signal just before it reads when the read ends
+    terminal.press(keys)
+    assert terminal.end() == code
+    question, rest = terminal.screen()[0], terminal.screen()[1:]
+    assert [question.partition("[y/N]:")[2].strip(), *rest] == [*shown, ""]
 
 
 def test_sigterm_interrupts_too(tmp_path: Path) -> None:

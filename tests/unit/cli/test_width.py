@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from rigel_k8s.cli import width
+
 LONG = "{jobs: {deploy: {with: {" + ", ".join(f"key{i}: 1" for i in range(500)) + "}}}}"
 
 
@@ -36,6 +38,20 @@ def test_a_file_gets_160_columns(words: list[str], tmp_path: Path) -> None:
         output.seek(0)
         lines = output.read().splitlines()
     assert max(len(line) for line in lines if " | " in line) == 160
+
+
+@pytest.mark.parametrize("columns", range(10, 90))
+def test_a_command_in_backquotes_stays_on_one_line(
+    columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So it can be copied; one that is longer than the terminal is broken as other words are."""
+    monkeypatch.setattr(width, "find_room", lambda _: columns)
+    command = "`rigel -n robots rbac deployer --user YOU`"
+    text = f"ask an administrator for the rights: {command}, which grants all of them"
+    lines = width.wrap(text, sys.stderr, indent=7).split("\n")
+    assert " ".join(lines) == text
+    assert any(command in line for line in lines) == (len(command) <= columns)
+    assert all(len(line) <= columns or len(line.split("`")) > 1 for line in lines if " " in line)
 
 
 def run(words: list[str], directory: Path, output: int) -> None:

@@ -226,7 +226,61 @@ def test_what_is_optional_may_crash(fake: Any, report: Recorder, quick: None) ->
     hasty = Patience(crash=0.0, crash_limit=0.0)
     wanted = desired(workload(), extra)
     assert deploy(wanted, fake, report=report, patience=hasty, timeout=30).status == "good"
-    assert any("demo runs without it" in text for text in report.warnings)
+    [warning] = report.warnings
+    message, log = warning.split("\n")
+    assert message.startswith("extra is not ready: container node exited with code 1")
+    assert message.endswith("; demo runs without it; `rigel status` shows its state")
+    assert log == "    last words"
+
+
+def unpulled(pod: dict[str, Any]) -> dict[str, Any]:
+    """Return the status of a pod whose image cannot be pulled."""
+    waits = {"waiting": {"reason": "ErrImagePull", "message": "not found"}}
+    image = pod["spec"]["containers"][0]["image"]
+    container = {"name": "node", "image": image, "ready": False, "state": waits}
+    return {"phase": "Pending", "containerStatuses": [container]}
+
+
+def test_a_cause_that_lasts_is_told_once_with_its_remedy(
+    fake: Any, report: Recorder, quick: None
+) -> None:
+    """As the present state while the deploy waits, and then in the error."""
+    fake.store.controllers = Controllers(unpulled)
+    wanted = desired(workload("listener"), workload())
+    with pytest.raises(RolloutFailed) as caught:
+        deploy(wanted, fake, report=report, patience=Patience(image=0.1))
+    error, cause = caught.value, "image app:1 cannot be pulled: not found"
+    assert error.message == f"listener, talker did not become ready: {cause}"
+    assert error.details == ()
+    remedy = "push it, correct its name, or give the namespace a pull secret"
+    assert error.hint == f"{remedy}; `rigel status` shows its state"
+    assert ("talker", cause, False) in report.states
+    assert report.warnings == []
+
+
+def test_a_cause_that_passes_is_told(fake: Any, report: Recorder, quick: None) -> None:
+    """When it is over: no error will name it."""
+    shown = ("talker", "image app:1 cannot be pulled: not found", False)
+    fake.store.controllers = Controllers(
+        lambda pod: running(pod) if shown in report.states else unpulled(pod)
+    )
+    deploy(desired(workload()), fake, report=report, timeout=30)
+    assert report.warnings == ["talker: image app:1 cannot be pulled: not found"]
+
+
+def test_an_interruption_tells_the_causes(fake: Any, report: Recorder, quick: None) -> None:
+    """The user has perhaps ended the wait because of one."""
+    cancel = threading.Event()
+
+    def kubelet(pod: dict[str, Any]) -> dict[str, Any]:
+        if any("cannot be pulled" in state for _, state, _ in report.states):
+            cancel.set()
+        return unpulled(pod)
+
+    fake.store.controllers = Controllers(kubelet)
+    with pytest.raises(Interrupted):
+        deploy(desired(workload()), fake, report=report, cancel=cancel)
+    assert report.warnings == ["talker: image app:1 cannot be pulled: not found"]
 
 
 def test_what_only_events_tell_is_told(fake: Any, report: Recorder, quick: None) -> None:

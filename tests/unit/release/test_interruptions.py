@@ -205,9 +205,11 @@ def test_after_a_finished_rollback_the_next_one_goes_further_back() -> None:
 
 
 @pytest.mark.parametrize("volumes", [False, True])
-def test_a_killed_down_is_finished_by_the_next_one(volumes: Any) -> None:
+@pytest.mark.parametrize("name", ["data", "a master and its nodes"])
+def test_a_killed_down_is_finished_by_the_next_one(volumes: Any, name: str) -> None:
     """It says that there is something as long as there is."""
-    old = desired(config("a"), claim(), workload(**IDLE))
+    objects = SHAPES[name][0].objects
+    old = desired(*objects, claim(), workload(**IDLE))
     before = prepared(desired(config("b")), old)
 
     def take_down(fake: FakeCluster) -> Plan:

@@ -65,6 +65,7 @@ def test_what_is_optional_has_its_while_once_all_else_is_ready(now: list[float])
     assert not made.is_enough([EXTRA])
     now[0] += 2
     assert made.is_enough([EXTRA])
+    assert told.states == [("ros-exporter", "", True)], "no row beside the warning"
     assert told.warnings == [
         "ros-exporter is not ready: 0 of 1 ready; app runs without it;"
         " `rigel status` shows its state"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -38,7 +39,7 @@ def seen(fake: FakeCluster) -> Callable[[str, str], Pods]:
     moments: dict[tuple[str, str], Pods] = {}
 
     def before(verb: str, ref: ObjectRef) -> None:
-        if ref.kind in ("Deployment", "PersistentVolumeClaim"):
+        if ref.kind in ("Deployment", "PersistentVolumeClaim", "Service"):
             moments.setdefault((verb, ref.name), pods(fake))
 
     def look(verb: str, name: str) -> Pods:
@@ -132,12 +133,33 @@ def test_other_workloads_go_when_the_new_are_ready(
     assert seen("delete", "old") == {"old": True, "new": True}
 
 
+def test_down_shows_what_is_still_deleted(fake: FakeCluster, report: Any) -> None:
+    """Each workload once, until it has no pod, and what holds data."""
+    deploy(desired(MASTER, workload("a"), workload("b"), claim(), config()), fake, report=report)
+    fake.objects[ref_of(claim())]["metadata"]["finalizers"] = ["kubernetes.io/pvc-protection"]
+    slow(fake, a=20, b=3)
+    del report.states[:]
+
+    def release_claim(verb: str, ref: ObjectRef) -> None:
+        if (verb, ref.kind) == ("delete", "PersistentVolumeClaim"):
+            threading.Timer(0.3, fake.patch, (ref, {"metadata": {"finalizers": []}})).start()
+
+    fake.store.before = release_claim
+    down(fake, RELEASE, volumes=True, report=report)
+    states = (("is being deleted", False), ("deleted", True))
+    shown = ("a", "b", "ros-master", "data")
+    assert report.states == [(name, *state) for name in shown for state in states]
+
+
 @pytest.mark.parametrize("how", ["down", "deploy"])
 def test_a_master_goes_when_its_nodes_are_gone(
     fake: FakeCluster, report: Any, seen: Any, how: str
 ) -> None:
     """A node takes leave of its master, and hangs where nobody answers."""
-    deploy(desired(MASTER, workload("a-node"), workload("z-node")), fake, report=report)
+    address = {"apiVersion": "v1", "kind": "Service", "spec": {}}
+    address["metadata"] = {"name": "address", "namespace": "n"}
+    wanted = desired(MASTER, address, workload("a-node"), workload("z-node"))
+    deploy(wanted, fake, report=report)
     slow(fake, **{"a-node": 20, "z-node": 5})
     if how == "down":
         down(fake, RELEASE, volumes=False, report=report)
@@ -145,6 +167,7 @@ def test_a_master_goes_when_its_nodes_are_gone(
         deploy(desired(config()), fake, report=report)
     assert set(seen("delete", "a-node")) == {"a-node", "z-node", "ros-master"}
     assert set(seen("delete", "ros-master")) == {"ros-master"}
+    assert set(seen("delete", "address")) <= {"ros-master"}, "its Service"
 
 
 def test_down_returns_when_the_last_pod_is_gone(fake: FakeCluster, report: Any) -> None:

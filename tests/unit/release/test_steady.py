@@ -84,9 +84,11 @@ def test_a_workload_that_crashes_is_told_with_its_last_words(
     monkeypatch.setattr(wait, "EXPLAIN", 0.02)
     fake.store.controllers = Controllers(crash_status)
     hasty = Patience(crash=0.1, crash_limit=0.2)
-    with pytest.raises(RolloutFailed, match="talker did not become ready: container node exited"):
+    message = "talker did not become ready: container node exited with code 1"
+    with pytest.raises(RolloutFailed, match=message) as caught:
         deploy(desired(workload()), fake, report=report, patience=hasty, timeout=30)
-    assert "last words" in report.warnings[0]
+    assert caught.value.details == ("    last words",)
+    assert report.warnings == []
 
 
 def test_a_wait_for_what_was_refused_to_look_at_ends(

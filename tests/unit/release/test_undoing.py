@@ -27,6 +27,7 @@ def test_the_error_names_the_revision_that_runs(fake: FakeCluster, report: Any) 
     error = go_back(fake, report, 1)
     assert error.message.endswith("did not become ready: rolled back to revision 1, as revision 3")
     assert (error.hint, list(error.details)) == ("mend it", ["its log"])
+    assert report.warnings == ["rolling back to revision 1"], "the error has the cause"
     assert [r.status for r in history(fake, RELEASE)] == ["superseded", "superseded", "good"]
 
 
@@ -83,3 +84,4 @@ def test_an_interruption_is_not_a_failed_rollback(fake: FakeCluster, report: Any
     cancel.set()
     with pytest.raises(Interrupted):
         go_back(fake, report, 1, cancel=cancel)
+    assert report.warnings[1:] == ["talker did not become ready\nits log"]

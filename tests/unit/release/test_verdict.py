@@ -10,11 +10,12 @@ import pytest
 
 from rigel_k8s.kube.failures import Conflict, Missing, refusal
 from rigel_k8s.objects.refs import ref_of
+from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.verdict import Refused, check, explain, find_conflicts, find_unowned
 from rigel_k8s.release.survey import Survey
-from rigel_k8s.release.types import InventoryItem, Revision
+from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision
 from tests.support.manifests import NAMESPACE, RELEASE, config, desired
 
 IMMUTABLE = ("spec", "field is immutable after creation")
@@ -94,6 +95,17 @@ def test_what_we_made_is_ours_without_its_label(uid: str, ours: Any) -> None:
     live = {**config(), "metadata": {**config()["metadata"], "uid": "u-1"}}
     found = surveyed({ref_of(config()): live}, [live], uid)
     assert (not [*find_unowned(found)]) is ours
+
+
+def test_an_object_of_the_whole_cluster_names_its_owners_namespace(fake: Any, report: Any) -> None:
+    """The robots of a fleet have releases of one name, and a volume of one name at first."""
+    volume = {"apiVersion": "v1", "kind": "PersistentVolume", "metadata": {"name": "bags-pv"}}
+    deploy(Desired(RELEASE, (volume,), create_namespace=True), fake, report=report)
+    other = Desired(ReleaseId("robot-02", RELEASE.name), (volume,), create_namespace=True)
+    with pytest.raises(Refused) as caught:
+        deploy(other, fake, report=report)
+    (line,) = caught.value.details
+    assert f"belongs to another release ({RELEASE.name} in {RELEASE.namespace})" in line
 
 
 def test_a_conflict_without_fields_has_no_owner_to_name() -> None:

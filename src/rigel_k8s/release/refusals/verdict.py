@@ -17,7 +17,7 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.release.ownership import managers
 from rigel_k8s.release.refusals.admission import find_exceeded, find_refused_pods, find_unfit
 from rigel_k8s.release.refusals.missing import explain_missing
-from rigel_k8s.release.survey import Survey, belongs
+from rigel_k8s.release.survey import Survey, belongs, describe_owner
 
 ADOPT = "run it again with --adopt to take them over; they are changed to match the Rigelfile"
 DELETE = "kubectl {where}delete {kind} {name}"
@@ -87,7 +87,7 @@ def check(survey: Survey, *, adopt: bool) -> None:
 def find_foreign(survey: Survey) -> Iterator[Problem]:
     """Yield a problem for each object that another release owns."""
     for ref, live in find_overwritten(survey):
-        owner = (live["metadata"].get("labels") or {}).get(RELEASE_LABEL)
+        owner = describe_owner(live)
         if owner and not belongs(live, survey.desired.release):
             text = f"{ref} belongs to another release ({owner}): choose another name"
             yield Problem(survey.desired.origins.get(ref, ()), text, "other-release")

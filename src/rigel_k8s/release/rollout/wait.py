@@ -18,6 +18,7 @@ from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.rollout.causes import Cause, causes, probe_failure
 from rigel_k8s.release.rollout.claims import explain_claim
 from rigel_k8s.release.rollout.crashes import CrashLog
+from rigel_k8s.release.rollout.kinds import CAUSES
 from rigel_k8s.release.rollout.patience import Ledger, Patience, Seen
 from rigel_k8s.release.rollout.readiness import (
     UNSEEN,
@@ -38,8 +39,10 @@ EXPLAIN = 0.5  # seconds between two searches for causes
 QUIET = 2.0  # seconds without events: a quick roll-out needs none
 SPARE = 600.0  # seconds that outages of the API server may prolong a wait
 LOG_LINES = 12
+LOGGED = ("crash", "restarted", "failed")  # causes of which the container's log says more
 GRACE = 30.0  # seconds that optional objects have when all else is ready
 Targets: TypeAlias = dict[ObjectRef, Manifest]
+CauseKey: TypeAlias = tuple[ObjectRef, tuple[str, str]]
 WAITED = (*WORKLOADS, "PersistentVolumeClaim", "CustomResourceDefinition")
 
 
@@ -56,6 +59,8 @@ class Waiter:
         way_out: what to do after a failure, as a sentence.
         still_ours: raises if the deploy must not continue (its Lease is lost).
         away: the names of the machines whose pods are not waited for.
+        noted: the present causes as lines. They are part of the error if the roll-out fails, and
+            are reported otherwise.
     """
 
     cluster: Cluster
@@ -75,6 +80,7 @@ class Waiter:
     crashes: CrashLog = attrs.field(factory=CrashLog)
     unsteady: set[ObjectRef] = attrs.field(factory=set)
     looked_at: set[str] = attrs.field(factory=set)
+    noted: dict[CauseKey, list[str]] = attrs.field(factory=dict)
     optional: dict[ObjectRef, str] = attrs.field(factory=dict)
     enough_since: float | None = None
     explained: float = 0.0
@@ -99,25 +105,35 @@ class Waiter:
         where = spaces.pop() if len(spaces) == 1 else ""
         with ReleaseView(self.cluster, where, self.timeout + SPARE) as view:
             self.watch(view, targets.values())
-            started = time.monotonic()
-            while True:
-                now = time.monotonic()
-                if self.all_ready(view, targets) and self.all_run(view, targets):
-                    return
-                self.still_ours()
-                if now - started > QUIET:
-                    view.watch([EVENT], fields="type=Warning")
-                self.look_for_causes(view, targets, now)
-                if now > deadline + self.cluster.sum_outages() and self.enough_since is None:
-                    raise self.timeout_error(view, targets)
-                if self.cancel.is_set():
-                    raise Interrupted(
-                        f"interrupted while {self.release.name} was rolling out: "
-                        "the cluster continues the roll-out",
-                        hint=f"run the same command again to wait for it; {self.way_out}",
-                    )
-                self.rest(time.monotonic() - now)
-                view.refresh(LOOK)
+            try:
+                self.follow(view, targets, deadline)
+            except RolloutFailed:
+                self.noted.clear()
+                raise
+            finally:
+                self.report_noted(list(self.noted))
+
+    def follow(self, view: ReleaseView, targets: Targets, deadline: float) -> None:
+        """Look again and again until all is ready; raises as `wait`."""
+        started = time.monotonic()
+        while True:
+            now = time.monotonic()
+            if self.all_ready(view, targets) and self.all_run(view, targets):
+                return
+            self.still_ours()
+            if now - started > QUIET:
+                view.watch([EVENT], fields="type=Warning")
+            self.look_for_causes(view, targets, now)
+            if now > deadline + self.cluster.sum_outages() and self.enough_since is None:
+                raise self.timeout_error(view, targets)
+            if self.cancel.is_set():
+                raise Interrupted(
+                    f"interrupted while {self.release.name} was rolling out: "
+                    "the cluster continues the roll-out",
+                    hint=f"run the same command again to wait for it; {self.way_out}",
+                )
+            self.rest(time.monotonic() - now)
+            view.refresh(LOOK)
 
     def rest(self, spent: float) -> None:
         """Let events gather after a look that took long: the next look handles all of them."""
@@ -154,9 +170,13 @@ class Waiter:
         if waiting and now - self.enough_since < GRACE:
             return False
         for ref in waiting:
-            text = f"{ref.name} is not ready: {self.states[ref].message}; {self.release.name} runs"
+            keys = [key for key in self.noted if key[0] == ref]
+            noted = [line for key in keys for line in self.noted.pop(key)]
+            why, *rest = noted or [self.states[ref].message]
+            text = f"{ref.name} is not ready: {why}; {self.release.name} runs without it"
             next_step = self.optional[ref] or "`rigel status` shows its state"
-            self.report.warn(f"{text} without it; {next_step}")
+            self.report.warn("\n".join([f"{text}; {next_step}", *rest]))
+            self.report.progress(ref.name, "", done=True)
         return True
 
     def look_for_crashes(self, view: ReleaseView, around: Surroundings, targets: Targets) -> None:
@@ -214,7 +234,7 @@ class Waiter:
             self.report.progress(ref.name, text, done=done)
 
     def look_for_causes(self, view: ReleaseView, targets: Targets, now: float) -> None:
-        """Report what is wrong when it is seen, and give up on what has lasted too long."""
+        """Show what is wrong when it is seen, and give up on what has lasted too long."""
         if now - self.explained < EXPLAIN:
             return
         self.explained = now
@@ -223,7 +243,8 @@ class Waiter:
         coming = any(not self.is_ready(ref) and ref not in wrong for ref in targets)
         for seen in self.ledger.note(now, found, others_coming=coming, unsteady=self.unsteady):
             if seen.cause.kind != "restarted":
-                self.report_cause(seen)
+                self.noted[seen.ref, seen.cause.key] = [seen.cause.message, *self.log_of(seen)]
+        self.report_noted([key for key in self.noted if key not in self.ledger.seen])
         for ref, cause in dict(reversed(found)).items():  # the first of each: two would alternate
             if ref.kind in WORKLOADS:
                 self.show(ref, cause.message, done=False)
@@ -255,15 +276,16 @@ class Waiter:
             else:
                 yield cause
 
-    def report_cause(self, seen: Seen) -> None:
-        """Report a cause that has just been seen."""
-        lines = [f"{seen.ref.name}: {seen.cause.message}", *self.log_of(seen)]
-        self.report.warn("\n".join(lines))
+    def report_noted(self, keys: Iterable[CauseKey]) -> None:
+        """Report causes that have not made the roll-out fail."""
+        for key in keys:
+            message, *log = self.noted.pop(key)
+            self.report.warn("\n".join([f"{key[0].name}: {message}", *log]))
 
     def log_of(self, seen: Seen) -> list[str]:
         """Return a crashed container's last lines."""
         cause = seen.cause
-        if cause.kind not in ("crash", "restarted", "failed") or not cause.pod:
+        if cause.kind not in LOGGED or not cause.pod:
             return []
         with suppress(ClusterError):
             lines = self.cluster.logs(
@@ -277,12 +299,16 @@ class Waiter:
         return []
 
     def failure(self, hopeless: Sequence[Seen]) -> RolloutFailed:
-        """Return the error for causes that will not go away."""
-        names = ", ".join(dict.fromkeys(seen.ref.name for seen in hopeless))
+        """Return the error for causes that will not go away; nodes often share an image."""
+        first, known = hopeless[0], list(self.ledger.seen.values())
+        what = first.cause.message
+        alike = [s for s in known if s.cause.message == what and s.cause.kind not in LOGGED]
+        names = ", ".join(dict.fromkeys(seen.ref.name for seen in (*hopeless, *alike)))
+        others = [seen for seen in known if seen is not first and seen not in alike]
         return RolloutFailed(
-            f"{names} did not become ready: {hopeless[0].cause.message}",
-            hint=self.hint(hopeless[0].ref),
-            details=[line for seen in self.ledger.seen.values() for line in self.lines(seen)],
+            f"{names} did not become ready: {what}",
+            hint=self.hint(first.ref, first.cause.kind),
+            details=[*self.log_of(first), *(line for seen in others for line in self.lines(seen))],
         )
 
     def lines(self, seen: Seen) -> list[str]:
@@ -310,9 +336,10 @@ class Waiter:
         """Return the required objects that are not ready."""
         return [ref for ref in targets if not self.is_ready(ref) and ref not in self.optional]
 
-    def hint(self, ref: ObjectRef) -> str:
-        """Return what to do next."""
-        return f"`rigel logs {ref.name}` shows its output; {self.way_out}"
+    def hint(self, ref: ObjectRef, kind: str = "") -> str:
+        """Return what to do next: about a kind of cause, if it is known."""
+        logs = f"`rigel logs {ref.name}` shows its output"
+        return f"{logs if kind in ('', *LOGGED) else CAUSES[kind].remedy}; {self.way_out}"
 
 
 def is_optional(live: Manifest) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import uuid
 from pathlib import Path
 from typing import Any
@@ -13,18 +14,36 @@ from rigel_lab.cluster import components
 from tests.cluster.conftest import run_rigel
 from tests.support.tutorials import FOLDER, RIGEL, follow, make_place
 
+from .machines import own_cluster
+
 pytestmark = [
     pytest.mark.cluster,
     pytest.mark.slow,
 ]  # a minute each; tests/unit/docs checks the rest
 
 
+#: Figures that a page shows as an example.
+FIGURES = re.compile(r"^```text\nNODE .*?^```\n", re.M | re.S)
+
+
 @pytest.fixture(scope="module")
 def official(registry: str) -> None:
     """Images by the names that the pages have: nodes ask the cluster's registry first."""
+    push_ros1(registry)
+    run_rigel("image", "ros2-base", "--push", f"{registry}/library/ros:jazzy")
+
+
+def push_ros1(registry: str) -> None:
+    """Push the base image of ROS 1 by its official names."""
     for tag in ("noetic", "noetic-ros-core"):
         run_rigel("image", "ros1-base", "--push", f"{registry}/library/ros:{tag}")
-    run_rigel("image", "ros2-base", "--push", f"{registry}/library/ros:jazzy")
+
+
+def make_clusters_place(directory: Path, context: str) -> Path:
+    """Return a directory with a `rigel` and a `kubectl` for a cluster."""
+    kubectl = str(components.obtain(print, ["kubectl"]).program("kubectl"))
+    rigel = [*RIGEL, "--context", context]
+    return make_place(directory, {"rigel": rigel, "kubectl": [kubectl, "--context", context]})
 
 
 @pytest.mark.parametrize("name", ["ros1", "ros2"])
@@ -32,14 +51,28 @@ def test_a_tutorial_works_as_it_stands(
     name: str, official: None, context: str, cluster: Any, tmp_path: Path
 ) -> None:
     """In a namespace of another name; what changes the cluster's network is left out."""
-    kubectl = str(components.obtain(print, ["kubectl"]).program("kubectl"))
-    place = make_place(
-        tmp_path,
-        {"rigel": [*RIGEL, "--context", context], "kubectl": [kubectl, "--context", context]},
-    )
+    place = make_clusters_place(tmp_path, context)
     namespace = f"t-{uuid.uuid4().hex[:8]}"
     text = (FOLDER / f"{name}.md").read_text("utf-8").replace("tutorial", namespace)
     try:
         assert list(follow(text, place, cluster=True)) == []
     finally:
         cluster.delete(ObjectRef("v1", "Namespace", "", namespace))
+
+
+def test_the_tutorial_of_the_stack_works_as_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a cluster of its own, since it removes the stack. Grafana's image cannot be had here."""
+    monkeypatch.setenv("KUBECONFIG", str(tmp_path / "kubeconfig"))
+    text = FIGURES.sub("", (FOLDER / "observability.md").read_text("utf-8"))
+    text, changed = re.subn(
+        r"^( +)enabled: true$", r"\g<0>\n\1grafana: { enabled: false }", text, flags=re.M
+    )
+    assert changed == 1
+    text = text.replace("```shell\nrigel top\n", "```shell\nsleep 60\nrigel top\n")
+    extras = ["observability", "kubectl"]
+    with own_cluster("test-watch", nodes=2, extras=extras) as (name, registry):
+        push_ros1(registry)
+        place = make_clusters_place(tmp_path, f"rigel-{name}")
+        assert list(follow(text, place, cluster=True)) == []

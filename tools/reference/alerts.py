@@ -19,7 +19,20 @@ says what to do. This page is generated from the rules.
 Each alert has the labels `severity`, `namespace` and `application`, and `workload`, `ros_node`,
 `topic` or `node` if they are known. Critical: the robot does not do its work. Warning: soon, or
 in part. Info: look when you have time. [Why a roll-out fires
-none](dashboards.md#why-a-roll-out-fires-none) explains the times."""
+none](dashboards.md#why-a-roll-out-fires-none) explains the times.
+
+## Who is notified
+
+Alerts appear in Grafana and in `rigel observe status`. The stack has no Alertmanager, so it sends
+no mail and no message. If you have one, name its address:
+
+```yaml
+observability:
+  enabled: true
+  prometheus: { alertmanagers: ["alertmanager.monitoring:9093"] }
+```
+
+## All alerts"""
 
 SEVERITIES = ("critical", "warning", "info")
 

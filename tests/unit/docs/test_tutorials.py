@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,16 @@ def test_blocks_are_of_a_kind_that_is_run(page: Path) -> None:
     """No block is overlooked because it is written differently."""
     assert read_blocks(page.read_text("utf-8"))
     assert list(find_overlooked(page.read_text("utf-8"))) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_revisions_have_one_time_each(page: Path) -> None:
+    """The histories of a page agree, and a revision is younger than the one before."""
+    rows = re.findall(r"^(\d+) +\w+ +(\d{4}-\S+Z) ", page.read_text("utf-8"), re.M)
+    times = sorted({(int(number), time) for number, time in rows})
+    assert [number for number, _ in times] == list(range(1, len(times) + 1))
+    moments = [time for _, time in times]
+    assert moments == sorted(set(moments))
 
 
 def test_the_tutorial_about_k3s_has_only_blocks_that_are_run() -> None:

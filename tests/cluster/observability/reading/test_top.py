@@ -49,7 +49,8 @@ def test_top_tells_what_prometheus_knows(app: App, cluster: Any) -> None:
     def known() -> dict[str, dict[str, Any]] | None:
         found = rows(app)
         full = all(row["cpu"] and row["memory"] for row in found.values())
-        return found if full and found["lab-listener"]["received"] else None
+        seen = full and found["lab-listener"]["received"] and found["talker"]["up"]
+        return found if seen else None
 
     found = until(known, "all figures")
     assert json.loads(app("top", "-o", "json").stdout)["source"] == "prometheus"

@@ -59,6 +59,8 @@ REMEDIES = {
     "quota": "request less (`resources`, `replicas`), or let an administrator raise the quota",
     "no-resources": "set `resources` of each node: the quota needs them",
     "limit-range": "set `resources` within the limits of the namespace: `kubectl describe limits`",
+    "architecture": "build it for them too (`platforms` of a build job), or choose other machines"
+    " with `placement`",
     "policy": "change what the policy names, or ask its author",
 }
 

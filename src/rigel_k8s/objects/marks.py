@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from rigel_k8s.objects.refs import Manifest
+
 FIELD_MANAGER = "rigel"
 #: On every object of a release: the release's name (the deployment_name), as a label value.
 RELEASE_LABEL = "rigel-k8s/release"
@@ -13,3 +15,13 @@ FIRST_ANNOTATION = "rigel-k8s/first"
 OPTIONAL_ANNOTATION = "rigel-k8s/optional"
 #: On such a workload: what a user can do if it does not become ready.
 REMEDY_ANNOTATION = "rigel-k8s/remedy"
+
+
+def is_optional(manifest: Manifest) -> bool:
+    """Whether a release is good even without a workload."""
+    return (manifest["metadata"].get("annotations") or {}).get(OPTIONAL_ANNOTATION) == "true"
+
+
+def remedy_of(manifest: Manifest) -> str:
+    """Return what to do if an optional workload does not become ready, "" for nothing."""
+    return str((manifest["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))

@@ -25,6 +25,7 @@ from rigel_k8s.release.apply import Applier
 from rigel_k8s.release.locking import Held, bury, hold
 from rigel_k8s.release.plan import compare, predecessors
 from rigel_k8s.release.refusals import verdict
+from rigel_k8s.release.refusals.admission import warn_of_unfit
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.wait import Waiter
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
@@ -209,6 +210,8 @@ def versions(records: Collection[revisions.Record]) -> list[str]:
 def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revision:
     """Apply, wait, prune and record, with the Lease held."""
     report_plan(run, plan)
+    for line in warn_of_unfit(found):
+        run.report.warn(line)
     if run.before is not None:
         run.before(plan)
     pending = new_revision(run, found, plan)

@@ -8,13 +8,13 @@ from typing import Any, cast
 import attrs
 import pytest
 
-from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION
+from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, is_optional
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.causes import Cause
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.readiness import ObjectReadiness
-from rigel_k8s.release.rollout.wait import GRACE, Waiter, is_optional
+from rigel_k8s.release.rollout.wait import GRACE, Waiter
 from rigel_k8s.release.status import WorkloadStatus
 from rigel_k8s.release.types import ReleaseId
 from tests.support.recorder import Recorder

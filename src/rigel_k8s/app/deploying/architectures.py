@@ -64,12 +64,11 @@ def explain(
 
 
 def describe(image: str, runs_on: Iterable[str], machines: Iterable[str], *, chosen: bool) -> str:
-    """Return what does not fit, and what to do."""
+    """Return what does not fit."""
     which = "the machines that its placement allows are" if chosen else "the cluster's machines are"
     return (
         f"{image.partition('@')[0]} runs on {', '.join(sorted(runs_on))}, but {which}"
-        f" {', '.join(sorted(set(machines)))}: build it for them too (`platforms` of a build job),"
-        " or choose other machines with `placement`"
+        f" {', '.join(sorted(set(machines)))}"
     )
 
 

@@ -10,7 +10,8 @@ import re
 from collections.abc import Iterator, Sequence
 
 from rigel_k8s.kube.failures import Forbidden, Refusal
-from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.objects.marks import is_optional, remedy_of
+from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.problems import Problem
 from rigel_k8s.release.refusals.usage import list_excesses
 from rigel_k8s.release.survey import Survey
@@ -42,9 +43,22 @@ def find_refused_pods(survey: Survey) -> Iterator[Problem]:
 
 
 def find_unfit(survey: Survey) -> Iterator[Problem]:
-    """Yield a problem for each workload that no machine can run."""
+    """Yield a problem for each workload that no machine can run and that the release needs."""
+    optional = {ref_of(m) for m in survey.manifests if is_optional(m)}
     for ref, reason in survey.foreseen.unfit.items():
-        yield make_problem(survey, [ref], reason, "architecture")
+        if ref not in optional:
+            yield make_problem(survey, [ref], reason, "architecture")
+
+
+def warn_of_unfit(survey: Survey) -> Iterator[str]:
+    """Yield a line for each workload that no machine can run and that can be done without."""
+    unfit = survey.foreseen.unfit
+    for manifest in survey.manifests:
+        ref = ref_of(manifest)
+        if is_optional(manifest) and ref in unfit:
+            way_out = remedy_of(manifest)
+            text = f"{ref.name} will not start: {unfit[ref]}; {survey.desired.release.name} runs"
+            yield f"{text} without it" + (f"; {way_out}" if way_out else "")
 
 
 def describe_reason(error: Refusal, ref: ObjectRef) -> str:

@@ -12,7 +12,7 @@ import attrs
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.cluster import Cluster
-from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, RELEASE_LABEL, REMEDY_ANNOTATION
+from rigel_k8s.objects.marks import RELEASE_LABEL, is_optional, remedy_of
 from rigel_k8s.objects.refs import Manifest, ObjectRef, ref_of
 from rigel_k8s.release.order import WORKLOADS
 from rigel_k8s.release.rollout.causes import Cause, causes, probe_failure
@@ -96,7 +96,7 @@ class Waiter:
             Interrupted: `cancel` was set.
         """
         targets = {ref_of(live): live for live in applied if is_waited_for(live)}
-        self.optional = {ref: remedy(live) for ref, live in targets.items() if is_optional(live)}
+        self.optional = {ref: remedy_of(live) for ref, live in targets.items() if is_optional(live)}
         if all(self.take_in(ref, readiness(live)) for ref, live in targets.items()):
             return
         # What is unreachable cannot become ready: that time does not count.
@@ -340,16 +340,6 @@ class Waiter:
         """Return what to do next: about a kind of cause, if it is known."""
         logs = f"`rigel logs {ref.name}` shows its output"
         return f"{logs if kind in ('', *LOGGED) else CAUSES[kind].remedy}; {self.way_out}"
-
-
-def is_optional(live: Manifest) -> bool:
-    """Whether a release is good even without an object."""
-    return (live["metadata"].get("annotations") or {}).get(OPTIONAL_ANNOTATION) == "true"
-
-
-def remedy(live: Manifest) -> str:
-    """Return what to do if an optional object does not become ready, "" for nothing."""
-    return str((live["metadata"].get("annotations") or {}).get(REMEDY_ANNOTATION, ""))
 
 
 def has_label(live: Manifest) -> bool:

@@ -32,6 +32,9 @@ observability:
   prometheus: { alertmanagers: ["alertmanager.monitoring:9093"] }
 ```
 
+It is reached over plain HTTP, without a login. For one that needs TLS or a login, let your own Prometheus
+evaluate the rules ([`existing.prometheus`](observability.md)).
+
 ## All alerts"""
 
 SEVERITIES = ("critical", "warning", "info")

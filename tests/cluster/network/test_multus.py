@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -52,6 +53,21 @@ def test_installing_again_writes_nothing(cluster: Any, said: Any) -> None:
     assert versions() == before
     assert done.ours
     assert said.entries == []
+
+
+def test_a_deployer_deploys_what_requests_an_installation(
+    rigel_as_deployer: Any, namespace: str, tmp_path: Path, base_image: str
+) -> None:
+    """The administrator has installed it: the same Rigelfile serves both."""
+    file = tmp_path / "Rigelfile"
+    nodes = {"sleeper": {"args": ["sleep", "600"], "readiness": "none"}}
+    network = {"mode": "macvlan", "interface": "eth0", "subnet": "10.213.9.0/24", "install": True}
+    options = {"image": base_image, "deploy_ros_master": False, "nodes": nodes, "network": network}
+    job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
+    file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": {"deploy": job}}))
+    done = rigel_as_deployer("-f", str(file), "-n", namespace, "run", "job", "deploy")
+    assert "Multus stays as it is; let an administrator run `rigel network install`" in done.stderr
+    assert "is at revision 1" in done.stderr
 
 
 def test_a_proof_leaves_nothing_behind(cluster: Any, said: Any) -> None:

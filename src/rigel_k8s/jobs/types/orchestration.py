@@ -229,11 +229,11 @@ def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext)
     if prepared.findings is not None:
         report_findings(prepared.findings, job.report)
         return
-    from rigel_k8s.network.multus.install import install, install_requested_by
+    from rigel_k8s.network.multus.install import ensure, install_requested_by
 
     options = install_requested_by(network)
     if options is not None:
-        install(cluster, options, job.report, job.cancel, timeout=job.settings.timeout)
+        ensure(cluster, options, job.report, job.cancel, timeout=job.settings.timeout)
     check(prepared.desired.objects, network, cluster, job.report)
 
 

@@ -51,6 +51,28 @@ def install_requested_by(network: Network | None) -> Install | None:
     return requested
 
 
+def ensure(
+    cluster: Cluster,
+    options: Install,
+    report: Reporter,
+    cancel: threading.Event | None = None,
+    *,
+    timeout: float | None = None,
+) -> None:
+    """Install what an application's job requests.
+
+    With rights only for applications, it prints a warning and uses the cluster as it is.
+
+    Raises: as install.
+    """
+    try:
+        install(cluster, options, report, cancel, timeout=timeout)
+    except Forbidden as error:
+        if error.ground != "right":
+            raise
+        report.warn(f"{error.message}: Multus stays as it is; {error.hint}")
+
+
 def install(
     cluster: Cluster,
     options: Install,
@@ -67,10 +89,28 @@ def install(
     Raises:
         ClusterError: a machine cannot attach pods; the causes are in the details.
         RolloutFailed, ConflictError, Refused: as in deploy.
+        Forbidden: we have no right to do it.
         Interrupted: `cancel` was set.
     """
-    cancel = cancel or threading.Event()
-    options, found = _look(cluster, options)
+    try:
+        return _install(cluster, options, report, cancel or threading.Event(), timeout, adopt=adopt)
+    except Forbidden as error:
+        if error.ground == "right":
+            error.hint = "let an administrator run `rigel network install` once"
+        raise
+
+
+def _install(
+    cluster: Cluster,
+    requested: Install,
+    report: Reporter,
+    cancel: threading.Event,
+    timeout: float | None,
+    *,
+    adopt: bool,
+) -> MultusResult:
+    options = complete_options(cluster, requested)
+    found = find(cluster, options)
     installation = installation_of(found, options)
     _report_others(found, report)
     for name in found.away:
@@ -78,18 +118,6 @@ def install(
     if installation.multus or installation.whereabouts:
         Rollout(cluster, installation, found, report, cancel, timeout, adopt).run()
     return _prove_nodes(cluster, options, report, cancel)
-
-
-def _look(cluster: Cluster, requested: Install) -> tuple[Install, Found]:
-    """Look at the cluster; this needs rights that an application's deploy does not need."""
-    try:
-        options = complete_options(cluster, requested)
-        return options, find(cluster, options)
-    except Forbidden as error:
-        error.hint = (
-            "let an administrator run `rigel network install` once, and remove `network.install`"
-        )
-        raise
 
 
 def installation_of(found: Found, options: Install, *, retired: bool = False) -> Installation:

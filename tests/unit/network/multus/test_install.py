@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from rigel_k8s.cli.network import options_of
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.jobs.types.network import NetworkJob
-from rigel_k8s.network.multus.install import install_requested_by, installation_of
+from rigel_k8s.kube.failures import Forbidden
+from rigel_k8s.network.multus.install import ensure, install, install_requested_by, installation_of
 from rigel_k8s.network.multus.installation import find
 from rigel_k8s.network.multus.proving import fingerprint
 from rigel_k8s.network.options import Install, Network, network_of
 from rigel_k8s.release.order import PROTECTED
 from rigel_k8s.settings import Application, Settings
+from tests.support.recorder import Recorder
 
 
 def node(name: str, *, up: bool = True) -> dict[str, Any]:
@@ -55,6 +57,39 @@ class Cluster:
 
     def parallel(self, function: Any, items: Any) -> list[Any]:
         return [function(item) for item in items]
+
+
+class Refusing(Cluster):
+    """Nodes must not be listed."""
+
+    def __init__(self, ground: Any) -> None:
+        super().__init__([], [], {})
+        self.ground = ground
+
+    def nodes(self) -> list[Any]:
+        error = Forbidden("no right to list nodes")
+        error.ground = self.ground
+        raise error
+
+    def list(self, api: str, kind: str, *_: Any, **__: Any) -> list[Any]:
+        return self.nodes()
+
+    def get(self, ref: Any) -> Any:
+        return self.nodes()
+
+
+def test_without_rights_a_job_uses_the_cluster_as_it_is() -> None:
+    """As with the observability stack: an administrator and a deployer share a Rigelfile."""
+    told, deployer = Recorder(), cast(Any, Refusing("right"))
+    ensure(deployer, Install(), told)
+    assert told.warnings == [
+        "no right to list nodes: Multus stays as it is;"
+        " let an administrator run `rigel network install` once"
+    ]
+    with pytest.raises(Forbidden):
+        install(deployer, Install(), told)
+    with pytest.raises(Forbidden):
+        ensure(cast(Any, Refusing("quota")), Install(), told)
 
 
 def found(*sets: Any, nodes: Any = None, **definitions: Any) -> Any:

@@ -18,7 +18,7 @@ from rigel_k8s.app.networkpolicy.objects import policy_objects
 from rigel_k8s.app.nodes import RosNode, node_objects, plan_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
-from rigel_k8s.app.placing import node_selector, remote_selector, tolerations
+from rigel_k8s.app.placing import remote_selector, tolerations
 from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.app.security.restricted import restrict
 from rigel_k8s.app.storage import storage
@@ -324,7 +324,7 @@ def sets_name(ros: Ros, node: RosNode) -> bool:
 
 def placement(options: OrchestrationOptions) -> Mapping[str, Any]:
     """Return where the exporter runs: with the nodes, if all are bound to the same machines."""
-    chosen = [node_selector(node.placement) for node in options.nodes.values()]
+    chosen = [node.placement.node_selector for node in options.nodes.values()]
     if has_application(options):
         chosen.append(remote_selector(options.distributed))
     if not chosen or not chosen[0] or any(one != chosen[0] for one in chosen):

@@ -16,7 +16,7 @@ from rigel_k8s.app.lifecycle.running import list_variables, make_transitions
 from rigel_k8s.app.mounts import device_resources, mounts
 from rigel_k8s.app.options import NodeOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH
-from rigel_k8s.app.placing import affinity, node_selector, tolerations
+from rigel_k8s.app.placing import affinity, tolerations
 from rigel_k8s.app.programs import command_of, prepare, run_by_lifecycle
 from rigel_k8s.app.updating import Way, choose_way, find_lifecycle_obstacle, find_obstacle
 from rigel_k8s.network.modes import wire_pod
@@ -79,7 +79,7 @@ class RosNode:
     @property
     def pinned(self) -> bool:
         """Whether it is bound to certain machines."""
-        return bool(node_selector(self.options.placement))
+        return bool(self.options.placement.node_selector)
 
     @property
     def ros_name(self) -> str | None:
@@ -204,7 +204,7 @@ def pod_spec(
         "initContainers": list(wired.init_containers),
         "containers": [container(around, node, command, plan, wired, way, [*seen, *wired.mounts])],
         "volumes": [*volumes, *wired.volumes],
-        "nodeSelector": node_selector(options.placement),
+        "nodeSelector": options.placement.node_selector,
         "affinity": affinity(options.placement),
         "tolerations": tolerations(options.tolerations, pinned=node.pinned),
         "hostNetwork": options.host_network or None,

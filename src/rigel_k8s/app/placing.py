@@ -17,14 +17,6 @@ REMOTE: Mapping[str, str] = {"deploymentType": "remote"}
 STAY = ("node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable")
 
 
-def node_selector(placement: Placement) -> dict[str, str]:
-    """Return the labels that the machine must have."""
-    chosen = {str(key): str(value) for key, value in placement.labels.items()}
-    if placement.node:
-        chosen[HOSTNAME] = str(placement.node)
-    return chosen
-
-
 def remote_selector(distributed: Distributed) -> dict[str, str]:
     """Return the labels of the application's machine."""
     remote = distributed.enabled and distributed.default_to_remote

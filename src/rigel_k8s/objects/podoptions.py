@@ -12,6 +12,7 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s.objects.fields import option, required_field
+from rigel_k8s.objects.naming import HOSTNAME
 from rigel_k8s.objects.scalars import (
     Count,
     Delay,
@@ -144,11 +145,23 @@ class Device:
 
 
 @attrs.frozen(kw_only=True)
-class Placement:
-    """Where a pod runs."""
+class Machines:
+    """The Kubernetes nodes that a pod may run on."""
 
     node: ObjectName | None = option("the Kubernetes node's name (kubernetes.io/hostname)")
     labels: Mapping[LabelKey, LabelValue] = option("labels that the Kubernetes node must have", {})
+
+    @property
+    def node_selector(self) -> dict[str, str]:
+        """The labels that the Kubernetes node must have, with that of its name."""
+        chosen = {str(key): str(value) for key, value in self.labels.items()}
+        return {**chosen, HOSTNAME: str(self.node)} if self.node else chosen
+
+
+@attrs.frozen(kw_only=True)
+class Placement(Machines):
+    """Where a pod runs."""
+
     apart_from: list[str] = option("keys of `nodes` whose pods must be on other machines", [])
 
 

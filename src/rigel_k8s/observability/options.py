@@ -13,6 +13,7 @@ from typing import Any, Literal
 import attrs
 
 from rigel_k8s.objects.fields import option, required_field, true_is_default
+from rigel_k8s.objects.podoptions import Machines
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import (
     Duration,
@@ -189,6 +190,10 @@ class Observability:
     )
     collector: Literal["promtail", "alloy"] | None = option(
         "the program that reads the log lines (default promtail)"
+    )
+    placement: Machines = attrs.field(
+        factory=Machines,
+        metadata={"doc": "where Loki, Prometheus, Grafana and kube-state-metrics run"},
     )
     grafana: Grafana = attrs.field(factory=Grafana, metadata={"doc": "dashboards"})
     prometheus: Prometheus = attrs.field(factory=Prometheus, metadata={"doc": "metrics"})

@@ -23,6 +23,7 @@ node_exporter: true
 EVERYTHING = """
 collector: alloy
 collect: all
+placement: {node: cloud-1, labels: {site: cloud}}
 node_exporter: {image: "registry.lab/node-exporter:1"}
 kube_state_metrics: {resources: {limits: {memory: 1Gi}}}
 alloy: {image: "registry.lab/alloy:1"}
@@ -95,6 +96,19 @@ def test_no_program_has_rights_on_its_machine(case: str) -> None:
         }
         assert container["resources"]["limits"]["memory"]
         assert ":" in container["image"].rpartition("/")[2]
+
+
+def test_placement_is_for_what_runs_once() -> None:
+    """A robot's computer keeps no data of the stack; what reads each machine runs on all."""
+    where = {
+        item["metadata"]["name"]: item["spec"]["template"]["spec"].get("nodeSelector", {})
+        for item in made("everything").objects
+        if item["kind"] in ("Deployment", "DaemonSet")
+    }
+    chosen = {"kubernetes.io/hostname": "cloud-1", "site": "cloud"}
+    once = ("alloy", "grafana", "kube-state-metrics", "loki", "prometheus")
+    assert {name for name, found in where.items() if found == chosen} == set(once)
+    assert where["node-exporter"] == {"kubernetes.io/os": "linux"}
 
 
 def test_claims_outlive_the_stack() -> None:

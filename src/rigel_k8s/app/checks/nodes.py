@@ -15,7 +15,6 @@ from rigel_k8s.app.mounts import device_of, mount_of, source_count
 from rigel_k8s.app.nodes import port_of
 from rigel_k8s.app.options import NodeOptions, OrchestrationOptions
 from rigel_k8s.app.parameters import PARAMETERS_PATH, list_paths
-from rigel_k8s.app.placing import node_selector
 from rigel_k8s.app.programs import program, takes_ros_arguments
 from rigel_k8s.objects.naming import Ros
 from rigel_k8s.objects.podoptions import EnvVar, Volume
@@ -215,7 +214,7 @@ def check_machine_data(
         volumes: the release's persistent volumes, by name.
         restricted: a node's own `host_path` is already refused.
     """
-    if node_selector(node.placement) or is_placed(node.patch):
+    if node.placement.node_selector or is_placed(node.patch):
         return
     for index, mount in enumerate(map(mount_of, node.volumes)):
         own = None if restricted else mount.host_path

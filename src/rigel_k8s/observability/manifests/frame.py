@@ -27,10 +27,15 @@ FOR_EVER = 2**31 - 1
 
 @attrs.frozen
 class Frame:
-    """A release in a namespace, and the kinds of objects that its parts consist of."""
+    """A release in a namespace, and the kinds of objects that its parts consist of.
+
+    Attributes:
+        node_selector: labels of the machines that Deployments may run on.
+    """
 
     namespace: str
     release: str
+    node_selector: Mapping[str, str] = attrs.field(factory=dict)
 
     def metadata(self, name: str, part: str | None = None) -> Object:
         """Return an object's metadata, with the label of its part."""
@@ -70,7 +75,8 @@ class Frame:
             remedy: set for a part without which the stack is good: what to do if it is not ready.
         """
         spec = {"replicas": 1, "strategy": {"type": "Recreate"}}
-        made = self._workload("Deployment", name, spec, pod, configuration)
+        placed = {"nodeSelector": dict(self.node_selector)} if self.node_selector else {}
+        made = self._workload("Deployment", name, spec, {**placed, **pod}, configuration)
         if remedy:
             notes = {OPTIONAL_ANNOTATION: "true", REMEDY_ANNOTATION: remedy}
             made["metadata"]["annotations"] = notes

@@ -46,7 +46,7 @@ class Stack:
     @property
     def frame(self) -> Frame:
         """The frame that makes its objects."""
-        return Frame(self.namespace, RELEASE)
+        return Frame(self.namespace, RELEASE, self.options.placement.node_selector)
 
     @property
     def existing(self) -> Existing:

@@ -38,8 +38,11 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
 
 
 def check_missing(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield a warning if several pods of ROS 2 or DDS have no network to find each other."""
-    if ros != "1" and sum(one.pods for one in workloads_of(options)) > 1:
+    """Yield what is wrong without `network`: zenoh has no router, or pods do not find each other."""
+    if ros != "1" and options.middleware == "zenoh":
+        message = "zenoh needs a router: set `network: zenoh`, which deploys one"
+        yield Problem(("middleware",), message, "wrong-mode")
+    elif ros != "1" and sum(one.pods for one in workloads_of(options)) > 1:
         path = ("nodes",) if options.nodes else ()
         yield Problem(path, MISSING, "network-missing", severity="warning", at_key=True)
 

@@ -38,7 +38,7 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
 
 
 def check_missing(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
-    """Yield what is wrong without `network`: zenoh has no router, or pods do not find each other."""
+    """Yield what is wrong without `network`: zenoh has no router, pods do not find each other."""
     if ros != "1" and options.middleware == "zenoh":
         message = "zenoh needs a router: set `network: zenoh`, which deploys one"
         yield Problem(("middleware",), message, "wrong-mode")

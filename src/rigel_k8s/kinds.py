@@ -320,6 +320,10 @@ NETWORK: Mapping[str, Kind] = {
         "set [`network`](networking.md): `peers`, which works everywhere, or `macvlan` if the"
         " machines share an Ethernet; `none` if the cluster's network carries multicast",
     ),
+    "one-domain": Kind(
+        "a fleet's robots share a wire and a DDS domain",
+        'set `domain_id` from the matrix, for example `"{{ data.domain }}"`',
+    ),
     "ros1": Kind("an option or a mode does not work with ROS 1", "remove it, or use another mode"),
     "wrong-mode": Kind(
         "the network mode does not work with this distribution or middleware",

@@ -8,9 +8,11 @@ from rigel_k8s.app.checks.pods import check_pods, workloads_of
 from rigel_k8s.app.globalparameters import list_keys
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.network.checks import check_options
-from rigel_k8s.network.mode import ModeUse
+from rigel_k8s.network.mode import ModeUse, mode_path
 from rigel_k8s.network.modes import mode_of
+from rigel_k8s.network.options import Network
 from rigel_k8s.objects.naming import Ros
+from rigel_k8s.option_text import has_template
 from rigel_k8s.problems import Problem
 
 MISSING = (
@@ -30,6 +32,7 @@ def check_network(options: OrchestrationOptions, ros: Ros, distro: str) -> Itera
         yield from check_missing(options, ros)
         return
     yield from check_options(network, ModeUse(ros, distro, middleware))
+    yield from check_fleet(options, network, ros)
     yield from check_images(options, middleware or mode_of(network).middleware)
     masters = int(ros == "1" and options.ros_master_uri is None)
     watching = int(options.observability.exporter is not None)
@@ -45,6 +48,21 @@ def check_missing(options: OrchestrationOptions, ros: Ros) -> Iterator[Problem]:
     elif ros != "1" and sum(one.pods for one in workloads_of(options)) > 1:
         path = ("nodes",) if options.nodes else ()
         yield Problem(path, MISSING, "network-missing", severity="warning", at_key=True)
+
+
+def check_fleet(options: OrchestrationOptions, network: Network, ros: Ros) -> Iterator[Problem]:
+    """Yield a warning if the robots of a fleet share a wire and a DDS domain.
+
+    A job deploys to several robots if its namespace comes from a matrix.
+    """
+    mode = mode_of(network)
+    shared = ros == "2" and mode.name != "none" and not mode.own_domain
+    if shared and network.domain_id is None and has_template(str(options.namespace or "")):
+        message = (
+            f"with {mode.name} all robots of a fleet are in DDS domain 0, and robots on one wire"
+            " receive each other's messages: give each its own `domain_id`, from the matrix too"
+        )
+        yield Problem(mode_path(network), message, "one-domain", severity="warning")
 
 
 def check_images(options: OrchestrationOptions, middleware: str | None) -> Iterator[Problem]:

@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
+import functools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
@@ -18,6 +21,8 @@ from tests.support.until import until
 from .robot import Robot
 
 pytestmark = pytest.mark.cluster
+
+T = TypeVar("T")
 
 #: A publisher and a subscriber as small as they can be; they need nothing but rospy.
 TALKER = (
@@ -51,6 +56,29 @@ def python(code: str) -> dict[str, Any]:
 def talker(*, anonymous: bool = False) -> dict[str, Any]:
     """Return a talker."""
     return python(TALKER.format(anonymous=anonymous)) | ({"anonymous": True} if anonymous else {})
+
+
+@contextmanager
+def looking(look: Callable[[], T]) -> Iterator[list[T]]:
+    """Look again and again while the body runs, and once more after it; the list is what was seen.
+
+    A look that fails fails the test.
+    """
+    seen: list[T] = []
+    done = threading.Event()
+
+    def watch() -> None:
+        while not done.is_set():
+            seen.append(look())
+
+    with ThreadPoolExecutor(1) as pool:
+        watching = pool.submit(watch)
+        try:
+            yield seen
+        finally:
+            done.set()
+        watching.result()
+    seen.append(look())
 
 
 def eventually(what: str, check: Callable[[], Any], seconds: float = 90) -> Any:
@@ -226,21 +254,12 @@ def test_an_anonymous_node_is_updated_without_a_gap(robot: Robot) -> None:
     """The new publisher is registered and ready before the old one leaves."""
     robot.write({"talker": talker(anonymous=True)})
     robot.deploy()
-    seen: list[str] = []
-    done = threading.Event()
-
-    def watch() -> None:
-        while not done.is_set():
-            seen.append(robot.run("ros-master", "python3", "-c", PUBLISHERS).strip())
-
-    watcher = threading.Thread(target=watch)
-    watcher.start()
     robot.write({"talker": talker(anonymous=True) | {"env": {"GENERATION": 2}}})
-    robot.deploy()
-    done.set()
-    watcher.join()
+    look = functools.partial(robot.run, "ros-master", "python3", "-c", PUBLISHERS)
+    with looking(look) as seen:
+        robot.deploy()
     assert len(set(seen)) > 1, "the update replaced the publisher"
-    assert all(seen), "there was a publisher at every look"
+    assert all(one.strip() for one in seen), "there was a publisher at every look"
 
 
 def test_a_name_in_use_is_never_held_by_two_pods(robot: Robot) -> None:
@@ -248,23 +267,16 @@ def test_a_name_in_use_is_never_held_by_two_pods(robot: Robot) -> None:
     alone = {"update": {"strategy": "Recreate"}}
     robot.write({"talker": talker() | alone})
     robot.deploy()
-    together: list[int] = []
-    done = threading.Event()
-
-    def watch() -> None:
-        while not done.is_set():
-            found = robot.cluster.list(
-                "v1", "Pod", robot.namespace, labels={"app.kubernetes.io/name": "talker"}
-            )
-            running = [p for p in found if p["status"].get("phase") in ("Pending", "Running")]
-            together.append(len(running))
-
-    watcher = threading.Thread(target=watch)
-    watcher.start()
     robot.write({"talker": talker() | alone | {"env": {"GENERATION": 2}}})
-    robot.deploy()
-    done.set()
-    watcher.join()
+
+    def count_running() -> int:
+        running = [
+            p["status"].get("phase") in ("Pending", "Running") for p in robot.every_pod("talker")
+        ]
+        return sum(running)
+
+    with looking(count_running) as together:
+        robot.deploy()
     assert max(together) == 1
 
 

@@ -56,8 +56,12 @@ class Robot:
         return self._rigel("-f", str(self.file), "-n", self.namespace, *words, **options)
 
     def deploy(self) -> None:
-        """Run the job that deploys."""
-        self.rigel("run", "job", "deploy", "--timeout", "2m")
+        """Run the job that deploys.
+
+        On an overloaded machine a node's first packet to a new Service may be lost, which the
+        kernel notices after 133 s.
+        """
+        self.rigel("run", "job", "deploy", "--timeout", "4m")
 
     def pods(self, name: str) -> list[dict[str, Any]]:
         """Return a workload's pods that are not on their way out."""

@@ -291,7 +291,7 @@ def test_another_managers_field_is_told_and_adopted_on_request(robot: Robot) -> 
     assert refused.returncode == 1
     assert "replicas" in refused.stderr
     assert "--adopt" in refused.stderr
-    robot.rigel("run", "job", "deploy", "--adopt", "--timeout", "2m")
+    robot.rigel("run", "job", "deploy", "--adopt", "--timeout", "4m")
     assert robot.ready("talker")
 
 

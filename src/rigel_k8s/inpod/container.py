@@ -12,6 +12,7 @@ import os
 
 PROC = "/proc"
 GONE = (0, 0)
+LISTEN, SYN_SENT = "0A", "02"  # states of a socket in /proc/net/tcp
 EXEC_MARK = (
     b"RIGEL_K8S_EXEC=1"  # rc.sh sets it, so that a tool left in the background is recognized
 )
@@ -115,15 +116,39 @@ def sockets(pid):
     return found
 
 
+def is_unanswered(port):
+    """Return whether a connection of this container to a remote TCP port gets no answer.
+
+    The kernel has repeated its first packet at least twice, which takes three seconds.
+    """
+    waiting = {
+        line[9] for line in _tcp(SYN_SENT) if _port(line[2]) == port and int(line[6], 16) > 1
+    }
+    for pid in processes() if waiting else ():
+        try:
+            if waiting.intersection(sockets(pid)):
+                return True
+        except OSError:
+            continue  # of another user
+    return False
+
+
 def _listening():
     """Return inode -> port of every listening TCP socket of the network namespace."""
-    found = {}
+    return {line[9]: _port(line[1]) for line in _tcp(LISTEN)}
+
+
+def _tcp(state):
+    """Yield the fields of every TCP socket of the network namespace in a state."""
     for table in (PROC + "/net/tcp", PROC + "/net/tcp6"):
         for line in _read(table).decode("ascii").splitlines()[1:]:
             fields = line.split()
-            if fields[3] == "0A":
-                found[fields[9]] = int(fields[1].rpartition(":")[2], 16)
-    return found
+            if fields[3] == state:
+                yield fields
+
+
+def _port(address):
+    return int(address.rpartition(":")[2], 16)
 
 
 def _read(path):

@@ -32,8 +32,8 @@ observability:
   prometheus: { alertmanagers: ["alertmanager.monitoring:9093"] }
 ```
 
-It is reached over plain HTTP, without a login. For one that needs TLS or a login, let your own Prometheus
-evaluate the rules ([`existing.prometheus`](observability.md)).
+It is reached over plain HTTP, without a login. For one that needs TLS or a login, let your own
+Prometheus evaluate the rules ([`existing.prometheus`](observability.md)).
 
 ## All alerts"""
 

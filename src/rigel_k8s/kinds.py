@@ -212,7 +212,8 @@ APPLICATION: Mapping[str, Kind] = {
     "bad-device": Kind("a device has both `path` and `resource`, or neither", "set one of the two"),
     "device-access": Kind(
         "the container sees a device and may not open it",
-        "add `security_context: { privileged: true }`, or use a device plugin's `resource`",
+        "add `security_context: { privileged: true }` (with `runAsUser: 0` if the image has another"
+        " user), or use a device plugin's `resource`",
     ),
     "bad-command": Kind(
         "a command line is empty, or cannot be split into words",

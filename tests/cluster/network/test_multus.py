@@ -62,9 +62,9 @@ def test_a_deployer_deploys_what_requests_an_installation(
     file = tmp_path / "Rigelfile"
     nodes = {"sleeper": {"args": ["sleep", "600"], "readiness": "none"}}
     network = {"mode": "macvlan", "interface": "eth0", "subnet": "10.213.9.0/24", "install": True}
-    options = {"image": base_image, "deploy_ros_master": False, "nodes": nodes, "network": network}
+    options = {"image": base_image, "ros": "none", "nodes": nodes, "network": network}
     job = {"plugin": "rigel_k8s.OrchestrationPlugin", "with": options}
-    file.write_text(json.dumps({"application": {"distro": "noetic"}, "jobs": {"deploy": job}}))
+    file.write_text(json.dumps({"application": {"distro": "jazzy"}, "jobs": {"deploy": job}}))
     done = rigel_as_deployer("-f", str(file), "-n", namespace, "run", "job", "deploy")
     assert "Multus stays as it is; let an administrator run `rigel network install`" in done.stderr
     assert "is at revision 1" in done.stderr

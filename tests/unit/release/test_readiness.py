@@ -118,6 +118,22 @@ def ended(code: int, reason: str = "Error", message: str = "") -> dict[str, Any]
     return {"terminated": {"exitCode": code, "reason": reason, "message": message}}
 
 
+def test_a_program_that_cannot_be_started_has_one_cause() -> None:
+    """The runtime tries again and again: otherwise two causes would take turns."""
+    why = 'exec: "/bin/x": no such file'
+    states = [
+        container(waiting("RunContainerError", why)),
+        container(ended(128, "StartError", why)),
+        container(waiting("CrashLoopBackOff"), lastState=ended(128, "StartError", why)),
+    ]
+    found = {causes(live("Deployment", {}), [pod(**status)], [])[0] for status in states}
+    assert [(one.kind, one.message) for one in found] == [
+        ("start", f"container c cannot be started: {why}")
+    ]
+    again = container({"running": {}}, lastState=ended(128, "StartError", why), restartCount=1)
+    assert causes(live("Deployment", {}), [pod(**again)], [])[0].kind == "restarted"
+
+
 @pytest.mark.parametrize(
     ("status", "kind", "words"),
     [

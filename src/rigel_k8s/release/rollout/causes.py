@@ -187,9 +187,17 @@ def explain_container(pod: Manifest, container: Mapping[str, Any]) -> Iterator[C
             "image", f"image {image} cannot be pulled: {core(message) or reason}", name, own
         )
     elif reason in START:
-        yield Cause("start", f"container {own} cannot be started: {message or reason}", name, own)
+        yield never_started(name, own, message or reason)
     elif not container.get("ready"):
         yield from explain_exit(name, container)
+
+
+def never_started(pod: str, container: str, message: str) -> Cause:
+    """Return the cause of a program that the runtime cannot start.
+
+    Between its attempts the container has ended, while it tries it waits: both are one cause.
+    """
+    return Cause("start", f"container {container} cannot be started: {message}", pod, container)
 
 
 def core(message: str) -> str:
@@ -208,9 +216,12 @@ def explain_exit(pod: str, container: Mapping[str, Any]) -> Iterator[Cause]:
     ):
         return
     restarts, own = int(container.get("restartCount", 0)), container["name"]
+    up = "running" in state
+    if ended.get("reason") == "StartError" and not up:
+        yield never_started(pod, own, ended.get("message") or "")
+        return
     times = f", restarted {restarts} time{'s' if restarts != 1 else ''}" if restarts else ""
     message = f"container {own} {exit_words(ended)}{times}"
-    up = "running" in state
     yield Cause(
         "restarted" if up else "crash", message, pod, own, previous=not state.get("terminated")
     )
@@ -221,8 +232,6 @@ def exit_words(ended: Mapping[str, Any]) -> str:
     code = ended.get("exitCode")
     if ended.get("reason") == "OOMKilled":
         return f"ran out of memory (OOMKilled, exit code {code}): raise its memory limit"
-    if ended.get("reason") == "StartError":
-        return f"could not be started: {ended.get('message', '')}"
     signal = f", killed by signal {code - 128}" if code and code > 128 else ""
     own = " ".join((ended.get("message") or "").split())
     return f"exited with code {code}{signal}" + (f" ({own[:LONGEST_MESSAGE]})" if own else "")

@@ -1,6 +1,6 @@
 """Fleets of robots, each a release in a namespace of its own, and each tool's commands for them.
 
-rigel deploys a fleet by one sequence in waves, the other tools one robot after the other.
+rigel deploys and deletes a fleet by one sequence, the other tools one robot after the other.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def rigel(fleet: Fleet) -> dict[str, list[Command]]:
         "status": [[*head, "list", "-A"]]
         if len(fleet.robots) > 1
         else [[*head, "status", "--no-graph", "-n", fleet.robots[0], "rigel-k8s-application"]],
-        "down": [[*head, "down", "-n", r, "rigel-k8s-application"] for r in fleet.robots],
+        "down": [[*head, "-f", str(plain), "down", "--sequence", "fleet"]],
     }
 
 

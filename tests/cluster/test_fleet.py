@@ -54,7 +54,10 @@ def test_a_robot_that_fails_ends_its_wave_and_no_other_begins(
     robots: list[str],
     tmp_path: Path,
 ) -> None:
-    """The robot beside it is deployed to its end, the later ones are left alone; all are listed."""
+    """The robot beside it is deployed to its end, the later ones are left alone; all are listed.
+
+    Then all of the fleet's releases end by one command.
+    """
     write(tmp_path, registry, robots)
     done = rigel("run", "sequence", "fleet", cwd=tmp_path, check=False)
     assert done.returncode == 1
@@ -67,3 +70,9 @@ def test_a_robot_that_fails_ends_its_wave_and_no_other_begins(
     assert cluster.get(ObjectRef("apps/v1", "Deployment", first, "idle")) is not None
     for left in later:
         assert cluster.get(ObjectRef("v1", "Namespace", "", left)) is None
+    ended = rigel("down", "--sequence", "fleet", cwd=tmp_path).stdout
+    assert f"removed rigel-k8s-application from {first}: " in ended
+    assert f"there is no release rigel-k8s-application in the namespace {later[0]}\n" in ended
+    for robot in (first, broken):
+        assert cluster.list("v1", "Pod", robot) == []
+        assert cluster.list("v1", "Secret", robot) == []

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rigel_k8s.cli.words import (
     Timeout,
     choose_reporter,
+    complete_sequence,
+    data_option,
     is_quiet,
     job_argument,
     json_option,
@@ -23,33 +25,45 @@ from rigel_k8s.cli.words import (
 )
 from rigel_k8s.errors import RigelK8sError, UserError
 
+if TYPE_CHECKING:
+    from rigel_k8s.release.types import Plan, ReleaseId
+
 
 @click.command()
 @job_argument
+@data_option
 @click.pass_context
-def render(ctx: click.Context, /, job: str | None) -> None:
+def render(ctx: click.Context, /, job: str | None, data: dict[str, Any]) -> None:
     """Print the manifests that a job would apply, as YAML."""
     from rigel_k8s.commands import releases
     from rigel_k8s.yaml_text import documents
 
-    found = releases.render(settings(ctx), job)
+    found = releases.render(settings(ctx), job, data)
     warn(found.warnings)
     click.echo(documents(found.objects), nl=False)
 
 
 @click.command()
 @job_argument
+@data_option
 @click.option("--exit-code", is_flag=True, help="End with exit code 1 if there are differences.")
 @click.option(
     "--adopt", is_flag=True, help="Take over fields of other tools, as `run --adopt` does."
 )
 @click.pass_context
-def diff(ctx: click.Context, /, job: str | None, exit_code: bool, adopt: bool) -> int:  # noqa: FBT001
+def diff(
+    ctx: click.Context,
+    /,
+    job: str | None,
+    data: dict[str, Any],
+    exit_code: bool,  # noqa: FBT001 - click passes them by name
+    adopt: bool,  # noqa: FBT001
+) -> int:
     """Show what a job would change on the cluster; nothing is written."""
     from rigel_k8s.commands import releases
 
     try:
-        found = releases.diff(settings(ctx, adopt=adopt), job)
+        found = releases.diff(settings(ctx, adopt=adopt), job, data)
     except RigelK8sError as error:
         if exit_code and error.exit_code == 1:
             error.exit_code = 2  # 1 means that there are differences
@@ -166,6 +180,12 @@ def rollback(
 @click.command()
 @release_argument
 @namespace_option
+@click.option(
+    "--sequence",
+    metavar="NAME",
+    help="Delete all releases that this sequence deploys, ten at the same time.",
+    shell_complete=complete_sequence,
+)
 @click.option("--volumes", is_flag=True, help="Delete claims and volumes, too; their data is lost.")
 @click.option("-y", "--yes", is_flag=True, help="Do not ask for confirmation.")
 @click.option("--timeout", type=Timeout(), help="Wait at most this long, for example 5m.")
@@ -175,29 +195,42 @@ def down(
     ctx: click.Context,
     /,
     job: str | None,
+    sequence: str | None,
     volumes: bool,  # noqa: FBT001 - click passes them by name
     yes: bool,  # noqa: FBT001
     timeout: float | None,
     lock_timeout: float | None,
 ) -> None:
     """Delete a release. Its claims and volumes stay unless --volumes."""
-    from rigel_k8s.commands import releases
-
+    if job and sequence:
+        raise click.UsageError("name either a job or a sequence", ctx)
     if volumes and not yes:
         confirm("Delete claims and volumes with all their data?")
     with choose_reporter(ctx) as report:
         words = settings(ctx, timeout=timeout, lock_timeout=lock_timeout)
-        found, plan = releases.down(words, job, report, volumes=volumes)
+        if sequence:
+            from rigel_k8s.commands import sequences
+
+            removed = sequences.down(words, sequence, report, volumes=volumes)
+        else:
+            from rigel_k8s.commands import releases
+
+            removed = [releases.down(words, job, report, volumes=volumes)]
+    for release, plan in removed:
+        click.echo(describe_removal(release, plan))
+
+
+def describe_removal(release: ReleaseId, plan: Plan) -> str:
+    """Return in one line what was deleted of a release."""
+    where = f"{release.name} from {release.namespace}"
+    if plan.is_empty:
+        return f"there is no release {release.name} in the namespace {release.namespace}"
     if not plan.steps:
-        records = ", ".join(map(str, plan.records))
-        click.echo(f"removed the records of {found.name} from {found.namespace}: {records}")
-        return
-    counts = dict.fromkeys(("prune", "forget"), 0)
-    for step in plan.steps:
-        counts[step.action] = counts.get(step.action, 0) + 1
-    left = f", {counts['forget']} kept for its data" if counts["forget"] else ""
-    deleted = f"{counts['prune']} object{'s' * (counts['prune'] != 1)} deleted"
-    click.echo(f"removed {found.name} from {found.namespace}: {deleted}{left}")
+        return f"removed the records of {where}: {', '.join(map(str, plan.records))}"
+    actions = [step.action for step in plan.steps]
+    deleted, kept = actions.count("prune"), actions.count("forget")
+    left = f", {kept} kept for its data" if kept else ""
+    return f"removed {where}: {deleted} object{'s' * (deleted != 1)} deleted{left}"
 
 
 def confirm(question: str) -> None:

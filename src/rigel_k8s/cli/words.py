@@ -150,6 +150,13 @@ def complete_runnable(ctx: click.Context, param: click.Parameter, incomplete: st
     return offer_names(ctx, incomplete, lambda s: rigelfiles.list_runnable(s, kind))
 
 
+def complete_sequence(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Return the Rigelfile's sequences."""
+    from rigel_k8s.commands import rigelfiles
+
+    return offer_names(ctx, incomplete, lambda s: rigelfiles.list_runnable(s, "sequence"))
+
+
 def choose_namespace(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
     """Handle a namespace after the command as if it came before it."""
     if value is not None:
@@ -161,6 +168,28 @@ lock_timeout_option = click.option(
     type=Timeout(least=0.0),
     help="Wait at most this long for another deploy of the release; 0 fails at once"
     " [default: as --timeout].",
+)
+
+
+def read_data(ctx: click.Context, param: click.Parameter, pairs: Sequence[str]) -> dict[str, Any]:
+    """Return KEY=VALUE pairs as a mapping."""
+    from rigel_k8s.commands.rigelfiles import read_value
+
+    data = {}
+    for pair in pairs:
+        key, sign, value = pair.partition("=")
+        if not key or not sign:
+            raise click.BadParameter(f'"{pair}" is not KEY=VALUE', ctx, param)
+        data[key] = read_value(value)
+    return data
+
+
+data_option = click.option(
+    "--data",
+    metavar="KEY=VALUE",
+    multiple=True,
+    callback=read_data,
+    help="Set {{ data.KEY }}, which a matrix or an earlier job of a sequence would; repeatable.",
 )
 job_argument = click.argument("job", required=False, shell_complete=complete_job)
 release_argument = click.argument(

@@ -47,17 +47,20 @@ class Difference:
     warnings: tuple[str, ...]
 
 
-def render(settings: Settings, job: str | None) -> Manifests:
+def render(settings: Settings, job: str | None, data: Mapping[str, Any] | None = None) -> Manifests:
     """Return the manifests that apply would send, those of the observability stack first.
 
     The cluster is read only if the Rigelfile is not enough: a job that describes a part of a
     release is merged into the release's last revision. The stack is what this job requests; on a
     cluster it is merged into what others have requested.
+
+    Args:
+        data: what a sequence passes to the job: `{{ data.KEY }}`.
     """
     rigelfile = load(settings)
-    if alone := stacks.stack_job(rigelfile, settings, job):
+    if alone := stacks.stack_job(rigelfile, settings, job, data):
         return Manifests(stacks.manifests(request_of(alone.raw)), alone.warnings)
-    found = job_of(settings, job, rigelfile)
+    found = job_of(settings, job, rigelfile, data)
     if found.options.observability_only:
         return Manifests(stacks.manifests(stack_request_of(found.raw)), found.warnings)
     cluster = connect(settings) if is_partial(found.raw) else None
@@ -66,15 +69,15 @@ def render(settings: Settings, job: str | None) -> Manifests:
     return Manifests((*objects, *manifests_to_apply(made.desired)), found.warnings)
 
 
-def diff(settings: Settings, job: str | None) -> Difference:
-    """Return what a job would change on the cluster; nothing is written."""
+def diff(settings: Settings, job: str | None, data: Mapping[str, Any] | None = None) -> Difference:
+    """Return what a job would change on the cluster; nothing is written. `data` as in render."""
     rigelfile = load(settings)
-    if alone := stacks.stack_job(rigelfile, settings, job):
+    if alone := stacks.stack_job(rigelfile, settings, job, data):
         with connect(settings) as cluster:
             return describe(
                 stacks.plan(request_of(alone.raw), cluster, adopt=settings.adopt), alone.warnings
             )
-    found = job_of(settings, job, rigelfile)
+    found = job_of(settings, job, rigelfile, data)
     with connect(settings) as cluster:
         if found.options.observability_only:
             stack = stack_request_of(found.raw)
@@ -148,9 +151,28 @@ def down(
         UserError: the release does not exist.
     """
     found = release(settings, job)
-    with found.cluster as cluster, interruptible() as cancel:
+    with interruptible() as cancel:
+        plan = take_down(found, settings, report, cancel, volumes=volumes)
+    if plan.is_empty:
+        raise UserError(
+            f"there is no release {found.id.name} in the namespace {found.id.namespace}",
+            hint="if it is elsewhere, set -n NAMESPACE or --context NAME",
+        )
+    return found.id, plan
+
+
+def take_down(
+    found: Release,
+    settings: Settings,
+    report: Reporter,
+    cancel: threading.Event,
+    *,
+    volumes: bool,
+) -> Plan:
+    """Delete a release that is connected, whose connection is then closed."""
+    with found.cluster as cluster:
         cluster.endure(report.line, cancel)
-        plan = removal.down(
+        return removal.down(
             cluster,
             found.id,
             volumes=volumes,
@@ -159,9 +181,3 @@ def down(
             timeout=settings.timeout,
             lock_timeout=settings.lock_timeout,
         )
-    if not plan.steps and not plan.records:
-        raise UserError(
-            f"there is no release {found.id.name} in the namespace {found.id.namespace}",
-            hint="if it is elsewhere, set -n NAMESPACE or --context NAME",
-        )
-    return found.id, plan

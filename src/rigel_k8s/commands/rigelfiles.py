@@ -16,6 +16,7 @@ from rigel_k8s.jobs.names import Kind
 from rigel_k8s.rigelfile import CheckResult
 from rigel_k8s.rigelfile.findings import sort_findings
 from rigel_k8s.rigelfile.model import Rigelfile
+from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Settings
 
 
@@ -37,6 +38,14 @@ def list_runnable(settings: Settings, kind: Literal["job", "sequence"]) -> list[
     """Return the names that can be run. Raises as load."""
     rigelfile = load(settings)
     return list(rigelfile.jobs if kind == "job" else rigelfile.sequences)
+
+
+def read_value(text: str) -> Any:
+    """Return a scalar as the Rigelfile's values are read: a number, a boolean, a text."""
+    root, findings = parse(grammar.Source("", text))
+    if root is None or findings or isinstance(root.value, dict | list):
+        return text
+    return root.value
 
 
 def require(path: Path) -> None:

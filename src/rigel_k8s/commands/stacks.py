@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from rigel_k8s import rigelfile as grammar
 from rigel_k8s.commands.targets import TargetJob
 from rigel_k8s.errors import UserError
@@ -18,8 +21,13 @@ from rigel_k8s.rigelfile.model import Rigelfile
 from rigel_k8s.settings import Settings
 
 
-def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> TargetJob | None:
+def stack_job(
+    rigelfile: Rigelfile, settings: Settings, name: str | None, data: Mapping[str, Any] | None
+) -> TargetJob | None:
     """Return the named job if it deploys only the stack, else None.
+
+    Args:
+        data: what a sequence passes to the job.
 
     Raises:
         ProblemsError: its options are wrong, or wait for data of other jobs.
@@ -33,7 +41,7 @@ def stack_job(rigelfile: Rigelfile, settings: Settings, name: str | None) -> Tar
         return None
     if not isinstance(found, ObservabilityJob):
         return None
-    made = grammar.realise(rigelfile, spec, None, {}, ObservabilityJob.options)
+    made = grammar.realise(rigelfile, spec, None, data or {}, ObservabilityJob.options)
     findings = made.place_problems(found.check(made.options, rigelfile.application))
     if any(finding.severity == "error" for finding in findings):
         raise grammar.problems_error(rigelfile.source, findings)

@@ -31,6 +31,7 @@ from rigel_k8s.problems import Problem
 from rigel_k8s.release import revisions
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.model import ComponentSpec, Rigelfile
+from rigel_k8s.rigelfile.source import YamlNode
 from rigel_k8s.settings import Application, Settings
 
 NAME_NAMESPACE = "name the namespace with -n; `rigel list -A` lists all releases"
@@ -81,11 +82,17 @@ class NoSuchJob(UserError):
         self.close = close
 
 
-def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = None) -> TargetJob:
+def job_of(
+    settings: Settings,
+    name: str | None,
+    rigelfile: Rigelfile | None = None,
+    data: Mapping[str, Any] | None = None,
+) -> TargetJob:
     """Return the named orchestration job, or the one that the Rigelfile has.
 
     Args:
         rigelfile: the content of the settings' file, if it was read before.
+        data: what a sequence passes to the job.
 
     Raises:
         UserError: the job does not exist, or there are several releases and no name; lists them.
@@ -93,7 +100,14 @@ def job_of(settings: Settings, name: str | None, rigelfile: Rigelfile | None = N
     """
     rigelfile = rigelfile or load(settings)
     spec = choose_job(rigelfile, settings, name)
-    made = grammar.realise(rigelfile, spec, None, {}, OrchestrationJob.options)
+    kind = OrchestrationJob.options
+    try:
+        made = grammar.realise(rigelfile, spec, None, data or {}, kind)
+    except ProblemsError as error:
+        seen = grammar.preview(rigelfile, spec, None, data or {}, kind).findings
+        if all(finding.severity != "error" for finding in seen):  # only data is missing
+            error.hint = "pass what a sequence would store: --data KEY=VALUE"
+        raise
     application, home = rigelfile.application, settings.rigelfile.absolute().parent
     job = OrchestrationJob()
     findings = made.place_problems(
@@ -308,6 +322,9 @@ def names_of(
     spec: ComponentSpec,
     settings: Settings,
     kind: type[Any] = OrchestrationJob.options,
+    *,
+    overrides: YamlNode | None = None,
+    data: Mapping[str, Any] | None = None,
 ) -> Any:
     """Return a job's options as far as they are known without a run, and the release's names.
 
@@ -315,11 +332,13 @@ def names_of(
 
     Args:
         kind: the class of its options.
+        overrides: what a sequence lays over them.
+        data: what a sequence's matrix passes to them.
 
     Raises:
         ProblemsError: something is wrong with them, or a name waits for data of a sequence.
     """
-    seen = grammar.preview(rigelfile, spec, None, {}, kind)
+    seen = grammar.preview(rigelfile, spec, overrides, data or {}, kind)
     if any(finding.severity == "error" for finding in seen.findings):
         raise grammar.problems_error(rigelfile.source, seen.findings)
     options = seen.options if seen.options is not None else seen.draft
@@ -330,7 +349,7 @@ def names_of(
         hint = NAME_NAMESPACE
     if hint:
         try:
-            grammar.realise(rigelfile, spec, None, {}, kind)
+            grammar.realise(rigelfile, spec, overrides, data or {}, kind)
         except ProblemsError as error:
             error.hint = hint
             raise

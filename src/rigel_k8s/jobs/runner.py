@@ -115,6 +115,18 @@ def prepare_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Pre
     return _check_sequence(rigelfile, name, settings).prepare()
 
 
+def list_steps(rigelfile: Rigelfile, name: str, settings: Settings) -> Jobs:
+    """Return the steps of a sequence without checking its jobs.
+
+    Raises:
+        UserError: unknown sequence.
+    """
+    sequence = _find_named("sequence", name, rigelfile.sequences)
+    resolved = _Resolution(rigelfile, settings.rigelfile.parent, [])
+    types = {job: resolved.job(rigelfile.jobs[job]) for job in job_names(sequence)}
+    return list_sequence_steps(sequence, rigelfile.jobs, types)
+
+
 def check_sequence(rigelfile: Rigelfile, name: str, settings: Settings) -> Sequence[Finding]:
     """Return the errors and warnings of prepare_sequence, each with its place."""
     try:

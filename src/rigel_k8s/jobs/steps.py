@@ -8,12 +8,14 @@ Job         one use of a job
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeAlias
 
 import attrs
 
 from rigel_k8s.jobs.job import JobType
+from rigel_k8s.jobs.matrix import combinations
+from rigel_k8s.jobs.waves import split_limits
 from rigel_k8s.rigelfile.model import (
     ComponentSpec,
     Concurrent,
@@ -106,6 +108,33 @@ def list_jobs(step: Step) -> Iterator[Job]:
         yield from (*step.dependencies, *list_jobs(step.jobs))
     else:
         yield from list_jobs(step.body)
+
+
+def list_uses(
+    step: Step,
+    matrix: Callable[[Branches, Mapping[str, Any]], Mapping[str, list[Any]] | None],
+    known: Mapping[str, Any] | None = None,
+) -> Iterator[tuple[Job, Mapping[str, Any]]]:
+    """Yield the jobs below a step, once for each combination, with the values of that.
+
+    Args:
+        matrix: returns the values of a step's matrix, None if they are not known yet; such a
+            step counts as one branch.
+        known: the combination around the step.
+    """
+    known = known or {}
+    if isinstance(step, Job):
+        yield step, known
+    elif isinstance(step, Jobs):
+        for inner in step.steps:
+            yield from list_uses(inner, matrix, known)
+    elif isinstance(step, Serving):
+        yield from ((job, known) for job in step.dependencies)
+        yield from list_uses(step.jobs, matrix, known)
+    else:
+        values = split_limits(matrix(step, known) or {})[0]
+        for combination in combinations(values):
+            yield from list_uses(step.body, matrix, {**known, **combination})
 
 
 def job_names(sequence: SequenceSpec) -> tuple[str, ...]:

@@ -57,7 +57,7 @@ def remove(
     )
     if volumes:
         cluster.delete(administrator_ref(where))
-    if not plan.steps and not plan.records:
+    if plan.is_empty:
         raise UserError(
             f"there is no observability stack in the namespace {where}",
             hint="pass -n NAMESPACE if its data are in another one, or --context NAME",

@@ -85,6 +85,11 @@ class Plan:
         """The steps that write."""
         return tuple(s for s in self.steps if s.action not in ("keep", "forget"))
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether a `down` found nothing of the release."""
+        return not self.steps and not self.records
+
 
 @attrs.frozen
 class InventoryItem:

@@ -17,7 +17,7 @@ from rigel_k8s.cli.main import cli
 from rigel_k8s.cli.pods import port_pair
 from rigel_k8s.cli.words import Timeout
 from rigel_k8s.commands import doctor as doctors
-from rigel_k8s.commands import images, pods, releases
+from rigel_k8s.commands import images, pods, releases, sequences
 from rigel_k8s.commands import run as runs
 from rigel_k8s.commands.logs import lines as log_lines
 from rigel_k8s.commands.logs import read as logs
@@ -87,8 +87,9 @@ def test_render(record: Any) -> None:
     """Warnings go to standard error, so that the YAML can be piped on."""
     found = releases.Manifests(({"kind": "A"}, {"kind": "B"}), ("R:1:1: beware [x]",))
     action = record(releases, "render", found)
-    done = call("render", "deploy")
-    assert action.args == (SETTINGS, "deploy")
+    done = call("render", "deploy", "--data", "robot=r1", "--data", "count=2", "--data", "a=b: c")
+    data = {"robot": "r1", "count": 2, "a": "b: c"}
+    assert action.args == (SETTINGS, "deploy", data)
     assert done.stdout == "---\nkind: A\n---\nkind: B\n"
     assert done.stderr == "R:1:1: beware [x]\n"
 
@@ -219,6 +220,20 @@ def test_down(record: Any) -> None:
     assert action.kwargs == {"volumes": False}
     call("down", "--volumes", "-y")
     assert action.kwargs == {"volumes": True}
+
+
+def test_down_of_a_sequence(record: Any) -> None:
+    """A line for each release, also for one that did not exist."""
+    ref = ObjectRef("v1", "Service", "r1", "a")
+    there, missing = ReleaseId("r1", "app"), ReleaseId("r2", "app")
+    plan = Plan(there, (Step("prune", ref),))
+    action = record(sequences, "down", [(there, plan), (missing, Plan(missing, ()))])
+    assert call("down", "--sequence", "fleet").stdout == (
+        "removed app from r1: 1 object deleted\nthere is no release app in the namespace r2\n"
+    )
+    assert action.args[:2] == (SETTINGS, "fleet")
+    with pytest.raises(click.UsageError, match="either a job or a sequence"):
+        call("down", "deploy", "--sequence", "fleet")
 
 
 def test_down_does_not_ask_where_nobody_can_answer(record: Any) -> None:

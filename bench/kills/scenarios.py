@@ -54,6 +54,9 @@ class Silent:
     def progress(self, key: str, state: str, *, done: bool = False) -> None: ...
 
 
+OPTIONS = DeployOptions(report=Silent(), timeout=60)
+
+
 @attrs.frozen
 class Scenario:
     """One command and the state before it.
@@ -162,21 +165,21 @@ def deploy_versions(*versions: int) -> Callable[[Cluster, str], object]:
 
     def call(cluster: Cluster, namespace: str) -> None:
         for version in versions:
-            deploy(desire(namespace, version), cluster, report=Silent(), timeout=60)
+            deploy(desire(namespace, version), cluster, OPTIONS)
 
     return call
 
 
 def go_back(cluster: Cluster, namespace: str) -> None:
     """Roll the release back."""
-    rollback(cluster, ReleaseId(namespace, "demo"), report=Silent(), timeout=60)
+    rollback(cluster, ReleaseId(namespace, "demo"), None, OPTIONS)
 
 
 def take_down(*, volumes: bool) -> Callable[[Cluster, str], object]:
     """Return a function that takes the release down."""
 
     def call(cluster: Cluster, namespace: str) -> None:
-        down(cluster, ReleaseId(namespace, "demo"), volumes=volumes, report=Silent())
+        down(cluster, ReleaseId(namespace, "demo"), OPTIONS, volumes=volumes)
 
     return call
 
@@ -209,13 +212,13 @@ def install_stack(cluster: Cluster, namespace: str) -> None:
         return attrs.evolve(made, desired=stop_pods(made.desired))
 
     vars(stacks)["desired_stack"] = without_pods
-    stacks.install(cluster, ask_for_stack(namespace), DeployOptions(report=Silent(), timeout=60))
+    stacks.install(cluster, ask_for_stack(namespace), OPTIONS)
 
 
 def remove_stack(cluster: Cluster, namespace: str) -> None:
     """Remove the stack, and its objects outside of its namespace."""
     release = render_stack(ask_for_stack(namespace), namespace).release
-    down(cluster, release, volumes=True, report=Silent())
+    down(cluster, release, OPTIONS, volumes=True)
     for manifest in render_stack(ask_for_stack(namespace), namespace).desired.objects:
         if not manifest["metadata"].get("namespace"):
             cluster.delete(ref_of(manifest))
@@ -238,7 +241,7 @@ SCENARIOS: Sequence[Scenario] = (
 def clear(cluster: Cluster, scenario: Scenario, namespace: str) -> None:
     """Remove everything that an earlier scenario has left."""
     scenario.undo(cluster, namespace)
-    down(cluster, ReleaseId(namespace, "demo"), volumes=True, report=Silent())
+    down(cluster, ReleaseId(namespace, "demo"), OPTIONS, volumes=True)
     for kind in KINDS:
         for live in cluster.list(*kind, namespace):
             if not is_given(live):

@@ -18,12 +18,12 @@ from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.types.orchestration import OrchestrationJob
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import history
-from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import ReleaseId
 from rigel_k8s.rigelfile.source import Span, YamlNode, node_of
 from rigel_k8s.rigelfile.structure import structure
 from rigel_k8s.settings import Application, Settings
 from tests.support.recorder import Recorder
+from tests.support.releases import down
 
 from .conftest import inside
 

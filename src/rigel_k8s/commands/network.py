@@ -10,6 +10,7 @@ from rigel_k8s.network.multus.install import MultusResult
 from rigel_k8s.network.multus.removal import Removed
 from rigel_k8s.network.multus.status import NetworkStatus, network_status
 from rigel_k8s.network.options import Install
+from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
@@ -18,9 +19,7 @@ def install(settings: Settings, options: Install, report: Reporter) -> MultusRes
     """Install or update both, and wait until every machine attaches pods."""
     with connect(settings) as cluster, interruptible() as cancel:
         cluster.endure(report.line, cancel)
-        return network_install.install(
-            cluster, options, report, cancel, timeout=settings.timeout, adopt=settings.adopt
-        )
+        return network_install.install(cluster, options, DeployOptions.of(settings, report, cancel))
 
 
 def status(settings: Settings, options: Install) -> NetworkStatus:
@@ -38,9 +37,7 @@ def remove(
         return network_removal.remove(
             cluster,
             options,
-            report,
-            cancel,
+            DeployOptions.of(settings, report, cancel),
             force=force,
             definitions=definitions,
-            timeout=settings.timeout,
         )

@@ -17,7 +17,7 @@ from rigel_k8s.observability.names import GRAFANA
 from rigel_k8s.observability.password import administrator_ref
 from rigel_k8s.observability.reading.doors import Door, doors
 from rigel_k8s.observability.reading.stack import NoStack, find_stack
-from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.release.types import DeployOptions, ReleaseId
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
@@ -121,11 +121,9 @@ def remove(settings: Settings, report: Reporter, *, volumes: bool) -> tuple[Rele
             namespace = find_stack(cluster, namespace).namespace
         plan = observability_removal.remove(
             cluster,
-            report,
-            cancel,
+            DeployOptions.of(settings, report, cancel),
             volumes=volumes,
             namespace=namespace,
-            timeout=settings.timeout,
         )
     counts = [sum(step.action == action for step in plan.steps) for action in ("prune", "forget")]
     return plan.release, counts[0], counts[1]

@@ -25,7 +25,7 @@ from rigel_k8s.release import rollback as rollbacks
 from rigel_k8s.release.difference import difference
 from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.refusals.verdict import Refused
-from rigel_k8s.release.types import Plan, ReleaseId, Revision
+from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId, Revision
 from rigel_k8s.report import Reporter
 from rigel_k8s.settings import Settings
 
@@ -130,16 +130,8 @@ def roll_back(
     """Roll back a release that is connected, whose connection is then closed."""
     with found.cluster as cluster:
         cluster.endure(report.line, cancel)
-        return rollbacks.rollback(
-            cluster,
-            found.id,
-            number,
-            report=report,
-            cancel=cancel,
-            timeout=settings.timeout,
-            adopt=settings.adopt,
-            lock_timeout=settings.lock_timeout,
-        )
+        options = DeployOptions.of(settings, report, cancel)
+        return rollbacks.rollback(cluster, found.id, number, options)
 
 
 def down(
@@ -172,12 +164,5 @@ def take_down(
     """Delete a release that is connected, whose connection is then closed."""
     with found.cluster as cluster:
         cluster.endure(report.line, cancel)
-        return removal.down(
-            cluster,
-            found.id,
-            volumes=volumes,
-            report=report,
-            cancel=cancel,
-            timeout=settings.timeout,
-            lock_timeout=settings.lock_timeout,
-        )
+        options = DeployOptions.of(settings, report, cancel)
+        return removal.down(cluster, found.id, options, volumes=volumes)

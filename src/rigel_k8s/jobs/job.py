@@ -60,14 +60,7 @@ class JobContext:
     @property
     def deploy_options(self) -> DeployOptions:
         """How this job deploys."""
-        return DeployOptions(
-            report=self.report,
-            cancel=self.cancel,
-            timeout=self.settings.timeout,
-            adopt=self.settings.adopt,
-            description=self.name,
-            lock_timeout=self.settings.lock_timeout,
-        )
+        return DeployOptions.of(self.settings, self.report, self.cancel, self.name)
 
 
 class JobType(Protocol[O_contra]):

@@ -113,12 +113,7 @@ def _install(
     revision = deploy(
         asked.desired,
         cluster,
-        report=options.report,
-        cancel=options.cancel,
-        timeout=options.timeout or PATIENT,
-        adopt=options.adopt,
-        description=options.description,
-        lock_timeout=options.lock_timeout,
+        attrs.evolve(options, timeout=options.timeout or PATIENT),
         away=away,
     )
     return StackResult(asked, revision, changed=True, away=away)

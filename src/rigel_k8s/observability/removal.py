@@ -17,7 +17,7 @@ from rigel_k8s.observability.names import RELEASE
 from rigel_k8s.observability.password import administrator_ref
 from rigel_k8s.release.removal import down
 from rigel_k8s.release.survey import belongs
-from rigel_k8s.release.types import Plan, ReleaseId
+from rigel_k8s.release.types import DeployOptions, Plan, ReleaseId
 from rigel_k8s.report import Reporter
 
 LOOK = 0.5
@@ -28,33 +28,23 @@ COLLECTORS = (("DaemonSet", PROMTAIL), ("Deployment", ALLOY))
 
 def remove(
     cluster: Cluster,
-    report: Reporter,
-    cancel: threading.Event | None = None,
+    options: DeployOptions,
     *,
     volumes: bool,
     namespace: str | None = None,
-    timeout: float | None = None,
 ) -> Plan:
     """Delete the stack's objects and its history; its namespace stays.
 
     Args:
         volumes: delete its data too, and Grafana's password.
         namespace: that of the data of a removed stack; None looks for the stack.
-        timeout: seconds that the end of its pods may take.
 
     Raises:
         UserError: there is no stack.
     """
     where = namespace or find_namespace(cluster) or NAMESPACE
-    _stop_collecting(cluster, where, report, cancel or threading.Event())
-    plan = down(
-        cluster,
-        ReleaseId(where, RELEASE),
-        volumes=volumes,
-        report=report,
-        cancel=cancel,
-        timeout=timeout,
-    )
+    _stop_collecting(cluster, where, options.report, options.cancel)
+    plan = down(cluster, ReleaseId(where, RELEASE), options, volumes=volumes)
     if volumes:
         cluster.delete(administrator_ref(where))
     if plan.is_empty:

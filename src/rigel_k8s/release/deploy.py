@@ -8,7 +8,6 @@ run finds in the pending revision all that may be left, and completes it.
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from datetime import datetime, timezone
@@ -29,26 +28,33 @@ from rigel_k8s.release.refusals.admission import warn_of_unfit
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.rollout.wait import Waiter
 from rigel_k8s.release.survey import Survey, namespace_ref, survey
-from rigel_k8s.release.types import Desired, InventoryItem, Plan, ReleaseId, Revision
-from rigel_k8s.report import Reporter
+from rigel_k8s.release.types import (
+    DeployOptions,
+    Desired,
+    InventoryItem,
+    Plan,
+    ReleaseId,
+    Revision,
+)
 
-DEFAULT_TIMEOUT = 300.0
 ATTEMPTS = 3  # looks at the cluster when other deploys end while we wait for the Lease
 
 
-@attrs.frozen
+@attrs.frozen(kw_only=True)
 class Run:
-    """What one deploy needs from start to end."""
+    """What one deploy needs from start to end.
+
+    Attributes:
+        back_to: the revision that it deploys again; None for a deploy.
+        keep: objects that stay as they are.
+
+    The others are the arguments of deploy.
+    """
 
     cluster: Cluster
     desired: Desired
-    report: Reporter
-    cancel: threading.Event
-    timeout: float
-    adopt: bool
-    description: str
-    patience: Patience
-    lock_timeout: float | None = None
+    options: DeployOptions
+    patience: Patience = attrs.field(factory=Patience)
     back_to: int | None = None
     keep: frozenset[ObjectRef] = frozenset()
     away: frozenset[str] = frozenset()
@@ -65,14 +71,9 @@ class Run:
 def deploy(
     desired: Desired,
     cluster: Cluster,
+    options: DeployOptions,
     *,
-    report: Reporter,
-    cancel: threading.Event | None = None,
-    timeout: float | None = None,
-    adopt: bool = False,
-    description: str = "",
     patience: Patience | None = None,
-    lock_timeout: float | None = None,
     away: Collection[str] = (),
     before: Callable[[Plan], None] | None = None,
     applied: Callable[[], None] | None = None,
@@ -84,10 +85,6 @@ def deploy(
     nor `verify` is called.
 
     Args:
-        cancel: ends the deploy soon after it is set.
-        timeout: seconds that the roll-out may take; None is DEFAULT_TIMEOUT.
-        adopt: take over fields that other field managers own.
-        lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
         away: the names of nodes whose pods are not waited for.
         before: called with the plan when the Lease is held and nothing is written yet.
         applied: called when all objects are stored, and only the wait for them remains.
@@ -97,33 +94,34 @@ def deploy(
         Refused: immutable fields, or objects of another release; nothing was changed.
         ConflictError: other managers' fields or objects; nothing was changed.
         RolloutFailed: it was applied and does not become ready.
-        Interrupted: `cancel` was set.
+        Interrupted: `options.cancel` was set.
         ClusterError: the cluster refused, does not answer, or another deploy is in progress.
     """
-    return carry_out(
-        Run(
-            cluster,
-            desired,
-            report,
-            cancel or threading.Event(),
-            DEFAULT_TIMEOUT if timeout is None else timeout,
-            adopt,
-            description,
-            patience or Patience(),
-            lock_timeout,
-            away=frozenset(away),
-            before=before,
-            applied=applied,
-            verify=verify,
-        )
+    run = Run(
+        cluster=cluster,
+        desired=desired,
+        options=options,
+        patience=patience or Patience(),
+        away=frozenset(away),
+        before=before,
+        applied=applied,
+        verify=verify,
     )
+    return carry_out(run)
 
 
 def diff(desired: Desired, cluster: Cluster, *, adopt: bool = False) -> Plan:
     """Return what a deploy would do; nothing is written. Raises like deploy."""
+    return look(cluster, desired, adopt=adopt)[1]
+
+
+def look(
+    cluster: Cluster, desired: Desired, *, adopt: bool, keep: Collection[ObjectRef] = frozenset()
+) -> tuple[Survey, Plan]:
+    """Return what is on the cluster and what a deploy would do. Raises if it would be refused."""
     found = survey(cluster, desired, adopt=adopt)
     verdict.check(found, adopt=adopt)
-    return compare(found)
+    return found, compare(found, keep=keep)
 
 
 def history(cluster: Cluster, release: ReleaseId) -> list[Revision]:
@@ -144,17 +142,17 @@ def find_last_good(cluster: Cluster, release: ReleaseId) -> Revision | None:
 
 def carry_out(run: Run) -> Revision:
     """Deploy."""
-    found = survey(run.cluster, run.desired, adopt=run.adopt)
-    verdict.check(found, adopt=run.adopt)
-    plan = compare(found, keep=run.keep)
+    options = run.options
+    found, plan = look(run.cluster, run.desired, adopt=options.adopt, keep=run.keep)
     if found.last is not None and is_settled(found, plan):
         if found.lease is not None:
-            bury(run.cluster, found.lease, run.report)
+            bury(run.cluster, found.lease, options.report)
         return wait_settled(run, found, found.last, plan)
     revisions.check_size(new_revision(run, found, plan))
     make_namespace(run, found)
-    limit = run.timeout if run.lock_timeout is None else run.lock_timeout
-    with hold(run.cluster, run.release, run.report, run.cancel, patience=limit) as lease:
+    with hold(
+        *(run.cluster, run.release, options.report, options.cancel), patience=options.lock_limit
+    ) as lease:
         found, plan = look_again(run, found, plan)
         if found.last is not None and is_settled(found, plan):  # another deploy did it meanwhile
             return wait_settled(run, found, found.last, plan)
@@ -196,9 +194,7 @@ def look_again(run: Run, found: Survey, plan: Plan) -> tuple[Survey, Plan]:
         newest = revisions.records(run.cluster, run.release)
         if versions(newest) == versions(found.history):
             return found, plan
-        found = survey(run.cluster, run.desired, adopt=run.adopt)
-        verdict.check(found, adopt=run.adopt)
-        plan = compare(found, keep=run.keep)
+        found, plan = look(run.cluster, run.desired, adopt=run.options.adopt, keep=run.keep)
     return found, plan
 
 
@@ -211,7 +207,7 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
     """Apply, wait, prune and record, with the Lease held."""
     report_plan(run, plan)
     for line in warn_of_unfit(found):
-        run.report.warn(line)
+        run.options.report.warn(line)
     if run.before is not None:
         run.before(plan)
     pending = new_revision(run, found, plan)
@@ -220,9 +216,9 @@ def apply_and_record(run: Run, found: Survey, plan: Plan, lease: Held) -> Revisi
     applier = Applier(
         run.cluster,
         run.release,
-        run.report,
-        run.cancel,
-        run.adopt,
+        run.options.report,
+        run.options.cancel,
+        run.options.adopt,
         confirm=lease.confirm,
         until_ready=lambda live: waiter(run, found, lease.check).wait(live),
         way_out=f"run the same command again to complete it; {choose_way_out(run, found)}",
@@ -265,7 +261,7 @@ def new_revision(run: Run, found: Survey, plan: Plan) -> Revision:
         objects=revisions.choose_recordable(found.manifests),
         inventory=tuple(InventoryItem(ref, uid) for ref, uid in sorted(known.items())),
         options=run.desired.options,
-        description=run.description,
+        description=run.options.description,
         tool_version=__version__,
         back_to=run.back_to,
     )
@@ -309,15 +305,17 @@ def report_plan(run: Run, plan: Plan) -> None:
         if any(step.action == action for step in plan.steps)
     ]
     name = f"{run.release.namespace}/{run.release.name}"
-    run.report.line(f"{name}: {', '.join(counts) or 'nothing to change'}")
+    run.options.report.line(f"{name}: {', '.join(counts) or 'nothing to change'}")
     for step in plan.steps:
         if step.action == "forget":
-            run.report.warn(
+            run.options.report.warn(
                 f"{step.ref} is no longer in the Rigelfile; it holds data, so it is kept "
                 f"(kubectl delete {step.ref.kind.lower()} {step.ref.name} removes it)"
             )
     for ref in sorted(run.keep - {step.ref for step in plan.steps}):
-        run.report.warn(f"{ref} is missing, and no revision contains it: deploy from the Rigelfile")
+        run.options.report.warn(
+            f"{ref} is missing, and no revision contains it: deploy from the Rigelfile"
+        )
 
 
 def waiter(run: Run, found: Survey, still_ours: Callable[[], None]) -> Waiter:
@@ -325,9 +323,9 @@ def waiter(run: Run, found: Survey, still_ours: Callable[[], None]) -> Waiter:
     return Waiter(
         run.cluster,
         run.release,
-        run.report,
-        run.cancel,
-        run.timeout,
+        run.options.report,
+        run.options.cancel,
+        run.options.limit,
         run.patience,
         choose_way_out(run, found),
         still_ours,

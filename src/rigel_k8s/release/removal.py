@@ -6,7 +6,6 @@ claims which an earlier `down` has kept can still be deleted.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,14 +15,12 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import revisions
 from rigel_k8s.release.apply import CLAIMS, GONE_TIMEOUT, Applier
-from rigel_k8s.release.deploy import DEFAULT_TIMEOUT
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.locking import hold
 from rigel_k8s.release.ownership import is_applied
 from rigel_k8s.release.plan import prunes
 from rigel_k8s.release.survey import belongs, namespace_ref
-from rigel_k8s.release.types import InventoryItem, Plan, ReleaseId
-from rigel_k8s.report import Reporter
+from rigel_k8s.release.types import DeployOptions, InventoryItem, Plan, ReleaseId
 
 Live = dict[str, Any]
 #: Kinds that are looked through for the release's label, beside those of its last revision.
@@ -40,37 +37,26 @@ KINDS = (
 )
 
 
-def down(
-    cluster: Cluster,
-    release: ReleaseId,
-    *,
-    volumes: bool,
-    report: Reporter,
-    cancel: threading.Event | None = None,
-    timeout: float | None = None,
-    lock_timeout: float | None = None,
-) -> Plan:
+def down(cluster: Cluster, release: ReleaseId, options: DeployOptions, *, volumes: bool) -> Plan:
     """Delete a release's objects and its history; its namespace stays.
 
     Args:
+        options: `timeout` limits the end of the pods; None is GONE_TIMEOUT.
         volumes: also delete claims and volumes, with their data.
-        timeout: seconds that the end of the pods may take; None is GONE_TIMEOUT.
-        lock_timeout: seconds to wait for a deploy in progress; None: as `timeout`.
 
     Returns:
         What was deleted and what was left; neither steps nor records if there was nothing.
     """
     if cluster.get(namespace_ref(release)) is None:
         return Plan(release, ())
-    cancel = cancel or threading.Event()
     records = [record.ref for record in revisions.records(cluster, release)]
     lease = lease_ref(release)
     if cluster.get(lease) is not None:
         records.append(lease)  # of a deploy that is in progress or was killed
     if not records and not find(cluster, release):
         return Plan(release, ())
-    limit = timeout or DEFAULT_TIMEOUT if lock_timeout is None else lock_timeout
-    with hold(cluster, release, report, cancel, patience=limit) as held:
+    report, cancel = options.report, options.cancel
+    with hold(cluster, release, report, cancel, patience=options.lock_limit) as held:
         live = find(cluster, release)
         items = [InventoryItem(ref, there["metadata"]["uid"]) for ref, there in live.items()]
         steps = tuple(prunes(items, live, (), release, volumes=volumes))
@@ -80,7 +66,7 @@ def down(
             report,
             cancel,
             confirm=held.confirm,
-            gone_timeout=timeout or GONE_TIMEOUT,
+            gone_timeout=options.timeout or GONE_TIMEOUT,
             state=f"interrupted while {release.name} was being deleted: some of it is deleted",
             way_out="run the same command again to delete the rest",
         )

@@ -6,19 +6,19 @@ the present state.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from typing import TypeVar
+
+import attrs
 
 from rigel_k8s.errors import Interrupted, RigelK8sError, UserError
 from rigel_k8s.kube.cluster import Cluster
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, Run, carry_out
+from rigel_k8s.release.deploy import Run, carry_out
 from rigel_k8s.release.lease import is_alive, lease_ref
 from rigel_k8s.release.rollout.patience import Patience
-from rigel_k8s.release.types import Desired, ReleaseId, Revision
-from rigel_k8s.report import Reporter
+from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId, Revision
 
 Failure = TypeVar("Failure", bound=RigelK8sError)
 
@@ -26,20 +26,17 @@ Failure = TypeVar("Failure", bound=RigelK8sError)
 def rollback(
     cluster: Cluster,
     release: ReleaseId,
-    number: int | None = None,
+    number: int | None,
+    options: DeployOptions,
     *,
-    report: Reporter,
-    cancel: threading.Event | None = None,
-    timeout: float | None = None,
-    adopt: bool = False,
     patience: Patience | None = None,
-    lock_timeout: float | None = None,
 ) -> Revision:
     """Deploy an older revision's objects again, as a new revision.
 
     Args:
         number: None is the target of a rollback that was interrupted, else the last good revision
             before the present.
+        options: the new revision gets a description of its own.
 
     Raises:
         UserError: the revision does not exist.
@@ -47,28 +44,22 @@ def rollback(
     records = revisions.records(cluster, release)
     unfinished = None if number is not None else find_unfinished(cluster, release, records)
     if unfinished is not None:
-        report.line(
+        options.report.line(
             f"{release.namespace}/{release.name}: the rollback to revision {unfinished.back_to} was"
             f" interrupted (revision {unfinished.number}); finishing it"
         )
         done = unfinished.status == "good"
         number = unfinished.number if done else unfinished.back_to
     target = choose_record(records, release, number).revision()
-    return carry_out(
-        Run(
-            cluster,
-            Desired(release, target.objects, options=target.options),
-            report,
-            cancel or threading.Event(),
-            DEFAULT_TIMEOUT if timeout is None else timeout,
-            adopt,
-            f"rollback to revision {target.number}",
-            patience or Patience(),
-            lock_timeout,
-            target.number,
-            list_secrets(target),
-        )
+    run = Run(
+        cluster=cluster,
+        desired=Desired(release, target.objects, options=target.options),
+        options=attrs.evolve(options, description=f"rollback to revision {target.number}"),
+        patience=patience or Patience(),
+        back_to=target.number,
+        keep=list_secrets(target),
     )
+    return carry_out(run)
 
 
 def find_target(cluster: Cluster, release: ReleaseId) -> int | None:
@@ -83,12 +74,9 @@ def undo(
     release: ReleaseId,
     failure: Failure,
     target: int | None,
+    options: DeployOptions,
     *,
     hint: str,
-    report: Reporter,
-    cancel: threading.Event,
-    timeout: float | None,
-    adopt: bool,
 ) -> Failure:
     """Go back to an earlier revision; return the failure with the result of that.
 
@@ -98,19 +86,17 @@ def undo(
         hint: what to do once the rollback is done.
 
     Raises:
-        Interrupted: `cancel` was set.
+        Interrupted: `options.cancel` was set.
     """
     kind, why, details = type(failure), failure.message, failure.details
     if target is None:
         left = "there is no earlier good revision to go back to, so it is left as it is"
         return kind(f"{why}; {left}", hint=failure.hint, details=details)
-    report.warn(f"rolling back to revision {target}")
+    options.report.warn(f"rolling back to revision {target}")
     try:
-        made = rollback(
-            cluster, release, target, report=report, cancel=cancel, timeout=timeout, adopt=adopt
-        )
+        made = rollback(cluster, release, target, options)
     except Interrupted:  # its error does not have the failure
-        report.warn("\n".join([why, *details]))
+        options.report.warn("\n".join([why, *details]))
         raise
     except RigelK8sError as error:
         return kind(

@@ -11,8 +11,10 @@ import attrs
 from rigel_k8s.objects.refs import Manifest, ObjectRef
 from rigel_k8s.problems import Path
 from rigel_k8s.report import Reporter
+from rigel_k8s.settings import Settings
 
 Inspect: TypeAlias = Callable[[Sequence[Manifest]], Mapping[ObjectRef, str]]
+DEFAULT_TIMEOUT = 300.0  # seconds of a roll-out
 
 
 @attrs.frozen
@@ -57,7 +59,6 @@ class Step:
     Attributes:
         live: the object on the cluster now, None if it does not exist.
         result: what it will be (the dry run's answer), None for a prune.
-        recreate: a change that needs delete and create (reported to the user before).
     """
 
     action: Literal["create", "change", "keep", "prune", "forget"]
@@ -65,7 +66,6 @@ class Step:
     manifest: Manifest | None = None
     live: Manifest | None = None
     result: Manifest | None = None
-    recreate: bool = False
 
 
 @attrs.frozen
@@ -121,12 +121,12 @@ class Revision:
 
 @attrs.frozen(kw_only=True)
 class DeployOptions:
-    """How a release is deployed, independent of its content.
+    """How a release is deployed, rolled back or deleted, independent of its content.
 
     Attributes:
         cancel: set to interrupt it.
-        timeout: seconds that the roll-out may take; None: the default of what is deployed.
-        adopt: take over objects of other owners.
+        timeout: seconds that the roll-out, or the end of the pods, may take; None: the default.
+        adopt: take over objects and fields of other owners.
         description: the revision's name in the history.
         lock_timeout: seconds to wait for another deploy of the release; None: as `timeout`.
     """
@@ -137,3 +137,27 @@ class DeployOptions:
     adopt: bool = False
     description: str = ""
     lock_timeout: float | None = None
+
+    @classmethod
+    def of(
+        cls, settings: Settings, report: Reporter, cancel: threading.Event, description: str = ""
+    ) -> DeployOptions:
+        """Return what the command line has set."""
+        return cls(
+            report=report,
+            cancel=cancel,
+            timeout=settings.timeout,
+            adopt=settings.adopt,
+            description=description,
+            lock_timeout=settings.lock_timeout,
+        )
+
+    @property
+    def limit(self) -> float:
+        """Seconds that a roll-out may take."""
+        return DEFAULT_TIMEOUT if self.timeout is None else self.timeout
+
+    @property
+    def lock_limit(self) -> float:
+        """Seconds to wait for another deploy of the release."""
+        return self.limit if self.lock_timeout is None else self.lock_timeout

@@ -15,6 +15,7 @@ from rigel_k8s.network.multus.install import install
 from rigel_k8s.network.multus.interfaces import find_without_interface
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.types import DeployOptions
 from tests.support.recorder import Recorder
 
 pytestmark = pytest.mark.cluster
@@ -49,7 +50,7 @@ def test_installing_again_writes_nothing(cluster: Any, said: Any) -> None:
         }
 
     before = versions()
-    done = install(cluster, Install(), said)
+    done = install(cluster, Install(), DeployOptions(report=said))
     assert versions() == before
     assert done.ours
     assert said.entries == []
@@ -73,7 +74,7 @@ def test_a_deployer_deploys_what_requests_an_installation(
 def test_a_proof_leaves_nothing_behind(cluster: Any, said: Any) -> None:
     """A proof's pods, attachment and addresses are gone when it is over."""
     cluster.delete(ObjectRef("v1", "ConfigMap", RELEASE.namespace, "rigel-network-proof"))
-    done = install(cluster, Install(), said)
+    done = install(cluster, Install(), DeployOptions(report=said))
     assert [text for text in said.texts if "attaches pods" in text] != []
     assert len(done.nodes) == len(cluster.nodes())
     left = [

@@ -27,6 +27,7 @@ from rigel_k8s.network.multus.removal import remove, users
 from rigel_k8s.network.multus.status import network_status
 from rigel_k8s.network.options import Install
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.types import DeployOptions
 from rigel_lab.cluster import components, k3s
 
 pytestmark = pytest.mark.cluster
@@ -61,7 +62,7 @@ def daemon(own: Any, node: str) -> dict[str, Any]:
 
 def test_install(own: Any, own_lab: Any, said: Any, before: dict[str, list[str]]) -> None:
     """It is recognised where CNI's files are, and a pod on every node gets macvlan."""
-    done = install(own.cluster, Install(), said)
+    done = install(own.cluster, Install(), DeployOptions(report=said))
     assert done.nodes == ("node1", "node2")
     status = network_status(own.cluster, Install())
     assert status.ok
@@ -178,7 +179,7 @@ def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -
     if not own.data_dir:
         pytest.skip("of k3s only")
     older = Install(cni_bin_dir="/data/data/current/bin")
-    install(own.cluster, older, said)
+    install(own.cluster, older, DeployOptions(report=said))
     upgrade(own, "v1.34.7+k3s1")
     current = Path((own.directory / "node1/k3s/data/current").readlink()).name
     programs = own.directory / "node1/k3s/data" / current / "bin"
@@ -187,27 +188,27 @@ def test_programs_of_an_older_k3s_come_back(own: Any, own_lab: Any, said: Any) -
     own_lab.attachment("10.213.13.0/24")
     own_lab.start("older", node="node1")
     assert own_lab.has_interface("older")
-    install(own.cluster, Install(cni_bin_dir="/data/data/cni"), said)
+    install(own.cluster, Install(cni_bin_dir="/data/data/cni"), DeployOptions(report=said))
 
 
 def test_a_node_that_is_away_keeps_nobody_waiting(own: Any, own_lab: Any, said: Any) -> None:
     """A node that is off is named and left out, also of an update; it has it when it is back."""
     own.stop("node2")
-    done = install(own.cluster, Install(), said)
+    done = install(own.cluster, Install(), DeployOptions(report=said))
     assert (done.nodes, done.away) == (("node1",), ("node2",))
     assert said.warnings == ["machine node2 is not ready: the installation does not wait for it"]
     old = daemon(own, "node1")["metadata"]["uid"]
     changed = Install(whereabouts_image=WHEREABOUTS_IMAGE, multus_image=f"docker.io/{MULTUS}")
-    done = install(own.cluster, changed, said)
+    done = install(own.cluster, changed, DeployOptions(report=said))
     assert (done.nodes, done.away) == (("node1",), ("node2",))
     new = daemon(own, "node1")
     assert new["metadata"]["uid"] != old
     assert new["spec"]["containers"][0]["image"] == f"docker.io/{MULTUS}"
     with pytest.raises(UserError) as error:
-        remove(own.cluster, Install(), said)
+        remove(own.cluster, Install(), DeployOptions(report=said))
     assert "machine node2 is unreachable and keeps Multus' configuration" in error.value.details
     own.start("node2")
-    done = install(own.cluster, Install(), said)
+    done = install(own.cluster, Install(), DeployOptions(report=said))
     assert (done.nodes, done.away) == (("node1", "node2"), ())
     # What another Rigelfile has said of images stays.
     images = {c["image"] for c in daemon(own, "node2")["spec"]["containers"]}
@@ -258,7 +259,7 @@ def test_addresses_of_the_networks_own_dhcp_server(
     assert (told.pod, told.node) == (pods[0]["metadata"]["name"], pods[0]["spec"]["nodeName"])
     rigel(*words, "down")
     own_lab.until(lambda: not leases.there(), "end of all leases", 60)
-    install(own.cluster, Install(dhcp=False), said)
+    install(own.cluster, Install(dhcp=False), DeployOptions(report=said))
     names = [c["name"] for c in daemon(own, "node1")["spec"]["containers"]]
     assert names == ["multus", "machine"]
 
@@ -284,7 +285,7 @@ def test_removal_is_refused_while_pods_are_attached(own: Any, own_lab: Any, said
     own_lab.start("attached", node="node2")
     before = daemon(own, "node1")["metadata"]["uid"]
     with pytest.raises(UserError) as error:
-        remove(own.cluster, Install(), said)
+        remove(own.cluster, Install(), DeployOptions(report=said))
     assert f"pod {own_lab.namespace}/attached has a second network" in error.value.details
     assert "--force" in str(error.value.hint)
     assert daemon(own, "node1")["metadata"]["uid"] == before
@@ -296,7 +297,7 @@ def test_removal_leaves_nodes_that_start_pods(
 ) -> None:
     """After it every node starts pods, has the files that it had before, and no more."""
     own_lab.until(lambda: not users(own.cluster), "end of the pods of other tests")
-    done = remove(own.cluster, Install(), said)
+    done = remove(own.cluster, Install(), DeployOptions(report=said))
     assert done.away == ()
     for node in own_lab.nodes:
         own_lab.start(f"plain-{node}", node=node, attached=False)
@@ -330,14 +331,14 @@ def test_others_multus_is_used_as_it_is(own: Any, own_lab: Any, said: Any) -> No
     that is told, node by node."""
     theirs = others(own_lab.namespace)
     own.cluster.create(theirs)
-    done = install(own.cluster, Install(), said)
+    done = install(own.cluster, Install(), DeployOptions(report=said))
     assert not done.ours
     assert f"Multus is already installed ({own_lab.namespace}/kube-multus-ds" in said.lines[0]
     names = [s["metadata"]["name"] for s in own.cluster.list("apps/v1", "DaemonSet")]
     assert sorted(names) == ["kube-multus-ds", "rigel-whereabouts"]
     assert [w for w in said.warnings if "came up without its second network" in w] != []
     with pytest.raises(UserError, match="was not installed by rigel"):
-        remove(own.cluster, Install(), said)
+        remove(own.cluster, Install(), DeployOptions(report=said))
     own.cluster.delete(ObjectRef("apps/v1", "DaemonSet", own_lab.namespace, "kube-multus-ds"))
 
 
@@ -363,12 +364,14 @@ def others(namespace: str) -> dict[str, Any]:
 
 def test_it_can_be_installed_again(own: Any, own_lab: Any, said: Any) -> None:
     """What was removed can be installed again, by two at once, and removed with all its kinds."""
-    both = own.cluster.parallel(lambda _: install(own.cluster, Install(), said), (1, 2))
+    both = own.cluster.parallel(
+        lambda _: install(own.cluster, Install(), DeployOptions(report=said)), (1, 2)
+    )
     assert [done.nodes for done in both] == [("node1", "node2")] * 2
     own_lab.attachment("10.213.15.0/24")
     own_lab.start("again", node="node2")
     assert own_lab.has_interface("again")
     own_lab.end("again")
-    remove(own.cluster, Install(), said, definitions=True)
+    remove(own.cluster, Install(), DeployOptions(report=said), definitions=True)
     names = [live["metadata"]["name"] for live in own.cluster.list(*CRD)]
     assert [name for name in names if "cni.cncf.io" in name] == []

@@ -13,6 +13,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.network.multus.install import install
 from rigel_k8s.network.options import Install, Network
 from rigel_k8s.network.preflight.examine import check, examine
+from rigel_k8s.release.types import DeployOptions
 
 pytestmark = pytest.mark.cluster
 
@@ -86,7 +87,7 @@ def test_no_multus(own: Any, said: Any) -> None:
 def test_its_remedy_helps(own: Any, said: Any) -> None:
     """After `network install` nothing is found; k3s' own programs, absolute links into a directory
     with a hash, are seen below the machine's root."""
-    install(own.cluster, Install(), said)
+    install(own.cluster, Install(), DeployOptions(report=said))
     assert told(own.cluster, *objects("default")) == []
     assert told(own.cluster, *objects("default", "bridge")) == []
 

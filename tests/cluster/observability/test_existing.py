@@ -19,9 +19,9 @@ from rigel_k8s.observability.manifests.images import PROMETHEUS_IMAGE
 from rigel_k8s.observability.manifests.stack import Boards
 from rigel_k8s.observability.manifests.stack import Stack as Parts
 from rigel_k8s.observability.options import Existing, ExistingPrometheus, Loki, Observability
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy
 
 from ..conftest import run_rigel
 from .conftest import Stack, until

@@ -12,6 +12,7 @@ import pytest
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.observability.installation import find_namespace
 from rigel_k8s.observability.removal import remove as remove_stack
+from rigel_k8s.release.types import DeployOptions
 from tests.support.recorder import Recorder
 
 from ..conftest import inside
@@ -29,7 +30,7 @@ def no_stack(cluster: Any) -> Iterator[None]:
         pytest.skip("the cluster has a stack that is not of these tests")
     yield
     if find_namespace(cluster):
-        remove_stack(cluster, Recorder(), volumes=True)
+        remove_stack(cluster, DeployOptions(report=Recorder()), volumes=True)
 
 
 def test_the_peers_shape_deploys_and_updates(

@@ -15,6 +15,7 @@ import pytest
 
 from rigel_k8s.kube.answers import read_mapping
 from rigel_k8s.objects.refs import ObjectRef
+from rigel_k8s.release.types import DeployOptions
 from tests.support.recorder import Recorder
 
 from ..conftest import run_rigel
@@ -261,7 +262,7 @@ def test_data_outlive_the_stack(talker: Talker) -> None:
 
     stack = talker.stack
     last = talker.beyond(50)[-1]
-    remove(stack.cluster, Recorder(), volumes=False)
+    remove(stack.cluster, DeployOptions(report=Recorder()), volumes=False)
     claims = stack.cluster.list("v1", "PersistentVolumeClaim", stack.namespace)
     assert {c["metadata"]["name"] for c in claims} >= {"loki-data", "prometheus-data"}
     assert stack.cluster.list("apps/v1", "Deployment", stack.namespace) == []

@@ -18,9 +18,9 @@ from rigel_k8s.observability.manifests.frame import digest
 from rigel_k8s.observability.manifests.loki import loki
 from rigel_k8s.observability.manifests.stack import Stack as Parts
 from rigel_k8s.observability.options import Loki, Observability
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired, ReleaseId
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy
 
 from .conftest import Stack, until
 

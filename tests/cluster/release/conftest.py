@@ -11,9 +11,9 @@ import pytest
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.marks import RELEASE_LABEL, SINGLETON_ANNOTATION
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired, ReleaseId
 from tests.support.recorder import Recorder
+from tests.support.releases import down
 from tests.support.until import until
 
 FOREVER = "trap 'exit 0' TERM; while true; do sleep 0.1; done"

@@ -17,10 +17,10 @@ import pytest
 from rigel_k8s.errors import ClusterError, Interrupted
 from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import deploy, history
+from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.locking import hold
-from rigel_k8s.release.removal import down
+from tests.support.releases import deploy, down
 from tests.support.until import until
 
 pytestmark = pytest.mark.cluster
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.cluster
 DYING = textwrap.dedent(
     """
     import os, pickle, signal, sys, threading
-    from rigel_k8s.release.deploy import deploy
+    from tests.support.releases import deploy
     from rigel_k8s.kube import connect
     from rigel_k8s.settings import Settings
 

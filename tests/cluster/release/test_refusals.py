@@ -10,8 +10,8 @@ import pytest
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden
 from rigel_k8s.objects.refs import ObjectRef, ref_of
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.refusals.verdict import Refused
+from tests.support.releases import deploy
 from tests.support.until import until
 
 pytestmark = pytest.mark.cluster

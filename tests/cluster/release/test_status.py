@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import RolloutFailed, UserError
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.status import status
+from tests.support.releases import deploy
 
 pytestmark = pytest.mark.cluster
 

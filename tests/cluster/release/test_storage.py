@@ -8,9 +8,8 @@ import pytest
 
 from rigel_k8s.errors import ClusterError
 from rigel_k8s.objects.refs import ObjectRef
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.refusals.verdict import Refused
-from rigel_k8s.release.removal import down
+from tests.support.releases import deploy, down
 
 pytestmark = pytest.mark.cluster
 

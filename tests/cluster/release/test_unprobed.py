@@ -11,12 +11,12 @@ import yaml
 from rigel_k8s.app.desired import draft
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RolloutFailed
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.rollout.patience import Patience
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.rigelfile import Source, structure
 from rigel_k8s.rigelfile.parse import parse
 from rigel_k8s.settings import Application
+from tests.support.releases import deploy
 
 pytestmark = pytest.mark.cluster
 

@@ -16,13 +16,13 @@ from rigel_k8s.commands.status import Status
 from rigel_k8s.commands.targets import Release
 from rigel_k8s.errors import ClusterError, RolloutFailed, UserError
 from rigel_k8s.release import apply
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.status import ReleaseStatus, WorkloadStatus, status
 from rigel_k8s.settings import Settings
 from tests.support.controllers import Controllers, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy
 
 
 @pytest.fixture(autouse=True)

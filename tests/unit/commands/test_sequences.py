@@ -12,11 +12,11 @@ import pytest
 from rigel_k8s.commands import releases, sequences
 from rigel_k8s.errors import ClusterError, Interrupted, ProblemsError, UserError
 from rigel_k8s.objects.refs import Manifest
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Settings
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy
 
 RIGELFILE = """
 application: {distro: noetic}

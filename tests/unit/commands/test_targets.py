@@ -10,11 +10,11 @@ from rigel_k8s.commands import targets
 from rigel_k8s.commands.targets import job_of, names, node_names, release
 from rigel_k8s.errors import ClusterError, ProblemsError, RigelK8sError, UserError
 from rigel_k8s.kube.failures import Forbidden
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired, ReleaseId
 from rigel_k8s.settings import Settings
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy
 
 KUBECONFIG = """
 apiVersion: v1

@@ -297,8 +297,8 @@ def deployed(last: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> list[Any]
     class Plan:
         changes: tuple[str, ...] = ()
 
-    def deploy(desired: Any, cluster: Any, **words: Any) -> Revision:
-        calls.append(words)
+    def deploy(desired: Any, cluster: Any, options: Any, **words: Any) -> Revision:
+        calls.append({**words, "options": options})
         return attrs.evolve(revision(desired.options), number=4)
 
     monkeypatch.setattr(observability_install, "diff", lambda *_, **__: Plan())
@@ -324,4 +324,4 @@ def test_cancelling_reaches_the_deploy(last: dict[str, Any], deployed: list[Any]
     context = attrs.evolve(job(), cancel=cancel)
     cluster: Any = Cluster()
     install(cluster, request_of({"grafana": {"enabled": False}}), context.deploy_options)
-    assert deployed[0]["cancel"] is cancel
+    assert deployed[0]["options"].cancel is cancel

@@ -9,13 +9,12 @@ from typing import TypeVar
 
 import pytest
 
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.listing import list_releases
-from rigel_k8s.release.removal import down
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Store
 from tests.support.manifests import RELEASE, desired, workload
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy, down
 
 T = TypeVar("T")
 R = TypeVar("R")

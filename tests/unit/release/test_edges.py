@@ -13,16 +13,15 @@ from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.apply import Applier
-from rigel_k8s.release.deploy import deploy, diff, history
+from rigel_k8s.release.deploy import diff, history
 from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.removal import down
-from rigel_k8s.release.rollback import rollback
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.patience import Patience
 from tests.support.controllers import Controllers, crash_status, running, unready
 from tests.support.fake_cluster import FakeCluster, Store
 from tests.support.manifests import RELEASE, claim, config, desired, ref, workload
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy, down, rollback
 
 LEASE = lease_ref(RELEASE)
 HOLD = "example.com/hold"

@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import RolloutFailed
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.listing import list_releases
 from rigel_k8s.release.types import Desired, ReleaseId
 from tests.support.controllers import Controllers, unready
 from tests.support.manifests import RELEASE, config, desired, workload
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy
 
 
 def test_a_release_is_told_by_its_newest_revision(fake: Any, report: Recorder) -> None:

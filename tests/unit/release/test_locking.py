@@ -12,15 +12,15 @@ import pytest
 from rigel_k8s.errors import ClusterError, ConflictError, Interrupted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import locking
-from rigel_k8s.release.deploy import deploy, history
+from rigel_k8s.release.deploy import history
 from rigel_k8s.release.lease import PROCESS, is_alive, lease_ref, process
 from rigel_k8s.release.locking import hold
-from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Plan
 from tests.support.controllers import running, unready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy, down
 from tests.support.until import until
 
 LEASE = lease_ref(RELEASE)

@@ -13,11 +13,10 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Refusal, refusal
 from rigel_k8s.objects.refs import ObjectRef, ref_of
 from rigel_k8s.release import apply, order
-from rigel_k8s.release.deploy import deploy
-from rigel_k8s.release.removal import down
 from tests.support.controllers import Controllers, is_ready
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import NAME, RELEASE, claim, config, desired, workload
+from tests.support.releases import deploy, down
 
 MASTER = workload("ros-master", first=True)
 #: Whether a pod is ready, by its workload.

@@ -9,9 +9,10 @@ import pytest
 
 from rigel_k8s.errors import ConflictError
 from rigel_k8s.release.apply import Applier
-from rigel_k8s.release.deploy import deploy, diff
+from rigel_k8s.release.deploy import diff
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired, ref, workload
+from tests.support.releases import deploy
 
 
 def test_fields_of_another_manager_are_refused(fake: FakeCluster, report: Any) -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from rigel_k8s.errors import ClusterError, RolloutFailed
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.rollout import wait
 from rigel_k8s.release.rollout.crashes import STEADY
 from rigel_k8s.release.rollout.patience import Patience
@@ -19,6 +18,7 @@ from rigel_k8s.release.rollout.wait import Waiter
 from tests.support.controllers import Controllers, crash_status, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, desired, ref, workload
+from tests.support.releases import deploy
 
 TALKER = ref("Deployment", "talker")
 

@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import ClusterError, Interrupted, RolloutFailed
-from rigel_k8s.release.deploy import deploy, history
-from rigel_k8s.release.rollback import find_target, rollback, undo
+from rigel_k8s.release.deploy import history
+from rigel_k8s.release.rollback import find_target
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, config, desired
+from tests.support.releases import deploy, rollback, undo
 
 FAILURE = RolloutFailed("talker did not become ready", hint="look", details=["its log"])
 

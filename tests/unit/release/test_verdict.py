@@ -10,13 +10,13 @@ import pytest
 
 from rigel_k8s.kube.failures import Conflict, Missing, refusal
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.prepare import manifests_to_apply
 from rigel_k8s.release.refusals.foresight import Foreseen
 from rigel_k8s.release.refusals.verdict import Refused, check, explain, find_conflicts, find_unowned
 from rigel_k8s.release.survey import Survey
 from rigel_k8s.release.types import Desired, InventoryItem, ReleaseId, Revision
 from tests.support.manifests import NAMESPACE, RELEASE, config, desired
+from tests.support.releases import deploy
 
 IMMUTABLE = ("spec", "field is immutable after creation")
 

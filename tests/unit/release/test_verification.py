@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import Interrupted, RigelK8sError
-from rigel_k8s.release.deploy import deploy, find_last_good, history
-from rigel_k8s.release.rollback import rollback
+from rigel_k8s.release.deploy import find_last_good, history
 from rigel_k8s.release.types import Plan
 from tests.support.manifests import RELEASE, config, desired, workload
+from tests.support.releases import deploy, rollback
 
 
 def statuses(fake: Any) -> list[str]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired
 from rigel_k8s.ui.history import History
 from tests.support.manifests import RELEASE, config, workload
+from tests.support.releases import deploy
 
 
 def entries(fake: Any, report: Any, *releases: tuple[Any, ...]) -> dict[str, Any]:

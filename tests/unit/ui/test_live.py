@@ -15,9 +15,7 @@ from rigel_k8s.errors import ClusterError
 from rigel_k8s.kube.failures import Forbidden, Refusal
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release import lease
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.lease import lease_ref
-from rigel_k8s.release.removal import down
 from rigel_k8s.release.types import Desired
 from rigel_k8s.rosgraph.types import GraphNode, GraphTopic, RosGraph
 from rigel_k8s.ui import live as module
@@ -27,6 +25,7 @@ from tests.support.controllers import crash_status, running
 from tests.support.fake_cluster import FakeCluster
 from tests.support.manifests import RELEASE, workload
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy, down
 from tests.support.until import until
 
 SECONDS = 10.0

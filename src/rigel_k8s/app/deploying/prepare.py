@@ -198,7 +198,7 @@ def timeout_of(options: OrchestrationOptions, settings: Settings) -> float | Non
 
 
 def _find_longest_timeout(options: OrchestrationOptions) -> float | None:
-    from rigel_k8s.release.deploy import DEFAULT_TIMEOUT
+    from rigel_k8s.release.types import DEFAULT_TIMEOUT
 
     checks = [n.readiness for n in options.nodes.values() if isinstance(n.readiness, Readiness)]
     longest = max((float(c.timeout_seconds or 0) for c in checks), default=0.0)

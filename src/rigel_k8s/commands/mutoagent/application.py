@@ -28,7 +28,7 @@ from rigel_k8s.muto.reading import read
 from rigel_k8s.muto.remarks import Unreadable
 from rigel_k8s.release import removal
 from rigel_k8s.release import status as states
-from rigel_k8s.release.types import ReleaseId
+from rigel_k8s.release.types import DeployOptions, ReleaseId
 from rigel_k8s.rigelfile.source import Source, node_of
 from rigel_k8s.rosgraph.parameters import list_parameters, read_parameter
 from rigel_k8s.rosgraph.reading import read_graph
@@ -106,16 +106,8 @@ class Application:
         """
         with connect(self.settings) as cluster:
             cluster.endure(self.report.line, cancel)
-            settings = self.settings
-            removal.down(
-                cluster,
-                self.find_release(cluster),
-                volumes=False,
-                report=self.report,
-                cancel=cancel,
-                timeout=settings.timeout,
-                lock_timeout=settings.lock_timeout,
-            )
+            options = DeployOptions.of(self.settings, self.report, cancel)
+            removal.down(cluster, self.find_release(cluster), options, volumes=False)
 
     def look(self) -> tuple[int, list[str]]:
         """Return the release's newest revision, and why it is not ready.

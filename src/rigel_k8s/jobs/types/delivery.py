@@ -110,6 +110,7 @@ class DeliveryJob:
             RigelK8sError: what did not arrive, and what did instead.
         """
         with connect(job.settings) as cluster:
+            cluster.endure(job.report.line, job.cancel)
             namespace = job.settings.namespace or options.namespace or cluster.namespace
             with _time_limit(job.cancel, options.timeout.seconds) as over:
                 check = _Check(cluster, str(namespace), options, job, over)

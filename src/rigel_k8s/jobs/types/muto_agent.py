@@ -70,17 +70,7 @@ class MutoAgentJob:
                 tuple(agent_objects(around, options, text, rules)),
                 create_namespace=options.namespace == release.namespace,
             )
-            deploying = job.deploy_options
-            deploy(
-                desired,
-                cluster,
-                report=deploying.report,
-                cancel=deploying.cancel,
-                timeout=deploying.timeout,
-                adopt=deploying.adopt,
-                description=deploying.description,
-                lock_timeout=deploying.lock_timeout,
-            )
+            deploy(desired, cluster, job.deploy_options)
         job.report.line(
             f"{release.name} in {release.namespace} accepts commands for {options.thing}"
         )

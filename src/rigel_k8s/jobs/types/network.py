@@ -38,12 +38,5 @@ class NetworkJob:
 
         with connect(job.settings) as cluster:
             cluster.endure(job.report.line, job.cancel)
-            done = install(
-                cluster,
-                options,
-                job.report,
-                job.cancel,
-                timeout=job.settings.timeout,
-                adopt=job.settings.adopt,
-            )
+            done = install(cluster, options, job.deploy_options)
         job.report.line(describe(done))

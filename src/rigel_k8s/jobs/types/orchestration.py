@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
+import attrs
+
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
@@ -22,6 +24,7 @@ from rigel_k8s.settings import Application, Settings
 if TYPE_CHECKING:
     from rigel_k8s.app.deploying.prepare import Preparation
     from rigel_k8s.kube.cluster import Cluster
+    from rigel_k8s.release.types import DeployOptions
 
 Failure = TypeVar("Failure", bound=RigelK8sError)
 
@@ -112,7 +115,6 @@ class OrchestrationJob:
 def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
     """Deploy, and report what an update did to the ROS graph; roll back if that is requested."""
     from rigel_k8s.app.checks.exporter import speaks_zenoh
-    from rigel_k8s.app.deploying.prepare import timeout_of
     from rigel_k8s.release.deploy import deploy
     from rigel_k8s.release.rollback import find_target
     from rigel_k8s.rosgraph.watching import PATIENCE, GraphWatch, GraphWorse
@@ -126,12 +128,7 @@ def _deploy(prepared: Preparation, cluster: Cluster, job: JobContext) -> None:
             revision = deploy(
                 prepared.desired,
                 cluster,
-                report=job.report,
-                cancel=job.cancel,
-                timeout=timeout_of(options, job.settings),
-                adopt=job.settings.adopt,
-                description=job.settings.description or job.name,
-                lock_timeout=job.settings.lock_timeout,
+                _deploy_options(prepared, job),
                 before=watch.begin if readable else None,
                 applied=job.applied.set,
                 verify=watch.insist if within else None,
@@ -185,19 +182,20 @@ def _undo(
     job: JobContext,
 ) -> Failure:
     """Roll an update back, and return the error with the reason and the result."""
-    from rigel_k8s.app.deploying.prepare import timeout_of
     from rigel_k8s.release.rollback import undo
 
-    return undo(
-        cluster,
-        prepared.desired.release,
-        failure,
-        target,
-        hint=hint,
-        report=job.report,
-        cancel=job.cancel,
+    options = _deploy_options(prepared, job)
+    return undo(cluster, prepared.desired.release, failure, target, options, hint=hint)
+
+
+def _deploy_options(prepared: Preparation, job: JobContext) -> DeployOptions:
+    """Return how the application is deployed."""
+    from rigel_k8s.app.deploying.prepare import timeout_of
+
+    return attrs.evolve(
+        job.deploy_options,
         timeout=timeout_of(prepared.options, job.settings),
-        adopt=job.settings.adopt,
+        description=job.settings.description or job.name,
     )
 
 
@@ -233,7 +231,7 @@ def _ready_the_network(prepared: Preparation, cluster: Cluster, job: JobContext)
 
     options = install_requested_by(network)
     if options is not None:
-        ensure(cluster, options, job.report, job.cancel, timeout=job.settings.timeout)
+        ensure(cluster, options, job.deploy_options)
     check(prepared.desired.objects, network, cluster, job.report)
 
 

@@ -21,6 +21,7 @@ from rigel_k8s.network.multus.installation import Found, MultusPart, complete_op
 from rigel_k8s.network.multus.proving import find_proven, fingerprint, prove, remember
 from rigel_k8s.network.multus.rollout import Rollout
 from rigel_k8s.network.options import Install, Network
+from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.report import Reporter
 
 
@@ -51,37 +52,23 @@ def install_requested_by(network: Network | None) -> Install | None:
     return requested
 
 
-def ensure(
-    cluster: Cluster,
-    options: Install,
-    report: Reporter,
-    cancel: threading.Event | None = None,
-    *,
-    timeout: float | None = None,
-) -> None:
+def ensure(cluster: Cluster, requested: Install, options: DeployOptions) -> None:
     """Install what an application's job requests.
 
-    With rights only for applications, it prints a warning and uses the cluster as it is.
+    With rights only for applications, it prints a warning and uses the cluster as it is. `adopt`
+    is meant for the application's objects, not for those in kube-system.
 
     Raises: as install.
     """
     try:
-        install(cluster, options, report, cancel, timeout=timeout)
+        install(cluster, requested, attrs.evolve(options, adopt=False))
     except Forbidden as error:
         if error.ground != "right":
             raise
-        report.warn(f"{error.message}: Multus stays as it is; {error.hint}")
+        options.report.warn(f"{error.message}: Multus stays as it is; {error.hint}")
 
 
-def install(
-    cluster: Cluster,
-    options: Install,
-    report: Reporter,
-    cancel: threading.Event | None = None,
-    *,
-    timeout: float | None = None,
-    adopt: bool = False,
-) -> MultusResult:
+def install(cluster: Cluster, requested: Install, options: DeployOptions) -> MultusResult:
     """Install or update Multus and whereabouts, and prove that each machine attaches pods.
 
     Nothing is written if all is up to date and every machine has proved it before.
@@ -90,34 +77,27 @@ def install(
         ClusterError: a machine cannot attach pods; the causes are in the details.
         RolloutFailed, ConflictError, Refused: as in deploy.
         Forbidden: we have no right to do it.
-        Interrupted: `cancel` was set.
+        Interrupted: `options.cancel` was set.
     """
     try:
-        return _install(cluster, options, report, cancel or threading.Event(), timeout, adopt=adopt)
+        return _install(cluster, requested, options)
     except Forbidden as error:
         if error.ground == "right":
             error.hint = "let an administrator run `rigel network install` once"
         raise
 
 
-def _install(
-    cluster: Cluster,
-    requested: Install,
-    report: Reporter,
-    cancel: threading.Event,
-    timeout: float | None,
-    *,
-    adopt: bool,
-) -> MultusResult:
-    options = complete_options(cluster, requested)
-    found = find(cluster, options)
-    installation = installation_of(found, options)
+def _install(cluster: Cluster, requested: Install, options: DeployOptions) -> MultusResult:
+    report = options.report
+    complete = complete_options(cluster, requested)
+    found = find(cluster, complete)
+    installation = installation_of(found, complete)
     _report_others(found, report)
     for name in found.away:
         report.warn(f"machine {name} is not ready: the installation does not wait for it")
     if installation.multus or installation.whereabouts:
-        Rollout(cluster, installation, found, report, cancel, timeout, adopt).run()
-    return _prove_nodes(cluster, options, report, cancel)
+        Rollout(cluster, installation, found, options).run()
+    return _prove_nodes(cluster, complete, report, options.cancel)
 
 
 def installation_of(found: Found, options: Install, *, retired: bool = False) -> Installation:

@@ -7,7 +7,6 @@ programs when they end.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,7 +23,7 @@ from rigel_k8s.network.multus.rollout import find_release
 from rigel_k8s.network.options import Install
 from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.removal import down
-from rigel_k8s.release.types import Desired
+from rigel_k8s.release.types import DeployOptions, Desired
 from rigel_k8s.report import Reporter
 
 Object = Mapping[str, Any]
@@ -47,13 +46,11 @@ class Removed:
 
 def remove(
     cluster: Cluster,
-    options: Install,
-    report: Reporter,
-    cancel: threading.Event | None = None,
+    requested: Install,
+    options: DeployOptions,
     *,
     force: bool = False,
     definitions: bool = False,
-    timeout: float | None = None,
 ) -> Removed:
     """Remove what install() has installed.
 
@@ -65,16 +62,13 @@ def remove(
         UserError: others installed Multus, pods are attached, or a machine is unreachable.
         RolloutFailed: the configuration of a machine is not removed.
     """
-    cancel = cancel or threading.Event()
-    options = complete_options(cluster, options)
-    found = find(cluster, options)
-    _refuse(cluster, found, report, force=force)
-    installation = installation_of(found, options, retired=True)
-    _retire(cluster, find_release(cluster, installation, found), found, report, cancel, timeout)
+    complete = complete_options(cluster, requested)
+    found = find(cluster, complete)
+    _refuse(cluster, found, options.report, force=force)
+    installation = installation_of(found, complete, retired=True)
+    _retire(cluster, find_release(cluster, installation, found), found, options)
     forget(cluster)
-    plan = down(
-        cluster, RELEASE, volumes=definitions, report=report, cancel=cancel, timeout=timeout
-    )
+    plan = down(cluster, RELEASE, options, volumes=definitions)
     count = sum(1 for step in plan.steps if step.action == "prune")
     return Removed(count, found.away, kept=not definitions)
 
@@ -111,27 +105,12 @@ def _refuse(cluster: Cluster, found: Found, report: Reporter, *, force: bool) ->
         report.warn(reason)
 
 
-def _retire(
-    cluster: Cluster,
-    desired: Desired,
-    found: Found,
-    report: Reporter,
-    cancel: threading.Event,
-    timeout: float | None,
-) -> None:
+def _retire(cluster: Cluster, desired: Desired, found: Found, options: DeployOptions) -> None:
     """Have the pods on the machines remove their configuration."""
-    deploy(
-        desired,
-        cluster,
-        report=report,
-        cancel=cancel,
-        timeout=timeout,
-        adopt=True,
-        description="network: about to be removed",
-        away=found.away,
-    )
+    retiring = attrs.evolve(options, adopt=True, description="network: about to be removed")
+    deploy(desired, cluster, retiring, away=found.away)
     if found.away:
-        report.warn(_describe_left(found.away))
+        options.report.warn(_describe_left(found.away))
 
 
 def _describe_left(away: Sequence[str]) -> str:

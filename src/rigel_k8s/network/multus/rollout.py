@@ -5,7 +5,6 @@ An unreachable machine does not stop a roll-out, which is complete without it.
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from importlib.resources import files
@@ -23,11 +22,10 @@ from rigel_k8s.objects.marks import RELEASE_LABEL
 from rigel_k8s.objects.refs import ref_of
 from rigel_k8s.pinning import pin
 from rigel_k8s.release import revisions
-from rigel_k8s.release.deploy import DEFAULT_TIMEOUT, deploy, diff, find_last_good
+from rigel_k8s.release.deploy import deploy, diff, find_last_good
 from rigel_k8s.release.lease import lease_ref
 from rigel_k8s.release.locking import bury_left
-from rigel_k8s.release.types import Desired
-from rigel_k8s.report import Reporter
+from rigel_k8s.release.types import DeployOptions, Desired
 
 Object = Mapping[str, Any]
 
@@ -41,22 +39,12 @@ class Rollout:
 
     Attributes:
         found: the cluster before it.
-        timeout: seconds; None is DEFAULT_TIMEOUT.
-        adopt: take over objects of the same names.
     """
 
     cluster: Cluster
     installation: Installation
     found: Found
-    report: Reporter
-    cancel: threading.Event
-    timeout: float | None = None
-    adopt: bool = False
-
-    @property
-    def bound(self) -> float:
-        """Seconds that it may take."""
-        return self.timeout or DEFAULT_TIMEOUT
+    options: DeployOptions
 
     def run(self) -> None:
         """Apply what differs, and return when both parts are ready on all machines that are up.
@@ -66,31 +54,23 @@ class Rollout:
             ClusterError, ConflictError, Refused: as in deploy.
         """
         desired = find_release(self.cluster, self.installation, self.found)
-        end = time.monotonic() + self.bound
+        end = time.monotonic() + self.options.limit
         while self._is_due(desired):
             self._let_be_away()
             try:
-                deploy(
-                    desired,
-                    self.cluster,
-                    report=self.report,
-                    cancel=self.cancel,
-                    timeout=self.timeout,
-                    adopt=self.adopt,
-                    description="network",
-                    away=self.found.away,
-                )
+                options = attrs.evolve(self.options, description="network")
+                deploy(desired, self.cluster, options, away=self.found.away)
             except ClusterError:
                 if not self._wait_for_others(end):
                     raise
             else:
                 break
-        bury_left(self.cluster, RELEASE, self.report)
+        bury_left(self.cluster, RELEASE, self.options.report)
         self._wait_until_complete(lambda: list(self._find_unready()), end)
 
     def _is_due(self, desired: Desired) -> bool:
         """Return whether something differs, or an installation was interrupted before its end."""
-        if diff(desired, self.cluster, adopt=self.adopt).changes:
+        if diff(desired, self.cluster, adopt=self.options.adopt).changes:
             return True
         records = revisions.records(self.cluster, RELEASE)
         return bool(records) and records[-1].status != "good"
@@ -108,9 +88,11 @@ class Rollout:
         lease = self.cluster.get(ref)
         if lease is None:
             return False
-        self.report.line(f"{lease['spec'].get('holderIdentity')} installs the network: waiting")
+        self.options.report.line(
+            f"{lease['spec'].get('holderIdentity')} installs the network: waiting"
+        )
         while self.cluster.get(ref) is not None and time.monotonic() < end:
-            if self.cancel.wait(LOOK):
+            if self.options.cancel.wait(LOOK):
                 raise Interrupted(STOPPED)
         return time.monotonic() < end
 
@@ -119,13 +101,13 @@ class Rollout:
         while lines := find_missing():
             if time.monotonic() > end:
                 raise RolloutFailed(
-                    f"the network is not ready on every machine within {self.bound:g} s",
+                    f"the network is not ready on every machine within {self.options.limit:g} s",
                     hint=f"kubectl -n {RELEASE.namespace} describe pods"
                     f" -l {RELEASE_LABEL}={RELEASE.name}",
                     details=lines,
                 )
-            self.report.progress("network", lines[0])
-            if self.cancel.wait(LOOK):
+            self.options.report.progress("network", lines[0])
+            if self.options.cancel.wait(LOOK):
                 raise Interrupted(STOPPED)
 
     def _find_unready(self) -> Iterator[str]:

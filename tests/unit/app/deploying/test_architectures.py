@@ -10,9 +10,9 @@ from rigel_k8s.app.deploying.architectures import explain, find_unfit_machines
 from rigel_k8s.errors import ClusterError, UserError
 from rigel_k8s.objects.marks import OPTIONAL_ANNOTATION, REMEDY_ANNOTATION
 from rigel_k8s.objects.refs import ref_of
-from rigel_k8s.release.deploy import deploy
 from rigel_k8s.release.types import Desired
 from tests.support.manifests import RELEASE, config, workload
+from tests.support.releases import deploy
 
 IMAGE = "r/app:1@sha256:a"
 

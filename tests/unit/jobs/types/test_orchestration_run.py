@@ -19,6 +19,7 @@ from rigel_k8s.network.multus import install as network_install
 from rigel_k8s.network.preflight import examine as preflight
 from rigel_k8s.observability import install as observability_install
 from rigel_k8s.release import deploy as deploys
+from rigel_k8s.release import types
 from rigel_k8s.release.types import ReleaseId, Revision
 from rigel_k8s.rosgraph import watching
 from rigel_k8s.settings import Application, Settings
@@ -151,7 +152,7 @@ def test_the_timeout_reaches_the_roll_out(
     run: Any, fake: FakeCluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The flag's, the job's: whichever is said."""
-    monkeypatch.setattr(deploys, "DEFAULT_TIMEOUT", 5)
+    monkeypatch.setattr(types, "DEFAULT_TIMEOUT", 5)
     fake.store.controllers = Controllers(unready)
     raw = {"image": IMAGE, "nodes": NODES, "deploy_ros_master": False}
     with pytest.raises(RolloutFailed, match=r"not ready within 0\.2 s: talker"):

@@ -15,16 +15,21 @@ from rigel_k8s.observability import removal as observability_removal
 from rigel_k8s.observability.manifests.grafana import ADMIN_SECRET
 from rigel_k8s.observability.names import RELEASE as STACK
 from rigel_k8s.observability.password import ensure_administrator
-from rigel_k8s.release.deploy import deploy
-from rigel_k8s.release.types import Desired, ReleaseId
+from rigel_k8s.release.types import DeployOptions, Desired, ReleaseId
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
+from tests.support.releases import deploy
 
 MULTUS = "k8s.v1.cni.cncf.io/networks"
 
 
 def namespace(name: str) -> dict[str, Any]:
     return {"apiVersion": "v1", "kind": "Namespace", "metadata": {"name": name}}
+
+
+def remove_stack(cluster: Any, report: Recorder, *, volumes: bool) -> None:
+    options = DeployOptions(report=report)
+    observability_removal.remove(cluster, options, volumes=volumes, namespace="monitoring")
 
 
 @pytest.fixture
@@ -77,7 +82,7 @@ def test_multus_is_not_removed_while_pods_are_attached(
     machine.create(pod("arm", "lan"))
     machine.calls.clear()
     with pytest.raises(UserError, match="nothing was removed") as caught:
-        network_removal.remove(machine, Install(), report)  # type: ignore[arg-type]
+        network_removal.remove(machine, Install(), DeployOptions(report=report))  # type: ignore[arg-type]
     assert caught.value.details == ("pod n/arm has a second network",)
     assert machine.writes == []
 
@@ -88,7 +93,7 @@ def test_multus_of_others_is_never_removed(machine: FakeCluster, report: Recorde
     machine.calls.clear()
     for force in (False, True):
         with pytest.raises(UserError, match="was not installed by rigel"):
-            network_removal.remove(machine, Install(), report, force=force)  # type: ignore[arg-type]
+            network_removal.remove(machine, Install(), DeployOptions(report=report), force=force)  # type: ignore[arg-type]
     assert machine.writes == []
 
 
@@ -100,7 +105,7 @@ def test_multus_is_not_removed_while_a_machine_is_away(
     away = {"conditions": [{"type": "Ready", "status": "Unknown"}]}
     machine.store.objects[ObjectRef("v1", "Node", "", "robot")]["status"] |= away
     with pytest.raises(UserError, match="nothing was removed") as caught:
-        network_removal.remove(machine, Install(), report)  # type: ignore[arg-type]
+        network_removal.remove(machine, Install(), DeployOptions(report=report))  # type: ignore[arg-type]
     assert caught.value.details == ("machine robot is unreachable and keeps Multus' configuration",)
 
 
@@ -134,13 +139,17 @@ SECRET = ObjectRef("v1", "Secret", "monitoring", ADMIN_SECRET)
 
 def test_grafanas_password_stays_with_the_data(stack: FakeCluster, report: Recorder) -> None:
     """Data that nobody can open are lost."""
-    observability_removal.remove(stack, report, volumes=False, namespace="monitoring")  # type: ignore[arg-type]
+    observability_removal.remove(
+        stack, DeployOptions(report=report), volumes=False, namespace="monitoring"
+    )  # type: ignore[arg-type]
     assert stack.names("ConfigMap", "PersistentVolumeClaim") == {"data"}
     assert SECRET in stack.objects
 
 
 def test_grafanas_password_goes_with_the_data(stack: FakeCluster, report: Recorder) -> None:
-    observability_removal.remove(stack, report, volumes=True, namespace="monitoring")  # type: ignore[arg-type]
+    observability_removal.remove(
+        stack, DeployOptions(report=report), volumes=True, namespace="monitoring"
+    )  # type: ignore[arg-type]
     assert stack.names("ConfigMap", "PersistentVolumeClaim", "Secret") == set()
 
 
@@ -159,7 +168,9 @@ def test_the_collector_ends_before_what_takes_its_lines(
         objects.append({"apiVersion": "apps/v1", "kind": kind, "metadata": meta, "spec": spec})
     deploy(Desired(here, tuple(objects)), fake, report=report)  # type: ignore[arg-type]
     fake.calls.clear()
-    observability_removal.remove(fake, report, volumes=False, namespace="monitoring")  # type: ignore[arg-type]
+    observability_removal.remove(
+        fake, DeployOptions(report=report), volumes=False, namespace="monitoring"
+    )  # type: ignore[arg-type]
     names = [ref.name for _, ref in fake.writes if isinstance(ref, ObjectRef)]
     assert names[:2] == ["promtail", f"rigel.{STACK}"], "before the removal has its Lease"
     assert fake.names("Deployment", "DaemonSet") == set()
@@ -167,4 +178,6 @@ def test_the_collector_ends_before_what_takes_its_lines(
 
 def test_a_stack_that_is_not_there_is_told(fake: FakeCluster, report: Recorder) -> None:
     with pytest.raises(UserError, match="there is no observability stack"):
-        observability_removal.remove(fake, report, volumes=False, namespace="monitoring")  # type: ignore[arg-type]
+        observability_removal.remove(
+            fake, DeployOptions(report=report), volumes=False, namespace="monitoring"
+        )  # type: ignore[arg-type]

@@ -19,10 +19,9 @@ from rigel_k8s.muto.agent.memory import Memory
 from rigel_k8s.muto.agent.wanted import Record, Wanted
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.release.deploy import history
-from rigel_k8s.release.removal import down
-from rigel_k8s.release.rollback import rollback
 from rigel_k8s.settings import Settings
 from tests.support.controllers import crash_status, running, unready
+from tests.support.releases import down, rollback
 from tests.support.until import until
 
 from .conftest import RELEASE, Agent, stack

@@ -16,6 +16,7 @@ from rigel_k8s.network.multus.installation import find
 from rigel_k8s.network.multus.proving import fingerprint
 from rigel_k8s.network.options import Install, Network, network_of
 from rigel_k8s.release.order import PROTECTED
+from rigel_k8s.release.types import DeployOptions
 from rigel_k8s.settings import Application, Settings
 from tests.support.recorder import Recorder
 
@@ -81,15 +82,15 @@ class Refusing(Cluster):
 def test_without_rights_a_job_uses_the_cluster_as_it_is() -> None:
     """As with the observability stack: an administrator and a deployer share a Rigelfile."""
     told, deployer = Recorder(), cast(Any, Refusing("right"))
-    ensure(deployer, Install(), told)
+    ensure(deployer, Install(), DeployOptions(report=told))
     assert told.warnings == [
         "no right to list nodes: Multus stays as it is;"
         " let an administrator run `rigel network install` once"
     ]
     with pytest.raises(Forbidden):
-        install(deployer, Install(), told)
+        install(deployer, Install(), DeployOptions(report=told))
     with pytest.raises(Forbidden):
-        ensure(cast(Any, Refusing("quota")), Install(), told)
+        ensure(cast(Any, Refusing("quota")), Install(), DeployOptions(report=told))
 
 
 def found(*sets: Any, nodes: Any = None, **definitions: Any) -> Any:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-
 from rigel_k8s.network.multus import RELEASE
 from rigel_k8s.network.multus.desired import Installation
 from rigel_k8s.network.multus.installation import Found
@@ -12,6 +10,7 @@ from rigel_k8s.network.multus.recognition import Group
 from rigel_k8s.network.multus.rollout import Rollout
 from rigel_k8s.release import revisions
 from rigel_k8s.release.lease import PROCESS, lease_ref, process
+from rigel_k8s.release.types import DeployOptions
 from tests.support.controllers import Controllers
 from tests.support.fake_cluster import FakeCluster, Killed, Store
 from tests.support.recorder import Recorder
@@ -24,7 +23,7 @@ def roll_out(fake: FakeCluster) -> None:
     """Install on a cluster whose machines are all still to come."""
     found = Found((), (GROUP,), None, None, frozenset())
     asked = Installation([GROUP], whereabouts=False)
-    Rollout(fake, asked, found, Recorder(), threading.Event(), timeout=5).run()
+    Rollout(fake, asked, found, DeployOptions(report=Recorder(), timeout=5)).run()
 
 
 def test_a_killed_installation_is_completed_by_the_next() -> None:

@@ -7,9 +7,9 @@ from typing import Literal
 
 import attrs
 
+from rigel_k8s.app.deploying.target import context_namespace
 from rigel_k8s.app.rights import need_to_deploy, need_to_look, need_to_watch
-from rigel_k8s.errors import RigelK8sError, UserError
-from rigel_k8s.kube import connect
+from rigel_k8s.errors import UserError
 from rigel_k8s.objects.refs import Manifest
 from rigel_k8s.objects.rights import make_rules
 from rigel_k8s.settings import Settings
@@ -60,20 +60,11 @@ def roles(
         from rigel_k8s.commands.installing import list_rules
 
         return list(bind("ClusterRole", f"rigel-{purpose}", "", list_rules(), subjects))
-    where = namespace or settings.namespace or find_namespace(settings)
+    where = namespace or settings.namespace or context_namespace(settings)
     deployer = purpose == "deployer"
     needed = need_to_deploy(where) if deployer else need_to_look(where)
     rules = make_rules([*needed, *need_to_watch(where, deployer=deployer)])
     return list(bind("Role", f"rigel-{purpose}", where, rules, subjects))
-
-
-def find_namespace(settings: Settings) -> str:
-    """Return the namespace of the kubeconfig's context; without one it is `default`."""
-    try:
-        with connect(settings) as cluster:
-            return cluster.namespace
-    except RigelK8sError:
-        return "default"
 
 
 def bind(

@@ -127,11 +127,6 @@ def _read_object(text: str) -> Any:
     except (ValueError, LookupError, TypeError):
         return None  # perhaps the answer of a proxy
 
-    def _connect(self, host: str, port: int) -> http.client.HTTPConnection:
-        context = ssl.create_default_context(cafile=str(self._account / "ca.crt"))
-        context.verify_flags &= ~getattr(ssl, "VERIFY_X509_STRICT", 0)  # as kubectl trusts
-        return http.client.HTTPSConnection(host, port, timeout=SECONDS, context=context)
-
 
 class _Changed(NotKept):
     """The object has changed since it was read."""

@@ -78,20 +78,6 @@ def find_cluster_job(prepared: Prepared) -> str | None:
     return None
 
 
-def run_job(
-    rigelfile: Rigelfile, name: str, *, settings: Settings, report: JobReporter
-) -> dict[str, Any]:
-    """Check and run one job; return the data that it stored. Raises as prepare_job and run do."""
-    return warn_and_run(prepare_job(rigelfile, name, settings), report)
-
-
-def run_sequence(
-    rigelfile: Rigelfile, name: str, *, settings: Settings, report: JobReporter
-) -> dict[str, Any]:
-    """Check and run a sequence; return the data of its trunk. Raises as its two halves do."""
-    return warn_and_run(prepare_sequence(rigelfile, name, settings), report)
-
-
 def prepare_job(rigelfile: Rigelfile, name: str, settings: Settings) -> Prepared:
     """Resolve and check one job.
 
@@ -189,7 +175,7 @@ def run(
         realise=values.realise,
         matrix=values.matrix,
         place=values.place,
-        vars=values.vars(),
+        vars=prepared.rigelfile.vars,
         providers=connected or {},
         grace=GRACE,
         applied=applied or threading.Event(),

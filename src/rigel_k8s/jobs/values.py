@@ -34,11 +34,6 @@ class Values:
     def __init__(self, rigelfile: Rigelfile) -> None:
         self._rigelfile = rigelfile
 
-    def vars(self) -> dict[str, Any]:
-        """Return the Rigelfile's `vars` as plain data."""
-        node = self._rigelfile.root.value.get("vars")
-        return (strip_places(node) if node else None) or {}
-
     def preview(self, job: Job, known: Mapping[str, Any]) -> tuple[Any | None, list[Finding]]:
         """Return a job's options as far as they are known before the run, and what is wrong."""
         seen = preview(self._rigelfile, job.spec, job.overrides, known, job.type.options)

@@ -6,7 +6,9 @@ releases there are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from itertools import chain
 from typing import Any
 
 import attrs
@@ -53,20 +55,12 @@ class ReleaseSummary:
 
 def list_releases(cluster: Cluster, namespace: str | None) -> list[ReleaseSummary]:
     """Return the releases of a namespace, or of all namespaces if it is None, by name."""
-    secrets: list[Live] = []
-    workloads: list[Live] = []
-
-    def list_kind(api_version: str, kind: str) -> Callable[[], None]:
-        return lambda: workloads.extend(
-            cluster.list(api_version, kind, namespace, labels=RELEASE_LABEL)
-        )
-
-    def list_revisions() -> None:
-        secrets.extend(cluster.list("v1", "Secret", namespace, labels=OF, metadata_only=True))
-
-    work = [list_revisions, *(list_kind(*kind) for kind in KINDS)]
-    cluster.parallel(lambda call: call(), work)
-    return summarise(secrets, workloads)
+    queries = [
+        partial(cluster.list, "v1", "Secret", namespace, labels=OF, metadata_only=True),
+        *(partial(cluster.list, *kind, namespace, labels=RELEASE_LABEL) for kind in KINDS),
+    ]
+    secrets, *workloads = cluster.parallel(lambda query: query(), queries)
+    return summarise(secrets, chain.from_iterable(workloads))
 
 
 def summarise(secrets: Iterable[Live], workloads: Iterable[Live]) -> list[ReleaseSummary]:

@@ -9,6 +9,7 @@ known before anything is applied, and an unchanged release costs nothing for it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import attrs
@@ -108,26 +109,22 @@ def list_objects(
 ) -> tuple[Live | None, list[Record], dict[ObjectRef, Live], Live | None]:
     """Return the namespace, the history, the release's objects of the wanted kinds, the Lease."""
     release = desired.release
-    namespace: list[Live | None] = []
-    lease: list[Live | None] = []
-    history: list[Record] = []
-    found: dict[ObjectRef, Live] = {}
 
-    def objects(api_version: str, kind: str, where: str) -> None:
+    def list_kind(api_version: str, kind: str, where: str) -> Sequence[Live]:
         labels = {RELEASE_LABEL: release.name}
         with naming_remedy(desired, kind):
-            there = cluster.list(api_version, kind, where, labels=labels)
-        found.update({ref_of(live): live for live in there if belongs(live, release)})
+            return cluster.list(api_version, kind, where, labels=labels)
 
     kinds = {(m["apiVersion"], m["kind"], m["metadata"].get("namespace", "")) for m in manifests}
-    work: list[Callable[[], None]] = [
-        lambda: namespace.append(cluster.get(namespace_ref(release))),
-        lambda: lease.append(cluster.get(lease_ref(release))),
-        lambda: history.extend(records(cluster, release)),
-        *(lambda kind=kind: objects(*kind) for kind in sorted(kinds)),
+    queries: list[Callable[[], Any]] = [
+        partial(cluster.get, namespace_ref(release)),
+        partial(cluster.get, lease_ref(release)),
+        partial(records, cluster, release),
+        *(partial(list_kind, *kind) for kind in sorted(kinds)),
     ]
-    cluster.parallel(lambda call: call(), work)
-    return namespace[0], history, found, lease[0]
+    namespace, lease, history, *listed = cluster.parallel(lambda query: query(), queries)
+    found = {ref_of(one): one for there in listed for one in there if belongs(one, release)}
+    return namespace, history, found, lease
 
 
 def belongs(live: Manifest, release: ReleaseId) -> bool:

@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 from rigel_k8s.errors import ProblemsError
-from rigel_k8s.jobs.runner import prepare_job, run_sequence
+from rigel_k8s.jobs.runner import prepare_job
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
 from tests.support.recorder import Recorder
+from tests.support.running import run_sequence
 
 PAGE = Path(__file__).parents[3] / "docs" / "plugins.md"
 

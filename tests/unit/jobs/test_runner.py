@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from rigel_k8s.errors import JobFailed, ProblemsError, RigelK8sError, UserError
-from rigel_k8s.jobs.runner import run_job, run_sequence
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 from rigel_k8s.system.trust import trust
 from tests.support.recorder import Recorder
+from tests.support.running import run_job, run_sequence
 
 TYPES = """
 import attrs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.errors import RigelK8sError
@@ -19,12 +19,18 @@ def release_of(
     """Return the release: -n, else the Rigelfile's namespace, else the context's, else default."""
     namespace = settings.namespace or options.namespace
     if not namespace:
-        namespace = cluster.namespace if cluster else _context_namespace(settings)
+        namespace = cluster.namespace if cluster else context_namespace(settings)
     return ReleaseId(str(namespace), str(options.deployment_name))
 
 
-def _context_namespace(settings: Settings) -> str:
-    """Return the context's namespace without a request; a missing context is not an error."""
+def release_key(options: Any, settings: Settings) -> str:
+    """Return what two jobs that deploy one release have in common, as a text for messages."""
+    namespace = settings.namespace or options.namespace
+    return f"release {options.deployment_name}{f' in {namespace}' if namespace else ''}"
+
+
+def context_namespace(settings: Settings) -> str:
+    """Return the context's namespace without a request; without a context it is `default`."""
     from rigel_k8s.kube import connect
 
     try:

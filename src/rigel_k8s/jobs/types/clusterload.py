@@ -54,14 +54,12 @@ def current_context(settings: Settings) -> str:
     """Return the context that the command line or the kubeconfig names."""
     if settings.context:
         return settings.context
-    import yaml
+    from rigel_k8s.kube.kubeconfig import candidates, merge_files
 
-    given = os.environ.get("KUBECONFIG") or str(Path.home() / ".kube" / "config")
-    files = [settings.kubeconfig] if settings.kubeconfig else map(Path, given.split(os.pathsep))
-    for file in files:
-        content = yaml.safe_load(file.read_text("utf-8")) if file.is_file() else None
-        if isinstance(content, dict) and content.get("current-context"):
-            return str(content["current-context"])
+    files = candidates(settings.kubeconfig, os.environ)
+    current = merge_files([file for file in files if file.exists()])["current-context"]
+    if current:
+        return str(current)
     raise UserError(
         "cluster_load: there is no current Kubernetes context",
         hint="choose one with --context, or create a cluster with `rigel cluster up`",

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar
 
 from rigel_k8s import rigelfile as grammar
+from rigel_k8s.app.deploying.target import release_key
 from rigel_k8s.app.rights import need_to_deploy
 from rigel_k8s.jobs.job import JobContext
 from rigel_k8s.jobs.names import index_by_name
@@ -44,8 +45,7 @@ class MutoAgentJob:
         self, options: MutoAgent, application: Application, settings: Settings
     ) -> str | None:
         """Return the agent's release."""
-        namespace = settings.namespace or options.namespace
-        return f"release {options.deployment_name}{f' in {namespace}' if namespace else ''}"
+        return release_key(options, settings)
 
     def run(self, options: MutoAgent, job: JobContext) -> None:
         """Deploy.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 import attrs
 
+from rigel_k8s.app.deploying.target import release_key
 from rigel_k8s.app.distros import ros_of
 from rigel_k8s.app.options import OrchestrationOptions
 from rigel_k8s.app.partial import flat
@@ -59,8 +60,7 @@ class OrchestrationJob:
         self, options: OrchestrationOptions, application: Application, settings: Settings
     ) -> str | None:
         """Return the release: two branches must not deploy it at the same time."""
-        namespace = settings.namespace or options.namespace
-        return f"release {options.deployment_name}{f' in {namespace}' if namespace else ''}"
+        return release_key(options, settings)
 
     def run(self, options: OrchestrationOptions, job: JobContext) -> None:
         """Deploy, and copy the results.

@@ -258,3 +258,6 @@ def test_the_context_is_kubectls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert clusterload.current_context(Settings(context="x")) == "x"
     with pytest.raises(UserError, match="no current Kubernetes context"):
         clusterload.current_context(Settings(kubeconfig=tmp_path / "a"))
+    (tmp_path / "d").write_text("current-context: {")
+    with pytest.raises(UserError, match="is not YAML"):
+        clusterload.current_context(Settings(kubeconfig=tmp_path / "d"))

@@ -13,13 +13,13 @@ from rigel_k8s import kube
 from rigel_k8s.app.rights import need_to_deploy
 from rigel_k8s.commands.rigelfiles import check
 from rigel_k8s.errors import ProblemsError
-from rigel_k8s.jobs.runner import run_job
 from rigel_k8s.objects.refs import ObjectRef
 from rigel_k8s.objects.rights import find_missing
 from rigel_k8s.rigelfile import load
 from rigel_k8s.settings import Settings
 from tests.support.fake_cluster import FakeCluster
 from tests.support.recorder import Recorder
+from tests.support.running import run_job
 
 AGENT = {"thing": "org:robot", "broker": "mqtt://mosquitto", "job": "deploy", "namespace": "n"}
 

@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 
 import rigel_k8s.inpod
+from rigel_k8s.app.options import NodeOptions
+from rigel_k8s.app.ros2commands import OWN_FILE, render_files
+from rigel_k8s.objects.scalars import ImageRef
 
 pytestmark = pytest.mark.cluster
 
@@ -54,3 +57,18 @@ def test_a_node_reads_what_the_image_completes(lab, tmp_path, distro):
         expected = {"map": f"{tmp_path}/share/nav/a", "rate": 7, "a.b": [7], "t": text}
         size = {"size": 1000.0} if ros_arguments else {}
         assert json.loads(pod.log()) == {**size, **expected, "urdf": "<robot/>\n"}
+
+
+@pytest.mark.parametrize("distro", ["jazzy", "kilted"])
+def test_a_text_stays_a_text(lab, tmp_path, distro):
+    """Also one that rcl, without quotes, reads as a boolean or a number."""
+    texts = ["y", "N", "yes", "Off", "12e5", "nan", "inf", "1.10", "0x10", "~", "a: b", "one\ntwo"]
+    parameters = {**{f"p{n}": text for n, text in enumerate(texts)}, "list": texts, "rate": 5}
+    node = NodeOptions(image=ImageRef("a"), parameters=parameters)
+    file = tmp_path / "parameters.yaml"
+    file.write_text(render_files(node, {})[OWN_FILE])
+    python = str(lab.venv(distro) / "bin" / "python")
+    command = (python, "-c", SHOW, "--ros-args", "--params-file", str(file))
+    pod = lab.start("n", "one", *command, FASTDDS_BUILTIN_TRANSPORTS="UDPv4")
+    assert pod.process.wait(60) == 0, pod.log()
+    assert json.loads(pod.log()) == parameters

@@ -33,6 +33,7 @@ from rigel_k8s.objects.podoptions import (
 )
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import (
+    DottedName,
     Duration,
     EnvName,
     ImageRef,
@@ -164,7 +165,7 @@ class NodeOptions:
     )
     devices: list[MountPath | Device] = option("devices of the machine", [])
     security_context: Mapping[str, Any] = option("Kubernetes' securityContext of the container", {})
-    runtime_class: ObjectName | None = option("runtimeClassName, for example nvidia")
+    runtime_class: DottedName | None = option("runtimeClassName, for example nvidia")
     readiness: Readiness | Literal["ros", "dds", "none"] | None = option(
         "when it is ready: a command, a file, none, or ros and dds (ROS 1: registered with the"
         " master, and answers; ROS 2 and DDS: takes part in its domain, and reads its messages)"
@@ -172,7 +173,7 @@ class NodeOptions:
     placement: Placement = attrs.field(factory=Placement, metadata={"doc": "where it runs"})
     tolerations: list[Toleration] = option("taints it tolerates", [])
     host_network: bool = option("use the machine's own network", default=False)
-    service_account: ObjectName | None = option("serviceAccountName")
+    service_account: DottedName | None = option("serviceAccountName")
     termination_grace_period: Duration | None = option("how long it may take to stop (default 30s)")
     update: RollingUpdate | None = option("how it is updated")
     patch: Mapping[str, Any] = option(
@@ -274,7 +275,7 @@ class OrchestrationOptions:
     additional_k8s_params: KubernetesParams = attrs.field(
         factory=KubernetesParams, metadata={"doc": "merged into the generated Deployments"}
     )
-    image_pull_secrets: list[ObjectName] = option("Secrets with registry credentials", [])
+    image_pull_secrets: list[DottedName] = option("Secrets with registry credentials", [])
     timeout: Duration | None = option("how long the roll-out may take (default 5m)")
 
     @staticmethod

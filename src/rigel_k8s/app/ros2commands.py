@@ -124,11 +124,34 @@ def render_files(node: NodeOptions, files: Mapping[str, str]) -> dict[str, str]:
     }
     now = {name: value for name, value in node.parameters.items() if name not in later}
     if now:
-        own = {ANY_NODE: {PARAMETERS: unify_lists(now)}}
-        found[OWN_FILE] = yaml.dump(own, Dumper=Dumper, sort_keys=True, width=2**20)
+        own = {ANY_NODE: {PARAMETERS: quote_texts(unify_lists(now))}}
+        found[OWN_FILE] = yaml.dump(own, Dumper=ParameterDumper, sort_keys=True, width=2**20)
     if later:
         found |= write_values(unify_lists(later))
     return found
+
+
+class QuotedText(str):
+    """A text that is written in quotes."""
+
+
+class ParameterDumper(Dumper):  # type: ignore[misc]  # Any: with or without LibYAML
+    """Writes YAML for rcl."""
+
+
+ParameterDumper.add_representer(
+    QuotedText,
+    lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", str(text), style='"'),
+)
+
+
+def quote_texts(value: Any) -> Any:
+    """Return parameters whose texts are quoted: rcl reads `y` and `12e5` as other types."""
+    if isinstance(value, str):
+        return QuotedText(value)
+    if isinstance(value, Mapping):
+        return {key: quote_texts(inner) for key, inner in value.items()}
+    return [quote_texts(inner) for inner in value] if isinstance(value, list) else value
 
 
 def nest_parameters(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import Literal
 import attrs
 
 from rigel_k8s.objects.fields import option, true_is_default
-from rigel_k8s.objects.scalars import Count, ImageRef, MountPath, ObjectName, Servers
+from rigel_k8s.objects.scalars import Count, DottedName, ImageRef, MountPath, Servers
 
 #: The names of the modes; modes/ has one module each.
 ModeName = Literal[
@@ -89,7 +89,7 @@ class Network:
         " $(SERVER_ID) and $(SERVER_NAME) are a discovery server's place and name"
     )
     peers: list[str] = option("peers: addresses or names of participants outside the release", [])
-    service_account: ObjectName | None = option(
+    service_account: DottedName | None = option(
         "discovery-server and zenoh: serviceAccountName of the servers' pods"
     )
     install: Install | None = option(

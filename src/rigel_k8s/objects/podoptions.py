@@ -16,6 +16,7 @@ from rigel_k8s.objects.naming import HOSTNAME
 from rigel_k8s.objects.scalars import (
     Count,
     Delay,
+    DottedName,
     EnvName,
     LabelKey,
     LabelValue,
@@ -124,8 +125,8 @@ class VolumeMount:
 
     name: ObjectName | None = option("one of persistent_storage.volumes")
     host_path: MountPath | None = option("a directory or file of the machine that the pod runs on")
-    config_map: ObjectName | None = option("a ConfigMap of the namespace")
-    secret: ObjectName | None = option("a Secret of the namespace")
+    config_map: DottedName | None = option("a ConfigMap of the namespace")
+    secret: DottedName | None = option("a Secret of the namespace")
     memory: Quantity | None = option("memory of this size, for example for /dev/shm")
     mount_path: MountPath | None = option(
         "where the container sees it; required unless `name` is set"
@@ -148,7 +149,7 @@ class Device:
 class Machines:
     """The Kubernetes nodes that a pod may run on."""
 
-    node: ObjectName | None = option("the Kubernetes node's name (kubernetes.io/hostname)")
+    node: DottedName | None = option("the Kubernetes node's name (kubernetes.io/hostname)")
     labels: Mapping[LabelKey, LabelValue] = option("labels that the Kubernetes node must have", {})
 
     @property

@@ -133,6 +133,15 @@ class ObjectName(Text):
     longest = 63
 
 
+class DottedName(Text):
+    """A name of a Kubernetes object that may contain dots: a DNS subdomain."""
+
+    kind = "bad-name"
+    expects = 'a Kubernetes name: lower case letters, digits, "-" and "."'
+    pattern = re.compile(r"[a-z0-9]([-a-z0-9]*[a-z0-9])?(\.[a-z0-9]([-a-z0-9]*[a-z0-9])?)*")
+    longest = 253
+
+
 class PortName(Text):
     """A port's name: what Kubernetes calls an IANA service name."""
 

@@ -16,6 +16,7 @@ from rigel_k8s.objects.fields import option, required_field, true_is_default
 from rigel_k8s.objects.podoptions import Machines
 from rigel_k8s.objects.resources import Resources
 from rigel_k8s.objects.scalars import (
+    DottedName,
     Duration,
     ImageRef,
     LabelKey,
@@ -146,7 +147,7 @@ class ExistingLoki:
 
     url: str = required_field("its URL, such as http://loki.logging:3100")
     tenant: str | None = option("X-Scope-OrgID, if it has tenants")
-    secret: ObjectName | None = option(
+    secret: DottedName | None = option(
         "a Secret in the stack's namespace with `username` and `password`, if it needs them"
     )
 

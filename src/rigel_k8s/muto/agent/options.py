@@ -8,7 +8,7 @@ import attrs
 from rigel_k8s.muto.opening import check_url
 from rigel_k8s.objects.fields import option, required_field
 from rigel_k8s.objects.resources import Resources
-from rigel_k8s.objects.scalars import ImageRef, ObjectName
+from rigel_k8s.objects.scalars import DottedName, ImageRef, ObjectName
 
 
 @attrs.frozen(kw_only=True)
@@ -26,7 +26,7 @@ class MutoAgent:
     )
     deployment_name: ObjectName = option("the agent's own release", ObjectName("muto-agent"))
     image: ImageRef | None = option("the agent's image, as `rigel image muto-agent` builds it")
-    broker_secret: ObjectName | None = option(
+    broker_secret: DottedName | None = option(
         "a Secret with username, password, ca.crt, tls.crt and tls.key for the broker; each may be"
         " missing"
     )
@@ -38,7 +38,7 @@ class MutoAgent:
         "the Ditto that has stacks, and that the agent reports to: the part before /api/2/things"
     )
     twin_user: str | None = option("a user of it")
-    twin_secret: ObjectName | None = option(
+    twin_secret: DottedName | None = option(
         "a Secret with the user's `password`; without `twin_user`, with a `token`"
     )
     stacks: list[str] | None = option(
